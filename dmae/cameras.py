@@ -1,0 +1,167 @@
+"""Calibrated cameras: pixels from points, rays from pixels."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+# OpenCV's default criteria leave up to 0.07 px; these converge to 1e-10.
+_UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+
+
+@dataclass(frozen=True)
+class CameraRig:
+    """V calibrated cameras in OpenCV's convention (x right, y down, z forward).
+
+    Pixel (0, 0) is the centre of the first pixel. World is metres, z up.
+
+    Attributes:
+        names: V camera names, unique.
+        K: (V, 3, 3) intrinsics, px.
+        dist: (V, 5..8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole.
+        cam_from_world: (V, 4, 4) rigid transforms, m.
+        size: (V, 2) image width and height, px.
+    """
+
+    names: tuple[str, ...]
+    K: np.ndarray
+    dist: np.ndarray
+    cam_from_world: np.ndarray
+    size: np.ndarray
+
+    def __post_init__(self):
+        object.__setattr__(self, "names", tuple(str(name) for name in self.names))
+        for field in ("K", "dist", "cam_from_world"):
+            object.__setattr__(self, field, np.asarray(getattr(self, field), np.float64))
+        object.__setattr__(self, "size", np.asarray(self.size, np.int64))
+        self._check_shapes()
+        self._check_values()
+
+    def _check_shapes(self):
+        views = len(self.names)
+        if len(set(self.names)) != views:
+            raise ValueError(f"camera names must be unique, got {self.names}")
+        for field, shape in (("K", (3, 3)), ("cam_from_world", (4, 4)), ("size", (2,))):
+            found = getattr(self, field).shape
+            if found != (views, *shape):
+                raise ValueError(f"rig of {views} cameras: expected {field} of shape {(views, *shape)}, found {found}")
+        if self.dist.ndim != 2 or len(self.dist) != views or not 5 <= self.dist.shape[1] <= 8:
+            raise ValueError(f"rig of {views} cameras: expected dist of shape ({views}, 5..8), found {self.dist.shape}")
+
+    def _check_values(self):
+        for view, name in enumerate(self.names):
+            K, T = self.K[view], self.cam_from_world[view]
+            if not (np.isfinite(K).all() and np.isfinite(T).all() and np.isfinite(self.dist[view]).all()):
+                raise ValueError(f"camera {name!r}: calibration has values that are not finite")
+            if K[0, 0] <= 0 or K[1, 1] <= 0:
+                raise ValueError(f"camera {name!r}: focal lengths must be positive, found {K[0, 0]}, {K[1, 1]}")
+            if not np.allclose(K[2], (0, 0, 1)) or not np.allclose(T[3], (0, 0, 0, 1)):
+                raise ValueError(f"camera {name!r}: last rows must be K (0 0 1) and cam_from_world (0 0 0 1)")
+            # Published calibrations round their rotations to about 1e-4.
+            error = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
+            if error > 1e-3 or np.linalg.det(T[:3, :3]) < 0:
+                raise ValueError(
+                    f"camera {name!r}: cam_from_world holds no rotation (R R^T is off by {error:.1e}, "
+                    f"det {np.linalg.det(T[:3, :3]):+.3f}); expected an orthonormal right-handed 3x3"
+                )
+            if (self.size[view] <= 0).any():
+                raise ValueError(f"camera {name!r}: image size must be positive, found {tuple(self.size[view])}")
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __getitem__(self, views) -> "CameraRig":
+        """The rig of some of the views: a slice, or a list of indices. One camera is `rig[2:3]`."""
+        index = np.arange(len(self))[views]
+        if index.ndim != 1:
+            raise TypeError(f"a rig is indexed by a slice or a list; for one camera use rig[{views}:{views} + 1]")
+        return CameraRig(
+            tuple(self.names[i] for i in index),
+            self.K[index],
+            self.dist[index],
+            self.cam_from_world[index],
+            self.size[index],
+        )
+
+    @property
+    def centers(self) -> np.ndarray:
+        """(V, 3) camera centres in the world, m."""
+        R, t = self.cam_from_world[:, :3, :3], self.cam_from_world[:, :3, 3]
+        return np.linalg.solve(R, -t[..., None])[..., 0]
+
+    @property
+    def projections(self) -> np.ndarray:
+        """(V, 3, 4) pinhole projection matrices K [R | t], for undistorted pixels."""
+        return self.K @ self.cam_from_world[:, :3]
+
+    def project(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where each camera sees points of the world.
+
+        Args:
+            xyz: (F, ..., 3) points, m, world.
+
+        Returns:
+            xy: (F, V, ..., 2) pixels, NaN for points that are NaN or not in front of the camera.
+            depth: (F, V, ...) distance along the optical axis, m.
+        """
+        xyz = np.asarray(xyz, np.float64)
+        flat = xyz.reshape(len(xyz), 1, -1, 3)
+        R, t = self.cam_from_world[:, :3, :3], self.cam_from_world[:, :3, 3]
+        in_camera = flat @ R.transpose(0, 2, 1) + t[:, None]
+        depth = in_camera[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normalised = np.where(depth[..., None] > 0, in_camera[..., :2] / depth[..., None], np.nan)
+        xy = self._pixels(normalised)
+        shape = (len(xyz), len(self), *xyz.shape[1:-1])
+        return xy.reshape(*shape, 2), depth.reshape(shape)
+
+    def _pixels(self, normalised: np.ndarray) -> np.ndarray:
+        """Distort (F, V, N, 2) normalised image points and apply K."""
+        if not self.dist.any():
+            return np.einsum("vij,fvnj->fvni", self.K[:, :2, :2], normalised) + self.K[:, None, :2, 2]
+        xy = np.empty_like(normalised)
+        for view in range(len(self)):
+            points = np.concatenate([normalised[:, view], np.ones_like(normalised[:, view, :, :1])], -1)
+            pixels, _ = cv2.projectPoints(
+                points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), self.K[view], self._opencv_dist(view)
+            )
+            xy[:, view] = pixels.reshape(xy[:, view].shape)
+        return xy
+
+    def _opencv_dist(self, view: int) -> np.ndarray:
+        """OpenCV takes 5 or 8 coefficients, not 6 or 7."""
+        dist = self.dist[view]
+        return dist if len(dist) == 5 else np.pad(dist, (0, 8 - len(dist)))
+
+    def undistort(self, xy: np.ndarray) -> np.ndarray:
+        """Pixels (F, V, ..., 2) as an ideal pinhole camera of the same K would have them; NaN stays NaN."""
+        xy = np.asarray(xy, np.float64)
+        if xy.ndim < 3 or xy.shape[1] != len(self) or xy.shape[-1] != 2:
+            raise ValueError(f"expected pixels of shape (F, {len(self)}, ..., 2), found {xy.shape}")
+        if not self.dist.any():
+            return xy
+        ideal = np.full_like(xy, np.nan)
+        for view in range(len(self)):
+            seen = np.isfinite(xy[:, view]).all(-1)
+            if seen.any():
+                points = np.ascontiguousarray(xy[:, view][seen][:, None])
+                K, dist = self.K[view], self._opencv_dist(view)
+                ideal[:, view][seen] = cv2.undistortPoints(points, K, dist, P=K, criteria=_UNDISTORT_CRITERIA)[:, 0]
+        return ideal
+
+    def rays(self, xy: np.ndarray) -> np.ndarray:
+        """Unit directions (F, V, ..., 3) in the world, from the camera centres through pixels (F, V, ..., 2)."""
+        ideal = self.undistort(xy)
+        flat = ideal.reshape(*ideal.shape[:2], -1, 2)
+        homogeneous = np.concatenate([flat, np.ones_like(flat[..., :1])], -1)
+        world_from_pixel = np.linalg.inv(self.K @ self.cam_from_world[:, :3, :3])
+        direction = np.einsum("vij,fvnj->fvni", world_from_pixel, homogeneous)
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+        return direction.reshape(*ideal.shape[:-1], 3)
+
+    def inside(self, xy: np.ndarray) -> np.ndarray:
+        """Whether pixels (F, V, ..., 2) lie in the image; (F, V, ...) bool, False for NaN."""
+        xy = np.asarray(xy)
+        size = self.size.reshape(1, len(self), *(1,) * (xy.ndim - 3), 2)
+        with np.errstate(invalid="ignore"):
+            return ((xy >= -0.5) & (xy <= size - 0.5)).all(-1)

@@ -1,0 +1,196 @@
+"""The one noun: a stretch of multi-view capture, what was detected in it, and what is true where that is known."""
+
+from dataclasses import dataclass, field, fields, replace
+from enum import IntEnum
+
+import numpy as np
+
+from dmae.cameras import CameraRig
+from dmae.images import Images
+from dmae.skeleton import Skeleton
+
+
+class Source(IntEnum):
+    """Where a 3D joint comes from. A joint no camera measured is never `MEASURED`."""
+
+    ABSENT = 0
+    MEASURED = 1
+    DENOISED = 2
+    """Measured, then moved by a model or a filter."""
+    COMPLETED = 3
+    """Invented: interpolated, or predicted by a model."""
+
+
+class Visibility(IntEnum):
+    """What a camera sees of a joint, and why not."""
+
+    VISIBLE = 0
+    HIDDEN_BY_SELF = 1
+    HIDDEN_BY_PERSON = 2
+    HIDDEN_BY_OBJECT = 3
+    OUTSIDE_IMAGE = 4
+    BEHIND_CAMERA = 5
+    ABSENT = 6
+    """The person is not in the scene."""
+
+
+def _as_array(owner, name: str, dtype, shape: tuple, default=None):
+    """Set a field of a frozen dataclass to an array of a checked shape; -1 in `shape` takes any length."""
+    value = getattr(owner, name)
+    array = np.full(shape, default, dtype) if value is None else np.asarray(value, dtype)
+    if array.ndim != len(shape) or any(want not in (-1, found) for want, found in zip(shape, array.shape, strict=True)):
+        want = tuple("any" if n == -1 else n for n in shape)
+        raise ValueError(f"{type(owner).__name__}.{name}: expected shape {want}, found {array.shape}")
+    object.__setattr__(owner, name, array)
+
+
+@dataclass(frozen=True)
+class Detections2D:
+    """What a 2D detector says of every view. Order within a view carries no identity.
+
+    Attributes:
+        skeleton: J joints.
+        xy: (F, V, D, J, 2) px, NaN where a joint, or a whole detection, is absent.
+        score: (F, V, D, J) confidence, NaN exactly where `xy` is.
+    """
+
+    skeleton: Skeleton
+    xy: np.ndarray
+    score: np.ndarray
+
+    def __post_init__(self):
+        _as_array(self, "xy", np.float32, (-1, -1, -1, len(self.skeleton), 2))
+        _as_array(self, "score", np.float32, self.xy.shape[:-1])
+        if not np.array_equal(np.isnan(self.xy).any(-1), np.isnan(self.score)):
+            raise ValueError("Detections2D: score must be NaN exactly where xy is")
+
+    @property
+    def observed(self) -> np.ndarray:
+        """(F, V, D, J) True where a joint was detected."""
+        return ~np.isnan(self.score)
+
+
+@dataclass(frozen=True)
+class Poses3D:
+    """Joints in the world. A person keeps its index through the clip.
+
+    Truth, triangulated and completed poses are all of this type.
+
+    Attributes:
+        skeleton: J joints.
+        xyz: (F, P, J, 3) m, world; NaN where absent.
+        source: (F, P, J) `Source`; by default measured where `xyz` is known.
+        cov: (F, P, J, 3, 3) covariance, m^2; NaN where unknown.
+        views: (F, P, J) how many views were used; 0 where none or unknown.
+    """
+
+    skeleton: Skeleton
+    xyz: np.ndarray
+    source: np.ndarray = None
+    cov: np.ndarray = None
+    views: np.ndarray = None
+
+    def __post_init__(self):
+        _as_array(self, "xyz", np.float32, (-1, -1, len(self.skeleton), 3))
+        joints = self.xyz.shape[:-1]
+        absent = np.isnan(self.xyz).any(-1)
+        if self.source is None:
+            object.__setattr__(self, "source", np.where(absent, Source.ABSENT, Source.MEASURED))
+        _as_array(self, "source", np.uint8, joints)
+        _as_array(self, "cov", np.float32, (*joints, 3, 3), np.nan)
+        _as_array(self, "views", np.uint8, joints, 0)
+        if not np.array_equal(absent, self.source == Source.ABSENT):
+            raise ValueError("Poses3D: source must be ABSENT exactly where xyz is NaN")
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(F, P, J) True where cameras measured the joint, whether or not it was denoised since."""
+        return (self.source == Source.MEASURED) | (self.source == Source.DENOISED)
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A stretch of multi-view capture of F frames, V views.
+
+    Attributes:
+        id: Name within its data set.
+        fps: Frames per second.
+        rig: The V cameras.
+        detections: What the 2D detector said, (F, V, D, J, ...).
+        truth: True poses where known; P persons. Frames in which nobody is annotated are all NaN.
+        poses: What capture or completion made of the detections. Its persons are tracks, in no relation
+            to the order of `truth`.
+        visibility: (F, V, P, K) `Visibility` of the joints of `truth`, simulated clips only.
+        hidden_by: (F, V, P, K) person index, or index into `objects`, of what hides the joint; -1 for none.
+        detected_person: (F, V, D) person index of each detection, -1 for a ghost; simulated clips only.
+            Capture never reads it.
+        objects: Names of the things that can hide a joint.
+        images: Images on disk, if any.
+        provenance: JSON-able record of where the clip comes from.
+    """
+
+    id: str
+    fps: float
+    rig: CameraRig
+    detections: Detections2D
+    truth: Poses3D | None = None
+    poses: Poses3D | None = None
+    visibility: np.ndarray | None = None
+    hidden_by: np.ndarray | None = None
+    detected_person: np.ndarray | None = None
+    objects: tuple[str, ...] = ()
+    images: Images | None = None
+    provenance: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        frames, views, detections = self.detections.xy.shape[:3]
+        if views != len(self.rig):
+            raise ValueError(f"clip {self.id!r}: {len(self.rig)} cameras but detections in {views} views")
+        if not self.fps > 0:
+            raise ValueError(f"clip {self.id!r}: fps must be positive, found {self.fps}")
+        for name in ("truth", "poses"):
+            poses = getattr(self, name)
+            if poses is not None and len(poses.xyz) != frames:
+                raise ValueError(f"clip {self.id!r}: {frames} frames of detections but {len(poses.xyz)} of {name}")
+        if self.detected_person is not None:
+            _as_array(self, "detected_person", np.int16, (frames, views, detections))
+        if (self.visibility is not None or self.hidden_by is not None) and self.truth is None:
+            raise ValueError(f"clip {self.id!r}: visibility is that of the true joints, and there is no truth")
+        for name, dtype in (("visibility", np.uint8), ("hidden_by", np.int16)):
+            if getattr(self, name) is not None:
+                _as_array(self, name, dtype, (frames, views, *self.truth.xyz.shape[1:3]))
+        object.__setattr__(self, "objects", tuple(self.objects))
+
+    def __len__(self) -> int:
+        """How many frames."""
+        return len(self.detections.xy)
+
+    def select(self, frames=slice(None), views=slice(None)) -> "Clip":
+        """The clip of some frames and views (a slice or a list of indices each), every field cut alike.
+
+        `poses` are dropped when views are left out: they were made with those views.
+        """
+        rig = self.rig[views]
+        images = self.images.select(frames, rig.names) if self.images else None
+
+        def cut(array):
+            return None if array is None else array[frames][:, views]
+
+        return replace(
+            self,
+            rig=rig,
+            detections=Detections2D(self.detections.skeleton, cut(self.detections.xy), cut(self.detections.score)),
+            truth=_cut_frames(self.truth, frames),
+            poses=_cut_frames(self.poses, frames) if len(rig) == len(self.rig) else None,
+            visibility=cut(self.visibility),
+            hidden_by=cut(self.hidden_by),
+            detected_person=cut(self.detected_person),
+            images=images,
+        )
+
+
+def _cut_frames(poses: Poses3D | None, frames) -> Poses3D | None:
+    if poses is None:
+        return None
+    arrays = {f.name: getattr(poses, f.name)[frames] for f in fields(poses) if f.name != "skeleton"}
+    return Poses3D(poses.skeleton, **arrays)

@@ -1,0 +1,167 @@
+"""Clips on disk: a folder each, labels in one safetensors file, everything else in one JSON."""
+
+import hashlib
+import json
+import os
+import tempfile
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load as load_tensors
+from safetensors.numpy import save as save_tensors
+
+from dmae.cameras import CameraRig
+from dmae.clip import Clip, Detections2D, Poses3D
+from dmae.images import Images
+from dmae.skeleton import get_skeleton
+
+FORMAT = 1
+MANIFEST = "manifest.jsonl"
+_OPTIONAL = ("visibility", "hidden_by", "detected_person")
+
+
+def write_atomic(path: Path, data: bytes | str) -> None:
+    """Write a file whole or not at all: temporary name, fsync, rename."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    data = data.encode() if isinstance(data, str) else data
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def read_json(path: Path):
+    """A JSON file; ValueError names file, line and column of what is malformed."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        return json.loads(path.read_text())
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: expected JSON, {error}") from None
+
+
+def save_clip(clip: Clip, folder: Path) -> None:
+    """Write a clip, replacing the one that is there. Images are recorded, not copied."""
+    folder = Path(folder)
+    data = save_tensors({name: np.ascontiguousarray(array) for name, array in _arrays(clip).items()})
+    meta = {
+        "format": FORMAT,
+        "id": clip.id,
+        "fps": clip.fps,
+        "cameras": clip.rig.names,
+        "skeletons": {
+            name: getattr(clip, name).skeleton.name
+            for name in ("detections", "truth", "poses")
+            if getattr(clip, name) is not None
+        },
+        "objects": clip.objects,
+        "images": _images_meta(clip.images, folder),
+        "provenance": clip.provenance,
+        "sha256": hashlib.sha256(data).hexdigest(),
+    }
+    # The JSON goes last and holds the checksum: a torn pair is found out on loading.
+    write_atomic(folder / "arrays.safetensors", data)
+    write_atomic(folder / "clip.json", json.dumps(meta, indent=1))
+
+
+def _arrays(clip: Clip) -> dict[str, np.ndarray]:
+    rig = clip.rig
+    arrays = {f"rig.{f.name}": getattr(rig, f.name) for f in fields(rig) if f.name != "names"}
+    for name in ("detections", "truth", "poses"):
+        part = getattr(clip, name)
+        if part is not None:
+            arrays |= {f"{name}.{f.name}": getattr(part, f.name) for f in fields(part) if f.name != "skeleton"}
+    return arrays | {name: getattr(clip, name) for name in _OPTIONAL if getattr(clip, name) is not None}
+
+
+def _images_meta(images: Images | None, folder: Path) -> dict | None:
+    if images is None:
+        return None
+    where = os.path.relpath(images.folder.resolve(), folder.resolve())
+    return {"folder": where, "views": images.views, "frames": images.frames, "kinds": images.kinds}
+
+
+def load_clip(folder: Path) -> Clip:
+    """Read a clip.
+
+    Raises:
+        FileNotFoundError: there is no clip in the folder.
+        ValueError: a file is malformed, torn or of another format version.
+    """
+    folder = Path(folder)
+    if not (folder / "clip.json").is_file():
+        raise FileNotFoundError(f"{folder}: expected a clip folder holding clip.json and arrays.safetensors")
+    meta = read_json(folder / "clip.json")
+    if meta.get("format") != FORMAT:
+        raise ValueError(f"{folder / 'clip.json'}: expected format {FORMAT}, found {meta.get('format')!r}")
+    path = folder / "arrays.safetensors"
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != meta["sha256"]:
+        raise ValueError(f"{path}: does not match the checksum in clip.json; the clip is damaged, make it again")
+    try:
+        arrays = load_tensors(data)
+    except SafetensorError as error:
+        raise ValueError(f"{path}: {error}") from None
+    rig = CameraRig(meta["cameras"], *(arrays[f"rig.{name}"] for name in ("K", "dist", "cam_from_world", "size")))
+    parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
+    images = meta["images"]
+    if images:
+        images = Images(folder / images["folder"], *(tuple(images[name]) for name in ("views", "frames", "kinds")))
+    return Clip(
+        id=meta["id"],
+        fps=meta["fps"],
+        rig=rig,
+        objects=tuple(meta["objects"]),
+        images=images,
+        provenance=meta["provenance"],
+        **parts,
+        **{name: arrays[name] for name in _OPTIONAL if name in arrays},
+    )
+
+
+def _part(name: str, skeleton: str, arrays: dict[str, np.ndarray]) -> Detections2D | Poses3D:
+    kind = Detections2D if name == "detections" else Poses3D
+    values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(kind) if f.name != "skeleton"}
+    return kind(get_skeleton(skeleton), **values)
+
+
+def clip_folders(path: Path) -> list[Path]:
+    """The clips at a path: of a data set those its manifest calls ok, in its order; of a clip itself.
+
+    Raises:
+        FileNotFoundError: neither a clip nor a data set is there.
+    """
+    path = Path(path)
+    if (path / "clip.json").is_file():
+        return [path]
+    if (path / MANIFEST).is_file():
+        return [path / line["id"] for line in read_manifest(path) if line["status"] == "ok"]
+    raise FileNotFoundError(f"{path}: expected a clip (clip.json) or a data set ({MANIFEST}), found neither")
+
+
+def read_manifest(path: Path) -> list[dict]:
+    """The lines of a data set's manifest, one a clip: `id`, `status`, `seed`, `quality` and more."""
+    lines = []
+    for number, line in enumerate((Path(path) / MANIFEST).read_text().splitlines(), 1):
+        try:
+            lines.append(json.loads(line))
+        except json.JSONDecodeError as error:
+            raise ValueError(f"{Path(path) / MANIFEST}, line {number}: expected JSON, {error}") from None
+    return lines
+
+
+def write_manifest(path: Path, lines: list[dict]) -> None:
+    """Write a data set's manifest, sorted by clip id."""
+    ordered = sorted(lines, key=lambda line: line["id"])
+    write_atomic(Path(path) / MANIFEST, "".join(json.dumps(line) + "\n" for line in ordered))
