@@ -1,6 +1,8 @@
 """Calibrated cameras: pixels from points, rays from pixels."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import prod
 
 import cv2
 import numpy as np
@@ -101,11 +103,12 @@ class CameraRig:
             xyz: (F, ..., 3) points, m, world.
 
         Returns:
-            xy: (F, V, ..., 2) pixels, NaN for points that are NaN or not in front of the camera.
+            xy: (F, V, ..., 2) pixels, NaN for points that are NaN, not in front of the camera, or so far off
+                its axis that its distortion is not defined there.
             depth: (F, V, ...) distance along the optical axis, m.
         """
         xyz = np.asarray(xyz, np.float64)
-        flat = xyz.reshape(len(xyz), 1, -1, 3)
+        flat = xyz.reshape(len(xyz), 1, prod(xyz.shape[1:-1]), 3)
         R, t = self.cam_from_world[:, :3, :3], self.cam_from_world[:, :3, 3]
         in_camera = flat @ R.transpose(0, 2, 1) + t[:, None]
         depth = in_camera[..., 2]
@@ -117,16 +120,31 @@ class CameraRig:
 
     def _pixels(self, normalised: np.ndarray) -> np.ndarray:
         """Distort (F, V, N, 2) normalised image points and apply K."""
-        if not self.dist.any():
-            return np.einsum("vij,fvnj->fvni", self.K[:, :2, :2], normalised) + self.K[:, None, :2, 2]
-        xy = np.empty_like(normalised)
-        for view in range(len(self)):
-            points = np.concatenate([normalised[:, view], np.ones_like(normalised[:, view, :, :1])], -1)
-            pixels, _ = cv2.projectPoints(
-                points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), self.K[view], self._opencv_dist(view)
-            )
-            xy[:, view] = pixels.reshape(xy[:, view].shape)
-        return xy
+        if self.dist.any() and normalised.size:
+            # OpenCV would drop the skew of K, so it only distorts.
+            xy = np.empty_like(normalised)
+            for view in range(len(self)):
+                points = np.concatenate([normalised[:, view], np.ones_like(normalised[:, view, :, :1])], -1)
+                distorted, _ = cv2.projectPoints(
+                    points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), np.eye(3), self._opencv_dist(view)
+                )
+                xy[:, view] = distorted.reshape(xy[:, view].shape)
+            radius = np.linalg.norm(normalised, axis=-1, keepdims=True)
+            normalised = np.where(radius < self._reach[:, None, None], xy, np.nan)
+        return np.einsum("vij,fvnj->fvni", self.K[:, :2, :2], normalised) + self.K[:, None, :2, 2]
+
+    @cached_property
+    def _reach(self) -> np.ndarray:
+        """(V,) tangent of the angle off axis up to which distortion keeps the order of points; inf if everywhere.
+
+        Beyond it the polynomial turns back and would put what is far outside the image into it.
+        """
+        radius = np.linspace(0, 10, 10001)
+        k1, k2, _, _, k3, k4, k5, k6 = np.pad(self.dist, ((0, 0), (0, 8 - self.dist.shape[1]))).T[..., None]
+        square = radius**2
+        above, below = (1 + square * (a + square * (b + square * c)) for a, b, c in ((k1, k2, k3), (k4, k5, k6)))
+        growing = (np.diff(radius * above / below) > 0) & (below[:, 1:] > 0)
+        return np.where(growing.all(-1), np.inf, radius[growing.argmin(-1)])
 
     def _opencv_dist(self, view: int) -> np.ndarray:
         """OpenCV takes 5 or 8 coefficients, not 6 or 7."""
@@ -144,15 +162,18 @@ class CameraRig:
         for view in range(len(self)):
             seen = np.isfinite(xy[:, view]).all(-1)
             if seen.any():
-                points = np.ascontiguousarray(xy[:, view][seen][:, None])
-                K, dist = self.K[view], self._opencv_dist(view)
-                ideal[:, view][seen] = cv2.undistortPoints(points, K, dist, P=K, criteria=_UNDISTORT_CRITERIA)[:, 0]
+                K = self.K[view, :2]
+                distorted = np.linalg.solve(K[:, :2], (xy[:, view][seen] - K[:, 2]).T).T
+                points = cv2.undistortPoints(
+                    distorted[:, None], np.eye(3), self._opencv_dist(view), criteria=_UNDISTORT_CRITERIA
+                )[:, 0]
+                ideal[:, view][seen] = points @ K[:, :2].T + K[:, 2]
         return ideal
 
     def rays(self, xy: np.ndarray) -> np.ndarray:
         """Unit directions (F, V, ..., 3) in the world, from the camera centres through pixels (F, V, ..., 2)."""
         ideal = self.undistort(xy)
-        flat = ideal.reshape(*ideal.shape[:2], -1, 2)
+        flat = ideal.reshape(*ideal.shape[:2], prod(ideal.shape[2:-1]), 2)
         homogeneous = np.concatenate([flat, np.ones_like(flat[..., :1])], -1)
         world_from_pixel = np.linalg.inv(self.K @ self.cam_from_world[:, :3, :3])
         direction = np.einsum("vij,fvnj->fvni", world_from_pixel, homogeneous)

@@ -82,6 +82,10 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
             if stream is None:
                 stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))
                 stream.height, stream.width = image.shape[:2]
+                if stream.height % 2 or stream.width % 2:
+                    raise ValueError(
+                        f"{path}: H.264 needs even width and height, found {stream.width} x {stream.height}"
+                    )
                 stream.pix_fmt, stream.options = "yuv420p", {"crf": "20", "preset": "veryfast"}
                 # Encoding must not depend on how many cores the machine has.
                 stream.codec_context.thread_count = 1

@@ -14,6 +14,8 @@ class Stream(IntEnum):
     DETECTOR = 3
     STRESS = 4
     WINDOWS = 5
+    HIDING = 6
+    VALIDATION = 7
 
 
 def generator(seed: int, clip: int, stream: Stream) -> np.random.Generator:

@@ -31,6 +31,11 @@ class Skeleton:
             )
         if any(not -1 <= parent < len(self.joints) for parent in self.parents):
             raise ValueError(f"skeleton {self.name!r}: parents must lie in -1..{len(self.joints) - 1}: {self.parents}")
+        ancestors = list(self.parents)
+        for _ in self.joints:
+            ancestors = [self.parents[joint] if joint >= 0 else -1 for joint in ancestors]
+        if max(ancestors, default=-1) >= 0:
+            raise ValueError(f"skeleton {self.name!r}: parents run in a circle: {self.parents}")
 
     def __len__(self) -> int:
         return len(self.joints)

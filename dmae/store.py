@@ -103,16 +103,22 @@ def load_clip(folder: Path) -> Clip:
     if not (folder / "clip.json").is_file():
         raise FileNotFoundError(f"{folder}: expected a clip folder holding clip.json and arrays.safetensors")
     meta = read_json(folder / "clip.json")
-    if meta.get("format") != FORMAT:
-        raise ValueError(f"{folder / 'clip.json'}: expected format {FORMAT}, found {meta.get('format')!r}")
+    found = meta.get("format") if isinstance(meta, dict) else None
+    if found != FORMAT:
+        raise ValueError(f"{folder / 'clip.json'}: expected a clip of format {FORMAT}, found format {found!r}")
     path = folder / "arrays.safetensors"
     data = path.read_bytes()
-    if hashlib.sha256(data).hexdigest() != meta["sha256"]:
+    if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
         raise ValueError(f"{path}: does not match the checksum in clip.json; the clip is damaged, make it again")
     try:
-        arrays = load_tensors(data)
-    except SafetensorError as error:
-        raise ValueError(f"{path}: {error}") from None
+        return _assemble(folder, meta, load_tensors(data))
+    except (SafetensorError, ValueError) as error:
+        raise ValueError(f"{folder}: {error}") from None
+    except KeyError as error:
+        raise ValueError(f"{folder}: clip.json or arrays.safetensors lacks {error}") from None
+
+
+def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
     rig = CameraRig(meta["cameras"], *(arrays[f"rig.{name}"] for name in ("K", "dist", "cam_from_world", "size")))
     parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
     images = meta["images"]
@@ -158,6 +164,8 @@ def read_manifest(path: Path) -> list[dict]:
             lines.append(json.loads(line))
         except json.JSONDecodeError as error:
             raise ValueError(f"{Path(path) / MANIFEST}, line {number}: expected JSON, {error}") from None
+        if not isinstance(lines[-1], dict) or not {"id", "status"} <= set(lines[-1]):
+            raise ValueError(f"{Path(path) / MANIFEST}, line {number}: expected an object with id and status: {line}")
     return lines
 
 

@@ -1,0 +1,51 @@
+# Every target sets itself up: a virtual environment in .venv, pinned packages, and
+# system libraries where root or password-less sudo allows.
+
+PYTHON ?= python3
+BIN := .venv/bin
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# The first is read when packages are installed, the second when they are built.
+export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
+export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
+
+.PHONY: demo test lint format bench setup
+
+demo: setup
+	$(BIN)/python -m dmae.demo
+
+test: setup
+	$(BIN)/python -m pytest
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: setup
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: setup
+	$(BIN)/python -m pytest -m bench -s tests/bench
+
+setup: .venv/installed
+
+# $(call apt,packages): install Debian packages, or fail where that is not allowed.
+define apt
+command -v apt-get >/dev/null && \
+if [ "$$(id -u)" = 0 ]; then as=; else sudo -n true 2>/dev/null && as="sudo -n"; fi && \
+$$as apt-get -qq update && \
+DEBIAN_FRONTEND=noninteractive $$as apt-get -qq install -y --no-install-recommends $(1) >/dev/null
+endef
+
+.venv/installed: pyproject.toml constraints.txt Makefile
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "error: needs Python 3.11 or later, found $$($(PYTHON) -V 2>&1); name another: make PYTHON=python3.12"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { $(call apt,$(notdir $(PYTHON))-venv); } || \
+	  { echo "error: $(PYTHON) cannot make virtual environments; install $(notdir $(PYTHON))-venv"; exit 1; }
+	@$(PYTHON) -c 'import ctypes; ctypes.CDLL("libOSMesa.so.8")' 2>/dev/null || \
+	  { ls /usr/share/glvnd/egl_vendor.d/*.json && $(PYTHON) -c 'import ctypes; ctypes.CDLL("libEGL.so.1")'; } >/dev/null 2>&1 || \
+	  { $(call apt,libosmesa6 libegl1 libgl1) || { $(call apt,libegl1 libegl-mesa0 libgl1); }; } || \
+	  echo "note: no OpenGL library, and no right to install one: images will be ray cast, which is slower"
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet -e '.[dev]'
+	@touch $@

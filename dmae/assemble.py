@@ -1,0 +1,73 @@
+"""2D skeletons from joint candidates and part affinities."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+BODY25_LINKS = (
+    (1, 8), (9, 10), (10, 11), (8, 9), (8, 12), (12, 13), (13, 14), (1, 2), (2, 3), (3, 4), (2, 17), (1, 5), (5, 6),
+    (6, 7), (5, 18), (1, 0), (0, 15), (0, 16), (15, 17), (16, 18), (14, 19), (19, 20), (14, 21), (11, 22), (22, 23),
+    (11, 24),
+)  # fmt: skip
+"""Joint pairs of BODY_25 that OpenPose gives a part affinity field, in its order.
+
+Shoulder to ear, (2, 17) and (5, 18), close loops: they hold a head to its body when the nose is hidden.
+"""
+
+_MIN_AFFINITY = 0.05
+"""Below this an affinity field supports no link: OpenPose's own threshold."""
+
+
+def assemble(
+    counts: Sequence[int], affinities: Sequence[np.ndarray], links: Sequence[tuple[int, int]] = BODY25_LINKS
+) -> np.ndarray:
+    """Join the candidates of one image into skeletons.
+
+    Kruskal's algorithm on the graph of candidates: links are taken from the strongest down, and each
+    joins two parts of a skeleton unless the parts hold the same joint twice. Loops are welcome, order
+    of joints is of no consequence, and what hangs together in part only is kept as it is.
+
+    Args:
+        counts: J numbers of candidates.
+        affinities: An (n_a, n_b) array of affinities in [0, 1] for each of `links`.
+        links: Pairs (a, b) of joints.
+
+    Returns:
+        (D, J) index of each skeleton's candidate, -1 where it has none; a candidate without links is a
+        skeleton of its own. Skeletons with more joints come first.
+    """
+    first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
+    total = int(first[-1])
+    joint = np.repeat(np.arange(len(counts)), counts).tolist()
+    skeleton = list(range(total))
+    members = [[candidate] for candidate in range(total)]
+    joints = [1 << j for j in joint]
+    for a, b in _strong_links(first, affinities, links):
+        into, gone = skeleton[a], skeleton[b]
+        if joints[into] & joints[gone]:
+            continue
+        if len(members[into]) < len(members[gone]):
+            into, gone = gone, into
+        for candidate in members[gone]:
+            skeleton[candidate] = into
+        members[into] += members[gone]
+        joints[into] |= joints[gone]
+        members[gone], joints[gone] = [], 0
+    found = sorted(filter(None, members), key=len, reverse=True)
+    assembled = np.full((len(found), len(counts)), -1)
+    for d, candidates in enumerate(found):
+        for candidate in candidates:
+            assembled[d, joint[candidate]] = candidate - first[joint[candidate]]
+    return assembled
+
+
+def _strong_links(first: np.ndarray, affinities: Sequence[np.ndarray], links: Sequence[tuple[int, int]]):
+    """Pairs of candidates, numbered through all joints, strongest affinity first."""
+    flat = np.concatenate([np.ravel(affinity) for affinity in affinities])
+    strong = np.flatnonzero(flat > _MIN_AFFINITY)
+    strong = strong[np.argsort(-flat[strong], kind="stable")]
+    offsets = np.cumsum([0, *(np.size(affinity) for affinity in affinities)])
+    link = np.searchsorted(offsets, strong, side="right") - 1
+    side_a, side_b = np.asarray(links)[link].T
+    row, column = np.divmod(strong - offsets[link], (first[side_b + 1] - first[side_b]))
+    return zip((first[side_a] + row).tolist(), (first[side_b] + column).tolist(), strict=True)

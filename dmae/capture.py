@@ -1,0 +1,158 @@
+"""Adaptive Triangulation (Algorithm 1 of the paper): from the detections of a clip to its people in 3D."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dmae.associate import NONE
+from dmae.clip import Clip, Poses3D, Source
+from dmae.identify import Joints, Seen, Unit, identify
+from dmae.prune import broken, ghosts, jumps, merge, same_person
+from dmae.skeleton import Skeleton
+from dmae.triangulate import Noise
+
+_CHUNK = 16
+"""Frames compared at once: some 50 MB for six people in five views."""
+
+
+@dataclass(frozen=True)
+class CaptureConfig:
+    """How `capture` works. Lengths are of people, times in seconds: nothing depends on the rig."""
+
+    th_p: float = 0.2
+    """Joint-level filtering: a 2D joint counts from this confidence on."""
+    th_v: int = 2
+    """A 3D joint counts when this many views agree on it."""
+    th_d: float = 0.25
+    """Identity propagation: farther than this from a person's reprojection, a joint speaks against being theirs."""
+    th_d_unit: Unit = Unit.metres
+    noise: Noise = field(default_factory=Noise)
+    """What triangulation expects of detections."""
+
+    matching: Joints = Joints.all
+    """Identity matching: the joints whose rays are compared."""
+    half_ray: float = 0.1
+    """Distance between rays at which their affinity is 1/2, m."""
+    half_colour: float = 20.0
+    """Difference of colour at which the affinity of looks is 1/2, CIELAB units."""
+    colour_weight: float = 0.3
+    """Share of looks in the affinity of two detections, where the clip has images."""
+    th_a: float = 0.5
+    """Least affinity of detections of one person."""
+    birth_joints: int = 4
+    """Joints that two views or more must agree on for a new person."""
+
+    inertia: float = 0.3
+    """Share of each step that goes into the velocity by which the next is predicted; 0: people stand still."""
+    coast: float = 0.5
+    """How long a person is predicted without being measured, s."""
+    seniority: float = 0.2
+    """Time measured after which a person chooses detections before younger ones, s."""
+
+    rejoin: float = 2.0
+    """Longest absence after which someone of the same build coming back near by is the same person, s."""
+    least_life: float = 0.3
+    """Who is measured with `birth_joints` for less is no person, s."""
+    reach: float = 0.2
+    """Second pass: each joint takes the detection nearest its own path, up to this far, m; 0: no second pass."""
+    th_p_again: float = 0.1
+    """Second pass: being where it is expected, a 2D joint counts from this confidence on."""
+    bridge: float = 0.4
+    """Gaps in that path are bridged up to this, s."""
+    prune: bool = True
+    """Drop joints that break bones, or that jump and return."""
+
+    def __post_init__(self):
+        if self.th_v < 2:
+            raise ValueError(f"th_v={self.th_v}: a point needs at least 2 views")
+        for name in ("th_d", "half_ray", "half_colour"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name}={getattr(self, name)}: expected a positive length")
+
+
+def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
+    """Reconstruct the people of a clip from its detections, offline.
+
+    Frame by frame, detections are given to the people of the frame before on whose reprojection they lie
+    (identity propagation); those left over are matched between views by rays and looks, and become new
+    people or old ones come back (identity matching); joints are triangulated from the views that agree.
+    Then tracks of one person are merged, ghosts dropped, and with the whole path of each person known,
+    each joint chooses its detections again.
+
+    Returns:
+        Tracks in the order of their birth, a row each for the whole clip. A joint that fewer than `th_v`
+        views agree on is NaN and `Source.ABSENT`, anything else `MEASURED`, with covariance and views.
+
+    Raises:
+        ValueError: the clip has a single camera.
+    """
+    if len(clip.rig) < 2:
+        raise ValueError(f"clip {clip.id!r}: capture needs at least 2 cameras, found {len(clip.rig)}")
+    seen = Seen.of(clip, config.th_p, config)
+    chosen, xyz = identify(seen, clip, config)
+    skeleton, fps = clip.detections.skeleton, clip.fps
+    chosen, xyz = merge(chosen, xyz, same_person(xyz, skeleton, fps, config.rejoin))
+    alive = ~ghosts(xyz, fps, config.birth_joints, config.least_life)
+    chosen, xyz = chosen[:, alive], xyz[:, alive]
+    if config.reach > 0:
+        seen = Seen.of(clip, config.th_p_again, config)
+        path = _bridge(_prune(xyz, skeleton, fps), int(config.bridge * fps))
+        chosen = _choose_again(seen, chosen, path, config.reach)
+    points = seen.triangulate(np.arange(len(clip))[:, None, None, None], chosen)
+    xyz = _prune(points.xyz, skeleton, fps) if config.prune else points.xyz
+    absent = np.isnan(xyz[..., 0])
+    return Poses3D(
+        skeleton,
+        xyz,
+        np.where(absent, Source.ABSENT, Source.MEASURED),
+        np.where(absent[..., None, None], np.nan, points.cov),
+        np.where(absent, 0, points.views),
+    )
+
+
+def _prune(xyz: np.ndarray, skeleton: Skeleton, fps: float) -> np.ndarray:
+    """Joints (F, P, J, 3) less those that cannot be right."""
+    sound = np.where(broken(xyz, skeleton)[..., None], np.nan, xyz)
+    return np.where(jumps(sound, fps)[..., None], np.nan, sound)
+
+
+def _bridge(xyz: np.ndarray, longest: int) -> np.ndarray:
+    """Paths (F, ..., 3) with a straight line through each gap of less than `longest` frames."""
+    frames = len(xyz)
+    known = ~np.isnan(xyz[..., 0])
+    index = np.arange(frames).reshape(-1, *(1,) * (known.ndim - 1))
+    before = np.maximum.accumulate(np.where(known, index, -1))
+    after = np.minimum.accumulate(np.where(known, index, frames)[::-1])[::-1]
+    span = after - before
+    inside = ~known & (before >= 0) & (after < frames) & (span <= longest)
+    share = np.where(inside, (index - before) / np.maximum(span, 1), 0)[..., None]
+    start = np.take_along_axis(xyz, np.where(inside, before, index)[..., None], 0)
+    end = np.take_along_axis(xyz, np.where(inside, after, index)[..., None], 0)
+    return start + share * (end - start)
+
+
+def _choose_again(seen: Seen, chosen: np.ndarray, path: np.ndarray, reach: float) -> np.ndarray:
+    """For joints with a path, the detections nearest to it that are nearest to no other person.
+
+    Mends what was assembled or matched wrongly: a neighbour's wrist, a forearm that hung on nobody.
+
+    Args:
+        chosen: (F, P, V, J) detections, or `NONE`.
+        path: (F, P, J, 3) m, NaN where a joint has none and its choice stands.
+        reach: Farthest, m.
+    """
+    if not chosen.size:
+        return chosen
+    people = np.arange(path.shape[1])[:, None]
+    again = chosen.copy()
+    for start in range(0, len(path), _CHUNK):
+        frames = slice(start, start + _CHUNK)
+        distance = seen.distance(frames, path[frames], Unit.metres)
+        distance = np.where(distance < reach, distance, np.inf)
+        nearest = distance.argmin(3)
+        owner = np.take_along_axis(distance.argmin(2), nearest, 2)
+        found = np.isfinite(distance.min(3)) & (owner == people)
+        best = np.where(found, nearest, NONE).swapaxes(1, 2)
+        has_path = ~np.isnan(path[frames, :, None, :, 0])
+        again[frames] = np.where(has_path, best, chosen[frames])
+    return again

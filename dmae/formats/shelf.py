@@ -1,0 +1,204 @@
+"""The Shelf recording in the text format of the 4DAssociation release."""
+
+from pathlib import Path
+
+import numpy as np
+
+from dmae.assemble import BODY25_LINKS, assemble
+from dmae.cameras import CameraRig
+from dmae.clip import Clip, Detections2D, Poses3D
+from dmae.skeleton import BODY25, SHELF14
+from dmae.store import read_json
+
+FPS = 25.0
+FIRST_FRAME = 300
+"""Number of the bundle's frame 0 in the recording as published."""
+_BODY25_TYPE = 4
+_TRUTH_JOINTS = 15
+_ACTORS = 4
+
+
+def read_shelf(path: Path) -> Clip:
+    """Read a bundle: `calibration.json`, `detection/<camera>.txt` and, if it is there, `gt.txt`.
+
+    Detections are assembled here from joint candidates and part affinities. Truth has a row for each
+    of the actors 0 to 3, NaN where not annotated.
+
+    Raises:
+        FileNotFoundError: the calibration, or the detections of one of its cameras, are missing.
+        ValueError: a file is malformed or cut short, or the files do not fit together.
+    """
+    path = Path(path)
+    rig = _read_calibration(path / "calibration.json")
+    views = [_read_detections(path / "detection" / f"{name}.txt", rig.size[v]) for v, name in enumerate(rig.names)]
+    frames = len(views[0])
+    for name, view in zip(rig.names, views, strict=True):
+        if len(view) != frames:
+            raise ValueError(
+                f"{path / 'detection' / f'{name}.txt'}: expected {frames} frames as in {rig.names[0]}.txt, "
+                f"found {len(view)}"
+            )
+    most = max(len(found) for view in views for found in view)
+    values = np.full((frames, len(views), most, len(BODY25), 3), np.nan)
+    for v, view in enumerate(views):
+        for f, found in enumerate(view):
+            values[f, v, : len(found)] = found
+    truth = path / "gt.txt"
+    return Clip(
+        id=path.name or "shelf",
+        fps=FPS,
+        rig=rig,
+        detections=Detections2D(BODY25, values[..., :2], values[..., 2]),
+        truth=_read_truth(truth, frames) if truth.is_file() else None,
+        provenance={"format": "shelf", "path": str(path), "first_frame": FIRST_FRAME},
+    )
+
+
+def _read_calibration(path: Path) -> CameraRig:
+    cameras = read_json(path)
+    if not isinstance(cameras, dict) or not cameras:
+        raise ValueError(f"{path}: expected an object of cameras, found {cameras!r:.60}")
+    values = {}
+    for name, camera in cameras.items():
+        for key, length in (("K", 9), ("RT", 12), ("imgSize", 2)):
+            found = camera.get(key) if isinstance(camera, dict) else None
+            try:
+                array = np.asarray(found, np.float64)
+            except (TypeError, ValueError):
+                array = np.empty(0)
+            if array.shape != (length,):
+                raise ValueError(f"{path}: camera {name!r}: expected {key} of {length} numbers, found {found!r:.60}")
+            values.setdefault(key, []).append(array)
+    cam_from_world = np.tile(np.eye(4), (len(cameras), 1, 1))
+    cam_from_world[:, :3] = np.reshape(values["RT"], (-1, 3, 4))
+    try:
+        return CameraRig(
+            tuple(cameras),
+            np.reshape(values["K"], (-1, 3, 3)),
+            np.zeros((len(cameras), 5)),
+            cam_from_world,
+            np.asarray(values["imgSize"]),
+        )
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+class _Numbers:
+    """A text file as a stream of numbers, which knows where it is when something is wrong."""
+
+    def __init__(self, path: Path):
+        if not path.is_file():
+            raise FileNotFoundError(f"{path}: no such file")
+        self.path, self.place, self.position = path, "header", 0
+        try:
+            self.tokens = path.read_text().split()
+            self.values = np.array(self.tokens, np.float64)
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: expected text, {error}") from None
+        except ValueError:
+            self.position, self.place = next(i for i, token in enumerate(self.tokens) if not _is_number(token)), ""
+            raise self.error("a number", repr(self.tokens[self.position])) from None
+
+    def error(self, expected: str, found: str) -> ValueError:
+        """What is wrong with the number at the current position."""
+        ends = np.cumsum([len(line.split()) for line in self.path.read_text().splitlines()])
+        line = max(min(np.searchsorted(ends, self.position, side="right") + 1, len(ends)), 1)
+        place = f", {self.place}" if self.place else ""
+        return ValueError(
+            f"{self.path}, line {line}, number {self.position + 1}{place}: expected {expected}, found {found}"
+        )
+
+    def take(self, length: int, what: str) -> np.ndarray:
+        """The next `length` numbers."""
+        values = self.values[self.position : self.position + length]
+        if len(values) < length:
+            self.position = len(self.values)
+            raise self.error(f"{length} numbers ({what})" if length > 1 else what, "the end of the file")
+        if not np.isfinite(values).all():
+            self.position += int(np.argmin(np.isfinite(values)))
+            raise self.error(f"a finite number ({what})", self.tokens[self.position])
+        self.position += length
+        return values
+
+    def count(self, what: str, at_most: int = 1_000_000) -> int:
+        """The next number, which counts something."""
+        (value,) = self.take(1, what)
+        if value != int(value) or not 0 <= value <= at_most:
+            self.position -= 1
+            raise self.error(f"{what}, a whole number from 0 to {at_most}", self.tokens[self.position])
+        return int(value)
+
+    def header(self, kind: int, what: str) -> int:
+        """The two numbers a file starts with; returns the number of frames."""
+        found = self.count(what)
+        if found != kind:
+            self.position = 0
+            raise self.error(f"{what} {kind}", str(found))
+        frames = self.count("number of frames")
+        if frames == 0:
+            self.position = 1
+            raise self.error("at least one frame", "0")
+        return frames
+
+    def end(self) -> None:
+        if self.position < len(self.values):
+            raise self.error("the end of the file", f"{len(self.values) - self.position} more numbers")
+
+
+def _is_number(token: str) -> bool:
+    try:
+        float(token)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_detections(path: Path, size: np.ndarray) -> list[np.ndarray]:
+    """For each frame a (D, 25, 3) array of x, y in px and confidence."""
+    numbers = _Numbers(path)
+    frames = numbers.header(_BODY25_TYPE, "skeleton type")
+    scale = np.array([size[0] - 1, size[1] - 1, 1.0])
+    found = []
+    for frame in range(frames):
+        candidates, counts = [], []
+        for joint in BODY25.joints:
+            numbers.place = f"frame {frame}, {joint}"
+            count = numbers.count("number of candidates")
+            counts.append(count)
+            candidates.append(numbers.take(3 * count, "x, y and confidence of candidates").reshape(3, count).T)
+        affinities = []
+        for a, b in BODY25_LINKS:
+            numbers.place = f"frame {frame}, affinity {a}-{b}"
+            affinities.append(numbers.take(counts[a] * counts[b], "affinities"))
+        skeletons = assemble(counts, affinities)
+        start = np.cumsum([0, *counts[:-1]])
+        # One row past the candidates, for joints without one: index -1 finds it.
+        rows = np.concatenate([*candidates, np.full((1, 3), np.nan)]) * scale
+        found.append(rows[np.where(skeletons >= 0, skeletons + start, -1)])
+    numbers.place = f"after frame {frames - 1}"
+    numbers.end()
+    return found
+
+
+def _read_truth(path: Path, frames: int) -> Poses3D:
+    numbers = _Numbers(path)
+    found = numbers.header(_TRUTH_JOINTS, "number of joints")
+    if found != frames:
+        numbers.position = 1
+        raise numbers.error(f"{frames} frames as in the detections", str(found))
+    xyz = np.full((frames, _ACTORS, len(SHELF14), 3), np.nan)
+    for frame in range(frames):
+        numbers.place = f"frame {frame}"
+        seen = []
+        for _ in range(numbers.count("number of persons", at_most=_ACTORS)):
+            actor = numbers.count("actor id", at_most=_ACTORS - 1)
+            if actor in seen:
+                numbers.position -= 1
+                raise numbers.error("an actor once a frame", f"actor {actor} again")
+            seen.append(actor)
+            # The 15th joint is the mean of the hips.
+            rows = numbers.take(4 * _TRUTH_JOINTS, f"joints of actor {actor}").reshape(4, _TRUTH_JOINTS)[:, :-1]
+            xyz[frame, actor] = np.where(rows[3, :, None] > 0, rows[:3].T, np.nan)
+    numbers.place = f"after frame {frames - 1}"
+    numbers.end()
+    return Poses3D(SHELF14, xyz)

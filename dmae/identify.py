@@ -1,0 +1,263 @@
+"""Who is who, frame by frame: identity propagation and identity matching (Algorithm 1 of the paper)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from dmae.appearance import appearance
+from dmae.associate import NONE, affinity, cluster, propagate, ray_distances
+from dmae.cameras import CameraRig
+from dmae.clip import Clip
+from dmae.progress import progress
+from dmae.triangulate import Points, triangulate
+
+if TYPE_CHECKING:
+    from dmae.capture import CaptureConfig
+
+_FEWEST = 3
+"""Joints without which nobody is measured, and nothing is compared."""
+_LONGEST_BONE = 0.8
+"""m; what has longer ones is made of two people."""
+_TWIN = 0.2
+"""m; a new person whose joints are nearer than this to somebody's is a double of that person."""
+_REACH, _PACE = 0.3, 1.5
+"""m and m/s: how far from where they are expected people are found again."""
+_DAMPING = 0.5
+"""s; velocities fade by 1/e in this time unless measured anew."""
+
+
+class Unit(StrEnum):
+    """What distances in an image are measured in."""
+
+    metres = "metres"
+    """On the person: px x depth / focal length."""
+    diagonals = "diagonals"
+    """Diagonals of the image."""
+
+
+class Joints(StrEnum):
+    """By which joints detections are compared between views."""
+
+    all = "all"
+    mid_hip = "mid_hip"
+    """Or both hips, where the detector has no middle."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The confident detections (F, V, D, J) of a clip, ready to be compared.
+
+    Attributes:
+        rig: Pinhole cameras that see undistorted pixels.
+        xy: (F, V, D, J, 2) undistorted px, NaN where absent.
+        confidence: (F, V, D, J) in [0, 1], NaN where absent.
+        config: How to compare them.
+    """
+
+    rig: CameraRig
+    xy: np.ndarray
+    confidence: np.ndarray
+    config: CaptureConfig
+
+    @classmethod
+    def of(cls, clip: Clip, least: float, config: CaptureConfig) -> Seen:
+        """Joint-level filtering: the detections of at least some confidence, undistorted."""
+        xy, score = clip.detections.xy, clip.detections.score.astype(np.float64)
+        confident = (score >= least) & np.isfinite(xy).all(-1)
+        xy = clip.rig.undistort(np.where(confident[..., None], xy, np.nan))
+        rig = replace(clip.rig, dist=np.zeros((len(clip.rig), 5)))
+        return cls(rig, xy, np.where(confident, np.clip(score, 0, 1), np.nan), config)
+
+    def triangulate(self, frame: int | np.ndarray, chosen: np.ndarray) -> Points:
+        """The joints (..., J) made of the chosen detections, (..., V, J) indices or `NONE`, of frames (..., 1, 1)."""
+        view, joint = np.arange(len(self.rig))[:, None], np.arange(chosen.shape[-1])
+        absent = chosen == NONE
+        xy = np.where(absent[..., None], np.nan, self.xy[frame, view, chosen, joint])
+        confidence = np.where(absent, np.nan, self.confidence[frame, view, chosen, joint])
+        points = triangulate(self.rig, xy.swapaxes(-3, -2), confidence.swapaxes(-2, -1), self.config.noise)
+        points.xyz[points.views < self.config.th_v] = np.nan
+        return points
+
+    def distance(self, frames: slice, xyz: np.ndarray, unit: Unit) -> np.ndarray:
+        """(F, V, P, D, J) from the reprojections of people (F, P, J, 3) to the detections of those frames."""
+        pixels, depth = self.rig.project(xyz)
+        if unit == Unit.metres:
+            scale = depth / np.sqrt(self.rig.K[:, 0, 0] * self.rig.K[:, 1, 1])[:, None, None]
+        else:
+            scale = np.broadcast_to(1 / np.hypot(*self.rig.size.T)[:, None, None], depth.shape)
+        off = pixels[:, :, :, None] - self.xy[frames, :, None]
+        return np.sqrt(off[..., 0] ** 2 + off[..., 1] ** 2) * scale[:, :, :, None]
+
+
+@dataclass
+class _People:
+    """The T people around now; `index` (T,) is their row in the result, times are in s.
+
+    Attributes:
+        xyz: (T, J, 3) joints where they are expected, NaN where nothing is known.
+        velocity: (T, 3) of the whole body, m/s.
+        unseen: (T, J) since the joint was measured.
+        lost: (T,) since the person was measured.
+        life: (T,) that the person was measured for.
+    """
+
+    index: np.ndarray
+    xyz: np.ndarray
+    velocity: np.ndarray
+    unseen: np.ndarray
+    lost: np.ndarray
+    life: np.ndarray
+
+    @classmethod
+    def born(cls, first: int, xyz: np.ndarray) -> _People:
+        count, joints = xyz.shape[:2]
+        nothing = np.zeros(count)
+        return cls(first + np.arange(count), xyz, np.zeros((count, 3)), np.zeros((count, joints)), nothing, nothing)
+
+    def __getitem__(self, which) -> _People:
+        return _People(*(getattr(self, f.name)[which] for f in fields(self)))
+
+    def __add__(self, others: _People) -> _People:
+        return _People(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
+
+    def predicted(self, dt: float) -> _People:
+        return replace(
+            self,
+            xyz=self.xyz + self.velocity[:, None] * dt,
+            velocity=self.velocity * np.exp(-dt / _DAMPING),
+            unseen=self.unseen + dt,
+            lost=self.lost + dt,
+        )
+
+    def measured(self, xyz: np.ndarray, dt: float, inertia: float) -> _People:
+        """With what is known (T, J, 3) of them now; NaN for joints not measured, all NaN for people not measured."""
+        known = ~np.isnan(xyz[..., 0])
+        velocity = self.velocity.copy()
+        step = xyz - self.xyz
+        for person in np.flatnonzero((~np.isnan(step[..., 0])).any(-1)):
+            both = ~np.isnan(step[person, :, 0])
+            velocity[person] += inertia * np.median(step[person, both], 0) / dt
+        return replace(
+            self,
+            xyz=np.where(known[..., None], xyz, self.xyz),
+            velocity=velocity,
+            unseen=np.where(known, 0, self.unseen),
+            lost=np.where(known.any(-1), 0, self.lost),
+            life=self.life + np.where(known.any(-1), dt, 0),
+        )
+
+
+def identify(seen: Seen, clip: Clip, config: CaptureConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Give the detections of a clip to people.
+
+    Returns:
+        chosen: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
+        xyz: (F, P, J, 3) m, the joints made of them.
+    """
+    frames, views, _, joints = seen.confidence.shape
+    has_colour = config.colour_weight > 0 and clip.images is not None and "rgb" in clip.images.kinds
+    colours = appearance(clip) if has_colour else np.full((*seen.confidence.shape[:3], 3), np.nan)
+    hips = [joint for joint in ("mid_hip", "l_hip", "r_hip") if joint in clip.detections.skeleton.joints]
+    hips = clip.detections.skeleton.index(*(hips[:1] if "mid_hip" in hips else hips))
+    compared = slice(None) if config.matching == Joints.all else hips
+    bones = np.array(clip.detections.skeleton.bones).reshape(-1, 2)
+
+    dt = 1 / clip.fps
+    people, everybody, history = _People.born(0, np.empty((0, joints, 3))), 0, []
+    for frame in progress(range(frames), "finding people"):
+        people = people.predicted(dt)
+        chosen, free = _propagate(seen, frame, people)
+        xyz = seen.triangulate(frame, chosen).xyz
+        xyz[(~np.isnan(xyz[..., 0])).sum(-1) < _FEWEST] = np.nan
+        groups = _match(seen, frame, free, colours[frame], compared)
+        if len(groups):
+            new = seen.triangulate(frame, groups).xyz
+            sound = _plausible(new, groups, bones, config.birth_joints)
+            groups, new = groups[sound], new[sound]
+            person, born = _recognise(new, people, np.isnan(xyz[..., 0]).all(-1))
+            back = person != NONE
+            chosen[person[back]], xyz[person[back]] = groups[back], new[back]
+            people += _People.born(everybody, new[born])
+            everybody += born.sum()
+            chosen, xyz = np.concatenate([chosen, groups[born]]), np.concatenate([xyz, new[born]])
+        people = people.measured(xyz, dt, config.inertia)
+        gone = np.isnan(xyz[..., 0]).all(-1)
+        history.append((people.index, np.where(gone[:, None, None], NONE, chosen), xyz))
+        people.xyz[people.unseen > config.coast] = np.nan
+        people = people[(people.lost <= config.coast) & ~np.isnan(people.xyz[..., 0]).all(-1)]
+
+    all_chosen = np.full((frames, everybody, views, joints), NONE, np.int16)
+    all_xyz = np.full((frames, everybody, joints, 3), np.nan)
+    for frame, (index, chosen, xyz) in enumerate(history):
+        all_chosen[frame, index], all_xyz[frame, index] = chosen, xyz
+    return all_chosen, all_xyz
+
+
+def _propagate(seen: Seen, frame: int, people: _People) -> tuple[np.ndarray, np.ndarray]:
+    """Detections (T, V, J) chosen for people, and which detections (V, D) are nobody's."""
+    config, confidence = seen.config, seen.confidence[frame]
+    present = ~np.isnan(confidence)
+    distance = seen.distance(slice(frame, frame + 1), people.xyz[None], config.th_d_unit)[0]
+    closeness = confidence[:, None] * np.maximum(1 - distance / config.th_d, -1)
+    owner, primary = propagate(closeness, people.life > config.seniority)
+    view = np.arange(len(primary))[:, None]
+    chosen = np.where(present[view, primary] & (primary != NONE)[..., None], primary[..., None], NONE)
+    # A fragment, or a double, lends what the person lacks in this view, unless it lies elsewhere.
+    for v, d in np.argwhere(owner != NONE):
+        person = owner[v, d]
+        if d != primary[v, person]:
+            lent = present[v, d] & (chosen[v, person] == NONE) & ~(closeness[v, person, d] <= 0)
+            chosen[v, person, lent] = d
+    return chosen.swapaxes(0, 1), owner == NONE
+
+
+def _match(seen: Seen, frame: int, free: np.ndarray, colours: np.ndarray, compared: slice | list[int]) -> np.ndarray:
+    """Groups (G, V, J) of free detections (V, D) that are of one person, by rays and colours (V, D, 3)."""
+    config, confidence = seen.config, seen.confidence[frame]
+    present = ~np.isnan(confidence)
+    view, detection = np.nonzero(free & (present.sum(-1) >= _FEWEST) & present[..., compared].any(-1))
+    joints = confidence.shape[-1]
+    if len(np.unique(view)) < 2:
+        return np.empty((0, len(confidence), joints), int)
+    rays = seen.rig.rays(seen.xy[frame][None])[0, view, detection][:, compared]
+    sure = confidence[view, detection][:, compared]
+    distances = ray_distances(seen.rig.centers[view], rays)
+    alike = affinity(distances, np.sqrt(sure[:, None] * sure[None]), config.half_ray)
+    off = colours[view, detection][:, None] - colours[view, detection][None]
+    looks = 1 / (1 + (off**2).sum(-1) / config.half_colour**2)
+    alike = np.where(np.isnan(looks), alike, alike + config.colour_weight * (looks - alike))
+    found = cluster(alike, view, config.th_a)
+    groups = np.full((len(found), len(confidence), joints), NONE)
+    for group, members in zip(groups, found, strict=True):
+        for v, d in zip(view[members], detection[members], strict=True):
+            group[v] = np.where(present[v, d], d, NONE)
+    return groups
+
+
+def _plausible(xyz: np.ndarray, groups: np.ndarray, bones: np.ndarray, least: int) -> np.ndarray:
+    """(G,) True where enough joints (G, J, 3) agree, most of those seen by two, and no bone is too long for a body."""
+    known = (~np.isnan(xyz[..., 0])).sum(-1)
+    shared = ((groups != NONE).sum(1) >= 2).sum(-1)
+    length = np.linalg.norm(xyz[:, bones[:, 0]] - xyz[:, bones[:, 1]], axis=-1)
+    return (known >= least) & (2 * known >= shared) & ~(length > _LONGEST_BONE).any(-1)
+
+
+def _recognise(new: np.ndarray, people: _People, lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of new people (G, J, 3): who (G,) among the lost they are, or `NONE`; and which (G,) are really new."""
+    gap = np.full((len(new), len(lost)), np.inf)
+    for g, t in np.ndindex(gap.shape):
+        off = np.linalg.norm(new[g] - people.xyz[t], axis=-1)
+        if not np.isnan(off).all():
+            gap[g, t] = np.nanmedian(off)
+    twin = (gap[:, ~lost] < _TWIN).any(-1)
+    allowed = lost & ~twin[:, None] & (gap < _REACH + _PACE * people.lost)
+    person = np.full(len(new), NONE)
+    for g, t in zip(*linear_sum_assignment(np.where(allowed, gap, 1e6)), strict=True):
+        if allowed[g, t]:
+            person[g] = t
+    return person, ~twin & (person == NONE)

@@ -1,0 +1,87 @@
+"""What `dmae.evaluate` found, as tables: for a terminal, a pipe, or a report."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import rich.table
+from rich.box import SIMPLE
+from rich.console import Console
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells are written as they are; format numbers first."""
+
+    caption: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def tables(scores: dict) -> list[Table]:
+    """PCP, errors, and errors by length of gap; a row for each method and number of views.
+
+    Narrow enough, at up to four persons, for a terminal of 80 columns.
+
+    Args:
+        scores: What `dmae.evaluate.evaluate` returned, or what was read back from its JSON.
+    """
+    means = [result["mean"] for result in scores["results"]]
+    firsts = [(result["method"], str(result["views"])) for result in scores["results"]]
+    worst = [result["worst"]["pcp"] for result in scores["results"]]
+    persons = [f"person {person}" for person in range(len(means[0].get("pcp_persons", ())))]
+    return [
+        Table(
+            f"Strict PCP on {scores['skeleton']}, %",
+            ("method", "views", "mean", "worst", *persons),
+            [
+                (*first, *map(_text, (mean["pcp"], low, *mean.get("pcp_persons", ()))))
+                for first, mean, low in zip(firsts, means, worst, strict=True)
+            ],
+        ),
+        Table(
+            "PCK@0.2 and joints, %; MPJPE, mm",
+            ("method", "views", "recall", "precision", "completed", "absent", "MPJPE", "seen", "hidden", "switches"),
+            [(*first, *map(_text, _errors(mean))) for first, mean in zip(firsts, means, strict=True)],
+        ),
+        Table(
+            "MPJPE, mm (and share filled) of joints hidden for so many frames",
+            ("method", "views", *(gap["frames"] for gap in means[0]["gaps"])),
+            [(*first, *map(_gap, mean["gaps"])) for first, mean in zip(firsts, means, strict=True)],
+        ),
+    ]
+
+
+def _errors(mean: dict) -> list[float | None]:
+    kinds = mean["mpjpe"]
+    return [
+        mean["pck"]["recall"],
+        mean["pck"]["precision"],
+        mean["shares"]["completed"],
+        mean["shares"]["absent"],
+        kinds["all"],
+        kinds["measured"] if kinds["denoised"] is None else kinds["denoised"],
+        mean["hidden"]["mpjpe"],
+        mean["identity_switches"],
+    ]
+
+
+def _gap(gap: dict) -> str:
+    return f"{_text(gap['mpjpe'])} ({gap['filled'] / gap['hidden']:.0%})" if gap["hidden"] else "-"
+
+
+def _text(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
+def print_tables(tables: Sequence[Table]) -> None:
+    """Print tables; in a pipe as plain text, every cell in full."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=1000)
+    for table in tables:
+        drawn = rich.table.Table(title=table.caption, title_justify="left", box=SIMPLE, padding=0)
+        for column, heading in enumerate(table.header):
+            drawn.add_column(heading, justify="right" if column else "left", no_wrap=True)
+        for row in table.rows:
+            drawn.add_row(*row)
+        console.print(drawn)

@@ -1,0 +1,48 @@
+"""How fast capture is, beside what it cannot do without."""
+
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from dmae.capture import CaptureConfig, capture
+from dmae.formats.shelf import read_shelf
+from dmae.triangulate import Noise, triangulate
+
+from ..dmae.examples import looking_at_origin
+
+pytestmark = pytest.mark.bench
+
+
+def seconds(function, times=3):
+    """The shortest of some runs."""
+    spent = []
+    for _ in range(times):
+        start = time.perf_counter()
+        function()
+        spent.append(time.perf_counter() - start)
+    return min(spent)
+
+
+def test_capture_of_shelf(data_folder):
+    start = time.perf_counter()
+    clip = read_shelf(data_folder / "shelf")
+    reading = time.perf_counter() - start
+    whole = seconds(lambda: capture(clip, CaptureConfig()))
+    total = reading + whole
+    print(f"\nShelf, 5 views: {len(clip) / total:.0f} frames/s, of the time {reading / total:.0%} reading and assembly")
+
+
+def test_triangulation_beside_opencv():
+    """Five views, robust, with covariance, against OpenCV's linear solution from two."""
+    rng = np.random.default_rng(0)
+    rig = looking_at_origin(5)
+    xyz = rng.normal(0, 0.5, (20_000, 3)) + (0, 0, 1)
+    xy = rig.project(xyz)[0] + rng.normal(0, 1, (20_000, 5, 2))
+    ours = seconds(lambda: triangulate(rig, xy, np.ones((20_000, 5)), Noise()))
+    first, second = xy[:, 0].T.copy(), xy[:, 1].T.copy()
+    theirs = seconds(lambda: cv2.triangulatePoints(*rig.projections[:2], first, second))
+    print(
+        f"\n5 views, robust: {ours * 1e6 / 20_000:.1f} us a point, {ours / theirs:.1f} x OpenCV's linear one of 2 views"
+    )

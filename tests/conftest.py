@@ -1,0 +1,15 @@
+"""Fixtures shared by all tests."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The folder of real recordings, named by the environment variable DMAE_DATA."""
+    folder = os.environ.get("DMAE_DATA")
+    if not folder:
+        pytest.skip("needs real recordings: set DMAE_DATA to the folder that holds cmu/, shelf/ and pose2sim/")
+    return Path(folder)

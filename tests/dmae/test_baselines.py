@@ -1,0 +1,246 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from dmae.baselines import (
+    LONGEST_ABSENCE,
+    LONGEST_HOLD,
+    METHODS,
+    fill_bodyframe,
+    fill_hold,
+    fill_linear,
+    fill_pchip,
+    present,
+    smooth,
+)
+from dmae.clip import Poses3D, Source
+from dmae.skeleton import BODY25, COCO17, SHELF14, get_skeleton
+
+from .examples import t_pose, walkers
+
+FPS = 25.0
+FILLING = [method for name, method in METHODS.items() if name != "measured"]
+
+
+def without(poses: Poses3D, frames, persons, joints) -> Poses3D:
+    """The poses with some joints of some persons absent in some frames."""
+    xyz = poses.xyz.copy()
+    which = (frames, persons, joints)
+    index = (np.atleast_1d(np.arange(length)[chosen]) for length, chosen in zip(xyz.shape, which, strict=False))
+    xyz[np.ix_(*index)] = np.nan
+    return Poses3D(poses.skeleton, xyz)
+
+
+def turning(frames: int = 60, skeleton=BODY25) -> Poses3D:
+    """A rigid T-pose that turns once about the vertical while its root speeds up along a curve."""
+    time = np.arange(frames) / FPS
+    R = Rotation.from_rotvec(np.outer(2 * np.pi * np.arange(frames) / frames, (0, 0, 1))).as_matrix()
+    path = np.stack([time**2, np.sin(time), 0 * time], -1)
+    return Poses3D(skeleton, (np.einsum("fij,kj->fki", R, t_pose(skeleton)) + path[:, None])[:, None])
+
+
+def test_linear_motion_is_filled_exactly():
+    truth = walkers(frames=40)
+    wrist = BODY25.index("l_wrist")[0]
+    holed = without(truth, slice(5, 30), 0, wrist)
+    for method in (fill_linear, fill_pchip):
+        filled = method(holed, FPS)
+        np.testing.assert_allclose(filled.xyz, truth.xyz, atol=1e-5)
+        assert (filled.source[5:30, 0, wrist] == Source.COMPLETED).all()
+        assert (filled.source == Source.COMPLETED).sum() == 25
+
+
+@pytest.mark.parametrize("method", FILLING)
+def test_what_is_filled_says_so_and_what_was_there_stays(method):
+    truth = replace(walkers(frames=40), views=np.full((40, 2, 25), 3), cov=np.tile(np.eye(3), (40, 2, 25, 1, 1)))
+    rng = np.random.default_rng(0)
+    xyz, views, cov = truth.xyz.copy(), truth.views.copy(), truth.cov.copy()
+    hidden = rng.random(xyz.shape[:3]) < 0.3
+    xyz[hidden], views[hidden], cov[hidden] = np.nan, 0, np.nan
+    holed = Poses3D(BODY25, xyz, cov=cov, views=views)
+    filled = method(holed, FPS)
+    np.testing.assert_array_equal(filled.xyz[~hidden], truth.xyz[~hidden])
+    assert (filled.source[~hidden] == Source.MEASURED).all()
+    assert (filled.source[hidden] == Source.COMPLETED).all()
+    assert (filled.views[hidden] == 0).all()
+    assert np.isnan(filled.cov[hidden]).all()
+    assert (filled.measured == ~hidden).all()
+
+
+@pytest.mark.parametrize("method", FILLING)
+def test_what_is_hidden_cannot_change_the_answer_elsewhere(method):
+    """Persons are filled each for themselves."""
+    holed = without(turning(), slice(20, 30), 0, BODY25.index("l_wrist"))
+    other = walkers(frames=60, persons=1)
+    both = Poses3D(BODY25, np.concatenate([holed.xyz, other.xyz], 1))
+    np.testing.assert_array_equal(method(both, FPS).xyz[:, :1], method(holed, FPS).xyz)
+
+
+@pytest.mark.parametrize("method", FILLING)
+def test_nobody_and_nothing_are_no_problem(method):
+    assert method(Poses3D(BODY25, np.empty((9, 0, 25, 3))), FPS).xyz.shape == (9, 0, 25, 3)
+    never = Poses3D(BODY25, np.full((9, 2, 25, 3), np.nan))
+    assert (method(never, FPS).source == Source.ABSENT).all()
+    single = without(walkers(frames=9), np.arange(9) != 4, slice(None), slice(None))
+    assert (method(single, FPS).source[4] == Source.MEASURED).all()
+
+
+@pytest.mark.parametrize("method", FILLING)
+def test_a_person_who_left_is_not_invented(method):
+    longest = round(LONGEST_ABSENCE * FPS)
+    truth = walkers(frames=3 * longest)
+    stays = without(truth, slice(5, 5 + longest), 0, slice(None))
+    assert (method(stays, FPS).source != Source.ABSENT).all()
+    leaves = without(truth, slice(5, 6 + longest), 0, slice(None))
+    filled = method(leaves, FPS)
+    assert (filled.source[5 : 6 + longest, 0] == Source.ABSENT).all()
+    assert (filled.source[:, 1] == Source.MEASURED).all()
+
+
+@pytest.mark.parametrize("method", FILLING)
+def test_before_the_first_and_after_the_last_measurement_little_is_held(method):
+    hold = round(LONGEST_HOLD * FPS - 0.5)
+    wrist = BODY25.index("l_wrist")[0]
+    holed = without(walkers(frames=100), np.r_[0:40, 60:100], 0, wrist)
+    source = method(holed, FPS).source[:, 0, wrist]
+    known = np.flatnonzero(source)
+    assert (known[0], known[-1]) == (40 - hold, 59 + hold)
+    assert (source[40:60] == Source.MEASURED).all()
+    # Nobody is there before the first or after the last sighting.
+    late = without(walkers(frames=100), np.r_[0:40, 60:100], 0, slice(None))
+    assert (method(late, FPS).source[np.r_[0:40, 60:100], 0] == Source.ABSENT).all()
+
+
+def test_a_joint_never_measured_stays_absent():
+    holed = without(walkers(frames=20), slice(None), 0, BODY25.index("nose"))
+    for method in FILLING:
+        assert (method(holed, FPS).source[:, 0, 0] == Source.ABSENT).all()
+
+
+def test_hold_holds():
+    truth = walkers(frames=40)
+    filled = fill_hold(without(truth, slice(10, 15), 0, slice(None)), FPS)
+    np.testing.assert_array_equal(filled.xyz[10:15, 0], np.broadcast_to(truth.xyz[9, 0], (5, 25, 3)))
+
+
+HIDDEN = [
+    ("l_wrist",),
+    ("l_shoulder", "l_elbow", "l_wrist"),
+    ("nose", "r_ear", "r_eye"),
+    ("mid_hip",),
+    ("bottom_head", "top_head"),
+    ("l_hip", "r_hip", "l_knee", "r_knee", "mid_hip"),
+    ("neck", "l_shoulder", "r_shoulder", "l_elbow"),
+]
+
+
+@pytest.mark.parametrize(
+    ("skeleton", "hide"),
+    [
+        (skeleton, [joint for joint in hide if joint in skeleton.joints])
+        for skeleton in (BODY25, SHELF14, COCO17)
+        for hide in HIDDEN
+        if set(hide) & set(skeleton.joints)
+    ],
+)
+def test_bodyframe_fills_rigid_motion_exactly(skeleton, hide):
+    """However the body turns and speeds up; the world's straight lines are decimetres off."""
+    truth = turning(skeleton=skeleton)
+    holed = without(truth, slice(15, 45), 0, skeleton.index(*hide))
+    np.testing.assert_allclose(fill_bodyframe(holed, FPS).xyz, truth.xyz, atol=1e-4)
+    assert np.abs(fill_linear(holed, FPS).xyz - truth.xyz).max() > 0.1
+
+
+def test_bodyframe_works_on_a_fused_skeleton():
+    skeleton = get_skeleton("body25+shelf14")
+    truth = turning()
+    xyz = np.concatenate([truth.xyz, turning(skeleton=SHELF14).xyz], 2)
+    hide = skeleton.index("body25.l_wrist", "shelf14.l_wrist")
+    holed = without(Poses3D(skeleton, xyz), slice(15, 45), 0, hide)
+    np.testing.assert_allclose(fill_bodyframe(holed, FPS).xyz, xyz, atol=1e-4)
+
+
+def test_bodyframe_without_the_whole_torso_follows_its_root_through_the_world():
+    """Walking straight, all of the body hidden: everything moves with the interpolated root."""
+    truth = walkers(frames=40)
+    filled = fill_bodyframe(without(truth, slice(10, 25), 0, slice(None)), FPS)
+    np.testing.assert_allclose(filled.xyz, truth.xyz, atol=1e-5)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_filling_does_not_depend_on_where_the_world_is_or_faces(seed):
+    """Not so cubics in the world: monotone in x and y is not monotone in turned x and y."""
+    rng = np.random.default_rng(seed)
+    xyz = turning().xyz.astype(float)
+    hidden = rng.random(xyz.shape[:3]) < 0.4
+    hidden[:, :, BODY25.index("neck")] = False
+    xyz[hidden] = np.nan
+    R = Rotation.from_rotvec((0, 0, rng.uniform(-np.pi, np.pi))).as_matrix()
+    away = rng.normal(size=3)
+    for method in (fill_hold, fill_linear, fill_bodyframe):
+        here, there = method(Poses3D(BODY25, xyz), FPS), method(Poses3D(BODY25, xyz @ R.T + away), FPS)
+        np.testing.assert_array_equal(here.source, there.source)
+        np.testing.assert_allclose(here.xyz @ R.T + away, there.xyz, atol=1e-4)
+
+
+def test_filling_reversed_is_filling():
+    """All but hold look both ways alike."""
+    rng = np.random.default_rng(1)
+    xyz = turning().xyz.copy()
+    xyz[rng.random(xyz.shape[:3]) < 0.4] = np.nan
+    for method in (fill_linear, fill_pchip, fill_bodyframe):
+        forth, back = method(Poses3D(BODY25, xyz), FPS), method(Poses3D(BODY25, xyz[::-1]), FPS)
+        np.testing.assert_allclose(forth.xyz, back.xyz[::-1], atol=1e-5)
+
+
+def test_present_is_between_sightings():
+    poses = without(walkers(frames=100), np.r_[0:10, 20:30, 40:70, 90:100], 0, slice(None))
+    there = present(poses, FPS)
+    assert np.flatnonzero(there[:, 0]).tolist() == [*range(10, 40), *range(70, 90)]
+    assert there[:, 1].all()
+
+
+class TestSmooth:
+    def test_constant_acceleration_passes_unchanged(self):
+        time = np.arange(60)[:, None, None, None] / FPS
+        xyz = t_pose()[None, None] + time * (1, 0.5, 0) + time**2 * (2, -3, 9.81)
+        xyz[20:24, :, 5] = np.nan
+        found = smooth(Poses3D(BODY25, xyz), FPS, 0.1)
+        np.testing.assert_allclose(found.xyz, xyz, atol=1e-4)
+
+    def test_noise_becomes_less_and_delay_is_none(self):
+        rng = np.random.default_rng(0)
+        time = np.arange(200)[:, None, None, None] / FPS
+        truth = t_pose()[None, None] + 0.3 * np.sin(2 * np.pi * 0.5 * time)
+        noisy = truth + rng.normal(0, 0.02, truth.shape)
+        found = smooth(Poses3D(BODY25, noisy), FPS, 0.1)
+        # A local parabola with a Gaussian of 2.5 frames leaves a standard deviation of about 0.41 of white noise.
+        assert (found.xyz - truth).std() < 0.5 * 0.02
+        # A delay of one frame would leave 0.3 pi / 25 / sqrt(2) = 27 mm in every joint alike.
+        assert np.sqrt(((found.xyz - truth).mean((1, 2)) ** 2).mean()) < 0.003
+
+    def test_source_says_what_was_moved(self):
+        source = np.full((10, 1, 25), Source.MEASURED)
+        source[3], source[4] = Source.COMPLETED, Source.DENOISED
+        xyz = walkers(10, 1).xyz.copy()
+        source[5], xyz[5] = Source.ABSENT, np.nan
+        found = smooth(Poses3D(BODY25, xyz, source), FPS, 0.1).source
+        assert (found[3] == Source.COMPLETED).all()
+        assert (found[5] == Source.ABSENT).all()
+        assert (np.delete(found, (3, 5), 0) == Source.DENOISED).all()
+
+    def test_samples_alone_stay_where_they_are(self):
+        alone = without(walkers(frames=60), np.arange(60) % 30 != 7, slice(None), slice(None))
+        np.testing.assert_allclose(smooth(alone, FPS, 0.1).xyz, alone.xyz, atol=1e-5)
+
+    def test_no_time_is_no_smoothing(self):
+        poses = walkers()
+        assert smooth(poses, FPS, 0) is poses
+
+    def test_nobody_is_no_problem(self):
+        assert smooth(Poses3D(BODY25, np.empty((9, 0, 25, 3))), FPS, 0.1).xyz.shape == (9, 0, 25, 3)

@@ -1,0 +1,99 @@
+"""The commands as users type them."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from dmae.formats.npz import read_npz
+from dmae.store import load_clip, save_clip, write_manifest
+
+from .examples import full_clip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A working directory that holds a clip and a data set of two clips."""
+    folder = tmp_path_factory.mktemp("work")
+    save_clip(full_clip(frames=20), folder / "one")
+    for name in ("a", "b"):
+        save_clip(full_clip(frames=20), folder / "set" / name)
+    write_manifest(folder / "set", [{"id": "a", "status": "ok"}, {"id": "b", "status": "ok"}])
+    return folder
+
+
+def dmae(folder, *arguments):
+    """Run `dmae` in a process of its own. Whatever the input, never a traceback."""
+    code = "from dmae.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], cwd=folder, capture_output=True, text=True, timeout=120
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
+def test_a_clip_is_captured_exported_scored_and_reported(folder):
+    done = dmae(folder, "capture", "data=one", "out=out")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip().endswith("frames/s")
+    captured = load_clip(folder / "out")
+    assert captured.poses.xyz.shape[:2] == (20, 2)
+    assert "dmae-synth" in (folder / "out/config.yaml").read_text()
+
+    done = dmae(folder, "export", "clip=out", "format=npz", "skeleton=shelf14", "out=out/pred.npz")
+    assert done.returncode == 0, done.stderr
+    poses, fps = read_npz(folder / "out/pred.npz")
+    assert poses.xyz.shape == (20, 2, 14, 3)
+    assert fps == 25
+
+    done = dmae(folder, "evaluate", "data=out", "methods=[measured,linear]", "views=[3]", "out=scores")
+    assert done.returncode == 0, done.stderr
+    results = json.loads((folder / "scores/scores.json").read_text())["results"]
+    assert [(result["method"], result["views"], len(result["runs"])) for result in results] == [
+        ("measured", 3, 4),
+        ("linear", 3, 4),
+    ]
+
+    done = dmae(folder, "report", "clip=out", "scores=[scores]", "out=page/report.html")
+    assert done.returncode == 0, done.stderr
+    assert "Strict PCP" in (folder / "page/report.html").read_text()
+
+
+def test_a_data_set_is_captured_clip_by_clip_with_the_cameras_asked_for(folder):
+    done = dmae(folder, "capture", "data=set", "data.cameras=[0,2]", "fill=linear", "out=both")
+    assert done.returncode == 0, done.stderr
+    assert [load_clip(folder / "both" / name).rig.names for name in "ab"] == [("cam0", "cam2")] * 2
+
+
+def test_a_sweep_gives_every_job_a_folder(folder):
+    done = dmae(folder, "capture", "-m", "data=one", "capture.th_v=2,3", "out=sweep")
+    assert done.returncode == 0, done.stderr
+    views = [load_clip(folder / "sweep" / job).poses.views for job in "01"]
+    assert views[1][views[1] > 0].min() == 3
+    assert not np.array_equal(*views)
+    assert "th_v: 3" in (folder / "sweep/1/config.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["film"], "no command 'film'; there are capture"),
+        (["capture", "data=clip", "data.path=nowhere", "out=bad"], "nowhere"),
+        (["capture", "data=one", "cpture.th_v=3", "out=bad"], "cpture"),
+        (["capture", "data=one", "capture.th_v=1", "out=bad"], "th_v=1"),
+        (["capture", "data=one", "data.cameras=[0,9]", "out=bad"], "data.cameras=[0, 9]"),
+        (["capture", "data=shelf", "data.path=one", "out=bad"], "one/calibration.json"),
+        (["export", "clip=one", "skeleton=lizard", "out=bad/x.npz"], "no skeleton 'lizard'; there are"),
+        (["export", "clip=one"], "out=..."),
+        (["complete", "clip=one", "weights=one", "out=bad"], "model.json"),
+        (["evaluate", "data=one", "methods=[magic]", "out=bad"], "no method 'magic'"),
+        (["report", "out=bad/report.html"], "nothing to report"),
+    ],
+)
+def test_bad_input_is_one_clear_error_and_leaves_nothing_behind(folder, arguments, said):
+    done = dmae(folder, *arguments)
+    assert done.returncode == 1
+    assert said in done.stderr
+    assert not (folder / "bad").exists()

@@ -1,0 +1,49 @@
+from dmae.baselines import fill_linear
+from dmae.clip import Poses3D
+from dmae.evaluate import score, summary
+from dmae.skeleton import SHELF14
+from dmae.tables import Table, print_tables, tables
+
+from .examples import walkers
+
+
+def scores() -> dict:
+    """Four walkers, one of whom lacks a wrist in four frames of twenty; measured, and filled by a straight line."""
+    truth = walkers(20, 4, SHELF14)
+    xyz = truth.xyz.copy()
+    xyz[8:12, 0, SHELF14.index("l_wrist")] = float("nan")
+    captured = Poses3D(SHELF14, xyz)
+    results = []
+    for name, poses in (("measured", captured), ("linear", fill_linear(captured, 25.0))):
+        runs = [{"clip": "a", "cameras": [0, 1], **score(poses, captured, truth)}]
+        results.append({"method": name, "views": 2, **summary(runs)})
+    return {"skeleton": "shelf14", "results": results}
+
+
+def test_numbers_stand_where_their_headings_are():
+    pcp, errors, gaps = tables(scores())
+    assert dict(zip(pcp.header, pcp.rows[0], strict=True)) == {
+        "method": "measured", "views": "2", "mean": "99.5", "worst": "99.5",
+        "person 0": "98.0", "person 1": "100.0", "person 2": "100.0", "person 3": "100.0",
+    }  # fmt: skip
+    assert dict(zip(errors.header, errors.rows[1], strict=True)) == {
+        "method": "linear", "views": "2", "recall": "100.0", "precision": "100.0", "completed": "0.4",
+        "absent": "0.0", "MPJPE": "0.0", "seen": "0.0", "hidden": "0.0", "switches": "0.0",
+    }  # fmt: skip
+    assert gaps.header == ("method", "views", "1-5", "6-15", "16-40", ">40")
+    assert gaps.rows == [("measured", "2", "- (0%)", "-", "-", "-"), ("linear", "2", "0.0 (100%)", "-", "-", "-")]
+
+
+def test_four_persons_fit_eighty_columns(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    print_tables(tables(scores()))
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= 80
+    assert "…" not in printed
+
+
+def test_a_pipe_gets_every_cell_in_full(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "20")
+    wide = Table("wide", ("method", *(f"column {i}" for i in range(30))), [["x", *["1234.5"] * 30]])
+    print_tables([wide])
+    assert capsys.readouterr().out.count("1234.5") == 30
