@@ -36,7 +36,7 @@ class CaptureConfig:
     half_colour: float = 20.0
     """Difference of colour at which the affinity of looks is 1/2, CIELAB units."""
     colour_weight: float = 0.3
-    """Share of looks in the affinity of two detections, where the clip has images."""
+    """Share of looks in the affinity of two detections, where the clip has images; 0: the images are not read."""
     th_a: float = 0.5
     """Least affinity of detections of one person."""
     birth_joints: int = 4

@@ -17,9 +17,9 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from dmae.baselines import METHODS
+from dmae.baselines import METHODS, smooth
 from dmae.capture import CaptureConfig, capture
-from dmae.clip import Poses3D
+from dmae.clip import Poses3D, Source
 from dmae.data import DataConfig, is_data_set, load
 from dmae.evaluate import EvaluateConfig, evaluate
 from dmae.formats.npz import export_npz
@@ -129,6 +129,8 @@ class CaptureCommand:
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     fill: Fill = Fill.none
     """What is filled is marked completed in `source`."""
+    smooth: float = 0.0
+    """Light smoothing after that, s (0.1 suits people); what it moves is marked denoised."""
     out: str = "runs/capture"
 
 
@@ -142,6 +144,7 @@ def run_capture(config: CaptureCommand, out: Path) -> None:
         frames += len(clip)
         if config.fill != Fill.none:
             poses = METHODS[config.fill](poses, clip.fps)
+        poses = smooth(poses, clip.fps, config.smooth)
         save_clip(replace(clip, poses=poses), out / folder.name if several else out)
         manifest.append({"id": folder.name, "status": "ok", "persons": poses.xyz.shape[1]})
         print(f"{clip.id}: {len(clip)} frames, {poses.xyz.shape[1]} persons, {_shares(poses)}")
@@ -152,13 +155,11 @@ def run_capture(config: CaptureCommand, out: Path) -> None:
 
 def _shares(poses: Poses3D) -> str:
     """How much of the persons' joints, while a person is there at all, was measured and how much invented."""
-    there = (poses.source > 0).any(-1)
-    known = poses.source[there]
+    known = poses.source[(poses.source != Source.ABSENT).any(-1)]
     if not known.size:
         return "nobody captured"
-    measured = poses.measured[there].mean()
-    absent = (known == 0).mean()
-    return f"joints {measured:.1%} measured, {1 - measured - absent:.1%} completed, {absent:.1%} absent"
+    completed, absent = (known == Source.COMPLETED).mean(), (known == Source.ABSENT).mean()
+    return f"joints {1 - completed - absent:.1%} measured, {completed:.1%} completed, {absent:.1%} absent"
 
 
 @dataclass(frozen=True)

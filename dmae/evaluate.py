@@ -64,7 +64,10 @@ def evaluate(config: EvaluateConfig) -> dict:
         for name, method in methods.items():
             entry = {"clip": clip.id, "cameras": cameras}
             actors = PUBLISHED_ACTORS if clip.provenance.get("format") == Format.shelf else None
-            entry |= score(method(captured, clip.fps), captured, truth, actors)
+            poses = convert(method(captured, clip.fps), truth.skeleton)
+            if name != "measured":
+                poses = smooth(poses, clip.fps, config.smooth)
+            entry |= score(poses, captured, truth, actors)
             runs.setdefault((name, len(cameras)), []).append(entry)
     results = [{"method": name, "views": views, **summary(entries)} for (name, views), entries in runs.items()]
     recording = clip.id if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
@@ -88,11 +91,7 @@ def _subsets(clip: Clip, sizes: list[int]) -> list[list[int]]:
 
 
 def _methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
-    """The methods asked for, with smoothing."""
-
-    def smoothed(method):
-        return lambda poses, fps: smooth(method(poses, fps), fps, config.smooth)
-
+    """The methods asked for."""
     if not config.methods:
         raise ValueError(f"methods=[]: expected some of {[*METHODS, 'dmae']}")
     methods = {}
@@ -102,11 +101,11 @@ def _methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Pos
                 raise ValueError("method 'dmae' needs weights: weights=<folder that dmae train wrote>")
             from dmae.complete import load_completer
 
-            methods[name] = smoothed(load_completer(Path(config.weights)))
+            methods[name] = load_completer(Path(config.weights))
         elif name not in METHODS:
             raise KeyError(f"no method {name!r}; there are {[*METHODS, 'dmae']}")
         else:
-            methods[name] = METHODS[name] if name == "measured" else smoothed(METHODS[name])
+            methods[name] = METHODS[name]
     return methods
 
 

@@ -14,6 +14,7 @@ from dmae.associate import NONE, affinity, cluster, propagate, ray_distances
 from dmae.cameras import CameraRig
 from dmae.clip import Clip
 from dmae.progress import progress
+from dmae.skeleton import Skeleton
 from dmae.triangulate import Points, triangulate
 
 if TYPE_CHECKING:
@@ -162,22 +163,22 @@ def identify(seen: Seen, clip: Clip, config: CaptureConfig) -> tuple[np.ndarray,
     frames, views, _, joints = seen.confidence.shape
     has_colour = config.colour_weight > 0 and clip.images is not None and "rgb" in clip.images.kinds
     colours = appearance(clip) if has_colour else np.full((*seen.confidence.shape[:3], 3), np.nan)
-    hips = [joint for joint in ("mid_hip", "l_hip", "r_hip") if joint in clip.detections.skeleton.joints]
-    hips = clip.detections.skeleton.index(*(hips[:1] if "mid_hip" in hips else hips))
-    compared = slice(None) if config.matching == Joints.all else hips
+    compared = _compared(clip.detections.skeleton, config.matching)
     bones = np.array(clip.detections.skeleton.bones).reshape(-1, 2)
 
     dt = 1 / clip.fps
     people, everybody, history = _People.born(0, np.empty((0, joints, 3))), 0, []
     for frame in progress(range(frames), "finding people"):
         people = people.predicted(dt)
-        chosen, free = _propagate(seen, frame, people)
+        chosen, owner = _propagate(seen, frame, people)
         xyz = seen.triangulate(frame, chosen).xyz
-        xyz[(~np.isnan(xyz[..., 0])).sum(-1) < _FEWEST] = np.nan
+        sound = _plausible(xyz, chosen, bones, _FEWEST, config.th_v)
+        xyz[~sound] = np.nan
+        free = (owner == NONE) | ~np.append(sound, False)[owner]
         groups = _match(seen, frame, free, colours[frame], compared)
         if len(groups):
             new = seen.triangulate(frame, groups).xyz
-            sound = _plausible(new, groups, bones, config.birth_joints)
+            sound = _plausible(new, groups, bones, config.birth_joints, config.th_v)
             groups, new = groups[sound], new[sound]
             person, born = _recognise(new, people, np.isnan(xyz[..., 0]).all(-1))
             back = person != NONE
@@ -198,8 +199,14 @@ def identify(seen: Seen, clip: Clip, config: CaptureConfig) -> tuple[np.ndarray,
     return all_chosen, all_xyz
 
 
+def _compared(skeleton: Skeleton, joints: Joints) -> list[int]:
+    if joints == Joints.all:
+        return list(range(len(skeleton)))
+    return skeleton.index("mid_hip") if "mid_hip" in skeleton.joints else skeleton.index("l_hip", "r_hip")
+
+
 def _propagate(seen: Seen, frame: int, people: _People) -> tuple[np.ndarray, np.ndarray]:
-    """Detections (T, V, J) chosen for people, and which detections (V, D) are nobody's."""
+    """Detections (T, V, J) chosen for people, and whose each detection is: (V, D) index of people or `NONE`."""
     config, confidence = seen.config, seen.confidence[frame]
     present = ~np.isnan(confidence)
     distance = seen.distance(slice(frame, frame + 1), people.xyz[None], config.th_d_unit)[0]
@@ -213,10 +220,10 @@ def _propagate(seen: Seen, frame: int, people: _People) -> tuple[np.ndarray, np.
         if d != primary[v, person]:
             lent = present[v, d] & (chosen[v, person] == NONE) & ~(closeness[v, person, d] <= 0)
             chosen[v, person, lent] = d
-    return chosen.swapaxes(0, 1), owner == NONE
+    return chosen.swapaxes(0, 1), owner
 
 
-def _match(seen: Seen, frame: int, free: np.ndarray, colours: np.ndarray, compared: slice | list[int]) -> np.ndarray:
+def _match(seen: Seen, frame: int, free: np.ndarray, colours: np.ndarray, compared: list[int]) -> np.ndarray:
     """Groups (G, V, J) of free detections (V, D) that are of one person, by rays and colours (V, D, 3)."""
     config, confidence = seen.config, seen.confidence[frame]
     present = ~np.isnan(confidence)
@@ -239,12 +246,16 @@ def _match(seen: Seen, frame: int, free: np.ndarray, colours: np.ndarray, compar
     return groups
 
 
-def _plausible(xyz: np.ndarray, groups: np.ndarray, bones: np.ndarray, least: int) -> np.ndarray:
-    """(G,) True where enough joints (G, J, 3) agree, most of those seen by two, and no bone is too long for a body."""
+def _plausible(xyz: np.ndarray, chosen: np.ndarray, bones: np.ndarray, least: int, views: int) -> np.ndarray:
+    """(T,) True where chosen detections (T, V, J) are of one person, by the joints (T, J, 3) made of them.
+
+    At least so many joints are known, and half of those detected in so many views: in those of two people
+    hardly any two rays meet. No bone is too long for a body.
+    """
     known = (~np.isnan(xyz[..., 0])).sum(-1)
-    shared = ((groups != NONE).sum(1) >= 2).sum(-1)
+    detected = ((chosen != NONE).sum(1) >= views).sum(-1)
     length = np.linalg.norm(xyz[:, bones[:, 0]] - xyz[:, bones[:, 1]], axis=-1)
-    return (known >= least) & (2 * known >= shared) & ~(length > _LONGEST_BONE).any(-1)
+    return (known >= least) & (2 * known >= detected) & ~(length > _LONGEST_BONE).any(-1)
 
 
 def _recognise(new: np.ndarray, people: _People, lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

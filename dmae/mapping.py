@@ -95,14 +95,22 @@ def head_ends(poses: Poses3D) -> tuple[np.ndarray, np.ndarray]:
     shoulders (a head turns less than 90 degrees from them). Where a single ear is known, the centre of
     the ears lies half a head from it along that line; where none is, the nose, or else an eye, is taken
     back by its average distance from the ears. Without both shoulders, or with nothing of the face, the
-    head is absent.
+    head is absent. Joints that were completed serve only where the measured ones do not suffice: a face
+    made of what is seen of it is nearer the truth than one made of interpolated ears.
 
     Returns:
         ends: (F, P, 2, 3) m, bottom and top, NaN where underdetermined.
         used: (F, P, J) True for the joints they were made of.
     """
-    skeleton = poses.skeleton
     xyz = poses.xyz.astype(np.float64)
+    ends, used = _head_ends(np.where(poses.measured[..., None], xyz, np.nan), poses.skeleton)
+    lacking = np.isnan(ends).any((2, 3))
+    ends[lacking], used[lacking] = (part[lacking] for part in _head_ends(xyz, poses.skeleton))
+    return ends, used
+
+
+def _head_ends(xyz: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+    """`head_ends` of joints (F, P, J, 3)."""
     nowhere = np.full((*xyz.shape[:2], 3), np.nan)
     at = {
         name: xyz[:, :, skeleton.index(name)[0]] if name in skeleton.joints else nowhere

@@ -5,15 +5,17 @@ from functools import cache
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
 from dmae.appearance import appearance
 from dmae.baselines import fill_linear, smooth
 from dmae.capture import CaptureConfig, capture
 from dmae.clip import Clip, Detections2D, Poses3D, Source
-from dmae.identify import Joints, Unit
+from dmae.identify import Joints
 from dmae.images import Images, write_video
 from dmae.mapping import convert
 from dmae.metrics import correct_limbs, match, percent, take_matched
+from dmae.resources import resource_folder
 from dmae.skeleton import BODY25, SHELF14
 
 from .examples import looking_at_origin, t_pose
@@ -21,10 +23,7 @@ from .examples import looking_at_origin, t_pose
 FPS = 25.0
 FRAMES = 100
 DEFAULT = CaptureConfig()
-PAPER = CaptureConfig(
-    th_v=3, th_d=0.02, th_d_unit=Unit.diagonals, matching=Joints.mid_hip, th_a=0.25, birth_joints=1, inertia=0,
-    coast=0, rejoin=0, least_life=0, reach=0, prune=False,
-)  # fmt: skip
+PAPER = CaptureConfig(**OmegaConf.load(resource_folder("dmae", "configs") / "capture" / "paper.yaml"))
 
 
 def walk(start: tuple, end: tuple, scale: float = 1.0, heading: float = 0.0, frames: int = FRAMES) -> np.ndarray:

@@ -69,15 +69,27 @@ def test_coco_gets_a_neck_and_a_middle_of_the_hips():
 
 def test_a_derived_joint_is_as_weak_as_its_weakest_parent():
     source, views = np.full((1, 1, 25), Source.MEASURED), np.full((1, 1, 25), 4)
-    ear = BODY25.index("l_ear")
-    source[:, :, ear], views[:, :, ear] = Source.COMPLETED, 2
+    shoulder = BODY25.index("l_shoulder")
+    source[:, :, shoulder], views[:, :, shoulder] = Source.COMPLETED, 2
     shelf = convert(one(source=source, views=views), SHELF14)
     top, bottom, wrist = SHELF14.index("top_head", "bottom_head", "l_wrist")
     assert shelf.source[0, 0, [top, bottom, wrist]].tolist() == [Source.COMPLETED, Source.COMPLETED, Source.MEASURED]
     assert shelf.views[0, 0, [top, bottom, wrist]].tolist() == [2, 2, 4]
     # An eye that is not used does not weaken it.
-    source[:, :, ear], source[:, :, BODY25.index("l_eye")] = Source.DENOISED, Source.COMPLETED
+    source[:, :, shoulder], source[:, :, BODY25.index("l_eye")] = Source.DENOISED, Source.COMPLETED
     assert convert(one(source=source), SHELF14).source[0, 0, top] == Source.DENOISED
+
+
+def test_a_head_is_made_of_what_was_measured_of_it():
+    """A completed ear, far off, has no say while the other one was measured."""
+    xyz, source = t_pose()[None, None], np.full((1, 1, 25), Source.MEASURED)
+    ear = BODY25.index("l_ear")
+    xyz[:, :, ear] += 0.3
+    source[:, :, ear] = Source.COMPLETED
+    shelf = convert(Poses3D(BODY25, xyz, source), SHELF14)
+    head = SHELF14.index("bottom_head", "top_head")
+    np.testing.assert_allclose(shelf.xyz[0, 0, head], t_pose(SHELF14)[head], atol=1e-3)
+    assert (shelf.source[0, 0, head] == Source.MEASURED).all()
 
 
 @pytest.mark.parametrize(
