@@ -19,7 +19,7 @@ class Motion:
 
     The canonical pose, in which every rotation is the identity, is a T-pose: facing +x, left
     is +y, up is +z, arms straight out along +y and -y with palms down, feet flat and pointing
-    forward.
+    forward. From it elbows bend forward, as hinges about z, and knees backward, about y.
 
     Attributes:
         name: Source, for people to read: file stem and frame range, or the procedural recipe.

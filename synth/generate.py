@@ -1,0 +1,269 @@
+"""Data sets of clips: from a configuration, a seed and a number to a clip; many of them in parallel, resumably."""
+
+import json
+import platform
+import shutil
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from enum import Enum
+from importlib import metadata
+from pathlib import Path
+
+import cv2
+import mujoco
+import numpy as np
+import scipy
+from joblib import Parallel, delayed
+
+from dmae.clip import Clip, Poses3D, Visibility
+from dmae.images import KINDS
+from dmae.progress import progress
+from dmae.rng import Stream, generator
+from dmae.store import MANIFEST, load_clip, read_json, read_manifest, save_clip, write_atomic, write_manifest
+from synth.detect import DetectorConfig, detect
+from synth.motion.source import MotionConfig
+from synth.quality import FailedSimulation
+from synth.render import Quality, Renderer, find_backend, render_images
+from synth.rigs import RigConfig, make_rig
+from synth.simulate import simulate
+from synth.spec import SceneConfig, sample_spec
+from synth.visibility import joint_visibility
+
+CONFIG = "config.json"
+
+
+class ImageKinds(Enum):
+    """Which images are rendered."""
+
+    none = ()
+    rgb = ("rgb",)
+    all = KINDS
+
+
+@dataclass(frozen=True)
+class GenerateConfig:
+    """`synth generate`.
+
+    Attributes:
+        out: Folder of the data set.
+        seed: Of the whole data set; 0 is a seed.
+        clips: How many.
+        workers: Processes; -1 for one a core.
+        images: Which images are rendered beside the labels.
+        quality: How much is spent on an image.
+        retries: How often a clip that fails is begun anew, with another seed (`attempt_seed`).
+        scene, motion, rig, detector: What the clips are drawn from.
+    """
+
+    out: str = "runs/data"
+    seed: int = 0
+    clips: int = 8
+    workers: int = 1
+    images: ImageKinds = ImageKinds.none
+    quality: Quality = Quality.standard
+    retries: int = 5
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    rig: RigConfig = field(default_factory=RigConfig)
+    detector: DetectorConfig = field(default_factory=DetectorConfig)
+
+    def __post_init__(self):
+        for name, least in (("seed", 0), ("clips", 1), ("retries", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
+        if self.workers == 0:
+            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+
+
+_WHERE_AND_HOW_MANY = ("out", "clips", "workers")
+"""What may differ when a data set is continued."""
+
+
+def attempt_seed(seed: int, attempt: int) -> int:
+    """The seed in whose place a clip is drawn at an attempt: `seed` itself at attempt 0, a hash of both later."""
+    return int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0] >> 1) if attempt else seed
+
+
+def generate(config: GenerateConfig) -> list[dict]:
+    """Make a data set, or what is still missing of it, and its manifest.
+
+    Clips that are already there and whole are kept. Each appears under its name once it is complete, so that a run
+    may be broken off at any time and begun again.
+
+    Returns:
+        The manifest's lines, one a clip: `id`, `status` ("ok" or "failed"), `seed` it was drawn with, `attempts` it
+        took; and of those that are ok `frames`, `persons`, `quality` (`synth.quality.Quality`) and `occlusion`, the
+        share of the joints in each state of `Visibility`; of those that failed the `reason`.
+
+    Raises:
+        ValueError: the folder holds a data set of another configuration, or the configuration cannot be met.
+        FailedSimulation: not one clip could be made.
+    """
+    out = Path(config.out)
+    _check(config)
+    _claim(out, config)
+    if config.images != ImageKinds.none:
+        find_backend()
+    lines = {line["id"]: line for line in read_manifest(out)} if (out / MANIFEST).is_file() else {}
+    try:
+        for line in progress(_make_all(config), "generating clips", config.clips):
+            lines[line["id"]] = line
+    finally:
+        write_manifest(out, list(lines.values()))
+    if all(line["status"] == "failed" for line in lines.values()):
+        reason = next(iter(lines.values()))["reason"]
+        raise FailedSimulation(f"{out}: all {len(lines)} clips failed, the first because of this: {reason}")
+    return read_manifest(out)
+
+
+def _check(config: GenerateConfig) -> None:
+    """Find out what is wrong with a configuration before anything is written."""
+    make_rig(config.rig, rng=generator(config.seed, 0, Stream.CAMERAS))
+    with suppress(FailedSimulation):
+        sample_spec(config.scene, config.motion, seed=config.seed, clip=0)
+
+
+def _claim(out: Path, config: GenerateConfig) -> None:
+    """Write the resolved configuration, or make sure that it is the one already there."""
+    found, wanted = out / CONFIG, _settings(config)
+    if not found.is_file():
+        write_atomic(found, json.dumps(wanted, indent=1))
+        return
+    other = dict(_leaves(read_json(found)))
+    changed = sorted(key for key, value in _leaves(wanted) if other.get(key) != value or key not in other)
+    changed += sorted(set(other) - {key for key, _ in _leaves(wanted)})
+    if changed:
+        raise ValueError(
+            f"{out} holds a data set made with another configuration: {', '.join(changed)} differ from {found}. "
+            "Choose another out, or remove the folder"
+        )
+
+
+def _settings(config: GenerateConfig) -> dict:
+    """All that the clips depend on, as JSON has it."""
+
+    def plain(value):
+        return value.name if isinstance(value, Enum) else str(value)
+
+    settings = {name: value for name, value in asdict(config).items() if name not in _WHERE_AND_HOW_MANY}
+    return json.loads(json.dumps(settings, default=plain))
+
+
+def _leaves(settings, prefix: str = "") -> Iterator[tuple[str, object]]:
+    """(dotted name, value) of all that is no dictionary."""
+    for key, value in settings.items():
+        if isinstance(value, dict) and value:
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+def _make_all(config: GenerateConfig) -> Iterator[dict]:
+    """Manifest lines in whatever order the clips are ready."""
+    tasks = (delayed(_make)(config, index) for index in range(config.clips))
+    return Parallel(n_jobs=config.workers, return_as="generator_unordered")(tasks)
+
+
+def _make(config: GenerateConfig, index: int) -> dict:
+    """Make one clip on disk unless it is there; its manifest line."""
+    folder = Path(config.out) / clip_id(index)
+    kept = _kept(folder)
+    if kept is not None:
+        return kept
+    partial = folder.with_name(f".{folder.name}.partial")
+    for leftover in (partial, folder):
+        shutil.rmtree(leftover, ignore_errors=True)
+    try:
+        clip = generate_clip(config, index, images=partial / "images")
+        save_clip(clip, partial)
+        partial.rename(folder)
+    except FailedSimulation as failure:
+        seed = attempt_seed(config.seed, config.retries)
+        return {
+            "id": folder.name, "status": "failed", "seed": seed, "attempts": config.retries + 1, "reason": str(failure)
+        }  # fmt: skip
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return clip.provenance["manifest"]
+
+
+def _kept(folder: Path) -> dict | None:
+    """The manifest line of a clip that is there and undamaged."""
+    try:
+        return load_clip(folder).provenance["manifest"]
+    except (FileNotFoundError, ValueError):
+        return None
+
+
+def clip_id(index: int) -> str:
+    """The name of a clip, and of its folder."""
+    return f"{index:06d}"
+
+
+def generate_clip(config: GenerateConfig, index: int, *, images: Path | None = None) -> Clip:
+    """Make clip `index` of a data set: the same whatever other clips are made, wherever and when.
+
+    Args:
+        config: The data set.
+        index: Number of the clip.
+        images: Folder that takes the images, if `config.images` asks for any; without it none are rendered.
+
+    Raises:
+        FailedSimulation: the clip failed with every seed; the message is that of the last.
+        ValueError: the configuration cannot be met.
+    """
+    for attempt in range(config.retries):
+        with suppress(FailedSimulation):
+            return _attempt(config, index, attempt, images)
+    return _attempt(config, index, config.retries, images)
+
+
+def _attempt(config: GenerateConfig, index: int, attempt: int, images: Path | None) -> Clip:
+    seed = attempt_seed(config.seed, attempt)
+    spec = sample_spec(config.scene, config.motion, seed=seed, clip=index)
+    rig = make_rig(config.rig, rng=generator(seed, index, Stream.CAMERAS))
+    simulation = simulate(spec, rig)
+    truth = Poses3D(simulation.skeleton, simulation.joints)
+    visibility, hidden_by = joint_visibility(
+        simulation.model, simulation.qpos, simulation.joints, simulation.depth, simulation.geom_ids, rig
+    )
+    detections, detected_person = detect(
+        truth, visibility, hidden_by, rig, spec.fps, config.detector, rng=generator(seed, index, Stream.DETECTOR)
+    )
+    rendered = None
+    if images is not None and config.images != ImageKinds.none:
+        with Renderer(simulation.model, simulation.geom_ids, rig, config.quality) as renderer:
+            rendered = render_images(renderer, simulation.qpos, rig, images, spec.fps, config.images.value)
+    line = {
+        "id": clip_id(index),
+        "status": "ok",
+        "seed": seed,
+        "attempts": attempt + 1,
+        "frames": len(simulation.qpos),
+        "persons": len(spec.persons),
+        "quality": simulation.quality,
+        "occlusion": {code.name.lower(): round(float((visibility == code).mean()), 4) for code in Visibility},
+    }
+    return Clip(
+        id=line["id"],
+        fps=spec.fps,
+        rig=rig,
+        detections=detections,
+        truth=truth,
+        visibility=visibility,
+        hidden_by=hidden_by,
+        detected_person=detected_person,
+        objects=simulation.objects,
+        images=rendered,
+        provenance={"manifest": line, "spec": json.loads(spec.to_json()), "versions": _versions()},
+    )
+
+
+def _versions() -> dict[str, str]:
+    modules = {"numpy": np, "scipy": scipy, "opencv": cv2, "mujoco": mujoco}
+    return {
+        "dmae-synth": metadata.version("dmae-synth"),
+        "python": platform.python_version(),
+        **{name: module.__version__ for name, module in modules.items()},
+    }

@@ -1,0 +1,94 @@
+"""Where annotators and detectors put each joint on a body."""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from dmae.skeleton import get_skeleton
+from synth.body import ANKLE_HEIGHT, SIDES, Body, part, segment_origins
+from synth.motion import SEGMENTS
+
+SKELETON = get_skeleton("body25+shelf14")
+
+
+class _Landmark(NamedTuple):
+    """A point that moves with a segment: from a joint of the T-pose, in fractions of stature, on the left side.
+
+    `radius` is how deep it lies in its limb, from wherever that is looked at, which stoutness widens; what lies on the
+    skin has none.
+    """
+
+    segment: str
+    joint: str
+    x: float
+    y: float
+    z: float
+    radius: float = 0.0
+
+
+# The eyes are 0.936 of stature above the floor and the chin 0.870 (Winter, fig. 4.1). Hips as OpenPose finds them lie
+# a little above and outside the joint's centre; Shelf's annotators put hips 40 to 78 mm, and shoulders 21 to 38 mm,
+# below those of OpenPose.
+_LIMBS = {
+    "elbow": _Landmark("forearm", "forearm", 0, 0, 0, 0.024),
+    "wrist": _Landmark("hand", "hand", 0, 0, 0, 0.017),
+    "knee": _Landmark("shin", "shin", 0, 0, 0, 0.034),
+    "ankle": _Landmark("foot", "foot", 0, 0, 0, 0.024),
+}
+_BODY25 = _LIMBS | {
+    "nose": _Landmark("head", "head", 0.075, 0, 0.068),
+    "neck": _Landmark("chest", "upper_arm", 0.002, 0, 0.002, 0.070),
+    "shoulder": _Landmark("chest", "upper_arm", 0.002, -0.002, 0.002, 0.055),
+    "mid_hip": _Landmark("pelvis", "pelvis", 0, 0, 0.010, 0.085),
+    "hip": _Landmark("pelvis", "thigh", 0, 0.006, 0.010, 0.075),
+    "eye": _Landmark("head", "head", 0.060, 0.018, 0.091),
+    "ear": _Landmark("head", "head", 0.006, 0.047, 0.082),
+    "big_toe": _Landmark("foot", "foot", 0.108, -0.013, 0.009 - ANKLE_HEIGHT),
+    "small_toe": _Landmark("foot", "foot", 0.085, 0.026, 0.008 - ANKLE_HEIGHT),
+    "heel": _Landmark("foot", "foot", -0.037, 0, 0.009 - ANKLE_HEIGHT),
+}
+_SHELF14 = _LIMBS | {
+    "hip": _Landmark("thigh", "thigh", 0, 0.008, -0.024, 0.075),
+    "shoulder": _Landmark("chest", "upper_arm", 0.002, -0.002, -0.015, 0.055),
+    # Counted from half way between the shoulders and the ears.
+    "bottom_head": _Landmark("head", "head", 0.0, 0, 0.0, 0.040),
+    # 125 mm ahead of that and 145 mm above, on a body of 1.75 m.
+    "top_head": _Landmark("head", "head", 0.0714, 0, 0.0829),
+}
+_SKIN = 0.025
+
+
+@lru_cache(maxsize=256)
+def landmarks(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The joints of `SKELETON` on a body.
+
+    Returns:
+        segments: (39,) index into `SEGMENTS` of the segment each joint moves with.
+        points: (39, 3) the joint in that segment's frame, m.
+        depth: (39,) how far before the joint a ray may first meet the body and still count as seeing
+            the joint, m: through the limb it lies in, or through little more than skin.
+    """
+    at = dict(zip(SEGMENTS, segment_origins(body, np.zeros((1, 3)), np.tile(np.eye(3), (1, 16, 1, 1)))[0], strict=True))
+    segments, places, depth = [], [], []
+    for name in SKELETON.joints:
+        skeleton, _, joint = name.partition(".")
+        side, kind = part(joint)
+        landmark = (_BODY25 if skeleton == "body25" else _SHELF14)[kind]
+        place = np.array((landmark.x, landmark.y * SIDES.get(side, 1.0), landmark.z)) * body.stature
+        places.append(place + np.mean([at[s] for s in _sided(landmark.joint, side)], axis=0))
+        segments.append(_sided(landmark.segment, side)[0])
+        depth.append(_SKIN + landmark.radius * body.stature * body.girth)
+    places = np.array(places)
+    head = SKELETON.index("shelf14.bottom_head", "shelf14.top_head")
+    sources = SKELETON.index(*(f"body25.{side}_{point}" for side in SIDES for point in ("shoulder", "ear")))
+    places[head] += places[sources].mean(0) - at["head"]
+    points = places - np.array([at[segment] for segment in segments])
+    return np.array([SEGMENTS.index(segment) for segment in segments]), points, np.array(depth)
+
+
+def _sided(name: str, side: str) -> list[str]:
+    """The segments meant by a name without a side: one on a side or the mid line, both from the mid line."""
+    if name in SEGMENTS:
+        return [name]
+    return [f"{one}_{name}" for one in ([side] if side else SIDES)]

@@ -1,0 +1,267 @@
+"""Walking: where pelvis and feet go, from published kinematics of normal gait.
+
+Phases are counted in strides: a leg's phase is whole when its heel strikes, the right leg's is that of the walk.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from synth.motion.legs import ANKLE, HALF_HIPS, HEEL, REACH, SHIN, STRAIGHTEST, THIGH, TIP, headroom, leg_length
+from synth.motion.rotations import about
+
+
+def _fourier(*points: tuple[float, float]) -> Callable[[np.ndarray], np.ndarray]:
+    """An angle, rad, over the phase: six harmonics fitted to a curve through points (percent of stride, degrees)."""
+    percent, degrees = np.array(points, np.float64).T
+    curve = PchipInterpolator(np.concatenate([percent - 100, percent, percent + 100]), np.tile(degrees, 3))
+
+    def basis(phase: np.ndarray) -> np.ndarray:
+        turns = 2 * np.pi * phase[..., None] * np.arange(1, 7)
+        return np.concatenate([np.ones((*phase.shape, 1)), np.cos(turns), np.sin(turns)], axis=-1)
+
+    phase = np.linspace(0, 1, 200, endpoint=False)
+    coefficients = np.radians(np.linalg.lstsq(basis(phase), curve(100 * phase), rcond=None)[0])
+    return lambda phase: basis(phase) @ coefficients
+
+
+# Extremes and their timing, after Perry and Burnfield, "Gait Analysis" (2nd ed., 2010), chapters 3 to 6: thigh forward
+# of the vertical, knee flexion, ankle dorsiflexion.
+thigh_angle = _fourier((0, 22), (12, 20), (31, 0), (50, -19), (62, -10), (73, 15), (85, 26), (95, 23))
+knee_angle = _fourier((0, 5), (13, 18), (27, 10), (40, 5), (50, 12), (62, 40), (71, 60), (85, 28), (95, 4))
+ankle_angle = _fourier(
+    (0, 0), (6, -6), (12, -2), (31, 6), (46, 10), (54, 3), (62, -18), (66, -18), (75, -6), (85, 0), (93, 1)
+)
+
+
+@dataclass(frozen=True)
+class Path:
+    """A line on the floor: headings (K,), rad, and places (K, 2), m, at distances (K,), m, along it."""
+
+    distance: np.ndarray
+    heading: np.ndarray
+    xy: np.ndarray
+
+    @staticmethod
+    def bent(distance: np.ndarray, curvature: np.ndarray) -> "Path":
+        """From the origin along +x, turning by `curvature` (K,), rad/m, left if positive."""
+        step = np.diff(distance, prepend=distance[0])
+        heading = np.cumsum(curvature * step)
+        xy = np.cumsum(np.stack([np.cos(heading), np.sin(heading)], 1) * step[:, None], axis=0)
+        return Path(distance, heading, xy)
+
+    def heading_at(self, distance: np.ndarray) -> np.ndarray:
+        return np.interp(distance, self.distance, self.heading)
+
+    def at(self, distance: np.ndarray, left: np.ndarray | float) -> np.ndarray:
+        """(..., 2) places at distances along the path and to the left of it."""
+        heading = self.heading_at(distance)
+        along = np.stack([np.interp(distance, self.distance, self.xy[:, i]) for i in range(2)], axis=-1)
+        return along + np.stack([-np.sin(heading), np.cos(heading)], axis=-1) * np.asarray(left)[..., None]
+
+
+_LEGS = ((1.0, 0.5), (-1.0, 0.0))
+"""Left and right leg: which side is left, and by how much each is ahead of the walk's phase."""
+_HEEL_OFF = 0.30
+"""Phase at which the heel may leave the floor."""
+_CLEARANCE = 0.015
+"""Height of the toes over the floor at mid swing, m; Winter, Physical Therapy 72 (1992), measured 13 mm."""
+_STEP = 1e-3
+"""Phase over which slopes are taken."""
+
+
+def smoothstep(x: np.ndarray) -> np.ndarray:
+    """0 below 0, 1 above 1, between them the cubic that starts and ends level."""
+    x = np.clip(x, 0, 1)
+    return x * x * (3 - 2 * x)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A steady walk along a path.
+
+    Attributes:
+        path: Where to.
+        speed: m/s, 0.6 to 1.7; sets cadence and stride.
+        width: Between the lines on which left and right ankles land, m.
+        toe_out: How far feet turn outward from the path, rad.
+    """
+
+    path: Path
+    speed: float
+    width: float
+    toe_out: float
+
+    @property
+    def stride(self) -> float:
+        """m. Step length over cadence is 0.0064 m per step a minute (Sekiya and Nagasaki, Gait & Posture 7, 1998)."""
+        return float(2 * np.sqrt(60 * self.speed * 0.0064))
+
+    @property
+    def stance(self) -> float:
+        """Share of the stride that a foot is on the floor; shorter the faster (Perry and Burnfield, ch. 1)."""
+        return float(np.interp(self.speed, (0.7, 1.6), (0.64, 0.59)))
+
+    def lower_body(self, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Pelvis and feet at phases (F,), in strides since the right heel struck near the start of the path.
+
+        Feet on the floor roll over heel and tip, which stay where they are. Swinging feet go where the published
+        angles of thigh and knee take them, bent to leave the floor and to meet it at the right place and velocity.
+
+        Returns:
+            root (F, 3), pelvis (F, 3, 3), ankles (F, 2, 3) left and right, feet (F, 2, 3, 3).
+        """
+        ahead, up, left, turn, tilt = self._pelvis(phase)
+        ahead = ahead + self.stride * phase
+        root = np.concatenate([self.path.at(ahead, left), (self._fit.height + up)[:, None]], axis=1)
+        pelvis = about("z", self.path.heading_at(ahead) + turn) @ about("x", tilt)
+        ankles, feet = np.zeros((len(phase), 2, 3)), np.zeros((len(phase), 2, 3, 3))
+        spare = np.inf
+        for leg, (_, early) in enumerate(_LEGS):
+            strides, own = np.divmod(phase + early, 1)
+            swinging = own >= self.stance
+            ankles[:, leg] = self._planted(leg, strides, own)
+            spare = min(spare, headroom(root, pelvis, ankles)[~swinging, leg].min(initial=np.inf))
+            ankles[swinging, leg] = self._swung(leg, strides[swinging], own[swinging], self._lift)
+            change = smoothstep((own - self.stance) / (1 - self.stance))
+            yaw = self._footprint(leg, strides)[1] * (1 - change) + self._footprint(leg, strides + 1)[1] * change
+            feet[:, leg] = about("z", yaw) @ about("y", -self._pitch(own))
+        # On a tight curve legs reach the floor from a little lower than straight ahead.
+        root[:, 2] += min(spare, 0)
+        return root, pelvis, ankles, feet
+
+    def _pelvis(self, phase: np.ndarray) -> tuple[np.ndarray, ...]:
+        """How far the pelvis is ahead of, above and left of its steady course, m, turned and tilted left up, rad."""
+        # From end to end at 0.7 and 1.6 m/s: Orendurff et al., J. Rehabil. Res. Dev. 41 (2004).
+        height, sway = (np.interp(self.speed, (0.7, 1.6), ends) / 2 for ends in ((0.027, 0.048), (0.070, 0.039)))
+        return (
+            # Fastest while lowest, in double support.
+            0.015 * np.sin(4 * np.pi * (phase - 0.05)),
+            -height * np.cos(4 * np.pi * (phase - 0.05)),
+            -sway * np.cos(2 * np.pi * (phase - 0.31)),
+            # Forward with the leg that strikes, up on the side that bears: Perry and Burnfield, ch. 4.
+            np.radians(5) * np.cos(2 * np.pi * phase),
+            -np.radians(4) * np.cos(2 * np.pi * (phase - 0.13)),
+        )
+
+    def _hip(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A hip at its leg's own phase: ahead on the path, above the hips' mean height, outward of its foot, m."""
+        ahead, up, left, turn, tilt = self._pelvis(own)
+        return (
+            self.stride * own + ahead + HALF_HIPS * np.sin(turn),
+            up - HALF_HIPS * np.sin(tilt),
+            HALF_HIPS - left - self.width / 2,
+        )
+
+    def _published(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A leg at its own phase: ankle ahead of and above the hip, m, and pitch of the foot, toes up, rad."""
+        # The published thigh swings about 4 degrees, as far as a stride of 1.31 m takes on these legs.
+        thigh = np.radians(4) + (thigh_angle(own) - np.radians(4)) * self.stride / 1.31
+        shin = thigh - knee_angle(own)
+        ahead = THIGH * np.sin(thigh) + SHIN * np.sin(shin)
+        above = -THIGH * np.cos(thigh) - SHIN * np.cos(shin)
+        return ahead, above, shin + ankle_angle(own)
+
+    @cached_property
+    def _fit(self) -> "_Fit":
+        """What makes the published leg, the hips' motion and a foot that rolls on the floor agree best."""
+        own = np.linspace(0, 1, 1001)
+        published = self._published(own)[2]
+        ahead, above, outward = self._hip(own)
+        # Before the heel leaves the floor: the farther ahead a foot is planted, the lower must the hips be at heel
+        # strike and the higher may they be at mid stance. They ride highest in between.
+        pitch = published * (1 - smoothstep((own - 0.03) / 0.06))
+        forward, up = _roll(pitch)
+        early = own < _HEEL_OFF
+        leads = np.linspace(0.1, 0.5, 401)[:, None]
+        level = np.hypot((ahead - forward)[early] - leads, outward[early])
+        allowed = np.sqrt(np.maximum(REACH**2 - level**2, 0)) + (up - above)[early]
+        best = allowed.min(1).argmax()
+        lead, height = float(leads[best, 0]), float(allowed[best].min())
+        # After that it rises so that the knee does as published.
+        late = (own >= _HEEL_OFF) & (own <= self.stance)
+        rises = -np.radians(np.linspace(0, 80, 801))
+        forward, up = _roll(rises)
+        leg = np.hypot((ahead[late] - lead)[:, None] - forward, (height + above[late])[:, None] - up)
+        leg = np.hypot(leg, outward[late][:, None])
+        wanted = leg_length(np.maximum(knee_angle(own[late]), STRAIGHTEST))
+        pitch[late] = rises[np.argmax(leg <= wanted[:, None], axis=1)]
+        # In the air it comes back to the published pitch.
+        swing, last = own > self.stance, np.flatnonzero(late)[-1]
+        fading = 1 - smoothstep((own - self.stance) / 0.2)
+        pitch[swing] = (published + (pitch[last] - published[last]) * fading)[swing]
+        return _Fit(lead, height, pitch)
+
+    def _pitch(self, own: np.ndarray) -> np.ndarray:
+        """Pitch of the foot, toes up, rad, at the leg's own phase."""
+        return np.interp(own % 1, np.linspace(0, 1, len(self._fit.pitch)), self._fit.pitch)
+
+    def _footprint(self, leg: int, stride: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the ankle is over the flat foot in its n-th stride, (F, 2) m, and the foot's heading, (F,) rad."""
+        side, early = _LEGS[leg]
+        ahead = self.stride * (stride - early) + self._fit.lead
+        return self.path.at(ahead, side * self.width / 2), self.path.heading_at(ahead) + side * self.toe_out
+
+    def _planted(self, leg: int, stride: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """(F, 3) ankle of a foot on the floor in its n-th stride, at its own phase within it."""
+        xy, yaw = self._footprint(leg, stride)
+        forward, up = _roll(self._pitch(own))
+        return np.concatenate([xy + forward[:, None] * np.stack([np.cos(yaw), np.sin(yaw)], 1), up[:, None]], axis=1)
+
+    def _swung(self, leg: int, stride: np.ndarray, own: np.ndarray, lift: float) -> np.ndarray:
+        """(F, 3) ankle of a foot in the air after its n-th stride's stance, at its own phase within it."""
+        side, early = _LEGS[leg]
+
+        def published(own: np.ndarray) -> np.ndarray:
+            hip, up, _ = self._hip(own)
+            ahead, above, _ = self._published(own % 1)
+            xy = self.path.at(hip - self.stride * early + ahead, side * self.width / 2)
+            return np.concatenate([xy, (self._fit.height + up + above)[:, None]], axis=1)
+
+        def off(stride: np.ndarray, own: float) -> np.ndarray:
+            return self._planted(leg, stride, np.full(len(stride), own)) - published(stride + own)
+
+        # How far it is off, and how fast that changes, where foot and floor part and where they meet again.
+        parting, meeting = off(stride, self.stance), off(stride + 1, 0)
+        parting_speed = (parting - off(stride, self.stance - _STEP)) / _STEP
+        meeting_speed = (off(stride + 1, _STEP) - meeting) / _STEP
+        # The cubic of Hermite through both ends.
+        swing = 1 - self.stance
+        u = ((own - self.stance) / swing)[:, None]
+        correction = (1 + 2 * u) * (1 - u) ** 2 * parting + u**2 * (3 - 2 * u) * meeting
+        correction += swing * u * (1 - u) * ((1 - u) * parting_speed - u * meeting_speed)
+        correction[:, 2:] += lift * _arch(u)
+        return published(stride + own) + correction
+
+    @cached_property
+    def _lift(self) -> float:
+        """How much higher than so a swinging foot must go at mid swing for its tip to clear the floor, m."""
+        u = np.linspace(0.1, 0.9, 81)
+        own = self.stance + (1 - self.stance) * u
+        pitch = self._pitch(own)
+        tip = self._swung(1, np.zeros(len(u)), own, lift=0)[:, 2] + TIP * np.sin(pitch) - ANKLE * np.cos(pitch)
+        return float(np.max(_CLEARANCE - tip / _arch(u)))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """How far ahead of the hips feet are planted, how high the hips are, m, and pitches of the foot over a stride."""
+
+    lead: float
+    height: float
+    pitch: np.ndarray
+
+
+def _arch(u: np.ndarray) -> np.ndarray:
+    """0 and level at 0 and 1, 1 in the middle."""
+    return 16 * u**2 * (1 - u) ** 2
+
+
+def _roll(pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ankle ahead of where it is over the flat foot, and above the floor, m, of a foot rolled onto its heel or tip."""
+    pivot = np.where(pitch > 0, HEEL, TIP)
+    cosine, sine = np.cos(pitch), np.sin(pitch)
+    return pivot - cosine * pivot - sine * ANKLE, cosine * ANKLE - sine * pivot

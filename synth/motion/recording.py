@@ -1,0 +1,49 @@
+"""A recorded skeleton in motion, as its file has it: own joints, own units, own axes."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Recording:
+    """J joints in a tree over F frames.
+
+    Attributes:
+        path: The file it was read from.
+        fps: Frames per second.
+        joints: J joint names, every parent before its children; the end site of a chain is `<joint>.end`.
+        parents: (J,) index of each joint's parent, -1 for the root, which comes first.
+        offsets: (J, 3) place of each joint in its parent's frame, in the file's unit; the root's is not used.
+        root: (F, 3) place of the root in the world, in the file's unit.
+        rotations: (F, J, 3, 3) orientation of each joint in its parent's frame.
+    """
+
+    path: Path
+    fps: float
+    joints: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets: np.ndarray
+    root: np.ndarray
+    rotations: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.root)
+
+    def forward(self) -> tuple[np.ndarray, np.ndarray]:
+        """Forward kinematics.
+
+        Returns:
+            positions: (F, J, 3) places of the joints in the world, in the file's unit.
+            orientations: (F, J, 3, 3) orientations of the joints in the world.
+        """
+        positions = np.empty((*self.rotations.shape[:2], 3))
+        orientations = np.empty_like(self.rotations)
+        for joint, parent in enumerate(self.parents):
+            if parent < 0:
+                positions[:, joint], orientations[:, joint] = self.root, self.rotations[:, joint]
+            else:
+                positions[:, joint] = positions[:, parent] + orientations[:, parent] @ self.offsets[joint]
+                orientations[:, joint] = orientations[:, parent] @ self.rotations[:, joint]
+        return positions, orientations

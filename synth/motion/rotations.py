@@ -1,0 +1,28 @@
+"""Rotation matrices from angles and from directions."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def about(axis: str, angle: np.ndarray | float) -> np.ndarray:
+    """(..., 3, 3) rotations by `angle` (...), radians, about axis x, y or z."""
+    angle = np.asarray(angle, np.float64)
+    return Rotation.from_euler(axis, angle.reshape(-1, 1)).as_matrix().reshape(*angle.shape, 3, 3)
+
+
+def aligned(along: np.ndarray, forward: np.ndarray, axis: tuple[float, float, float]) -> np.ndarray:
+    """Rotations that take `axis` along a direction, and x as near to another direction as that leaves it.
+
+    Args:
+        along: (F, 3) directions, of any length.
+        forward: (F, 3) directions, none along the other.
+        axis: A unit vector orthogonal to x.
+
+    Returns:
+        (F, 3, 3) rotations.
+    """
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    forward = forward - (forward * along).sum(1, keepdims=True) * along
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    canonical = np.stack([axis, (1, 0, 0), np.cross(axis, (1, 0, 0))])
+    return np.stack([along, forward, np.cross(along, forward)], axis=2) @ canonical

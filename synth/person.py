@@ -1,0 +1,188 @@
+"""Put people into a MuJoCo scene: segments, joints, the capsules that touch, and the surfaces that show."""
+
+import mujoco
+import numpy as np
+
+from synth.body import SIDES, Body, part
+from synth.looks import Looks
+from synth.mesh import Mesh
+from synth.motion import PARENTS, SEGMENTS
+from synth.shape import parts
+from synth.textures import add_texture, paint
+
+MOST_PERSONS = 30
+"""Contact filters are bits of a signed 32-bit number, one a person."""
+
+# Segment: (from, to, radius) in fractions of stature; left side. Radii widen with the body's girth.
+_CAPSULES = {
+    "pelvis": [((-0.006, -0.042, 0.005), (-0.006, 0.042, 0.005), 0.058)],
+    "spine": [((0.004, -0.030, 0.050), (0.004, 0.030, 0.050), 0.056)],
+    "chest": [
+        ((0.002, -0.034, 0.060), (0.002, 0.034, 0.060), 0.060),
+        ((-0.002, -0.056, 0.128), (-0.002, 0.056, 0.128), 0.042),
+    ],
+    "head": [((0, 0, 0), (0.010, 0, 0.050), 0.031), ((0.008, 0, 0.075), (0.004, 0, 0.100), 0.052)],
+    "upper_arm": [((0, 0, 0), (0, 0.178, 0), 0.028)],
+    "forearm": [((0, 0, 0), (0, 0.148, 0), 0.021)],
+    "hand": [((0, 0.008, 0), (0, 0.085, -0.004), 0.013)],
+    "thigh": [((0, 0, -0.020), (0, 0, -0.245), 0.041)],
+    "shin": [((0, 0, 0), (0, 0, -0.235), 0.028)],
+    "foot": [
+        ((-0.022, -0.008, -0.021), (0.092, -0.012, -0.021), 0.018),
+        ((-0.022, 0.008, -0.021), (0.080, 0.014, -0.021), 0.018),
+    ],
+}
+_CLOTH = 0.012
+"""How far before the solid parts of people others are felt, m."""
+_STOUT = ("pelvis", "spine", "chest", "upper_arm", "forearm", "thigh", "shin")
+_ARMS = ("forearm", "hand")
+_TORSO = ("pelvis", "spine", "chest", "head", "thigh")
+HIDDEN_GROUP = 3
+"""Group of the geoms that touch but are not seen; the renderer leaves it out."""
+
+
+def capsules(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The solid parts of a body.
+
+    Returns:
+        segments: (C,) index into `SEGMENTS`.
+        ends: (C, 2, 3) both ends of each capsule's axis in its segment's frame, m.
+        radii: (C,) m.
+    """
+    segments, ends, radii = [], [], []
+    for i, segment in enumerate(SEGMENTS):
+        side, name = part(segment)
+        stretch = np.full(3, body.stature)
+        if name in ("upper_arm", "forearm", "hand"):
+            stretch[1] *= body.arms
+        elif name in ("thigh", "shin"):
+            stretch[2] *= body.legs
+        stretch[1] *= SIDES.get(side, 1.0)
+        for start, stop, radius in _CAPSULES[name]:
+            segments.append(i)
+            ends.append(np.array((start, stop)) * stretch)
+            radii.append(radius * body.stature * (body.girth if name in _STOUT else 1.0))
+    return np.array(segments), np.array(ends), np.array(radii)
+
+
+def add_person(
+    spec: mujoco.MjSpec, person: int, body: Body, looks: Looks, *, position, rng: np.random.Generator
+) -> None:
+    """Add a person in the canonical T-pose.
+
+    Its bodies are named `person<p>/<segment>`; a free joint moves the pelvis, ball joints the others.
+
+    Args:
+        spec: The scene.
+        person: Index; its capsules touch everything but each other.
+        body: Proportions.
+        looks: Colours and clothes.
+        position: (3,) of the mid point of the hip joints, m.
+        rng: Draws the texture of the cloth.
+    """
+    prefix = f"person{person}/"
+    _add_materials(spec, prefix, looks, rng=rng)
+    bodies = _add_segments(spec, prefix, body, position)
+    _add_capsules(bodies, prefix, person, body)
+    _add_touch(spec, prefix)
+    for number, (segment, material, mesh) in enumerate(parts(body, looks)):
+        name = f"{prefix}{segment}/{material}{number}"
+        _add_mesh(spec, name, mesh)
+        bodies[SEGMENTS.index(segment)].add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=name,
+            material=prefix + material,
+            contype=0,
+            conaffinity=0,
+            mass=0,
+        )
+
+
+def _add_segments(spec: mujoco.MjSpec, prefix: str, body: Body, position) -> list:
+    bodies = []
+    for i, (segment, parent) in enumerate(zip(SEGMENTS, PARENTS, strict=True)):
+        within = spec.worldbody if parent < 0 else bodies[parent]
+        added = within.add_body(name=prefix + segment, pos=position if parent < 0 else body.offsets[i])
+        kind = mujoco.mjtJoint.mjJNT_FREE if parent < 0 else mujoco.mjtJoint.mjJNT_BALL
+        added.add_joint(name=prefix + segment, type=kind)
+        bodies.append(added)
+    return bodies
+
+
+def _add_capsules(bodies: list, prefix: str, person: int, body: Body) -> None:
+    segments, ends, radii = capsules(body)
+    volume = np.pi * radii**2 * (np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) + 4 / 3 * radii)
+    share = volume / np.bincount(segments, volume)[segments]
+    masses = share * body.masses[segments]
+    for name, segment, (start, stop), radius, mass in zip(_solids(), segments, ends, radii, masses, strict=True):
+        foot = SEGMENTS[segment].endswith("foot")
+        bodies[segment].add_geom(
+            name=prefix + name,
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=[*start, *stop],
+            size=[radius, 0, 0],
+            mass=mass,
+            contype=1 << person,
+            conaffinity=(2**31 - 1) & ~(1 << person),
+            friction=[0.9 if foot else 0.3, 0.005, 0.0001],
+            # Stiff enough for a kick to overlap by less than 40 mm. Cloth is felt before the solid parts overlap.
+            solref=[0.006, 1.0],
+            solimp=[0.95, 0.99, 0.002, 0.5, 2.0],
+            margin=0.0 if foot else _CLOTH,
+            # Neither drawn nor met by rays: the surfaces around it are.
+            group=HIDDEN_GROUP,
+            rgba=[0, 0, 0, 0],
+        )
+
+
+def _solids() -> list[str]:
+    """Names of the capsules, in the order of `capsules`."""
+    return [f"{segment}/solid{i}" for segment in SEGMENTS for i in range(len(_CAPSULES[part(segment)[1]]))]
+
+
+def _add_touch(spec: mujoco.MjSpec, prefix: str) -> None:
+    """Let forearms and hands rest against trunk, head, thighs and those of the other side."""
+    solids = _solids()
+    for i, one in enumerate(solids):
+        for other in solids[:i]:
+            if _touch(one.partition("/")[0], other.partition("/")[0]):
+                spec.add_pair(geomname1=prefix + other, geomname2=prefix + one)
+
+
+def _touch(one: str, other: str) -> bool:
+    (side, name), (other_side, other_name) = part(one), part(other)
+    if name in _ARMS and other_name in _ARMS:
+        return side != other_side
+    return (name in _ARMS and other_name in _TORSO) or (other_name in _ARMS and name in _TORSO)
+
+
+def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: Looks, *, rng: np.random.Generator) -> None:
+    flat = {
+        "skin": looks.skin,
+        "hair": looks.hair_colour,
+        "brow": tuple(0.8 * c for c in looks.hair_colour),
+        "eye": (0.92, 0.92, 0.90),
+        "iris": (0.13, 0.09, 0.07),
+        "lip": tuple(c * f for c, f in zip(looks.skin, (0.86, 0.62, 0.60), strict=True)),
+        "shoe": looks.shoes,
+        "sole": looks.sole,
+    }
+    for material, colour in flat.items():
+        spec.add_material(name=prefix + material, rgba=[*colour, 1], specular=0.15, shininess=0.2)
+    for material, garment in (("top", looks.top), ("bottom", looks.bottom)):
+        added = spec.add_material(name=prefix + material, specular=0.05, shininess=0.05)
+        add_texture(spec, added, paint(garment.pattern, garment.colours, 128, rng=rng))
+
+
+def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: Mesh) -> None:
+    spec.add_mesh(
+        name=name,
+        uservert=mesh.vertices.ravel(),
+        usernormal=mesh.normals.ravel(),
+        usertexcoord=mesh.uv.ravel(),
+        userface=mesh.faces.ravel(),
+        userfacenormal=mesh.faces.ravel(),
+        userfacetexcoord=mesh.faces.ravel(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )

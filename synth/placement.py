@@ -1,0 +1,135 @@
+"""Where people and things go: close enough to hide each other, never inside each other."""
+
+from pathlib import Path
+
+import numpy as np
+
+from synth.arena import footprints
+from synth.motion import Motion
+from synth.plan import give_way, lead
+from synth.quality import FailedSimulation
+
+_TRIES = 60
+_TURNS = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.15, 1.6, 2.2)
+"""How sharply a path may be bent so that it stays within the radius, rad/s; the least that does is taken."""
+_APART = 0.8
+"""Least distance of two people's hips in the first frame, m."""
+
+Placement = tuple[tuple[float, float], float, float]
+"""Start (m), yaw (rad) and turn (rad/s), as `synth.plan.lead` takes them."""
+
+
+def place_persons(
+    motions: list[Motion],
+    arena: Path,
+    *,
+    radius: float,
+    gathering: float,
+    clearance: float,
+    rng: np.random.Generator,
+) -> list[Placement]:
+    """A place for each motion: it passes near a common meeting point at some time, and stays within the radius.
+
+    Of several draws for a person the one that needs the fewest sidesteps is taken.
+
+    Raises:
+        FailedSimulation: somebody's motion does not fit; the message says whose and what to change.
+    """
+    obstacles = footprints(arena)
+    meeting = rng.normal(0, 0.25 * gathering, 2)
+    placements: list[Placement] = []
+    paths = np.empty((len(motions[0]), 0, 2))
+    for number, motion in enumerate(motions):
+        best, least = None, np.inf
+        for attempt in range(_TRIES):
+            # The longer nothing fits, the farther from the middle.
+            spread = gathering * (1 + attempt / 15)
+            placed, path, outside = _draw(motion, meeting + rng.normal(0, spread, 2), radius, rng=rng)
+            cost = 10 * outside + _crowding(path, paths, obstacles, clearance)
+            if cost < least:
+                best, least, kept = placed, cost, path
+            if least < 0.02:
+                break
+        reach = np.linalg.norm(kept, axis=1).max()
+        apart = np.linalg.norm(paths[:1] - kept[:1, None], axis=-1).min(initial=np.inf)
+        if reach > radius + 0.3 or apart < 0.5:
+            reason = f"strays {reach:.1f} m from the middle" if apart >= 0.5 else "starts where somebody stands"
+            raise FailedSimulation(
+                f"no room for person {number} of {len(motions)}, moving as {motion.name!r}: {reason}. "
+                f"Fewer people, shorter clips or a larger scene.radius (now {radius} m) would help"
+            )
+        placements.append(best)
+        paths = np.concatenate([paths, kept[:, None]], axis=1)
+    return placements
+
+
+def _draw(
+    motion: Motion, passing: np.ndarray, radius: float, *, rng: np.random.Generator
+) -> tuple[Placement, np.ndarray, float]:
+    """A placement that passes a point at some time, its path (F, 2), and how far that leads outside, m."""
+    frame = int(rng.integers(len(motion)))
+    yaw, side = float(rng.uniform(-np.pi, np.pi)), float(rng.choice((-1.0, 1.0)))
+    best = None
+    for turn in _TURNS:
+        turn = turn * side
+        path = lead(motion, (0.0, 0.0), yaw, turn).root[:, :2]
+        path = path - path[frame] + passing
+        outside = max(0.0, float(np.linalg.norm(path, axis=1).max()) - radius)
+        if best is None or outside < best[2]:
+            best = ((float(path[0, 0]), float(path[0, 1])), yaw, turn), path, outside
+        if outside == 0:
+            break
+    return best
+
+
+def _crowding(path: np.ndarray, others: np.ndarray, obstacles: np.ndarray, clearance: float) -> float:
+    """How much a path (F, 2) asks others (F, P, 2) and obstacles (K, 3) to make room, about in metres."""
+    apart = np.linalg.norm(others - path[:, None], axis=-1)
+    start = np.maximum(0, max(_APART, clearance) - apart[:1]).sum()
+    meeting = np.maximum(0, clearance - apart)
+    gap = np.linalg.norm(path[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - 0.3
+    blocked = np.maximum(0, -gap).max(initial=0.0)
+    return float(5 * start + 3 * blocked + 2 * meeting.mean(0).sum() + 0.2 * meeting.max(initial=0.0))
+
+
+def place_props(
+    count: int,
+    kinds: dict[str, Path],
+    paths: np.ndarray,
+    arena: Path,
+    *,
+    fps: float,
+    radius: float,
+    clearance: float,
+    rng: np.random.Generator,
+) -> list[tuple[str, tuple[float, float], float]]:
+    """Up to `count` things where nobody walks: kind, place (m) and yaw (rad); fewer if there is no room.
+
+    Args:
+        count: How many are wanted.
+        kinds: Names and MJCF files to draw from.
+        paths: (F, P, 2) hips, m, before anybody gives way.
+        arena: MJCF file of the room.
+        fps: Frames per second.
+        radius: Things stand within this of the origin, m.
+        clearance: Between people, m.
+        rng: Draws kinds and places.
+    """
+    taken = footprints(arena)
+    walked = (paths + give_way(paths, fps, clearance=clearance, obstacles=taken)).reshape(-1, 2)
+    props = []
+    for _ in range(count):
+        kind = str(rng.choice(sorted(kinds)))
+        for _ in range(_TRIES):
+            yaw = float(rng.uniform(-np.pi, np.pi))
+            at = rng.uniform(-radius, radius, 2)
+            turn = np.array([(np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))])
+            discs = footprints(kinds[kind]).copy()
+            discs[:, :2] = discs[:, :2] @ turn.T + at
+            walkers = np.linalg.norm(walked[:, None] - discs[:, :2], axis=-1) - discs[:, 2]
+            others = np.linalg.norm(taken[:, None, :2] - discs[:, :2], axis=-1) - discs[:, 2] - taken[:, 2:]
+            if walkers.min() > 0.3 and others.min(initial=np.inf) > 0.05 and np.linalg.norm(at) < radius:
+                props.append((kind, (float(at[0]), float(at[1])), yaw))
+                taken = np.concatenate([taken, discs])
+                break
+    return props

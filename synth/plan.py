@@ -1,0 +1,110 @@
+"""From a motion to the path that a body means to take: its size, its floor, its place, and others in its way."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+from scipy.spatial.transform import Rotation
+
+from synth.body import Body, segment_origins
+from synth.motion import Motion
+from synth.person import capsules
+
+_FLIGHT = 1.0
+"""Time in which even a jumper is on the floor once, s."""
+
+
+def fit(motion: Motion, body: Body) -> Motion:
+    """The motion as a body of its own size makes it, with its lowest point on the floor.
+
+    Steps lengthen with the legs. The floor under the body is where its lowest point has been within half a
+    second, smoothed, so that it is felt by those who stand and not by those who jump.
+    """
+    root = motion.root * (body.hip_height / motion.hip_height)
+    segments, ends, radii = capsules(body)
+    origins = segment_origins(body, root, motion.rotations)[:, segments, 2]
+    heights = np.einsum("fcj,cej->fce", motion.rotations[:, segments, 2], ends)
+    lowest = (origins[..., None] + heights).min(2) - radii
+    floor = minimum_filter1d(lowest.min(1), max(1, round(_FLIGHT * motion.fps)), mode="nearest")
+    floor = gaussian_filter1d(floor, 0.15 * motion.fps, mode="nearest")
+    root[:, 2] -= floor
+    return replace(motion, root=root, hip_height=body.hip_height)
+
+
+def lead(motion: Motion, start: tuple[float, float], yaw: float, turn: float) -> Motion:
+    """The motion begun elsewhere, in another direction, and bent along a curve.
+
+    Args:
+        motion: On the floor.
+        start: Where the hips are in the first frame, m, world.
+        yaw: Turns the whole motion about the vertical, rad.
+        turn: Turns it further as time goes by, rad/s: a straight walk becomes a walk around a circle.
+    """
+    angle = yaw + turn * np.arange(len(motion)) / motion.fps
+    turns = Rotation.from_rotvec(angle[:, None] * (0.0, 0.0, 1.0)).as_matrix()
+    steps = np.einsum("fij,fj->fi", turns[:-1, :2, :2], np.diff(motion.root[:, :2], axis=0))
+    root = motion.root.copy()
+    root[0, :2] = start
+    root[1:, :2] = start + np.cumsum(steps, axis=0)
+    return replace(motion, root=root, rotations=turns[:, None] @ motion.rotations)
+
+
+def give_way(paths: np.ndarray, fps: float, *, clearance: float, obstacles: np.ndarray) -> np.ndarray:
+    """Sidesteps that keep people apart from each other and from what stands about.
+
+    Wherever two paths come closer than the clearance, both yield half of what is missing, sideways to the way
+    they pass each other, beginning a second before. Sidesteps may lead to others; a few rounds settle most.
+
+    Args:
+        paths: (F, P, 2) hips, m.
+        fps: Frames per second.
+        clearance: Between two people's hips, m.
+        obstacles: (K, 3) x, y and radius of what stands about, m; half the clearance is kept from it.
+
+    Returns:
+        (F, P, 2) shift of each path, m.
+    """
+    frames, persons = paths.shape[:2]
+    still = np.broadcast_to(obstacles[:, :2], (frames, len(obstacles), 2))
+    distances = np.full((persons, persons + len(obstacles)), clearance)
+    distances[:, persons:] = clearance / 2 + obstacles[:, 2]
+    shift = np.zeros_like(paths)
+    for _ in range(24):
+        yielded = False
+        for one in range(persons):
+            for other in range(one + 1, persons + len(obstacles)):
+                places = np.concatenate([paths + shift, still], axis=1)
+                apart = places[:, one] - places[:, other]
+                step = _sidestep(apart, fps, distances[one, other])
+                if step is None:
+                    continue
+                yielded = True
+                if other < persons:
+                    shift[:, one] += step / 2
+                    shift[:, other] -= step / 2
+                else:
+                    shift[:, one] += step
+        if not yielded:
+            break
+    return shift
+
+
+def _sidestep(apart: np.ndarray, fps: float, clearance: float) -> np.ndarray | None:
+    """(F, 2) smooth displacement by which `apart` (F, 2) stays as long as the clearance at its shortest; m."""
+    distance = np.linalg.norm(apart, axis=1)
+    nearest = int(distance.argmin())
+    missing = clearance - distance[nearest]
+    if missing < 0.005:
+        return None
+    away = apart[nearest]
+    if distance[nearest] < 0.02:
+        # Head-on: everybody keeps to the right. Who stands in another's place moves anywhere.
+        passing = np.gradient(apart, axis=0)[nearest] if len(apart) > 1 else np.zeros(2)
+        away = np.array((passing[1], -passing[0])) if passing.any() else np.array((1.0, 0.0))
+    close = np.flatnonzero(distance < clearance)
+    run = np.split(close, np.flatnonzero(np.diff(close) > 1) + 1)
+    first, last = next((r[0], r[-1]) for r in run if r[0] <= nearest <= r[-1])
+    time = np.arange(len(apart))
+    beyond = np.maximum(np.maximum(first - time, time - last), 0) / fps
+    ramp = 0.5 + 0.5 * np.cos(np.pi * np.minimum(beyond, 1.0))
+    return (missing + 0.005) * ramp[:, None] * (away / np.linalg.norm(away))

@@ -1,0 +1,118 @@
+"""How well a simulation went, and what makes it unfit for use."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from synth.landmarks import SKELETON
+
+DEEP = 0.04
+"""An overlap of two people that shows, m."""
+# What a clip may have at most: share of its contact frames with deep overlaps, overlap (m), sidestep (m), median
+# distance from the reference (m), and drop of somebody's hips below the reference (m).
+_MOST_DEEP, _MOST_OVERLAP, _MOST_SHIFT, _MOST_ERROR, _MOST_DROP = 0.1, 0.12, 1.2, 0.25, 0.35
+_SLIDING = 0.25
+_ON_FLOOR = 0.035
+
+
+class FailedSimulation(ValueError):
+    """A clip that cannot be used; the message says why."""
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How a simulation went.
+
+    Attributes:
+        tracking_error_mm: Median distance of the joints from where the reference has them.
+        contact_frames: Frames in which people touch each other, cloth included.
+        penetration_mm: Deepest overlap of two people's solid parts, at any physics step.
+        deep_share: Share of the contact frames in which an overlap exceeds 40 mm.
+        object_penetration_mm: Deepest overlap of a person and a thing, floor or wall.
+        shift_m: Farthest that anybody in the way pushed a person off the planned path.
+        foot_slide: Share of the time on the floor in which all heels and toes there move faster than 0.25 m/s.
+    """
+
+    tracking_error_mm: float
+    contact_frames: int
+    penetration_mm: float
+    deep_share: float
+    object_penetration_mm: float
+    shift_m: float
+    foot_slide: float
+
+
+class Overlaps:
+    """Keeps the deepest overlaps of every frame, step by step."""
+
+    def __init__(self, geom_persons: np.ndarray, frames: int):
+        """Args:
+        geom_persons: (ngeom,) person that each geom belongs to, -1 for things.
+        frames: How many.
+        """
+        self._geom_persons = geom_persons
+        self.persons = np.full(frames, -np.inf)
+        """(F,) between people, m; below 0 where only cloth touches, -inf where nothing does."""
+        self.objects = np.full(frames, -np.inf)
+        """(F,) of people with things, m."""
+
+    def watch(self, data: mujoco.MjData, frame: int) -> None:
+        """Take in the contacts of a step on the way to a frame."""
+        if data.ncon:
+            depth = -data.contact.dist
+            one, other = self._geom_persons[data.contact.geom].T
+            thing = np.minimum(one, other) < 0
+            self.objects[frame] = max(self.objects[frame], depth[thing].max(initial=-np.inf))
+            self.persons[frame] = max(self.persons[frame], depth[~thing & (one != other)].max(initial=-np.inf))
+
+
+def assess(joints: np.ndarray, wanted: np.ndarray, overlaps: Overlaps, shifts: np.ndarray, fps: float) -> Quality:
+    """Sum a simulation up.
+
+    Args:
+        joints: (F, P, 39, 3) where the joints of `SKELETON` were, m.
+        wanted: (F, P, 39, 3) where the reference had them, m.
+        overlaps: Of every frame.
+        shifts: (F, P, 2) how far people were pushed off their paths, m.
+        fps: Frames per second.
+
+    Raises:
+        FailedSimulation: the clip is unfit for use.
+    """
+    touching = np.isfinite(overlaps.persons)
+    quality = Quality(
+        tracking_error_mm=_mm(np.median(np.linalg.norm(joints - wanted, axis=-1))),
+        contact_frames=int(touching.sum()),
+        penetration_mm=_mm(max(0.0, overlaps.persons.max())),
+        deep_share=round(float((overlaps.persons[touching] > DEEP).mean()) if touching.any() else 0.0, 4),
+        object_penetration_mm=_mm(max(0.0, overlaps.objects.max())),
+        shift_m=round(float(np.linalg.norm(shifts, axis=-1).max()), 4),
+        foot_slide=_foot_slide(joints, fps),
+    )
+    (hips,) = SKELETON.index("body25.mid_hip")
+    drop = float((wanted - joints)[:, :, hips, 2].max())
+    limits = [
+        ("share of contact frames with overlaps above 40 mm", quality.deep_share, _MOST_DEEP),
+        ("deepest overlap of two people, mm", quality.penetration_mm, 1000 * _MOST_OVERLAP),
+        ("push off the planned path, m", quality.shift_m, _MOST_SHIFT),
+        ("median tracking error, mm", quality.tracking_error_mm, 1000 * _MOST_ERROR),
+        ("drop of somebody's hips, m", drop, _MOST_DROP),
+    ]
+    for what, found, most in limits:
+        if not found <= most:
+            raise FailedSimulation(f"{what}: {found:.3g}, at most {most:.3g} is fit for use")
+    return quality
+
+
+def _mm(metres: float) -> float:
+    return round(1000 * float(metres), 2)
+
+
+def _foot_slide(joints: np.ndarray, fps: float) -> float:
+    soles = [SKELETON.index(f"body25.{side}_{point}")[0] for side in "lr" for point in ("big_toe", "heel")]
+    points = joints[:, :, soles]
+    speed = np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1) * fps
+    slowest = np.where(points[1:, ..., 2] < _ON_FLOOR, speed, np.inf).min(-1)
+    standing = np.isfinite(slowest)
+    return round(float((slowest[standing] > _SLIDING).mean()) if standing.any() else 0.0, 4)

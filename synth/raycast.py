@@ -1,0 +1,128 @@
+"""Pictures without OpenGL: every pixel's ray is cast, surfaces are plainly shaded."""
+
+import copy
+
+import mujoco
+import numpy as np
+
+from dmae.cameras import CameraRig
+from synth.visibility import cast
+
+_STATIC, _MOVING, _UNSEEN = 0, 1, 5
+_SKY = np.array([0.55, 0.65, 0.75])
+_SUN = np.array([0.3, 0.2, 0.93])
+
+
+class RayPainter:
+    """Pictures of a scene by ray casting.
+
+    What does not move is cast once a camera; what moves, only where it may be seen.
+
+    Args:
+        model: The scene.
+        geom_ids: (ngeom,) uint16 id of each geom. Geoms with an id are painted, and those that MuJoCo draws.
+        rig: V cameras without distortion.
+        step: A ray is cast for each block of `step` x `step` pixels.
+    """
+
+    def __init__(self, model: mujoco.MjModel, geom_ids: np.ndarray, rig: CameraRig, step: int):
+        drawn = (geom_ids > 0) | (model.geom_group < 3)
+        moves = model.body_weldid[model.geom_bodyid] > 0
+        self._model = copy.copy(model)
+        self._model.geom_group = np.where(drawn, np.where(moves, _MOVING, _STATIC), _UNSEEN)
+        self._moving = np.flatnonzero(drawn & moves)
+        self._colour, self._ids, self._rig, self._step = _colours(model), geom_ids, rig, step
+        self._view = None
+
+    def paint(self, data: mujoco.MjData, view: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Colour (H, W, 3) uint8, depth (H, W) m and ids (H, W) of a scene whose positions are up to date."""
+        if view != self._view:
+            self._look_from(view, data)
+        geom, distance, normal = (array.copy() for array in self._background)
+        near = np.flatnonzero(self._may_show_movement(data, view))
+        hit, reach, outward = cast(self._model, data, self._center, self._rays[near], (_MOVING,))
+        first = (hit >= 0) & ((geom[near] < 0) | (reach < distance[near]))
+        geom[near[first]], distance[near[first]], normal[near[first]] = hit[first], reach[first], outward[first]
+        return self._shade(geom, distance, normal)
+
+    def close(self) -> None:
+        """Nothing to hand back; the counterpart of a GL painter's."""
+
+    def _look_from(self, view: int, data: mujoco.MjData) -> None:
+        camera, middle = self._rig[view : view + 1], (self._step - 1) / 2
+        grid = np.meshgrid(*(np.arange(-(-n // self._step)) * self._step + middle for n in camera.size[0]))
+        self._shape = grid[0].shape
+        self._center = camera.centers[0]
+        self._rays = camera.rays(np.stack(grid, -1)[None, None]).reshape(-1, 3)
+        self._background = cast(self._model, data, self._center, self._rays, (_STATIC,))
+        self._view = view
+
+    def _may_show_movement(self, data: mujoco.MjData, view: int) -> np.ndarray:
+        """(R,) True for rays through the image boxes of the moving geoms' bounding spheres."""
+        pose, K = self._rig.cam_from_world[view], self._rig.K[view]
+        centers = data.geom_xpos[self._moving] @ pose[:3, :3].T + pose[:3, 3]
+        radius = self._model.geom_rbound[self._moving]
+        lines, columns = self._shape
+        show = np.zeros(self._shape, bool)
+        x0, x1 = _silhouette(centers[:, 0], centers[:, 2], radius)
+        y0, y1 = _silhouette(centers[:, 1], centers[:, 2], radius)
+        for low_x, high_x, low_y, high_y in zip(x0, x1, y0, y1, strict=True):
+            left, right = _cells(K[0, 0] * low_x + K[0, 2], K[0, 0] * high_x + K[0, 2], self._step, columns)
+            top, bottom = _cells(K[1, 1] * low_y + K[1, 2], K[1, 1] * high_y + K[1, 2], self._step, lines)
+            show[top:bottom, left:right] = True
+        return show.ravel()
+
+    def _shade(self, geom, distance, normal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        hit = geom >= 0
+        facing = -np.einsum("rx,rx->r", normal, self._rays)
+        light = 0.25 + 0.4 * np.abs(facing) + 0.35 * np.clip(normal @ _SUN, 0, 1)
+        colour = np.where(hit[:, None], self._colour[geom] * light[:, None], _SKY)
+        axis = self._rig.cam_from_world[self._view, 2, :3]
+        images = (
+            (255 * np.clip(colour, 0, 1)).round().astype(np.uint8),
+            np.where(hit, distance * (self._rays @ axis), np.nan).astype(np.float32),
+            np.where(hit, self._ids[geom], 0).astype(np.uint16),
+        )
+        return tuple(self._enlarge(image.reshape(*self._shape, *image.shape[1:])) for image in images)
+
+    def _enlarge(self, image: np.ndarray) -> np.ndarray:
+        width, height = self._rig.size[self._view]
+        return image.repeat(self._step, 0).repeat(self._step, 1)[:height, :width]
+
+
+def _colours(model: mujoco.MjModel) -> np.ndarray:
+    """(ngeom, 3) RGB 0..1 of the geoms: that of their material, times the mean of its texture."""
+    materials = model.mat_rgba[:, :3].astype(np.float64)
+    for material, texture in enumerate(model.mat_texid[:, mujoco.mjtTextureRole.mjTEXROLE_RGB]):
+        if texture >= 0:
+            start, channels = model.tex_adr[texture], model.tex_nchannel[texture]
+            pixels = model.tex_data[start : start + model.tex_width[texture] * model.tex_height[texture] * channels]
+            materials[material] *= pixels.reshape(-1, channels)[:, :3].mean(0) / 255
+    colours = model.geom_rgba[:, :3].astype(np.float64)
+    painted = model.geom_matid >= 0
+    colours[painted] = materials[model.geom_matid[painted]]
+    return colours
+
+
+def _silhouette(across: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest tangent of the directions in which spheres are seen, in one plane through the optical axis."""
+    middle = np.arctan2(across, along)
+    distance = np.hypot(across, along)
+    half = np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1))
+    low, high = middle - half, middle + half
+    steep = np.pi / 2 - 1e-3
+    tangents = np.tan(np.clip(low, -steep, steep)), np.tan(np.clip(high, -steep, steep))
+    # Around the camera, or reaching from one side to the other behind it: anywhere.
+    anywhere = distance <= radius
+    behind = ~anywhere & ((low >= steep) | (high <= -steep))
+    return (
+        np.where(anywhere, -np.inf, np.where(behind, 0.0, tangents[0])),
+        np.where(anywhere, np.inf, np.where(behind, -np.inf, tangents[1])),
+    )
+
+
+def _cells(low: float, high: float, step: int, count: int) -> tuple[int, int]:
+    """Range of the cells, each `step` pixels wide, that touch the pixels from `low` to `high`."""
+    first = np.clip(np.floor(low / step) - 1, 0, count)
+    last = np.clip(np.ceil(high / step) + 2, 0, count)
+    return int(first), int(last)

@@ -1,0 +1,257 @@
+"""Pictures of a scene: colour, depth and ids. The only file that touches OpenGL."""
+
+import copy
+import functools
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from enum import Enum
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import mujoco
+import numpy as np
+
+from dmae.cameras import CameraRig
+from dmae.images import KINDS, Images, write_depth, write_ids, write_video
+from synth.raycast import RayPainter
+from synth.rigs import camera_name, pinhole, warp
+
+_OFF = ("disable", "disabled", "off", "false", "0")
+_PROBE_SECONDS = 60
+
+
+class Quality(Enum):
+    """How much is spent on a picture."""
+
+    draft = "draft"
+    """No shadows, jagged edges, coarse round shapes; a ray for four pixels where rays are cast."""
+    standard = "standard"
+    high = "high"
+
+
+# Shadow map size, samples a pixel, slices, stacks and quads of round shapes; then the side, in pixels, of the block
+# that shares a ray where rays are cast instead.
+_SETTINGS = {
+    Quality.draft: ((0, 0, 12, 8, 1), 2),
+    Quality.standard: ((2048, 4, 20, 12, 2), 1),
+    Quality.high: ((4096, 8, 28, 16, 4), 1),
+}
+
+
+class Picture(NamedTuple):
+    """One view of one frame.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        depth: (H, W) float32 m along the optical axis; NaN where nothing is.
+        ids: (H, W) uint16: 0 nothing, 1 + p person p, 256 + k object k.
+    """
+
+    rgb: np.ndarray
+    depth: np.ndarray
+    ids: np.ndarray
+
+
+@functools.cache
+def find_backend() -> str | None:
+    """The OpenGL that works here without a screen: `egl`, `osmesa` or what MUJOCO_GL asks for; None for none.
+
+    Candidates are tried in a process of their own, since a broken OpenGL may abort. The outcome is left in
+    MUJOCO_GL, where MuJoCo looks for it and processes started later find it. Where there is none it says so, once.
+    """
+    asked = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if asked in _OFF:
+        return None
+    candidates = (asked,) if asked else ("egl", "osmesa")
+    for backend in candidates:
+        if _works(backend):
+            os.environ["MUJOCO_GL"] = backend
+            return backend
+    os.environ["MUJOCO_GL"] = "disable"
+    warnings.warn(
+        f"no OpenGL works here (tried {', '.join(candidates)}); images are ray cast instead, which is slower and "
+        "plainer. On Debian or Ubuntu: apt-get install libegl1 libgl1 libosmesa6",
+        stacklevel=2,
+    )
+    return None
+
+
+def _works(backend: str) -> bool:
+    code = f"from synth.render import _context; _context({backend!r}, 16, 16).free()"
+    environment = os.environ | {
+        "MUJOCO_GL": backend,
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]),
+    }
+    try:
+        outcome = subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, timeout=_PROBE_SECONDS, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return outcome.returncode == 0
+
+
+def _context(backend: str, width: int, height: int):
+    """A current OpenGL context. Made by hand because `mujoco.Renderer` is bound to the one of import time."""
+    if backend == "egl":
+        from mujoco.egl import GLContext
+    elif backend == "osmesa":
+        from mujoco.osmesa import GLContext
+    else:
+        from mujoco.glfw import GLContext
+    context = GLContext(width, height)
+    context.make_current()
+    return context
+
+
+class _GLPainter:
+    """Pictures by MuJoCo's OpenGL renderer; same use as `synth.raycast.RayPainter`."""
+
+    def __init__(self, model, geom_ids, rig, backend, settings):
+        self._model = copy.copy(model)
+        quality = self._model.vis.quality
+        quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads = settings
+        self._ids, self._skin_ids = geom_ids, _skin_ids(model, geom_ids)
+        self._cameras = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera_name(name)) for name in rig.names]
+        if -1 in self._cameras:
+            raise ValueError(f"the scene lacks cameras of the rig {rig.names}; put them there with rigs.add_cameras")
+        self._rects = [mujoco.MjrRect(0, 0, *size) for size in rig.size.tolist()]
+        width, height = rig.size.max(0).tolist()
+        self._gl = _context(backend, width, height)
+        self._scene = mujoco.MjvScene(self._model, maxgeom=10000)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = settings[0] > 0
+        self._drawing = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        self._drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR.value
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
+        self._options = mujoco.MjvOption()
+        self._options.sitegroup[:] = self._options.tendongroup[:] = self._options.actuatorgroup[:] = 0
+
+    def paint(self, data: mujoco.MjData, view: int) -> Picture:
+        camera = mujoco.MjvCamera()
+        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, self._cameras[view]
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(self._model, data, self._options, None, camera, everything, self._scene)
+        self._gl.make_current()
+        rgb, _ = self._read(view, identify=False)
+        colours, nearness = self._read(view, identify=True)
+        owners = self._owners()
+        # OpenGL's first row is the lowest.
+        segments = (colours.astype(np.uint32) @ np.array([1, 1 << 8, 1 << 16], np.uint32))[::-1]
+        return Picture(rgb[::-1], self._metres(nearness[::-1]), owners[segments])
+
+    def _read(self, view: int, identify: bool) -> tuple[np.ndarray, np.ndarray]:
+        rect = self._rects[view]
+        colours = np.empty((rect.height, rect.width, 3), np.uint8)
+        nearness = np.empty((rect.height, rect.width), np.float32)
+        for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
+            self._scene.flags[flag] = identify
+        mujoco.mjr_render(rect, self._scene, self._drawing)
+        mujoco.mjr_readPixels(colours, nearness if identify else None, rect, self._drawing)
+        return colours, nearness
+
+    def _owners(self) -> np.ndarray:
+        """The id of whatever each segment number of the picture stands for."""
+        owners = np.zeros(self._scene.ngeom + 1, np.uint16)
+        ids = {mujoco.mjtObj.mjOBJ_GEOM.value: self._ids, mujoco.mjtObj.mjOBJ_SKIN.value: self._skin_ids}
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            if geom.segid >= 0 and geom.objtype in ids:
+                owners[geom.segid + 1] = ids[geom.objtype][geom.objid]
+        return owners
+
+    def _metres(self, nearness: np.ndarray) -> np.ndarray:
+        """Depth from a reversed depth buffer: 1 at the near plane, 0 at the far one, linear in 1/depth."""
+        near = self._model.vis.map.znear * self._model.stat.extent
+        far = self._model.vis.map.zfar * self._model.stat.extent
+        depth = near * far / (near + nearness.astype(np.float64) * (far - near))
+        return np.where(nearness > 0, depth, np.nan).astype(np.float32)
+
+    def close(self) -> None:
+        self._gl.make_current()
+        self._drawing.free()
+        self._gl.free()
+
+
+def _skin_ids(model: mujoco.MjModel, geom_ids: np.ndarray) -> np.ndarray:
+    """(nskin,) id of the person each skin covers: that of the geoms its bones hang from."""
+    trees = model.body_rootid[model.geom_bodyid]
+    roots = model.body_rootid[model.skin_bonebodyid[model.skin_boneadr]] if model.nskin else np.zeros(0, int)
+    return np.array([geom_ids[trees == root].max(initial=0) for root in roots], np.uint16)
+
+
+class Renderer:
+    """Pictures of one scene from all cameras of a rig; a context manager.
+
+    Without a working OpenGL (`find_backend`) they are ray cast.
+
+    Args:
+        model: The scene, with the rig's cameras in it (`synth.rigs.add_cameras`).
+        geom_ids: (ngeom,) uint16 what each geom belongs to: 0 nothing, 1 + p person p, 256 + k object k.
+        rig: V cameras. Pictures of distorted ones are warped: colour is interpolated, depth and ids are those of the
+            nearest pixel, which may lie half a pixel off.
+        quality: How much to spend.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, geom_ids: np.ndarray, rig: CameraRig, quality: Quality = Quality.standard
+    ):
+        settings, step = _SETTINGS[quality]
+        backend, pinholes = find_backend(), pinhole(rig)
+        if backend:
+            self._painter = _GLPainter(model, geom_ids, pinholes, backend, settings)
+        else:
+            self._painter = RayPainter(model, geom_ids, pinholes, step)
+        self._model, self._data = model, mujoco.MjData(model)
+        self._warps = [warp(rig, view) for view in range(len(rig))]
+
+    def picture(self, qpos: np.ndarray, view: int) -> Picture:
+        """One view of the scene in the state `qpos` (nq,). Quickest when views are not alternated."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        picture, pixels = Picture(*self._painter.paint(self._data, view)), self._warps[view]
+        if pixels is None:
+            return picture
+        return Picture(
+            cv2.remap(picture.rgb, pixels, None, cv2.INTER_LINEAR),
+            *(cv2.remap(image, pixels, None, cv2.INTER_NEAREST) for image in (picture.depth, picture.ids)),
+        )
+
+    def close(self) -> None:
+        self._painter.close()
+
+    def __enter__(self) -> "Renderer":
+        return self
+
+    def __exit__(self, *failure) -> None:
+        self.close()
+
+
+def render_images(
+    renderer: Renderer, qpos: np.ndarray, rig: CameraRig, folder: Path, fps: float, kinds: tuple[str, ...] = KINDS
+) -> Images:
+    """Write every view of every frame as `dmae.images` lays them out, a picture in memory at a time.
+
+    Args:
+        renderer: Of the scene and the rig.
+        qpos: (F, nq) states.
+        folder: Where the images go.
+        kinds: Which to write, of `dmae.images.KINDS`.
+    """
+
+    def colours(view: int) -> Iterator[np.ndarray]:
+        for frame, state in enumerate(qpos):
+            picture = renderer.picture(state, view)
+            if "depth" in kinds:
+                write_depth(folder / "depth" / rig.names[view] / f"{frame:06d}.png", picture.depth)
+            if "ids" in kinds:
+                write_ids(folder / "ids" / rig.names[view] / f"{frame:06d}.png", picture.ids)
+            yield picture.rgb
+
+    for view, name in enumerate(rig.names):
+        write_video(folder / "rgb" / f"{name}.mp4", colours(view), fps)
+    return Images(folder, rig.names, tuple(range(len(qpos))), kinds)

@@ -1,0 +1,117 @@
+"""From a scene's specification to the MuJoCo model of it."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from dmae.cameras import CameraRig
+from dmae.images import FIRST_OBJECT_ID
+from dmae.rng import Stream, generator
+from synth.arena import arena_file, footprints, prop_file
+from synth.person import HIDDEN_GROUP, add_person
+from synth.rigs import add_cameras
+from synth.spec import Finish, SceneSpec
+from synth.textures import add_texture, paint
+
+_LONGEST_STEP = 0.0025
+"""Of the physics, s: kicks move a few centimetres in twice that."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene ready to be simulated.
+
+    Attributes:
+        model: The MuJoCo model; people's bodies are named `person<p>/<segment>`.
+        substeps: Physics steps a frame.
+        geom_ids: (ngeom,) uint16, as in the ids of images: 1 + p for what shows of person p, 256 + k for object k,
+            0 for the solid parts of people, which only touch.
+        geom_persons: (ngeom,) index of the person a geom belongs to, -1 for things.
+        objects: Names of all that is no person, at least "floor".
+        obstacles: (K, 3) x, y and radius of discs that cover what stands about, m.
+    """
+
+    model: mujoco.MjModel
+    substeps: int
+    geom_ids: np.ndarray
+    geom_persons: np.ndarray
+    objects: tuple[str, ...]
+    obstacles: np.ndarray
+
+
+def build_scene(spec: SceneSpec, rig: CameraRig) -> Scene:
+    """Put a room, its props, people in T-pose and cameras together.
+
+    Raises:
+        ValueError: an MJCF file is missing or lacks what is needed; a camera cannot be rendered.
+    """
+    world = mujoco.MjSpec.from_file(str(arena_file(spec.arena)))
+    _set_options(world, spec.fps)
+    # A child of the scene's stream: the noise of textures is none of the draws that made the spec.
+    (rng,) = generator(spec.seed, spec.clip, Stream.SCENE).spawn(1)
+    for name, finish in (("floor", spec.floor), ("wall", spec.wall)):
+        _cover(world, name, finish, spec.arena, rng=rng)
+    obstacles = [footprints(arena_file(spec.arena))]
+    for number, prop in enumerate(spec.props):
+        obstacles.append(_add_prop(world, f"{number}/", prop))
+    for number, person in enumerate(spec.persons):
+        at = (*person.start, person.body.hip_height)
+        add_person(world, number, person.body, person.looks, position=at, rng=rng)
+    add_cameras(world, rig)
+    model = world.compile()
+    return Scene(model, _substeps(spec.fps), *_identify(model), np.concatenate(obstacles))
+
+
+def _substeps(fps: float) -> int:
+    return int(np.ceil(1 / (fps * _LONGEST_STEP) - 1e-9))
+
+
+def _set_options(world: mujoco.MjSpec, fps: float) -> None:
+    world.compiler.degree = False
+    option = world.option
+    option.timestep = 1 / (fps * _substeps(fps))
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # MuJoCo 4.0.0 solves with a sparse Jacobian wrongly, and scenes of this size would get one.
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+
+
+def _cover(world: mujoco.MjSpec, name: str, finish: Finish, arena: str, *, rng: np.random.Generator) -> None:
+    material = world.material(name)
+    if material is None:
+        raise ValueError(f"arena {arena!r}: needs a material named {name!r}, which the scene covers with a texture")
+    add_texture(world, material, paint(finish.pattern, finish.colours, 512, rng=rng))
+
+
+def _add_prop(world: mujoco.MjSpec, prefix: str, prop) -> np.ndarray:
+    """Returns the (K, 3) discs that it takes on the floor."""
+    path = prop_file(prop.kind)
+    thing = mujoco.MjSpec.from_file(str(path))
+    tint = thing.material("tint")
+    if tint is not None:
+        tint.rgba = [*prop.tint, 1]
+    half = prop.yaw / 2
+    frame = world.worldbody.add_frame(pos=[*prop.at, 0], quat=[np.cos(half), 0, 0, np.sin(half)])
+    world.attach(thing, prefix=prefix, frame=frame)
+    cos, sin = np.cos(prop.yaw), np.sin(prop.yaw)
+    discs = footprints(path).copy()
+    discs[:, :2] = discs[:, :2] @ np.array([(cos, sin), (-sin, cos)]) + prop.at
+    return discs
+
+
+def _identify(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Ids and persons of geoms, and names of objects: a body is an object, and so is a geom of the world itself."""
+    ids, persons = np.zeros(model.ngeom, np.uint16), np.full(model.ngeom, -1)
+    objects: list[str] = []
+    for geom in range(model.ngeom):
+        body = model.body(model.geom_bodyid[geom])
+        top = model.body(body.rootid[0]).name
+        if top.startswith("person"):
+            persons[geom] = int(top.removeprefix("person").partition("/")[0])
+            ids[geom] = 0 if model.geom_group[geom] == HIDDEN_GROUP else 1 + persons[geom]
+            continue
+        name = (body.name if body.id else model.geom(geom).name) or f"geom{geom}"
+        if name not in objects:
+            objects.append(name)
+        ids[geom] = FIRST_OBJECT_ID + objects.index(name)
+    return ids, persons, tuple(objects)

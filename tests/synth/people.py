@@ -1,0 +1,50 @@
+"""Small scenes and motions that tests of the generator share."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dmae.rng import Stream, generator
+from synth.body import Body
+from synth.looks import sample_looks
+from synth.motion import SEGMENTS, Motion
+from synth.motion.source import MotionConfig
+from synth.rigs import RigConfig, make_rig
+from synth.spec import Finish, PersonSpec, SceneSpec
+
+RIG = make_rig(RigConfig(), rng=generator(0, 0, Stream.CAMERAS))
+BODY = Body()
+
+
+def gliding(body: Body, frames: int, start, velocity, fps: float = 25.0) -> Motion:
+    """Somebody upright, arms hanging, facing where they glide to at a velocity (2,), m/s, without moving their legs."""
+    velocity = np.asarray(velocity, float)
+    rotations = np.tile(np.eye(3), (frames, len(SEGMENTS), 1, 1))
+    for side, sign in (("l", 1), ("r", -1)):
+        hanging = Rotation.from_euler("x", -1.35 * sign).as_matrix()
+        for part in ("upper_arm", "forearm", "hand"):
+            rotations[:, SEGMENTS.index(f"{side}_{part}")] = hanging
+    rotations = Rotation.from_euler("z", np.arctan2(velocity[1], velocity[0])).as_matrix() @ rotations
+    root = np.zeros((frames, 3))
+    root[:, :2] = start + np.arange(frames)[:, None] / fps * velocity
+    root[:, 2] = body.hip_height
+    return Motion("gliding", fps, root, rotations, body.hip_height)
+
+
+def scene(bodies, frames: int, *, clearance: float = 0.0, props=(), arena: str = "studio") -> SceneSpec:
+    """A scene of people with these bodies; their motions are handed over apart."""
+    rng = np.random.default_rng(0)
+    persons = tuple(PersonSpec(b, sample_looks(b.feminine, rng=rng), "test", (0.0, 0.0), 0.0, 0.0) for b in bodies)
+    grey = ((0.6, 0.6, 0.6), (0.5, 0.5, 0.5))
+    return SceneSpec(
+        seed=0,
+        clip=0,
+        fps=25.0,
+        frames=frames,
+        arena=arena,
+        floor=Finish("planks", grey),
+        wall=Finish("plaster", grey),
+        clearance=clearance,
+        persons=persons,
+        props=tuple(props),
+        motion=MotionConfig(),
+    )

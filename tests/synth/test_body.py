@@ -1,0 +1,143 @@
+"""Bodies: people of the size asked for, with joints where annotators and detectors put them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from synth.body import Body, segment_origins
+from synth.landmarks import SKELETON, landmarks
+from synth.looks import HAIRSTYLES, Garment, Looks, sample_looks
+from synth.motion import SEGMENTS
+from synth.person import capsules
+from synth.shape import parts
+
+BODIES = st.builds(
+    Body,
+    stature=st.floats(1.45, 2.05),
+    mass=st.floats(45, 110),
+    feminine=st.floats(0, 1),
+    legs=st.floats(0.95, 1.05),
+    arms=st.floats(0.95, 1.05),
+)
+
+
+def t_pose(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Segment origins (16, 3) and joints (39, 3) of a body standing in the T-pose at the origin."""
+    root = np.array([[0, 0, body.hip_height]])
+    origins = segment_origins(body, root, np.tile(np.eye(3), (1, len(SEGMENTS), 1, 1)))[0]
+    segments, points, _ = landmarks(body)
+    return origins, origins[segments] + points
+
+
+def joint(joints: np.ndarray, name: str) -> np.ndarray:
+    return joints[SKELETON.index(name)[0]]
+
+
+def surface(body: Body, looks: Looks) -> np.ndarray:
+    """(N, 3) vertices of all that is seen of a body in the T-pose."""
+    origins, _ = t_pose(body)
+    return np.concatenate([mesh.vertices + origins[SEGMENTS.index(segment)] for segment, _, mesh in parts(body, looks)])
+
+
+@pytest.mark.parametrize(
+    ("name", "height"),
+    [
+        ("body25.r_ankle", 0.039),
+        ("body25.l_knee", 0.285),
+        ("body25.mid_hip", 0.530),
+        ("body25.r_shoulder", 0.818),
+        ("body25.l_eye", 0.936),
+    ],
+)
+def test_joints_stand_at_the_heights_of_winters_figure(name, height):
+    body = Body(stature=1.8, mass=75)
+    assert joint(t_pose(body)[1], name)[2] / body.stature == pytest.approx(height, abs=0.015)
+
+
+@given(BODIES)
+@settings(max_examples=30, deadline=None)
+def test_a_body_is_as_tall_and_heavy_as_it_says(body):
+    assert body.masses.sum() == pytest.approx(body.mass, rel=1e-6)
+    skin = surface(body, sample_looks(0.0, rng=np.random.default_rng(0)))
+    assert skin[:, 2].min() == pytest.approx(0, abs=0.003)
+    assert np.ptp(skin[:, 2]) == pytest.approx(body.stature, rel=0.025)
+
+
+@given(BODIES)
+@settings(max_examples=20, deadline=None)
+def test_left_mirrors_right(body):
+    joints = t_pose(body)[1]
+    np.testing.assert_allclose(joints[list(SKELETON.mirror)] * (1, -1, 1), joints, atol=1e-12)
+
+
+@given(BODIES)
+@settings(max_examples=20, deadline=None)
+def test_annotators_put_hips_and_shoulders_lower_than_detectors(body):
+    joints = t_pose(body)[1]
+    for side in "lr":
+        for part, low, high in (("hip", 0.040, 0.078), ("shoulder", 0.021, 0.038)):
+            gap = joint(joints, f"body25.{side}_{part}") - joint(joints, f"shelf14.{side}_{part}")
+            assert low < gap[2] < high
+            assert abs(gap[0]) < 0.02
+
+
+def test_the_head_limb_follows_its_formula():
+    joints = t_pose(Body(stature=1.75))[1]
+    sources = [joint(joints, f"body25.{side}_{part}") for side in "lr" for part in ("shoulder", "ear")]
+    bottom = joint(joints, "shelf14.bottom_head")
+    np.testing.assert_allclose(bottom, np.mean(sources, axis=0), atol=1e-9)
+    np.testing.assert_allclose(joint(joints, "shelf14.top_head") - bottom, (0.125, 0, 0.145), atol=1e-3)
+
+
+@given(BODIES)
+@settings(max_examples=10, deadline=None)
+def test_face_and_feet_landmarks_lie_on_the_surface(body):
+    skin = surface(body, sample_looks(body.feminine, rng=np.random.default_rng(1)))
+    joints = t_pose(body)[1]
+    for name in ("nose", "l_eye", "r_ear", "l_big_toe", "r_small_toe", "l_heel"):
+        assert np.linalg.norm(skin - joint(joints, f"body25.{name}"), axis=1).min() < 0.025, name
+
+
+def test_depth_reaches_the_skin_of_limbs_and_little_more():
+    segments, _, depth = landmarks(Body())
+    ends = capsules(Body())
+    for name in ("body25.l_elbow", "body25.r_knee", "body25.l_hip", "shelf14.r_shoulder"):
+        i = SKELETON.index(name)[0]
+        radius = ends[2][ends[0] == segments[i]].max()
+        assert radius < depth[i] + 0.03 < 2.5 * radius + 0.05
+    assert depth[SKELETON.index("body25.nose")[0]] < 0.03
+
+
+def test_stout_people_are_wider_and_hide_their_joints_deeper():
+    slim, stout = Body(1.75, 60), Body(1.75, 100)
+    looks = sample_looks(0.0, rng=np.random.default_rng(0))
+    waist = [s[abs(s[:, 2] - 1.1) < 0.05] for s in (surface(slim, looks), surface(stout, looks))]
+    # Forearms stretch far to the sides at the T-pose's shoulders only.
+    assert np.ptp(waist[1][:, 1]) > 1.2 * np.ptp(waist[0][:, 1])
+    assert (landmarks(stout)[2] >= landmarks(slim)[2]).all()
+
+
+@pytest.mark.parametrize("style", HAIRSTYLES)
+@pytest.mark.parametrize("long", [True, False])
+def test_every_look_can_be_made(style, long):
+    cloth = Garment(long, "plain", ((0.5, 0.5, 0.5), (0.4, 0.4, 0.4)))
+    grey = (0.5, 0.5, 0.5)
+    looks = Looks(grey, style, grey, cloth, cloth, grey, grey, untucked=long)
+    for _, _, mesh in parts(Body(feminine=1.0), looks):
+        assert np.isfinite(mesh.vertices).all() and mesh.faces.max() < len(mesh.vertices)
+        corners = mesh.vertices[mesh.faces]
+        flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        outward = (flat * mesh.normals[mesh.faces].mean(1)).sum(1)
+        assert (outward > 0).mean() > 0.97, "faces wind the way their normals point"
+
+
+@pytest.mark.parametrize(("field", "value"), [("stature", 0.9), ("mass", 300), ("feminine", 2), ("legs", 1.5)])
+def test_impossible_bodies_are_refused(field, value):
+    with pytest.raises(ValueError, match=f"{field} must lie in"):
+        Body(**{field: value})
+
+
+def test_unknown_looks_are_refused():
+    with pytest.raises(ValueError, match="no pattern 'tartan'"):
+        Garment(True, "tartan", ((0, 0, 0), (1, 1, 1)))

@@ -1,0 +1,56 @@
+"""The command as users type it."""
+
+import subprocess
+import sys
+
+import pytest
+
+from dmae.store import clip_folders, load_clip, read_manifest
+
+
+def synth(folder, *arguments):
+    """Run `synth` in a process of its own. Whatever the input, never a traceback."""
+    code = "from synth.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], cwd=folder, capture_output=True, text=True, timeout=120
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
+def test_generate_makes_a_data_set_of_clips(tmp_path):
+    done = synth(tmp_path, "generate", "out=set", "seed=7", "clips=2", "scene.seconds=0.4", "scene.persons=[2,2]")
+    assert done.returncode == 0, done.stderr
+    assert "2 clips, 0 failed" in done.stdout
+    assert [line["status"] for line in read_manifest(tmp_path / "set")] == ["ok", "ok"]
+    clips = [load_clip(folder) for folder in clip_folders(tmp_path / "set")]
+    assert [clip.rig.names for clip in clips] == [("0", "1", "2", "3", "4")] * 2
+    assert all(clip.truth.xyz.shape == (10, 2, 39, 3) for clip in clips)
+    assert "seed: 7" in (tmp_path / "set/config.yaml").read_text()
+
+
+def test_a_data_set_is_not_continued_under_another_configuration(tmp_path):
+    small = ("generate", "out=set", "clips=1", "scene.seconds=0.2", "scene.persons=[1,1]")
+    assert synth(tmp_path, *small).returncode == 0
+    done = synth(tmp_path, *small, "seed=8")
+    assert done.returncode == 1
+    assert "seed differ" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["generate", "motion=bvh", "motion.path=nowhere"], "nowhere"),
+        (["generate", "motion=bvh"], "motion.path"),
+        (["generate", "scene.persons=[3,1]"], "scene.persons"),
+        (["generate", "scene.arena=moon"], "moon"),
+        (["generate", "rig=moon"], "shelf"),
+        (["generate", "detector.swap=2"], "swap"),
+        (["generate", "clips=0"], "clips"),
+    ],
+)
+def test_bad_input_is_one_clear_error_and_leaves_nothing_behind(tmp_path, arguments, said):
+    done = synth(tmp_path, *arguments, "out=bad")
+    assert done.returncode == 1
+    assert said in done.stderr
+    assert not (tmp_path / "bad").exists()

@@ -1,0 +1,169 @@
+"""Simulations: people follow their motion, are stopped by each other, and end up where the labels say."""
+
+import json
+
+import mujoco
+import numpy as np
+import pytest
+
+from synth.body import Body
+from synth.landmarks import SKELETON, landmarks
+from synth.motion import SEGMENTS
+from synth.motion.source import MotionConfig
+from synth.quality import FailedSimulation, Overlaps, assess
+from synth.scene import build_scene
+from synth.simulate import simulate, simulate_motions
+from synth.spec import PropSpec, SceneConfig, sample_spec
+
+from .people import BODY, RIG, gliding, scene
+
+OTHER = Body(1.65, 60, 1.0)
+HIPS = SKELETON.index("body25.mid_hip")[0]
+
+
+@pytest.fixture(scope="module")
+def head_on():
+    """Two people who glide straight at each other at 1 m/s and meet half way through, neither stepping aside."""
+    motions = [gliding(BODY, 30, (-0.7, 0), (1, 0)), gliding(OTHER, 30, (0.7, 0.05), (-1, 0))]
+    return motions, simulate_motions(scene([BODY, OTHER], 30), motions, RIG)
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    """Four people of a sampled scene."""
+    spec = sample_spec(SceneConfig(persons=[4, 4], seconds=2.0, gathering=0.3), MotionConfig(), seed=1, clip=0)
+    return spec, simulate(spec, RIG)
+
+
+def test_people_led_head_on_do_not_pass_through_each_other(head_on):
+    motions, simulation = head_on
+    passed = motions[0].root[-1, 0] - motions[1].root[-1, 0]
+    assert passed > 0.8, "their motions do"
+    chests = simulation.joints[:, :, SKELETON.index("body25.neck")[0]]
+    assert np.linalg.norm(chests[:, 0] - chests[:, 1], axis=-1).min() > 0.15
+    quality = simulation.quality
+    assert quality["contact_frames"] >= 8
+    assert quality["deep_share"] <= 0.1
+    assert quality["penetration_mm"] < 40
+    assert quality["shift_m"] > 0.1
+
+
+def test_penetration_is_that_of_the_solid_parts(head_on):
+    """Measured anew from the states by MuJoCo's own distances between capsules."""
+    _, simulation = head_on
+    model, data = simulation.model, mujoco.MjData(simulation.model)
+    built = build_scene(scene([BODY, OTHER], 30), RIG)
+    solid = [np.flatnonzero((built.geom_persons == p) & (model.geom_contype > 0)) for p in (0, 1)]
+    nearest = []
+    for state in simulation.qpos[::3]:
+        data.qpos[:] = state
+        mujoco.mj_kinematics(model, data)
+        nearest.append(min(mujoco.mj_geomDistance(model, data, a, b, 0.3, None) for a in solid[0] for b in solid[1]))
+    assert -1000 * min(nearest) <= simulation.quality["penetration_mm"] + 1
+
+
+def test_who_stands_stays():
+    motions = [gliding(BODY, 50, (0, 0), (0, 0))]
+    simulation = simulate_motions(scene([BODY], 50), motions, RIG)
+    assert np.abs(simulation.joints - simulation.joints[0]).max() < 0.01
+    assert simulation.quality["tracking_error_mm"] < 10
+    assert simulation.quality["contact_frames"] == 0
+    assert simulation.joints[-1, 0, :, 2].min() > 0.0
+
+
+def test_labels_are_read_from_the_state(crowd):
+    spec, simulation = crowd
+    model, data = simulation.model, mujoco.MjData(simulation.model)
+    frame, person = 20, 2
+    data.qpos[:] = simulation.qpos[frame]
+    mujoco.mj_forward(model, data)
+    segments, points, depth = landmarks(spec.persons[person].body)
+    for joint in (0, 4, 12, 22, 30, 38):
+        body = data.body(f"person{person}/{SEGMENTS[segments[joint]]}")
+        expected = body.xpos + body.xmat.reshape(3, 3) @ points[joint]
+        np.testing.assert_allclose(simulation.joints[frame, person, joint], expected, atol=1e-12)
+    np.testing.assert_array_equal(simulation.depth[person], depth)
+
+
+def test_a_crowd_is_simulated_well(crowd):
+    spec, simulation = crowd
+    assert simulation.qpos.shape[0] == spec.frames == 50
+    assert simulation.joints.shape == (50, 4, 39, 3)
+    assert simulation.skeleton is SKELETON
+    quality = simulation.quality
+    assert json.loads(json.dumps(quality)) == quality
+    assert quality["tracking_error_mm"] < 30
+    assert quality["deep_share"] <= 0.1
+    assert simulation.joints[..., 2].min() > -0.03
+    bones = simulation.joints[:, :, SKELETON.index("body25.l_knee")[0]] - simulation.joints[..., HIPS, :]
+    assert np.ptp(np.linalg.norm(bones, axis=-1), axis=0).max() < 0.25
+
+
+def test_same_spec_same_bytes(crowd):
+    spec, simulation = crowd
+    again = simulate(spec, RIG)
+    assert again.qpos.tobytes() == simulation.qpos.tobytes()
+    assert again.joints.tobytes() == simulation.joints.tobytes()
+    assert again.quality == simulation.quality
+
+
+def test_walls_stop_people():
+    motions = [gliding(BODY, 35, (4.6, 0), (1, 0))]
+    assert motions[0].root[-1, 0] > 5.9, "through the wall at 5.5 m"
+    simulation = simulate_motions(scene([BODY], 35), motions, RIG)
+    assert simulation.joints[..., 0].max() < 5.52
+    assert simulation.quality["object_penetration_mm"] < 40
+    assert 0.3 < simulation.quality["shift_m"] < 0.8
+
+
+def test_people_step_around_things_in_their_way():
+    drum = PropSpec("drum", (0.8, 0.05), 0.0, (0.5, 0.5, 0.5))
+    motions = [gliding(BODY, 50, (-0.5, 0), (1.2, 0))]
+    simulation = simulate_motions(scene([BODY], 50, props=[drum], clearance=0.6), motions, RIG)
+    assert simulation.joints[-1, 0, HIPS, 0] > 1.6
+    assert simulation.quality["shift_m"] < 0.05
+
+
+def test_motions_must_fit_the_spec():
+    with pytest.raises(ValueError, match=r"expected 2 motions of 30 frames, got 1 of \[25\] frames"):
+        simulate_motions(scene([BODY, OTHER], 30), [gliding(BODY, 25, (0, 0), (1, 0))], RIG)
+
+
+def summary(*, moved: float = 0.0, overlap: float = -np.inf, shift: float = 0.0):
+    """Quality of a made-up clip of ten frames and two people."""
+    joints = np.zeros((10, 2, 39, 3))
+    joints[..., 2] = 1.0
+    overlaps = Overlaps(np.array([0, 1, -1]), 10)
+    overlaps.persons[:] = overlap
+    return assess(joints + moved, joints, overlaps, np.full((10, 2, 2), shift / np.sqrt(2)), 25.0)
+
+
+def test_quality_reports_what_happened():
+    quality = summary(moved=0.01, overlap=0.03, shift=0.5)
+    assert quality.tracking_error_mm == pytest.approx(10 * np.sqrt(3), abs=0.01)
+    assert (quality.contact_frames, quality.penetration_mm, quality.deep_share) == (10, 30, 0)
+    assert quality.shift_m == pytest.approx(0.5)
+    assert summary().contact_frames == 0
+
+
+@pytest.mark.parametrize(
+    ("happened", "message"),
+    [
+        ({"overlap": 0.05}, "contact frames with overlaps above 40 mm: 1, at most 0.1"),
+        ({"shift": 2.0}, "push off the planned path, m: 2,"),
+        ({"moved": -0.4}, "median tracking error, mm: 693"),
+        ({"moved": np.nan}, "median tracking error, mm: nan"),
+    ],
+)
+def test_unfit_clips_are_refused(happened, message):
+    with pytest.raises(FailedSimulation, match=message):
+        summary(**happened)
+
+
+def test_a_solver_that_fails_is_reported(monkeypatch):
+    def explode(model, data):
+        data.qpos[:] = np.nan
+
+    monkeypatch.setattr("synth.simulate.mujoco.mj_step", explode)
+    with pytest.raises(FailedSimulation, match="the solver failed at 0"):
+        simulate_motions(scene([BODY], 5), [gliding(BODY, 5, (0, 0), (1, 0))], RIG)

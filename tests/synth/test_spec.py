@@ -1,0 +1,148 @@
+"""Scene specifications: the same for the same seed and clip, whatever else is drawn; sensible; JSON."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from synth.arena import arena_file, footprints, prop_file
+from synth.motion.source import MotionConfig, MotionKind
+from synth.revive import revive
+from synth.spec import PropSpec, SceneConfig, SceneSpec, load_motions, sample_body, sample_spec
+
+MOTION = MotionConfig()
+SHORT = SceneConfig(seconds=1.0)
+
+
+def specs(config=SHORT, clips=range(6), seed=3) -> dict[int, SceneSpec]:
+    return {clip: sample_spec(config, MOTION, seed=seed, clip=clip) for clip in clips}
+
+
+def test_a_clip_does_not_depend_on_which_others_are_drawn():
+    assert specs(clips=[5, 2]) == {clip: spec for clip, spec in specs().items() if clip in (2, 5)}
+
+
+def test_clips_and_seeds_differ():
+    drawn = [*specs(clips=range(3)).values(), *specs(clips=range(3), seed=0).values()]
+    assert len({spec.to_json() for spec in drawn}) == 6
+    assert len({spec.persons[0].body for spec in drawn}) == 6
+
+
+def test_json_gives_the_same_spec_and_motions_back():
+    spec = sample_spec(replace(SHORT, arena="office", props=[2, 3]), MOTION, seed=0, clip=1)
+    again = SceneSpec.from_json(spec.to_json())
+    assert again == spec
+    for one, other in zip(load_motions(spec), load_motions(again), strict=True):
+        np.testing.assert_array_equal(one.root, other.root)
+        np.testing.assert_array_equal(one.rotations, other.rotations)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda spec: spec.pop("floor"), "SceneSpec: expected the fields"),
+        (lambda spec: spec["persons"][0]["body"].update(stature="tall"), r"persons\[0\].body.stature: expected float"),
+        (lambda spec: spec["persons"][0].update(start=[1.0]), r"persons\[0\].start: expected 2 values, found 1"),
+        (lambda spec: spec.update(props={}), "props: expected a list"),
+        (lambda spec: spec["motion"].update(kind="dance"), "'dance' is not a valid MotionKind"),
+    ],
+)
+def test_a_spoilt_spec_is_refused(change, message):
+    data = json.loads(sample_spec(SHORT, MOTION, seed=0, clip=0).to_json())
+    change(data)
+    with pytest.raises(ValueError, match=message):
+        SceneSpec.from_json(json.dumps(data))
+
+
+def test_revive_knows_optionals_dicts_and_enums():
+    assert revive(float | None, None) is None
+    assert revive(float | None, 2) == 2.0
+    assert revive(dict[str, list[float]], {"a": [1, 2]}) == {"a": [1.0, 2.0]}
+    assert revive(MotionKind, "bvh") is MotionKind.bvh
+
+
+@pytest.mark.parametrize("arena", ["studio", "office"])
+def test_people_start_apart_stay_within_the_radius_and_come_close(arena):
+    config = SceneConfig(arena=arena, persons=[3, 4], seconds=4.0, radius=2.0)
+    nearest = []
+    for spec in specs(config).values():
+        paths = np.stack([motion.root[:, :2] for motion in load_motions(spec)], axis=1)
+        assert 3 <= len(spec.persons) <= 4
+        assert np.linalg.norm(paths, axis=-1).max() < 2.3 + 1e-9
+        apart = np.linalg.norm(paths[:, :, None] - paths[:, None], axis=-1) + 9 * np.eye(len(spec.persons))
+        assert apart[0].min() > 0.5
+        nearest.append(apart.min())
+    assert np.median(nearest) < 1.0
+
+
+def test_things_stand_where_nobody_walks():
+    config = SceneConfig(persons=[2, 2], seconds=2.0, props=[3, 3])
+    count = 0
+    for spec in specs(config, clips=range(8)).values():
+        paths = np.stack([motion.root[:, :2] for motion in load_motions(spec)], axis=1)
+        places = np.array([prop.at for prop in spec.props]).reshape(-1, 2)
+        count += len(places)
+        assert np.linalg.norm(paths[:, :, None] - places, axis=-1).min(initial=9) > 0.3
+    assert count > 8
+
+
+def test_bodies_are_varied_adults():
+    rng = np.random.default_rng(0)
+    bodies = [sample_body(rng=rng) for _ in range(300)]
+    statures = np.array([body.stature for body in bodies])
+    women = np.array([body.feminine > 0.5 for body in bodies])
+    assert 0.4 < women.mean() < 0.6
+    assert 0.08 < statures[~women].mean() - statures[women].mean() < 0.16
+    assert statures.std() > 0.06
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"persons": [4, 2]}, "scene.persons: expected .least, greatest."),
+        ({"persons": [0, 2]}, "expected 1 to 30 people"),
+        ({"persons": [1, 31]}, "expected 1 to 30 people"),
+        ({"seconds": 0.0}, "scene.seconds: expected more than 0"),
+        ({"clearance": [0.4]}, "scene.clearance"),
+        ({"props": [0, 1], "prop_kinds": []}, "scene.prop_kinds is empty"),
+    ],
+)
+def test_bad_configurations_are_refused(fields, message):
+    with pytest.raises(ValueError, match=message):
+        SceneConfig(**fields)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"arena": "moon"}, r"no arena 'moon': expected one of \['office', 'studio'\]"),
+        ({"prop_kinds": ["piano"]}, "no prop 'piano': expected one of .*'chair'"),
+        ({"radius": 0.4, "persons": [4, 4], "seconds": 4.0}, "no room for person .* of 4.*scene.radius"),
+    ],
+)
+def test_what_is_not_there_is_named(fields, message):
+    with pytest.raises(ValueError, match=message):
+        sample_spec(SceneConfig(**fields), MOTION, seed=0, clip=0)
+
+
+def test_users_bring_their_own_rooms_and_things(tmp_path):
+    for source in (arena_file("studio"), prop_file("chair")):
+        (tmp_path / f"my_{source.name}").write_text(source.read_text())
+    mine = replace(SHORT, arena=str(tmp_path / "my_studio.xml"), prop_kinds=[str(tmp_path / "my_chair.xml")])
+    spec = sample_spec(replace(mine, props=[2, 2]), MOTION, seed=0, clip=0)
+    assert all(isinstance(prop, PropSpec) and prop.kind.endswith("my_chair.xml") for prop in spec.props)
+
+
+def test_footprints_cover_long_things_with_discs(tmp_path):
+    file = tmp_path / "bench.xml"
+    file.write_text(
+        '<mujoco><worldbody><body pos="1 2 0" euler="0 0 90"><geom type="box" size="1 .2 .3" pos="0 0 .3"/></body>'
+        '<geom type="sphere" size=".5" pos="0 0 4"/><geom type="plane" size="1 1 1"/></worldbody></mujoco>'
+    )
+    discs = footprints(file)
+    along = np.linspace(-1, 1, 21)
+    corners = np.concatenate([np.column_stack([np.full(21, 1 + side), 2 + along]) for side in (-0.2, 0.2)])
+    covered = np.linalg.norm(corners[:, None] - discs[:, :2], axis=-1) <= discs[:, 2] + 1e-9
+    assert covered.any(1).all()
+    assert discs[:, 2].max() < 0.3
