@@ -126,7 +126,7 @@ def test_takes_are_read_once_until_they_change(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "path", "error", "message"),
     [
-        (MotionKind.bvh, None, ValueError, r"kind 'bvh' with path None .* path=<file or folder>"),
+        (MotionKind.bvh, None, ValueError, r"kind 'bvh' with path None .* motion.path=<file or folder>"),
         (MotionKind.bvh, "nowhere", FileNotFoundError, "nowhere: no such file or folder"),
         (MotionKind.bvh, "empty", FileNotFoundError, r"empty: expected \.bvh files, found no files"),
         (MotionKind.bvh, "others", FileNotFoundError, r"others: expected \.bvh files, found \['\.amc', '\.asf'\]"),
