@@ -10,7 +10,7 @@ def resource_folder(package: str, name: str) -> Path:
         FileNotFoundError: neither place has it; the installation is broken.
     """
     root = Path(__file__).parent.parent
-    places = [root / name, root / package / f"_{name}"]
+    places = [root / package / f"_{name}", root / name]
     for place in places:
         if place.is_dir():
             return place

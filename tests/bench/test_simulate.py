@@ -44,6 +44,4 @@ def test_labels_of_four_people_in_five_views():
     frames = len(made.qpos)
     print(f"\n4 people, 5 views, {frames} frames: planning {planning:.2f} s, simulating {simulating:.2f} s")
     print(f"  ({simulating / bare:.2f} x its bare mj_step calls), visibility {seeing:.2f} s")
-    print(
-        f"  {frames / (planning + simulating + seeing):.0f} frames/s; visible {np.mean(visibility == 0):.0%}"
-    )
+    print(f"  {frames / (planning + simulating + seeing):.0f} frames/s; visible {np.mean(visibility == 0):.0%}")

@@ -1,0 +1,43 @@
+"""The project installed as a wheel, far from its checkout, finds its own configurations and scenes."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """A folder of installed packages that holds the built wheel."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / "site")
+    return folder / "site"
+
+
+def run(site, code, cwd):
+    environment = os.environ | {"PYTHONPATH": str(site)}
+    return subprocess.run([sys.executable, "-c", code], cwd=cwd, env=environment, capture_output=True, text=True)
+
+
+def test_it_is_the_wheel_that_runs(site, tmp_path):
+    done = run(site, "import dmae, synth; print(dmae.__file__, synth.__file__)", tmp_path)
+    assert all(name.startswith(str(site)) for name in done.stdout.split())
+
+
+def test_it_generates_and_captures(site, tmp_path):
+    arguments = "'synth', 'generate', 'out=set', 'clips=1', 'scene=office', 'scene.seconds=0.4'"
+    done = run(site, f"import sys; sys.argv = [{arguments}]; from synth.cli import main; main()", tmp_path)
+    assert done.returncode == 0, done.stderr
+    arguments = "'dmae', 'capture', 'data=set', 'out=captured'"
+    done = run(site, f"import sys; sys.argv = [{arguments}]; from dmae.cli import main; main()", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "captured/000000/clip.json").is_file()
