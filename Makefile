@@ -3,6 +3,7 @@
 
 PYTHON ?= python3
 BIN := .venv/bin
+comma := ,
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # The first is read when packages are installed, the second when they are built.
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
@@ -10,8 +11,22 @@ export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 
 .PHONY: demo test lint format bench setup
 
+# The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
+DEMO := runs/demo
 demo: setup
-	$(BIN)/python -m dmae.demo
+	$(BIN)/synth generate out=$(DEMO)/train seed=1 clips=24 workers=2
+	$(BIN)/synth generate out=$(DEMO)/test seed=2 clips=2 workers=2 scene.seconds=4 images=rgb quality=draft
+	$(BIN)/dmae train data=$(DEMO)/train out=$(DEMO)/model max_minutes=1.5
+	$(BIN)/dmae capture data=$(DEMO)/test out=$(DEMO)/captured
+	$(BIN)/dmae complete clip=$(DEMO)/captured weights=$(DEMO)/model out=$(DEMO)/completed
+	$(BIN)/dmae evaluate data=$(DEMO)/test methods=[measured,linear,dmae] weights=$(DEMO)/model out=$(DEMO)/scores
+ifdef DMAE_DATA
+	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[5,3] methods=[measured,linear,dmae] \
+	  weights=$(DEMO)/model out=$(DEMO)/scores_shelf
+endif
+	$(BIN)/dmae report clip=$(DEMO)/completed scores=[$(DEMO)/scores$(if $(DMAE_DATA),$(comma)$(DEMO)/scores_shelf)] \
+	  out=$(DEMO)/report.html
+	@echo "Look at $(DEMO)/report.html"
 
 test: setup
 	$(BIN)/python -m pytest

@@ -27,8 +27,10 @@ def views_figure(clip: Clip, frame: int) -> Figure:
     views = len(clip.rig)
     rows = -(-(views + 2) // _COLUMNS)
     width, height = clip.rig.size[0]
-    figure = Figure(figsize=(4 * _COLUMNS, 4 * rows * height / width + 0.4 * rows), layout="constrained")
+    figure = Figure(figsize=(4 * _COLUMNS, rows * (4 * height / width + 0.3)), layout="constrained")
     axes = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
+    for panel in axes:
+        panel.set_box_aspect(height / width)
     pixels, _ = clip.rig.project(clip.poses.xyz[frame : frame + 1])
     for view, name in enumerate(clip.rig.names):
         _draw_view(axes[view], clip, frame, view, pixels[0, view])
@@ -78,10 +80,10 @@ def gaps_figure(scores: dict) -> Figure:
 def _draw_view(axes: Axes, clip: Clip, frame: int, view: int, pixels: np.ndarray) -> None:
     width, height = clip.rig.size[view]
     if clip.images and "rgb" in clip.images.kinds:
-        axes.imshow(_rgb(clip.images, clip.rig.names[view], frame))
+        axes.imshow(_rgb(clip.images, clip.rig.names[view], frame), aspect="auto")
     else:
         axes.set_facecolor("#e9ecef")
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", xticks=[], yticks=[])
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
     _draw_bones(axes, clip.poses, frame, pixels)
 
 
@@ -93,7 +95,9 @@ def _draw_world(axes: Axes, clip: Clip, frame: int, plane: tuple[int, int], titl
     """Orthographic view along the axis that `plane` leaves out."""
     axes.set_title(title, fontsize=10)
     _draw_bones(axes, clip.poses, frame, clip.poses.xyz[frame][..., plane])
-    axes.set(aspect="equal", xlabel="xyz"[plane[0]] + " [m]", ylabel="xyz"[plane[1]] + " [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.tick_params(labelsize=7, pad=1)
+    axes.annotate("m", (1, 0), xycoords="axes fraction", textcoords="offset points", xytext=(4, -9), fontsize=7)
     axes.grid(color="#dddddd", linewidth=0.5)
     axes.set_axisbelow(True)
     if title == "side":

@@ -12,4 +12,6 @@ def data_folder() -> Path:
     folder = os.environ.get("DMAE_DATA")
     if not folder:
         pytest.skip("needs real recordings: set DMAE_DATA to the folder that holds cmu/, shelf/ and pose2sim/")
+    if not Path(folder).is_dir():
+        pytest.fail(f"DMAE_DATA={folder}: no such folder")
     return Path(folder)
