@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import trimesh
 from scipy.interpolate import PchipInterpolator
 
 TILE = 0.3
@@ -104,15 +105,13 @@ def _surface(points: np.ndarray, uv: np.ndarray, *, inverted: bool) -> Mesh:
     faces, vertices = np.concatenate(triangles), points.reshape(-1, 3)
     faces = faces[:, ::-1] if inverted else faces
     corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    real = np.linalg.norm(normals, axis=1) > 2e-10
-    faces, normals = faces[real], normals[real]
+    faces = faces[
+        np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 2e-10
+    ]
     # Vertices at the same place share a normal, so that no seam shows.
-    _, place = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
-    total = np.zeros((place.max() + 1, 3))
-    np.add.at(total, place[faces], normals[:, None])
-    total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
-    return Mesh(vertices, total[place], uv.reshape(-1, 2), faces)
+    places, place = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
+    normals = trimesh.Trimesh(places, place[faces], process=False).vertex_normals[place]
+    return Mesh(vertices, normals, uv.reshape(-1, 2), faces)
 
 
 def dome(semi_axes, towards, cut: float, *, rings: int = 10, sides: int = 24) -> Mesh:
