@@ -1,0 +1,84 @@
+"""Patterns of absence to learn from: scattered joints, whole frames, and limbs lost for a while."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmae.skeleton import Skeleton
+
+_LEG = ("knee", "ankle", "big_toe", "small_toe", "heel")
+_PARTS = (
+    *((f"{side}_wrist",) for side in "lr"),
+    *((f"{side}_elbow", f"{side}_wrist") for side in "lr"),
+    *((f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist") for side in "lr"),
+    *(tuple(f"{side}_{joint}" for joint in _LEG[1:]) for side in "lr"),
+    *(tuple(f"{side}_{joint}" for joint in _LEG) for side in "lr"),
+    ("nose", "l_eye", "r_eye", "l_ear", "r_ear", "head_top", "top_head", "bottom_head"),
+    ("mid_hip", "l_hip", "r_hip"),
+)
+"""What disappears together."""
+
+
+@dataclass(frozen=True)
+class HidingConfig:
+    """Which of the known joints the encoder is not shown in training."""
+
+    scattered: float = 0.2
+    """Share of the recordings hidden at random by joint and by frame, as in the paper; the others are in bursts."""
+    joints: float = 0.5
+    """Share of the joints that are hidden where they are hidden at random."""
+    frames: float = 0.5
+    """Share of the frames that are hidden whole where joints are hidden at random."""
+    bursts: float = 5.0
+    """Bursts a second and person."""
+    longest: int = 60
+    """Frames of the longest burst; lengths are log-uniform from 2."""
+    absence: int = 15
+    """Frames of the longest burst in which the whole person is gone."""
+
+    def __post_init__(self):
+        for name in ("scattered", "joints", "frames"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"hiding.{name}: expected a share between 0 and 1, found {getattr(self, name)}")
+        if self.bursts < 0 or self.longest < 2 or self.absence < 2:
+            raise ValueError(f"hiding: expected bursts >= 0, longest >= 2 and absence >= 2, found {self}")
+
+
+def hide(
+    frames: int, persons: int, skeleton: Skeleton, fps: float, config: HidingConfig, *, rng: np.random.Generator
+) -> np.ndarray:
+    """(F, P, J) True where a joint is hidden: all persons at random (probability `scattered`), or all in bursts."""
+    if rng.random() < config.scattered:
+        return hide_scattered((frames, persons, len(skeleton)), config.joints, config.frames, rng=rng)
+    return hide_bursts(frames, persons, skeleton, fps, config, rng=rng)
+
+
+def hide_scattered(
+    shape: tuple[int, int, int], joints: float, frames: float, *, rng: np.random.Generator
+) -> np.ndarray:
+    """(F, P, J) True for a share of the joints and, besides, for all joints of a share of the frames."""
+    return (rng.random(shape) < joints) | (rng.random((*shape[:2], 1)) < frames)
+
+
+def hide_bursts(
+    frames: int, persons: int, skeleton: Skeleton, fps: float, config: HidingConfig, *, rng: np.random.Generator
+) -> np.ndarray:
+    """(F, P, J) True where body parts, and now and then whole persons, are gone for a stretch of frames."""
+    hidden = np.zeros((frames, persons, len(skeleton)), bool)
+    parts = body_parts(skeleton)
+    for person in range(persons):
+        for _ in range(rng.poisson(config.bursts * frames / fps)):
+            whole = rng.random() < 1 / 40
+            longest = config.absence if whole else config.longest
+            length = int(np.exp(rng.uniform(np.log(2), np.log(longest + 1))))
+            start = int(rng.integers(1 - length, frames))
+            joints = slice(None) if whole else parts[rng.integers(len(parts))]
+            hidden[max(start, 0) : start + length, person, joints] = True
+    return hidden
+
+
+def body_parts(skeleton: Skeleton) -> list[list[int]]:
+    """The joints that disappear together: those the skeleton has of each part, or every joint for itself."""
+    short = [joint.rpartition(".")[2] for joint in skeleton.joints]
+    parts = [[i for i, joint in enumerate(short) if joint in part] for part in _PARTS]
+    return [part for part in parts if part] or [[i] for i in range(len(skeleton))]

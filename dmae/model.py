@@ -1,0 +1,212 @@
+"""D-MAE: a masked auto-encoder over single joints at single times (Jiang, Chen & Guo, ACM MM 2022).
+
+Shapes: B windows, T frames, J joints, N = T * J tokens, C channels.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+_SPREAD = 0.3
+"""m, about how far joints are from the rest pose."""
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """What the network looks like. `configs/model/paper.yaml` is the paper's."""
+
+    frames: int = 15
+    """T, frames in a window."""
+    fps: float = 25.0
+    """Frames per second of a window; poses at other rates are resampled."""
+    dim: int = 64
+    depth: int = 2
+    heads: int = 4
+    head_dim: int = 16
+    mlp: int = 128
+    decoder_dim: int = 32
+    decoder_depth: int = 1
+    dropout: float = 0.0
+    signal_codes: int = 64
+    """Rows of the Gaussian matrix of the signal code."""
+    signal_sigma: float = 1.0
+    """Its standard deviation, 1/m."""
+    time_sigma: float = 3.0
+    """Standard deviation of the context code of time, which runs over [0, 1] in a window."""
+    joint_sigma: float = 30.0
+    """Standard deviation of the context code of the joint's index, which runs over [0, 1]."""
+    no_time_code: bool = False
+    """Ablation."""
+    no_joint_code: bool = False
+    """Ablation."""
+    residual: bool = True
+    """Not in the paper: predict what to add to interpolated joints, which hidden tokens then carry, instead of
+    coordinates; and give the network joints relative to the rest pose, coordinates beside their code."""
+    turn_to_front: bool = True
+    """Turn each window so that its middle frame faces +x; else it keeps its heading in the world."""
+
+    def __post_init__(self):
+        for name in ("frames", "depth", "heads", "head_dim", "mlp", "decoder_depth", "signal_codes"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"model.{name}: expected at least 1, found {getattr(self, name)}")
+        for name in ("dim", "decoder_dim"):
+            if getattr(self, name) < 2 or getattr(self, name) % 2:
+                raise ValueError(
+                    f"model.{name}: expected an even number (sines and cosines), found {getattr(self, name)}"
+                )
+
+
+class FourierCode(nn.Module):
+    """[cos 2πBx, sin 2πBx] of x (..., D), with a fixed Gaussian matrix B (C/2, D) that is saved with the weights."""
+
+    def __init__(self, inputs: int, channels: int, sigma: float):
+        super().__init__()
+        self.register_buffer("B", torch.randn(channels // 2, inputs) * sigma)
+
+    def forward(self, x: Tensor) -> Tensor:
+        phase = 2 * math.pi * x @ self.B.T
+        return torch.cat([phase.cos(), phase.sin()], -1)
+
+
+class ContextCode(nn.Module):
+    """γ(j) + γ(t): which joint and when, (N, C), both indices scaled to [0, 1]."""
+
+    def __init__(self, config: ModelConfig, joints: int, channels: int):
+        super().__init__()
+        self.joint = None if config.no_joint_code else FourierCode(1, channels, config.joint_sigma)
+        self.time = None if config.no_time_code else FourierCode(1, channels, config.time_sigma)
+        self.register_buffer(
+            "t", torch.linspace(0, 1, config.frames).repeat_interleave(joints)[:, None], persistent=False
+        )
+        self.register_buffer("j", torch.linspace(0, 1, joints).repeat(config.frames)[:, None], persistent=False)
+
+    def forward(self) -> Tensor | float:
+        code = 0.0
+        if self.joint is not None:
+            code = code + self.joint(self.j)
+        if self.time is not None:
+            code = code + self.time(self.t)
+        return code
+
+
+class Attention(nn.Module):
+    """Multi-head self-attention."""
+
+    def __init__(self, dim: int, heads: int, head_dim: int):
+        super().__init__()
+        self.heads = heads
+        self.qkv = nn.Linear(dim, 3 * heads * head_dim, bias=False)
+        self.out = nn.Linear(heads * head_dim, dim)
+
+    def forward(self, x: Tensor, real: Tensor | None) -> Tensor:
+        """x (B, n, C); `real` (B, n) True for the tokens that may be attended to, None for all."""
+        batch, count, _ = x.shape
+        q, k, v = self.qkv(x).view(batch, count, 3, self.heads, -1).permute(2, 0, 3, 1, 4)  # (B, heads, n, head_dim)
+        keys = None if real is None else real[:, None, None, :]
+        y = F.scaled_dot_product_attention(q, k, v, attn_mask=keys)
+        return self.out(y.transpose(1, 2).reshape(batch, count, -1))
+
+
+class Block(nn.Module):
+    """Pre-norm transformer layer."""
+
+    def __init__(self, dim: int, heads: int, head_dim: int, mlp: int, dropout: float):
+        super().__init__()
+        self.attention_norm = nn.LayerNorm(dim)
+        self.attention = Attention(dim, heads, head_dim)
+        self.mlp_norm = nn.LayerNorm(dim)
+        self.mlp = nn.Sequential(nn.Linear(dim, mlp), nn.GELU(), nn.Dropout(dropout), nn.Linear(mlp, dim))
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, x: Tensor, real: Tensor | None = None) -> Tensor:
+        x = x + self.dropout(self.attention(self.attention_norm(x), real))
+        return x + self.dropout(self.mlp(self.mlp_norm(x)))
+
+
+class DMAE(nn.Module):
+    """Completes windows of joints.
+
+    The encoder is given the observed tokens only, gathered to the largest number in the batch and padded:
+    attention is quadratic in the tokens, and leaving hidden ones in as excluded keys costs 1.4 times the
+    whole step at a quarter hidden, 1.9 times at 60 %. The decoder, narrower and shallower, is given
+    encoded tokens where joints are observed, the shared mask token elsewhere, and the context codes again.
+    """
+
+    def __init__(self, config: ModelConfig, joints: int):
+        super().__init__()
+        c = self.config = config
+        self.register_buffer("rest", torch.zeros(joints, 3))
+        """m; mean pose of the training data, see `dmae.windows.rest_pose`."""
+        self.signal = FourierCode(3, 2 * c.signal_codes, c.signal_sigma)
+        signal = 2 * c.signal_codes + (3 if c.residual else 0)
+        self.embed = nn.Linear(signal, c.dim)
+        self.encoder_context = ContextCode(c, joints, c.dim)
+        self.encoder = nn.ModuleList(Block(c.dim, c.heads, c.head_dim, c.mlp, c.dropout) for _ in range(c.depth))
+        self.encoder_norm = nn.LayerNorm(c.dim)
+
+        self.narrow = nn.Linear(c.dim, c.decoder_dim)
+        self.mask_token = nn.Parameter(torch.randn(c.decoder_dim) * 0.02)
+        self.decoder_context = ContextCode(c, joints, c.decoder_dim)
+        share = c.decoder_dim / c.dim
+        head_dim, mlp = max(1, round(c.head_dim * share)), max(1, round(c.mlp * share))
+        self.decoder = nn.ModuleList(
+            Block(c.decoder_dim, c.heads, head_dim, mlp, c.dropout) for _ in range(c.decoder_depth)
+        )
+        self.decoder_norm = nn.LayerNorm(c.decoder_dim)
+        self.head = nn.Linear(c.decoder_dim, 3)
+        if c.residual:
+            self.embed_base = nn.Linear(signal + 2, c.decoder_dim)
+            # Training starts from the interpolation.
+            nn.init.zeros_(self.head.weight)
+            nn.init.zeros_(self.head.bias)
+
+    def forward(self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor) -> Tensor:
+        """Predict every joint of every frame; the fields of `dmae.windows.Windows`.
+
+        Args:
+            x: (B, T, J, 3) m; what stands where `observed` is False is not read.
+            observed: (B, T, J) True where the encoder may look.
+            base: (B, T, J, 3) m, interpolated joints; read only by a residual model, as is `gap`.
+            gap: (B, T, J, 2) frames since and until the joint was observed.
+
+        Returns:
+            (B, T, J, 3) m.
+        """
+        seen = observed.flatten(1)  # (B, N)
+        encoded, index, real = self._encode(self._signal(x), seen)
+
+        hidden = self.mask_token.expand(*seen.shape, -1)  # (B, N, C)
+        if self.config.residual:
+            far = torch.log1p(gap.flatten(1, 2)) / math.log(1000)
+            hidden = hidden + self.embed_base(torch.cat([self._signal(base), far], -1))
+        encoded = torch.where(real[..., None], encoded, 0)
+        shown = torch.zeros_like(hidden).scatter_add(1, index[..., None].expand_as(encoded), encoded)
+        tokens = torch.where(seen[..., None], shown, hidden) + self.decoder_context()
+        for block in self.decoder:
+            tokens = block(tokens)
+        predicted = self.head(self.decoder_norm(tokens)).view_as(base)
+        return base + predicted if self.config.residual else predicted
+
+    def _signal(self, x: Tensor) -> Tensor:
+        """The signal code (B, N, C) of joints (B, T, J, 3)."""
+        if not self.config.residual:
+            return self.signal(x.flatten(1, 2))
+        offset = (x - self.rest).flatten(1, 2)
+        return torch.cat([offset / _SPREAD, self.signal(offset)], -1)
+
+    def _encode(self, signal: Tensor, seen: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Encoded observed tokens (B, n, C), which they are (B, n), and which of them are not padding (B, n)."""
+        longest = max(1, int(seen.sum(1).max()))
+        index = torch.argsort(seen.byte(), dim=1, descending=True, stable=True)[:, :longest]
+        real = seen.gather(1, index)
+        # In a window without any observed token attention needs one key; what comes of it is dropped.
+        keys = None if bool(real.all()) else real | ~real.any(1, keepdim=True)
+        tokens = self.embed(signal.gather(1, index[..., None].expand(-1, -1, signal.shape[-1])))
+        context = self.encoder_context()
+        tokens = tokens + (context[index] if isinstance(context, Tensor) else context)
+        for block in self.encoder:
+            tokens = block(tokens, keys)
+        return self.narrow(self.encoder_norm(tokens)), index, real

@@ -1,0 +1,229 @@
+"""Completion: measured joints stay, absent ones are filled where there is evidence, bad input is named."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dmae.baselines import fill_bodyframe, fill_linear, present
+from dmae.clip import Poses3D, Source
+from dmae.complete import Completer, load_completer
+from dmae.examples import AugmentConfig
+from dmae.hiding import HidingConfig, hide_bursts
+from dmae.mapping import convert
+from dmae.model import DMAE, ModelConfig
+from dmae.skeleton import BODY25, SHELF14
+from dmae.train import TrainConfig, train
+from dmae.weights import save_model
+from dmae.windows import rest_pose
+
+from .strollers import clip_of, strollers
+
+FPS = 25.0
+SMALL = ModelConfig(frames=9, dim=16, depth=1, heads=2, head_dim=8, mlp=32, decoder_dim=8, signal_codes=8)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def untrained(residual: bool = True, denoise: bool = False) -> Completer:
+    """A completer whose network adds something everywhere."""
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        model = DMAE(replace(SMALL, residual=residual, turn_to_front=residual), len(SHELF14)).eval()
+        torch.nn.init.normal_(model.head.weight, std=0.01)
+    truth = convert(strollers(50, 3, rng=np.random.default_rng(9)), SHELF14)
+    model.rest.copy_(torch.from_numpy(rest_pose(truth.xyz, SHELF14)))
+    return Completer(model, SHELF14, torch.device("cpu"), denoise)
+
+
+def strolling(seed: int, frames: int = 60, persons: int = 3) -> Poses3D:
+    return convert(strollers(frames, persons, rng=np.random.default_rng(seed)), SHELF14)
+
+
+def with_holes(truth: Poses3D, seed: int) -> Poses3D:
+    rng = np.random.default_rng(seed)
+    hidden = hide_bursts(*truth.xyz.shape[:2], truth.skeleton, FPS, HidingConfig(longest=20), rng=rng)
+    return Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, truth.xyz))
+
+
+LEARNING = TrainConfig(
+    model=ModelConfig(frames=5, dim=32, depth=1, heads=2, head_dim=16, mlp=64, decoder_dim=32, signal_codes=16),
+    hiding=HidingConfig(longest=20, scattered=0.0, bursts=3.0),
+    augment=AugmentConfig(speed=0.0, scale=0.03),
+    skeleton="shelf14",
+    steps=400,
+    lr=3e-3,
+    validation=0.0,
+)
+"""Steps repeat, so that what interpolation cannot know can be learned in seconds."""
+
+
+@pytest.fixture(scope="module")
+def clips():
+    rng = np.random.default_rng(0)
+    return [clip_of(strollers(100, 3, rng=rng), f"clip{i}") for i in range(5)]
+
+
+@pytest.fixture(scope="module")
+def trained(clips, tmp_path_factory):
+    return train(LEARNING, clips, tmp_path_factory.mktemp("model"))
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 1000), st.booleans())
+def test_measured_joints_stay_to_the_bit_and_present_people_are_whole(seed, residual):
+    poses = with_holes(strolling(seed), seed)
+    done = untrained(residual)(poses, FPS)
+    assert done.xyz[poses.measured].tobytes() == poses.xyz[poses.measured].tobytes()
+    there = np.broadcast_to(present(poses, FPS)[..., None], poses.source.shape)
+    np.testing.assert_array_equal(done.source == Source.COMPLETED, there & ~poses.measured)
+    np.testing.assert_array_equal(done.source == Source.ABSENT, ~there)
+    invented = done.source == Source.COMPLETED
+    assert np.isnan(done.cov[invented]).all() and not done.views[invented].any()
+    assert np.linalg.norm(done.xyz[invented], axis=-1).max() < 6
+
+
+def test_completion_beats_lines_and_the_interpolation_it_builds_on(trained):
+    completer = load_completer(trained)
+    errors = {"completed": [], "interpolated": [], "linear": []}
+    for seed in range(5):
+        truth = strolling(100 + seed, frames=100)
+        poses = with_holes(truth, seed)
+        lines = fill_linear(poses, FPS)
+        scored = lines.source == Source.COMPLETED
+        for name, filled in zip(errors, (completer(poses, FPS), fill_bodyframe(poses, FPS), lines), strict=True):
+            errors[name].append(np.linalg.norm(filled.xyz - truth.xyz, axis=-1)[scored])
+    mean = {name: np.concatenate(values).mean() for name, values in errors.items()}
+    assert mean["completed"] < 0.9 * mean["interpolated"]
+    assert mean["completed"] < 0.5 * mean["linear"]
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.permutations(range(3)))
+def test_permuting_persons_permutes_the_answer(order):
+    poses = with_holes(strolling(1), 1)
+    permuted = Poses3D(SHELF14, poses.xyz[:, order])
+    completer = untrained()
+    np.testing.assert_allclose(completer(permuted, FPS).xyz, completer(poses, FPS).xyz[:, order], atol=1e-5)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 3), st.floats(-5, 5), st.floats(-5, 5))
+def test_turning_and_moving_the_world_turns_and_moves_the_answer(quarters, dx, dy):
+    """By quarter turns: the cubics of the interpolation are monotone in each coordinate."""
+    poses = with_holes(strolling(2), 2)
+    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters]
+    R = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    completer = untrained()
+    moved = completer(Poses3D(SHELF14, poses.xyz @ R.T + (dx, dy, 0)), FPS)
+    np.testing.assert_allclose(moved.xyz, completer(poses, FPS).xyz @ R.T + (dx, dy, 0), atol=1e-4)
+
+
+def test_nobody_is_invented_outside_their_life_nor_in_long_absences():
+    xyz = strolling(3, frames=120).xyz.copy()
+    xyz[:10, 0], xyz[110:, 0], xyz[40:90, 0], xyz[95:105, 0] = np.nan, np.nan, np.nan, np.nan
+    xyz[:, 1] = np.nan
+    source = untrained()(Poses3D(SHELF14, xyz), FPS).source[..., 0]
+    assert not source[:10, 0].any() and not source[110:, 0].any() and not source[40:90, 0].any()
+    assert (source[95:105, 0] == Source.COMPLETED).all()
+    assert not source[:, 1].any()
+
+
+def test_what_was_completed_before_is_no_evidence():
+    poses = with_holes(strolling(4), 4)
+    wrong = replace(fill_linear(poses, FPS), cov=np.zeros((*poses.source.shape, 3, 3)))
+    wrong = replace(wrong, xyz=np.where((wrong.source == Source.COMPLETED)[..., None], 99, wrong.xyz))
+    completer = untrained()
+    np.testing.assert_array_equal(completer(wrong, FPS).xyz, completer(poses, FPS).xyz)
+
+
+def test_denoising_moves_and_marks_measured_joints(clips, tmp_path):
+    config = replace(LEARNING, steps=150, shown_weight=1.0, augment=AugmentConfig(noise=0.03))
+    truth = strolling(5, frames=100)
+    noisy = Poses3D(SHELF14, truth.xyz + np.random.default_rng(0).normal(0, 0.02, truth.xyz.shape))
+    done = load_completer(train(config, clips, tmp_path), denoise=True)(noisy, FPS)
+    assert (done.source == Source.DENOISED).all()
+    before, after = (np.linalg.norm(poses.xyz - truth.xyz, axis=-1).mean() for poses in (noisy, done))
+    assert after < 0.95 * before
+
+
+@pytest.mark.parametrize("fps", [5.0, 30.0, 60.0, 240.0])
+def test_other_frame_rates(trained, fps):
+    truth = convert(strollers(int(4 * fps), 2, rng=np.random.default_rng(6), fps=fps), SHELF14)
+    hidden = np.zeros(truth.xyz.shape[:3], bool)
+    hidden[int(1.5 * fps) : int(1.9 * fps), :, SHELF14.index("l_wrist", "l_elbow")] = True
+    poses = Poses3D(SHELF14, np.where(hidden[..., None], np.nan, truth.xyz))
+    done = load_completer(trained)(poses, fps)
+    assert ((done.source == Source.COMPLETED) == hidden).all()
+    error = np.linalg.norm(done.xyz - truth.xyz, axis=-1)[hidden].mean()
+    linear = np.linalg.norm(fill_linear(poses, fps).xyz - truth.xyz, axis=-1)[hidden].mean()
+    assert error < linear
+
+
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.integers(0, 12), st.integers(0, 3), st.floats(0, 1), st.integers(0, 1000), st.booleans())
+def test_any_holes_are_defined(frames, persons, share, seed, residual):
+    rng = np.random.default_rng(seed)
+    truth = strolling(seed, frames=max(frames, 1), persons=max(persons, 1))
+    xyz = truth.xyz[:frames, :persons].copy()
+    xyz[rng.random(xyz.shape[:3]) < share] = np.nan
+    poses = Poses3D(SHELF14, xyz)
+    done = untrained(residual)(poses, FPS)
+    assert done.xyz.shape == xyz.shape
+    assert not np.isnan(done.xyz[present(poses, FPS)]).any()
+
+
+def test_the_long_way_through_disk_is_the_same(trained, tmp_path):
+    poses = with_holes(strolling(7), 7)
+    shutil.copytree(trained, tmp_path / "copy")
+    first, second = (load_completer(folder)(poses, FPS) for folder in (trained, tmp_path / "copy"))
+    np.testing.assert_array_equal(first.xyz, second.xyz)
+
+
+def test_bad_weights_are_named(trained, tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"dmae train.*model\.json"):
+        load_completer(tmp_path)
+    folder = tmp_path / "broken"
+    shutil.copytree(trained, folder)
+    path = folder / "weights.safetensors"
+    path.write_bytes(path.read_bytes()[:-8])
+    with pytest.raises(ValueError, match=r"weights\.safetensors: does not match the checksum"):
+        load_completer(folder)
+    (folder / "model.json").write_text("{")
+    with pytest.raises(ValueError, match=r"model\.json: expected JSON"):
+        load_completer(folder)
+    shutil.copy(trained / "model.json", folder / "model.json")
+    shutil.copy(trained / "weights.safetensors", path)
+    for change, complaint in (
+        ({"format": 99}, "format 1, found 99"),
+        ({"model": {"depht": 3}}, "not a model of this version"),
+    ):
+        meta = json.loads((trained / "model.json").read_text()) | change
+        (folder / "model.json").write_text(json.dumps(meta))
+        with pytest.raises(ValueError, match=complaint):
+            load_completer(folder)
+
+
+def test_bad_poses_are_named(trained):
+    completer = load_completer(trained)
+    with pytest.raises(ValueError, match=r"'shelf14', the poses are 'body25'; convert"):
+        completer(Poses3D(BODY25, np.zeros((3, 1, 25, 3))), FPS)
+    with pytest.raises(ValueError, match="fps must be positive"):
+        completer(strolling(0), 0.0)
+
+
+def test_denoising_untaught_is_refused(tmp_path):
+    save_model(untrained().model, SHELF14, tmp_path, {"denoises": False})
+    with pytest.raises(ValueError, match="shown_weight"):
+        load_completer(tmp_path, denoise=True)

@@ -1,0 +1,136 @@
+"""The network: what is hidden cannot be seen, what is fixed is saved, and it can learn."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dmae.model import DMAE, ModelConfig
+
+SMALL = ModelConfig(
+    frames=4, dim=32, depth=2, heads=2, head_dim=16, mlp=64, decoder_dim=16, decoder_depth=1, signal_codes=16
+)
+PAPER = replace(SMALL, residual=False, turn_to_front=False)
+JOINTS = 6
+
+
+def model(config: ModelConfig, seed: int = 0) -> DMAE:
+    """A model with nothing at zero, as after some training, in evaluation mode."""
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        made = DMAE(config, JOINTS).eval()
+        torch.nn.init.normal_(made.head.weight, std=0.1)
+    return made
+
+
+def windows(batch: int, seed: int = 0, share: float = 0.6) -> tuple[torch.Tensor, ...]:
+    """x, observed, base, gap of random joints of which a share is observed."""
+    made = torch.Generator().manual_seed(seed)
+    base = torch.randn(batch, SMALL.frames, JOINTS, 3, generator=made)
+    observed = torch.rand(base.shape[:-1], generator=made) < share
+    gap = torch.randint(0, 40, (*observed.shape, 2), generator=made).float()
+    return base * observed[..., None], observed, base, gap
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 1000), st.floats(0, 1), st.booleans())
+def test_hidden_joints_cannot_influence_the_output(seed, share, residual):
+    net = model(SMALL if residual else PAPER)
+    x, observed, base, gap = windows(3, seed, share)
+    disturbed = torch.where(observed[..., None], x, 1e3 * torch.randn(x.shape))
+    with torch.no_grad():
+        first, second = net(x, observed, base, gap), net(disturbed, observed, base, gap)
+    assert torch.isfinite(first).all()
+    torch.testing.assert_close(first, second, rtol=0, atol=1e-5)
+
+
+def test_the_paper_s_model_looks_neither_at_interpolation_nor_at_gaps():
+    net = model(PAPER)
+    x, observed, base, gap = windows(2)
+    with torch.no_grad():
+        torch.testing.assert_close(net(x, observed, base, gap), net(x, observed, base + 1, gap + 1), rtol=0, atol=0)
+
+
+def test_an_observed_joint_does_influence_the_others():
+    net = model(SMALL)
+    x, observed, base, gap = windows(1)
+    frame, joint = (int(i) for i in observed[0].nonzero()[0])
+    moved = x.clone()
+    moved[0, frame, joint] += 1
+    with torch.no_grad():
+        change = (net(moved, observed, base, gap) - net(x, observed, base, gap)).abs().sum(-1)[0]
+    assert (change > 1e-6).all()
+
+
+def test_windows_do_not_depend_on_their_neighbours_in_the_batch():
+    net = model(SMALL)
+    batch = windows(5)
+    order = [3, 0, 4, 2, 1]
+    with torch.no_grad():
+        together, shuffled = net(*batch), net(*(part[order] for part in batch))
+        alone = torch.cat([net(*(part[i : i + 1] for part in batch)) for i in range(5)])
+    torch.testing.assert_close(shuffled, together[order], rtol=0, atol=1e-5)
+    torch.testing.assert_close(alone, together, rtol=0, atol=1e-5)
+
+
+def test_a_window_without_any_observed_joint_is_finite_and_trains():
+    net = DMAE(SMALL, JOINTS)
+    x, observed, base, gap = windows(2)
+    observed[0] = False
+    net(x * observed[..., None], observed, base, gap).square().mean().backward()
+    assert all(torch.isfinite(parameter.grad).all() for parameter in net.parameters() if parameter.grad is not None)
+
+
+def test_a_residual_model_starts_from_the_interpolation():
+    x, observed, base, gap = windows(2)
+    assert torch.equal(DMAE(SMALL, JOINTS)(x, observed, base, gap), base)
+
+
+def test_the_fourier_matrices_are_saved_and_are_not_learned():
+    net, other = model(SMALL, seed=1), model(SMALL, seed=2)
+    matrices = {name for name in net.state_dict() if name.endswith(".B")}
+    assert len(matrices) == 5  # signal; joint and time, in the encoder and again in the decoder
+    assert not matrices & {name for name, _ in net.named_parameters()}
+    batch = windows(2)
+    assert not torch.equal(net(*batch), other(*batch))
+    other.load_state_dict(net.state_dict())
+    assert torch.equal(net(*batch), other(*batch))
+
+
+@pytest.mark.parametrize("ablation", ["no_joint_code", "no_time_code"])
+def test_ablated_codes_make_tokens_interchangeable(ablation):
+    """Without the code of an axis, the paper's network cannot tell the places along it apart."""
+    x, observed, base, gap = windows(2)
+    observed[:] = True
+    observed[:, 1, 2] = observed[:, 3, 4] = False
+    axis = 2 if ablation == "no_joint_code" else 1
+    for config, same in ((PAPER, False), (replace(PAPER, **{ablation: True}), True)):
+        net = model(config)
+        with torch.no_grad():
+            flipped = net(x.flip(axis), observed.flip(axis), base, gap).flip(axis)
+            assert torch.allclose(flipped, net(x, observed, base, gap), atol=1e-5) == same
+
+
+@pytest.mark.parametrize("config", [SMALL, PAPER], ids=["residual", "paper"])
+def test_one_batch_is_overfitted(config):
+    torch.manual_seed(0)
+    net = DMAE(config, JOINTS)
+    x, observed, base, gap = windows(4)
+    target = base + 0.1 * torch.randn(base.shape)
+    optimizer = torch.optim.Adam(net.parameters(), 5e-3)
+    errors = []
+    for _ in range(300):
+        loss = (net(x, observed, base, gap) - target).square().sum(-1)[~observed].mean()
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        errors.append(float(loss.detach()))
+    assert errors[-1] < 0.01 * errors[0]
+
+
+@pytest.mark.parametrize("wrong", [{"depth": 0}, {"dim": 31}, {"heads": -1}])
+def test_impossible_networks_are_refused(wrong):
+    with pytest.raises(ValueError, match=f"model.{next(iter(wrong))}"):
+        replace(SMALL, **wrong)

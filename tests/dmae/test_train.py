@@ -1,0 +1,130 @@
+"""Training: it learns, resumes to the bit, and refuses to mix two models."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from dmae.clip import Poses3D
+from dmae.examples import AugmentConfig
+from dmae.hiding import HidingConfig
+from dmae.model import ModelConfig
+from dmae.skeleton import BODY25
+from dmae.train import Learner, Loss, TrainConfig, train
+
+from .strollers import clip_of, strollers
+
+TINY = TrainConfig(
+    model=ModelConfig(
+        frames=5, dim=16, depth=1, heads=2, head_dim=8, mlp=32, decoder_dim=8, signal_codes=8, dropout=0.1
+    ),
+    hiding=HidingConfig(longest=20),
+    skeleton="shelf14",
+    steps=10,
+    epoch=5,
+    batch=8,
+    validation=0.3,
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def clips():
+    rng = np.random.default_rng(0)
+    return [clip_of(strollers(60, 2, rng=rng), f"clip{i}") for i in range(4)]
+
+
+def weights(folder: Path) -> dict[str, torch.Tensor]:
+    return load_file(folder / "weights.safetensors")
+
+
+def same(first: dict, second: dict) -> bool:
+    return first.keys() == second.keys() and all(torch.equal(first[name], second[name]) for name in first)
+
+
+@pytest.fixture(scope="module")
+def trained(clips, tmp_path_factory):
+    return train(TINY, clips, tmp_path_factory.mktemp("trained"))
+
+
+def test_training_leaves_weights_that_say_what_they_are(trained):
+    record = json.loads((trained / "model.json").read_text())
+    assert record["skeleton"] == "shelf14" and record["steps"] == 10 and record["clips"] == 3
+    assert record["model"]["frames"] == 5
+    assert len(record["validation_clips"]) == 1
+    assert record["hidden_model_mm"] > 0 and record["hidden_interpolation_mm"] > 0
+    assert list((trained / "tensorboard").glob("events*"))
+
+
+def test_resuming_is_exact(clips, trained, tmp_path, monkeypatch):
+    step = Learner.training_step
+
+    def fail_at_7(self, batch, index):
+        if self.trainer.global_step == 7:
+            raise InterruptedError("power cut")
+        return step(self, batch, index)
+
+    monkeypatch.setattr(Learner, "training_step", fail_at_7)
+    with pytest.raises(InterruptedError):
+        train(TINY, clips, tmp_path)
+    assert not (tmp_path / "model.json").exists()
+    monkeypatch.undo()
+    assert same(weights(train(TINY, clips, tmp_path)), weights(trained))
+
+
+def test_the_seed_decides(clips, trained, tmp_path):
+    assert same(weights(train(TINY, clips, tmp_path / "again")), weights(trained))
+    assert not same(weights(train(replace(TINY, seed=1), clips, tmp_path / "other")), weights(trained))
+
+
+def test_a_finished_model_is_left_alone_and_another_configuration_refused(clips, trained):
+    before = (trained / "weights.safetensors").stat().st_mtime_ns
+    train(TINY, clips, trained)
+    assert (trained / "weights.safetensors").stat().st_mtime_ns == before
+    with pytest.raises(ValueError, match=r"otherwise: training\.json differs in lr, model"):
+        train(replace(TINY, lr=1.0, model=replace(TINY.model, depth=2)), clips, trained)
+    with pytest.raises(ValueError, match="clips"):
+        train(TINY, clips[:3], trained)
+
+
+def test_training_stops_when_its_time_is_up(clips, tmp_path):
+    record = json.loads(
+        (train(replace(TINY, steps=10**6, max_minutes=0.03), clips, tmp_path) / "model.json").read_text()
+    )
+    assert 0 < record["steps"] < 10**4
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"loss": Loss.mse, "model": replace(TINY.model, residual=False, turn_to_front=False)}, {"shown_weight": 0.3}],
+    ids=["paper", "denoise"],
+)
+def test_other_recipes_train(clips, tmp_path, change):
+    config = replace(TINY, steps=2, augment=AugmentConfig(noise=0.02), **change)
+    record = json.loads((train(config, clips, tmp_path) / "model.json").read_text())
+    assert np.isfinite(record["hidden_model_mm"])
+    assert record["denoises"] == (config.shown_weight > 0)
+
+
+def test_a_single_clip_trains_without_validation(clips, tmp_path):
+    record = json.loads((train(replace(TINY, steps=2), clips[:1], tmp_path) / "model.json").read_text())
+    assert record["validation_clips"] == [] and "hidden_model_mm" not in record
+
+
+def test_clips_without_truth_or_without_people_are_named(clips, tmp_path):
+    with pytest.raises(ValueError, match="'clip0' has no truth"):
+        train(TINY, [replace(clips[0], truth=None)], tmp_path)
+    nobody = Poses3D(BODY25, np.full((60, 1, 25, 3), np.nan))
+    with pytest.raises(ValueError, match="nothing to learn from"):
+        train(TINY, [replace(clips[0], truth=nobody)], tmp_path)
