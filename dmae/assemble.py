@@ -1,6 +1,7 @@
 """2D skeletons from joint candidates and part affinities."""
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -38,10 +39,10 @@ def assemble(
     """
     first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
     total = int(first[-1])
-    joint = np.repeat(np.arange(len(counts)), counts).tolist()
+    joint = np.repeat(np.arange(len(counts)), counts)
     skeleton = list(range(total))
     members = [[candidate] for candidate in range(total)]
-    joints = [1 << j for j in joint]
+    joints = [1 << j for j in joint.tolist()]
     for a, b in _strong_links(first, affinities, links):
         into, gone = skeleton[a], skeleton[b]
         if joints[into] & joints[gone]:
@@ -55,19 +56,19 @@ def assemble(
         members[gone], joints[gone] = [], 0
     found = sorted(filter(None, members), key=len, reverse=True)
     assembled = np.full((len(found), len(counts)), -1)
-    for d, candidates in enumerate(found):
-        for candidate in candidates:
-            assembled[d, joint[candidate]] = candidate - first[joint[candidate]]
+    candidate = np.array(list(chain.from_iterable(found)), int)
+    row, column = np.repeat(np.arange(len(found)), [len(candidates) for candidates in found]), joint[candidate]
+    assembled[row, column] = candidate - first[column]
     return assembled
 
 
 def _strong_links(first: np.ndarray, affinities: Sequence[np.ndarray], links: Sequence[tuple[int, int]]):
     """Pairs of candidates, numbered through all joints, strongest affinity first."""
-    flat = np.concatenate([np.ravel(affinity) for affinity in affinities])
+    flat = np.concatenate([affinity.ravel() for affinity in affinities])
     strong = np.flatnonzero(flat > _MIN_AFFINITY)
     strong = strong[np.argsort(-flat[strong], kind="stable")]
-    offsets = np.cumsum([0, *(np.size(affinity) for affinity in affinities)])
-    link = np.searchsorted(offsets, strong, side="right") - 1
+    offsets = np.cumsum([0, *(affinity.size for affinity in affinities)])
+    link = offsets.searchsorted(strong, side="right") - 1
     side_a, side_b = np.asarray(links)[link].T
     row, column = np.divmod(strong - offsets[link], (first[side_b + 1] - first[side_b]))
     return zip((first[side_a] + row).tolist(), (first[side_b] + column).tolist(), strict=True)

@@ -36,6 +36,8 @@ def propagate(closeness: np.ndarray, seniors: np.ndarray) -> tuple[np.ndarray, n
     for view in range(views):
         for rank in (seniors, ~seniors):
             rows, columns = np.flatnonzero(rank), np.flatnonzero(owner[view] == NONE)
+            if not len(rows):
+                continue
             gain = np.maximum(total[view][np.ix_(rows, columns)], 0)
             for row, column in zip(*linear_sum_assignment(gain, maximize=True), strict=True):
                 if gain[row, column] > 0:
@@ -94,9 +96,9 @@ def affinity(distances: np.ndarray, weights: np.ndarray, half: float) -> np.ndar
 def cluster(affinities: np.ndarray, view: np.ndarray, threshold: float) -> list[np.ndarray]:
     """Identity matching: groups of detections of one person, at most one from a view.
 
-    The Hungarian algorithm proposes pairs for every two views. Pairs are then joined, the surest first,
-    as long as all members of the joint group agree with each other on average: what is decided for two
-    views holds in all others.
+    The Hungarian algorithm proposes pairs for every two views. Pairs are then joined, those first that
+    agree best, with each other and with whom they both agree in all other views, as long as all members
+    of the joint group agree with each other on average: what is decided for two views holds in all others.
 
     Args:
         affinities: (n, n) in [0, 1], NaN where unknown.
@@ -107,12 +109,16 @@ def cluster(affinities: np.ndarray, view: np.ndarray, threshold: float) -> list[
         Index arrays of groups of two detections or more, ordered by view.
     """
     known = np.nan_to_num(affinities)
+    support = known.copy()
+    for third in np.unique(view):
+        others = known[:, view == third]
+        support += np.minimum(others[:, None], others[None]).max(-1)
     pairs = []
     for a, b in combinations(np.unique(view), 2):
         rows, columns = np.flatnonzero(view == a), np.flatnonzero(view == b)
         block = known[np.ix_(rows, columns)]
         pairs += [
-            (block[i, j], rows[i], columns[j])
+            (support[rows[i], columns[j]], rows[i], columns[j])
             for i, j in zip(*linear_sum_assignment(block, maximize=True), strict=True)
             if block[i, j] >= threshold
         ]

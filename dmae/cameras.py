@@ -131,7 +131,7 @@ class CameraRig:
                 xy[:, view] = distorted.reshape(xy[:, view].shape)
             radius = np.linalg.norm(normalised, axis=-1, keepdims=True)
             normalised = np.where(radius < self._reach[:, None, None], xy, np.nan)
-        return np.einsum("vij,fvnj->fvni", self.K[:, :2, :2], normalised) + self.K[:, None, :2, 2]
+        return normalised @ self.K[:, :2, :2].swapaxes(-1, -2) + self.K[:, None, :2, 2]
 
     @cached_property
     def _reach(self) -> np.ndarray:
@@ -176,7 +176,7 @@ class CameraRig:
         flat = ideal.reshape(*ideal.shape[:2], prod(ideal.shape[2:-1]), 2)
         homogeneous = np.concatenate([flat, np.ones_like(flat[..., :1])], -1)
         world_from_pixel = np.linalg.inv(self.K @ self.cam_from_world[:, :3, :3])
-        direction = np.einsum("vij,fvnj->fvni", world_from_pixel, homogeneous)
+        direction = homogeneous @ world_from_pixel.swapaxes(-1, -2)
         direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
         return direction.reshape(*ideal.shape[:-1], 3)
 

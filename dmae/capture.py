@@ -6,8 +6,9 @@ import numpy as np
 
 from dmae.associate import NONE
 from dmae.clip import Clip, Poses3D, Source
-from dmae.identify import Joints, Seen, Unit, identify
+from dmae.identify import Joints, identify
 from dmae.prune import broken, ghosts, jumps, merge, same_person
+from dmae.seen import Seen, Unit
 from dmae.skeleton import Skeleton
 from dmae.triangulate import Noise
 
@@ -77,7 +78,12 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     (identity propagation); those left over are matched between views by rays and looks, and become new
     people or old ones come back (identity matching); joints are triangulated from the views that agree.
     Then tracks of one person are merged, ghosts dropped, and with the whole path of each person known,
-    each joint chooses its detections again.
+    each joint chooses its detections again. (`dmae.online` is the same for frames as they come.)
+
+    Detections need not be sound. Joints with coordinates that are not finite are absent; confidences below
+    0 and above 1 count as 0 and 1; of doubles in a view the nearer counts, joint by joint. Cameras that see
+    nothing change nothing. Cameras that share no view, or stand too close to tell depth, find nobody;
+    nobody, as no frames, is a result like others.
 
     Returns:
         Tracks in the order of their birth, a row each for the whole clip. A joint that fewer than `th_v`
@@ -96,10 +102,9 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     chosen, xyz = chosen[:, alive], xyz[:, alive]
     if config.reach > 0:
         seen = Seen.of(clip, config.th_p_again, config)
-        path = _bridge(_prune(xyz, skeleton, fps), int(config.bridge * fps))
-        chosen = _choose_again(seen, chosen, path, config.reach)
+        chosen = choose_again(seen, chosen, paths(xyz, skeleton, fps, config), config.reach)
     points = seen.triangulate(np.arange(len(clip))[:, None, None, None], chosen)
-    xyz = _prune(points.xyz, skeleton, fps) if config.prune else points.xyz
+    xyz = prune(points.xyz, skeleton, fps) if config.prune else points.xyz
     absent = np.isnan(xyz[..., 0])
     return Poses3D(
         skeleton,
@@ -110,10 +115,15 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     )
 
 
-def _prune(xyz: np.ndarray, skeleton: Skeleton, fps: float) -> np.ndarray:
+def prune(xyz: np.ndarray, skeleton: Skeleton, fps: float) -> np.ndarray:
     """Joints (F, P, J, 3) less those that cannot be right."""
     sound = np.where(broken(xyz, skeleton)[..., None], np.nan, xyz)
     return np.where(jumps(sound, fps)[..., None], np.nan, sound)
+
+
+def paths(xyz: np.ndarray, skeleton: Skeleton, fps: float, config: CaptureConfig) -> np.ndarray:
+    """Where joints (F, P, J, 3) are expected, by what came before and after."""
+    return _bridge(prune(xyz, skeleton, fps), int(config.bridge * fps))
 
 
 def _bridge(xyz: np.ndarray, longest: int) -> np.ndarray:
@@ -131,7 +141,7 @@ def _bridge(xyz: np.ndarray, longest: int) -> np.ndarray:
     return start + share * (end - start)
 
 
-def _choose_again(seen: Seen, chosen: np.ndarray, path: np.ndarray, reach: float) -> np.ndarray:
+def choose_again(seen: Seen, chosen: np.ndarray, path: np.ndarray, reach: float) -> np.ndarray:
     """For joints with a path, the detections nearest to it that are nearest to no other person.
 
     Mends what was assembled or matched wrongly: a neighbour's wrist, a forearm that hung on nobody.

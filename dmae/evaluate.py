@@ -125,7 +125,7 @@ def score(poses: Poses3D, captured: Poses3D, truth: Poses3D, actors: tuple[int, 
         shares: of the true joints, % {absent, measured, denoised, completed}.
         hidden: {recall, mpjpe} of the true joints that capture did not measure.
         gaps: see `dmae.metrics.error_by_gap`.
-        identity_switches: number.
+        identity_switches: number; `idf1`, %.
     """
     skeleton = truth.skeleton
     pred, captured = convert(poses, skeleton), convert(captured, skeleton)
@@ -159,6 +159,7 @@ def score(poses: Poses3D, captured: Poses3D, truth: Poses3D, actors: tuple[int, 
         },
         "gaps": metrics.error_by_gap(matched, truth.xyz, lengths),
         "identity_switches": metrics.identity_switches(matches),
+        "idf1": metrics.idf1(pred.xyz, truth.xyz),
     }
 
 

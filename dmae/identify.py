@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -9,13 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dmae.appearance import appearance
+from dmae.appearance import Looks
 from dmae.associate import NONE, affinity, cluster, propagate, ray_distances
-from dmae.cameras import CameraRig
 from dmae.clip import Clip
 from dmae.progress import progress
+from dmae.seen import Seen
 from dmae.skeleton import Skeleton
-from dmae.triangulate import Points, triangulate
 
 if TYPE_CHECKING:
     from dmae.capture import CaptureConfig
@@ -28,17 +28,10 @@ _TWIN = 0.2
 """m; a new person whose joints are nearer than this to somebody's is a double of that person."""
 _REACH, _PACE = 0.3, 1.5
 """m and m/s: how far from where they are expected people are found again."""
+_STEPS = 2
+"""Of refinement: to tell whose joints are, they need not be exact."""
 _DAMPING = 0.5
 """s; velocities fade by 1/e in this time unless measured anew."""
-
-
-class Unit(StrEnum):
-    """What distances in an image are measured in."""
-
-    metres = "metres"
-    """On the person: px x depth / focal length."""
-    diagonals = "diagonals"
-    """Diagonals of the image."""
 
 
 class Joints(StrEnum):
@@ -47,52 +40,6 @@ class Joints(StrEnum):
     all = "all"
     mid_hip = "mid_hip"
     """Or both hips, where the detector has no middle."""
-
-
-@dataclass(frozen=True)
-class Seen:
-    """The confident detections (F, V, D, J) of a clip, ready to be compared.
-
-    Attributes:
-        rig: Pinhole cameras that see undistorted pixels.
-        xy: (F, V, D, J, 2) undistorted px, NaN where absent.
-        confidence: (F, V, D, J) in [0, 1], NaN where absent.
-        config: How to compare them.
-    """
-
-    rig: CameraRig
-    xy: np.ndarray
-    confidence: np.ndarray
-    config: CaptureConfig
-
-    @classmethod
-    def of(cls, clip: Clip, least: float, config: CaptureConfig) -> Seen:
-        """Joint-level filtering: the detections of at least some confidence, undistorted."""
-        xy, score = clip.detections.xy, clip.detections.score.astype(np.float64)
-        confident = (score >= least) & np.isfinite(xy).all(-1)
-        xy = clip.rig.undistort(np.where(confident[..., None], xy, np.nan))
-        rig = replace(clip.rig, dist=np.zeros((len(clip.rig), 5)))
-        return cls(rig, xy, np.where(confident, np.clip(score, 0, 1), np.nan), config)
-
-    def triangulate(self, frame: int | np.ndarray, chosen: np.ndarray) -> Points:
-        """The joints (..., J) made of the chosen detections, (..., V, J) indices or `NONE`, of frames (..., 1, 1)."""
-        view, joint = np.arange(len(self.rig))[:, None], np.arange(chosen.shape[-1])
-        absent = chosen == NONE
-        xy = np.where(absent[..., None], np.nan, self.xy[frame, view, chosen, joint])
-        confidence = np.where(absent, np.nan, self.confidence[frame, view, chosen, joint])
-        points = triangulate(self.rig, xy.swapaxes(-3, -2), confidence.swapaxes(-2, -1), self.config.noise)
-        points.xyz[points.views < self.config.th_v] = np.nan
-        return points
-
-    def distance(self, frames: slice, xyz: np.ndarray, unit: Unit) -> np.ndarray:
-        """(F, V, P, D, J) from the reprojections of people (F, P, J, 3) to the detections of those frames."""
-        pixels, depth = self.rig.project(xyz)
-        if unit == Unit.metres:
-            scale = depth / np.sqrt(self.rig.K[:, 0, 0] * self.rig.K[:, 1, 1])[:, None, None]
-        else:
-            scale = np.broadcast_to(1 / np.hypot(*self.rig.size.T)[:, None, None], depth.shape)
-        off = pixels[:, :, :, None] - self.xy[frames, :, None]
-        return np.sqrt(off[..., 0] ** 2 + off[..., 1] ** 2) * scale[:, :, :, None]
 
 
 @dataclass
@@ -139,10 +86,9 @@ class _People:
         """With what is known (T, J, 3) of them now; NaN for joints not measured, all NaN for people not measured."""
         known = ~np.isnan(xyz[..., 0])
         velocity = self.velocity.copy()
-        step = xyz - self.xyz
-        for person in np.flatnonzero((~np.isnan(step[..., 0])).any(-1)):
-            both = ~np.isnan(step[person, :, 0])
-            velocity[person] += inertia * np.median(step[person, both], 0) / dt
+        step = _median(xyz - self.xyz)
+        moved = ~np.isnan(step[:, 0])
+        velocity[moved] += inertia * step[moved] / dt
         return replace(
             self,
             xyz=np.where(known[..., None], xyz, self.xyz),
@@ -151,6 +97,65 @@ class _People:
             lost=np.where(known.any(-1), 0, self.lost),
             life=self.life + np.where(known.any(-1), dt, 0),
         )
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """(..., 3) median of what is known of (..., J, 3), which is known or not for all three; NaN of nothing."""
+    ordered, count = np.sort(values, -2), (~np.isnan(values[..., :1])).sum(-2, keepdims=True)
+    low, high = (np.take_along_axis(ordered, np.maximum(count - k, 0) // 2, -2) for k in (1, 0))
+    return ((low + high) / 2)[..., 0, :]
+
+
+Tracked = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Of the T people of a frame: row (T,), detections chosen (T, V, J) or `NONE`, and joints (T, J, 3) m made of them."""
+
+
+class Tracker:
+    """Gives detections to people frame by frame, and looks only back."""
+
+    def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig):
+        self._config, self._dt = config, 1 / fps
+        self._compared = _compared(skeleton, config.matching)
+        self._bones = np.array(skeleton.bones).reshape(-1, 2)
+        self._people = _People.born(0, np.empty((0, len(skeleton), 3)))
+        self._count = 0
+
+    def step(self, seen: Seen, frame: int, looks: Looks | None = None) -> Tracked:
+        """Who is in the next frame, which is number `frame` of what was seen."""
+        config, bones = self._config, self._bones
+        people = self._people.predicted(self._dt)
+        chosen, owner = _propagate(seen, frame, people)
+        xyz = seen.triangulate(frame, chosen, _STEPS).xyz
+        sound = _plausible(xyz, chosen, bones, _FEWEST, config.th_v)
+        xyz[~sound] = np.nan
+        free = (owner == NONE) | ~np.append(sound, False)[owner]
+        groups = _match(seen, frame, free, looks, self._compared)
+        if len(groups):
+            new = seen.triangulate(frame, groups, _STEPS).xyz
+            sound = _plausible(new, groups, bones, config.birth_joints, config.th_v)
+            groups, new = groups[sound], new[sound]
+            person, born = _recognise(new, people, np.isnan(xyz[..., 0]).all(-1))
+            back = person != NONE
+            chosen[person[back]], xyz[person[back]] = groups[back], new[back]
+            people += _People.born(self._count, new[born])
+            self._count += born.sum()
+            chosen, xyz = np.concatenate([chosen, groups[born]]), np.concatenate([xyz, new[born]])
+        people = people.measured(xyz, self._dt, config.inertia)
+        gone = np.isnan(xyz[..., 0]).all(-1)
+        people.xyz[people.unseen > config.coast] = np.nan
+        self._people = people[(people.lost <= config.coast) & ~np.isnan(people.xyz[..., 0]).all(-1)]
+        return people.index, np.where(gone[:, None, None], NONE, chosen), xyz
+
+
+def stack(history: Sequence[Tracked], rows: np.ndarray, views: int, joints: int) -> tuple[np.ndarray, np.ndarray]:
+    """Detections (F, P, V, J) and joints (F, P, J, 3) of the people of some rows (P,), ascending."""
+    all_chosen = np.full((len(history), len(rows), views, joints), NONE, np.int16)
+    all_xyz = np.full((len(history), len(rows), joints, 3), np.nan)
+    for frame, (index, chosen, xyz) in enumerate(history):
+        wanted = np.isin(index, rows)
+        column = np.searchsorted(rows, index[wanted])
+        all_chosen[frame, column], all_xyz[frame, column] = chosen[wanted], xyz[wanted]
+    return all_chosen, all_xyz
 
 
 def identify(seen: Seen, clip: Clip, config: CaptureConfig) -> tuple[np.ndarray, np.ndarray]:
@@ -162,41 +167,11 @@ def identify(seen: Seen, clip: Clip, config: CaptureConfig) -> tuple[np.ndarray,
     """
     frames, views, _, joints = seen.confidence.shape
     has_colour = config.colour_weight > 0 and clip.images is not None and "rgb" in clip.images.kinds
-    colours = appearance(clip) if has_colour else np.full((*seen.confidence.shape[:3], 3), np.nan)
-    compared = _compared(clip.detections.skeleton, config.matching)
-    bones = np.array(clip.detections.skeleton.bones).reshape(-1, 2)
-
-    dt = 1 / clip.fps
-    people, everybody, history = _People.born(0, np.empty((0, joints, 3))), 0, []
-    for frame in progress(range(frames), "finding people"):
-        people = people.predicted(dt)
-        chosen, owner = _propagate(seen, frame, people)
-        xyz = seen.triangulate(frame, chosen).xyz
-        sound = _plausible(xyz, chosen, bones, _FEWEST, config.th_v)
-        xyz[~sound] = np.nan
-        free = (owner == NONE) | ~np.append(sound, False)[owner]
-        groups = _match(seen, frame, free, colours[frame], compared)
-        if len(groups):
-            new = seen.triangulate(frame, groups).xyz
-            sound = _plausible(new, groups, bones, config.birth_joints, config.th_v)
-            groups, new = groups[sound], new[sound]
-            person, born = _recognise(new, people, np.isnan(xyz[..., 0]).all(-1))
-            back = person != NONE
-            chosen[person[back]], xyz[person[back]] = groups[back], new[back]
-            people += _People.born(everybody, new[born])
-            everybody += born.sum()
-            chosen, xyz = np.concatenate([chosen, groups[born]]), np.concatenate([xyz, new[born]])
-        people = people.measured(xyz, dt, config.inertia)
-        gone = np.isnan(xyz[..., 0]).all(-1)
-        history.append((people.index, np.where(gone[:, None, None], NONE, chosen), xyz))
-        people.xyz[people.unseen > config.coast] = np.nan
-        people = people[(people.lost <= config.coast) & ~np.isnan(people.xyz[..., 0]).all(-1)]
-
-    all_chosen = np.full((frames, everybody, views, joints), NONE, np.int16)
-    all_xyz = np.full((frames, everybody, joints, 3), np.nan)
-    for frame, (index, chosen, xyz) in enumerate(history):
-        all_chosen[frame, index], all_xyz[frame, index] = chosen, xyz
-    return all_chosen, all_xyz
+    looks = Looks(clip) if has_colour else None
+    tracker = Tracker(clip.detections.skeleton, clip.fps, config)
+    history = [tracker.step(seen, frame, looks) for frame in progress(range(frames), "finding people")]
+    everybody = max((index.max(initial=-1) + 1 for index, *_ in history), default=0)
+    return stack(history, np.arange(everybody), views, joints)
 
 
 def _compared(skeleton: Skeleton, joints: Joints) -> list[int]:
@@ -223,8 +198,8 @@ def _propagate(seen: Seen, frame: int, people: _People) -> tuple[np.ndarray, np.
     return chosen.swapaxes(0, 1), owner
 
 
-def _match(seen: Seen, frame: int, free: np.ndarray, colours: np.ndarray, compared: list[int]) -> np.ndarray:
-    """Groups (G, V, J) of free detections (V, D) that are of one person, by rays and colours (V, D, 3)."""
+def _match(seen: Seen, frame: int, free: np.ndarray, looks: Looks | None, compared: list[int]) -> np.ndarray:
+    """Groups (G, V, J) of free detections (V, D) that are of one person, by rays and looks."""
     config, confidence = seen.config, seen.confidence[frame]
     present = ~np.isnan(confidence)
     view, detection = np.nonzero(free & (present.sum(-1) >= _FEWEST) & present[..., compared].any(-1))
@@ -235,9 +210,11 @@ def _match(seen: Seen, frame: int, free: np.ndarray, colours: np.ndarray, compar
     sure = confidence[view, detection][:, compared]
     distances = ray_distances(seen.rig.centers[view], rays)
     alike = affinity(distances, np.sqrt(sure[:, None] * sure[None]), config.half_ray)
-    off = colours[view, detection][:, None] - colours[view, detection][None]
-    looks = 1 / (1 + (off**2).sum(-1) / config.half_colour**2)
-    alike = np.where(np.isnan(looks), alike, alike + config.colour_weight * (looks - alike))
+    at_best = np.where(view[:, None] != view, alike + config.colour_weight * (1 - alike), 0)
+    if looks is not None and (at_best >= config.th_a).any():
+        colour = looks(frame)[view, detection]
+        like = 1 / (1 + ((colour[:, None] - colour[None]) ** 2).sum(-1) / config.half_colour**2)
+        alike = np.where(np.isnan(like), alike, alike + config.colour_weight * (like - alike))
     found = cluster(alike, view, config.th_a)
     groups = np.full((len(found), len(confidence), joints), NONE)
     for group, members in zip(groups, found, strict=True):

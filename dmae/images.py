@@ -1,8 +1,9 @@
 """The images of a clip: H.264 video for colour, 16-bit PNGs for depth and ids."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -46,7 +47,8 @@ class Images:
         if kind not in self.kinds or view not in self.views:
             raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
         if kind == "rgb":
-            yield from self._read_video(view)
+            for convert in self.video(view):
+                yield convert()
             return
         for frame in self.frames:
             path = self.folder / kind / view / f"{frame:06d}.png"
@@ -55,7 +57,8 @@ class Images:
                 raise FileNotFoundError(f"{path}: no readable PNG")
             yield image if kind == "ids" else np.where(image > 0, image / np.float32(1000), np.float32(np.nan))
 
-    def _read_video(self, view: str) -> Iterator[np.ndarray]:
+    def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
+        """As `read("rgb", view)`, for a reader who skips: functions that return the images."""
         import av
 
         path, wanted, last = self.folder / "rgb" / f"{view}.mp4", set(self.frames), max(self.frames)
@@ -64,7 +67,7 @@ class Images:
             for number, frame in enumerate(container.decode(video=0)):
                 if number in wanted:
                     found += 1
-                    yield frame.to_ndarray(format="rgb24")
+                    yield partial(frame.to_ndarray, format="rgb24")
                 if number == last:
                     break
         if found != len(self.frames):

@@ -12,7 +12,7 @@ _JUMP = 0.10
 """m; a deviation that noise explains."""
 _ACCELERATION = 60.0
 """m/s^2; hands in vigorous motion reach it."""
-_LONGEST_JUMP = 0.2
+LONGEST_JUMP = 0.2
 """s."""
 _STRETCH, _SLACK = 0.25, 0.05
 """A bone is broken when its length is off by more than this share and this many metres."""
@@ -81,7 +81,7 @@ def jumps(xyz: np.ndarray, fps: float) -> np.ndarray:
     """
     flat = xyz.reshape(len(xyz), prod(xyz.shape[1:-1]), 3)
     found = np.zeros(flat.shape[:2], bool)
-    widest = max(round(_LONGEST_JUMP * fps), 1)
+    widest = max(round(LONGEST_JUMP * fps), 1)
     for series in range(flat.shape[1]):
         kept = np.flatnonzero(~np.isnan(flat[:, series, 0]))
         while (gone := _worst_jumps(flat[kept, series], kept / fps, widest)).any():
@@ -96,18 +96,21 @@ def _worst_jumps(x: np.ndarray, t: np.ndarray, widest: int) -> np.ndarray:
     Of runs near each other only the worst: a jump makes its surroundings look impossible.
     """
     ratios, runs = [], []
-    for width in range(1, min(widest, len(x) - 2) + 1):
-        a, b, ta, tb = x[: -width - 1], x[width + 1 :], t[: -width - 1], t[width + 1 :]
+    # A jump starts with a step that is too long: that spares most of the path.
+    step, dt = np.linalg.norm(np.diff(x, axis=0), axis=-1), np.diff(t)
+    leaps = np.flatnonzero(step > _JUMP + _ACCELERATION / 2 * dt * dt.min(initial=np.inf))
+    for width in range(1, min(widest, len(x) - 2) + 1) if len(leaps) else ():
+        before = leaps[leaps + width + 1 < len(x)]
+        a, b, ta, tb = x[before], x[before + width + 1], t[before], t[before + width + 1]
         ratio = np.full(len(a), np.inf)
         for k in range(1, width + 1):
-            c, tc = x[k : len(x) - width - 1 + k], t[k : len(x) - width - 1 + k]
+            c, tc = x[before + k], t[before + k]
             chord = a + (b - a) * ((tc - ta) / (tb - ta))[:, None]
             allowed = _JUMP + _ACCELERATION / 2 * (tc - ta) * (tb - tc)
-            off = np.min([np.linalg.norm(c - expected, axis=-1) for expected in (chord, a, b)], 0)
+            off = np.linalg.norm(c - np.stack([chord, a, b]), axis=-1).min(0)
             ratio = np.minimum(ratio, off / allowed)
-        impossible = np.flatnonzero(ratio > 1)
-        ratios.append(ratio[impossible])
-        runs += [(start + 1, start + 1 + width) for start in impossible]
+        ratios.append(ratio[ratio > 1])
+        runs += [(start + 1, start + 1 + width) for start in before[ratio > 1]]
     gone, touched = np.zeros(len(x), bool), np.zeros(len(x), bool)
     for run in np.argsort(-np.concatenate(ratios)) if runs else ():
         start, end = runs[run]

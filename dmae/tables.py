@@ -39,8 +39,20 @@ def tables(scores: dict) -> list[Table]:
             ],
         ),
         Table(
-            "PCK@0.2 and joints, %; MPJPE, mm",
-            ("method", "views", "recall", "precision", "completed", "absent", "MPJPE", "seen", "hidden", "switches"),
+            "PCK@0.2, joints and IDF1, %; MPJPE, mm",
+            (
+                "method",
+                "views",
+                "recall",
+                "precision",
+                "filled",
+                "absent",
+                "MPJPE",
+                "seen",
+                "hidden",
+                "switches",
+                "IDF1",
+            ),
             [(*first, *map(_text, _errors(mean))) for first, mean in zip(firsts, means, strict=True)],
         ),
         Table(
@@ -62,6 +74,7 @@ def _errors(mean: dict) -> list[float | None]:
         kinds["measured"] if kinds["denoised"] is None else kinds["denoised"],
         mean["hidden"]["mpjpe"],
         mean["identity_switches"],
+        mean.get("idf1"),
     ]
 
 

@@ -1,5 +1,6 @@
 """Points from rays: robust triangulation, batched over persons, joints and frames."""
 
+from copy import copy
 from dataclasses import dataclass, replace
 from math import prod
 
@@ -9,15 +10,14 @@ from dmae.cameras import CameraRig
 
 _NEAREST = 0.05
 """Nothing is seen nearer to a camera than this, m."""
+_CONVERGED = 1e-6
+"""m; shorter steps end the refinement of a point."""
 _HUBER = 2.0
 """Residuals beyond this many sigmas count linearly."""
-_ITERATIONS = 8
-_CONVERGED = 1e-7
-"""m; no step is longer any more."""
-_PAIRED_VIEWS = 6
+_PAIRED_VIEWS = 4
 """Pairs are made of so many views at most."""
-_CHUNK = 500_000
-"""Points times pairs times views held at once: some 50 MB."""
+_CHUNK = 60_000
+"""Points times pairs times views held at once: few enough to stay in the cache."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,9 @@ class Points:
         return self.used.sum(-1)
 
 
-def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray, noise: Noise = Noise()) -> Points:
+def triangulate(
+    rig: CameraRig, xy: np.ndarray, confidence: np.ndarray, noise: Noise = Noise(), steps: int = 8
+) -> Points:
     """Robust, confidence-weighted triangulation.
 
     Of the points in which any two rays pass closest, the one that most views agree with is refined by
@@ -81,6 +83,7 @@ def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray, noise: N
         xy: (..., V, 2) undistorted pixels (`CameraRig.undistort`); NaN where a view does not see the point.
         confidence: (..., V) in [0, 1].
         noise: What to expect of detections.
+        steps: Most steps of refinement. Two leave some millimetres.
 
     Raises:
         ValueError: the arrays do not fit the rig.
@@ -107,7 +110,7 @@ def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray, noise: N
         sightings = _Sightings(rig, xy[some], seen[some], noise.sigma(confidence[some]), noise)
         start = sightings.closest_pair()
         known = np.isfinite(start[:, 0])
-        xyz, cov, used, residual = sightings[known].refine(start[known])
+        xyz, cov, used, residual = sightings[known].refine(start[known], steps)
         good = (used.sum(-1) >= 2) & (np.linalg.eigvalsh(cov)[:, -1] <= noise.deepest**2)
         found = some[known][good]
         points.xyz[found], points.cov[found] = xyz[good], cov[good]
@@ -130,7 +133,9 @@ class _Sightings:
         self.projections, self.focal = rig.projections, np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
 
     def __getitem__(self, points) -> "_Sightings":
-        return _Sightings(self.pinhole, self.xy[points], self.seen[points], self.sigma[points], self.noise)
+        some = copy(self)
+        some.xy, some.seen, some.sigma = self.xy[points], self.seen[points], self.sigma[points]
+        return some
 
     def compare(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Where points (n, ..., 3) would be seen.
@@ -154,40 +159,52 @@ class _Sightings:
 
         Of many views the surest supply the pairs, all judge them.
         """
-        rays, centers = self.pinhole.rays(self.xy), self.pinhole.centers
+        rays, centers = self.pinhole.rays(self.xy.swapaxes(0, 1)[None])[0], self.pinhole.centers
         surest = np.argsort(np.where(self.seen, self.sigma, np.inf), -1)[:, :_PAIRED_VIEWS]
         a, b = (surest[:, side] for side in np.triu_indices(surest.shape[1], 1))
         point = np.arange(len(self.xy))[:, None]
-        middle = _between(centers[a], rays[point, a], centers[b], rays[point, b])
+        middle = _between(centers[a], rays[a, point], centers[b], rays[b, point])
         middle[~(self.seen[point, a] & self.seen[point, b])] = np.nan
         off, scale, depth = self.compare(middle)
         far = self.noise.gate**2
         with np.errstate(invalid="ignore"):
-            error = np.where(depth > _NEAREST, np.minimum((off**2).sum(-1) * scale**2, far), far)
+            error = (off[..., 0] ** 2 + off[..., 1] ** 2) * scale**2
+            error = np.where(depth > _NEAREST, np.minimum(error, far), far)
         error = np.where(self.seen[:, None], error, 0).sum(-1)
         error[np.isnan(middle[..., 0])] = np.inf
         return middle[point[:, 0], error.argmin(-1)]
 
-    def refine(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def refine(self, xyz: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Points (n, 3) from a start near them, with covariance, views used and residual as in `Points`."""
-        for _ in range(_ITERATIONS):
-            information, gradient, _ = self._normal_equations(xyz)
+        xyz, moving, some = xyz.copy(), np.arange(len(xyz)), self
+        for _ in range(steps):
+            information, gradient, *_ = some._normal_equations(xyz[moving])
             step = np.linalg.solve(information, gradient[..., None])[..., 0]
-            xyz = xyz - step
-            if np.abs(step).max(initial=0) < _CONVERGED:
-                break
-        information, _, used = self._normal_equations(xyz)
-        off, scale, _ = self.compare(xyz)
-        square, count = np.where(used, (off**2).sum(-1), 0), used.sum(-1)
+            xyz[moving] -= step
+            still = (np.abs(step) >= _CONVERGED).any(-1)
+            if 2 * still.sum() < len(moving):
+                moving, some = moving[still], some[still]
+                if not len(moving):
+                    break
+        information, _, used, error, scale = self._normal_equations(xyz)
+        square, count = np.where(used, error**2, 0), used.sum(-1)
         # Views that disagree by more than their sigmas say less than their sigmas promise.
-        surprise = (square * scale**2).sum(-1) / np.maximum(2 * count - 3, 1)
+        surprise = square.sum(-1) / np.maximum(2 * count - 3, 1)
         cov = np.linalg.inv(information) * np.maximum(surprise, 1)[:, None, None]
-        return xyz, cov, used, np.sqrt(square.sum(-1) / np.maximum(count, 1))
+        return xyz, cov, used, np.sqrt((square / scale**2).sum(-1) / np.maximum(count, 1))
 
-    def _normal_equations(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """J^T W J (n, 3, 3) and J^T W r (n, 3) of the views within the gate (n, V) at points (n, 3)."""
+    def _normal_equations(self, xyz: np.ndarray) -> tuple[np.ndarray, ...]:
+        """What a step from points (n, 3) takes.
+
+        Returns:
+            information: J^T W J (n, 3, 3).
+            gradient: J^T W r (n, 3).
+            used: (n, V) views within the gate.
+            error: (n, V) in sigmas.
+            scale: (n, V) 1 / sigma in the image, 1/px.
+        """
         off, scale, depth = self.compare(xyz)
-        error = np.sqrt((off**2).sum(-1)) * scale
+        error = np.sqrt(off[..., 0] ** 2 + off[..., 1] ** 2) * scale
         used = self.seen & (depth > _NEAREST)
         # With few views the point follows each of them: of two views a residual shows half the disagreement.
         count = np.maximum(used.sum(-1, keepdims=True), 2)
@@ -201,7 +218,8 @@ class _Sightings:
         information = weighted @ jacobian
         damping = 1e-9 * np.trace(information, axis1=-2, axis2=-1) + 1e-9
         information += damping[:, None, None] * np.eye(3)
-        return information, (weighted @ off.reshape(len(xyz), 2 * len(self.pinhole), 1))[..., 0], used
+        gradient = (weighted @ off.reshape(len(xyz), 2 * len(self.pinhole), 1))[..., 0]
+        return information, gradient, used, error, scale
 
 
 def _between(center_a: np.ndarray, rays_a: np.ndarray, center_b: np.ndarray, rays_b: np.ndarray) -> np.ndarray:

@@ -93,6 +93,7 @@ class _Numbers:
         try:
             self.tokens = path.read_text().split()
             self.values = np.array(self.tokens, np.float64)
+            self.finite = int(np.argmin(np.append(np.isfinite(self.values), False)))
         except UnicodeDecodeError as error:
             raise ValueError(f"{path}: expected text, {error}") from None
         except ValueError:
@@ -110,19 +111,18 @@ class _Numbers:
 
     def take(self, length: int, what: str) -> np.ndarray:
         """The next `length` numbers."""
-        values = self.values[self.position : self.position + length]
-        if len(values) < length:
-            self.position = len(self.values)
-            raise self.error(f"{length} numbers ({what})" if length > 1 else what, "the end of the file")
-        if not np.isfinite(values).all():
-            self.position += int(np.argmin(np.isfinite(values)))
+        start, end = self.position, self.position + length
+        if end > self.finite:
+            self.position = self.finite if end <= len(self.values) else len(self.values)
+            if end > len(self.values):
+                raise self.error(f"{length} numbers ({what})" if length > 1 else what, "the end of the file")
             raise self.error(f"a finite number ({what})", self.tokens[self.position])
-        self.position += length
-        return values
+        self.position = end
+        return self.values[start:end]
 
     def count(self, what: str, at_most: int = 1_000_000) -> int:
         """The next number, which counts something."""
-        (value,) = self.take(1, what)
+        value = self.take(1, what).item()
         if value != int(value) or not 0 <= value <= at_most:
             self.position -= 1
             raise self.error(f"{what}, a whole number from 0 to {at_most}", self.tokens[self.position])
@@ -160,20 +160,19 @@ def _read_detections(path: Path, size: np.ndarray) -> list[np.ndarray]:
     scale = np.array([size[0] - 1, size[1] - 1, 1.0])
     found = []
     for frame in range(frames):
-        candidates, counts = [], []
+        candidates, counts, affinities = [], [], []
         for joint in BODY25.joints:
             numbers.place = f"frame {frame}, {joint}"
             count = numbers.count("number of candidates")
             counts.append(count)
-            candidates.append(numbers.take(3 * count, "x, y and confidence of candidates").reshape(3, count).T)
-        affinities = []
+            candidates.append(numbers.take(3 * count, "x, y and confidence of candidates").reshape(3, count))
         for a, b in BODY25_LINKS:
             numbers.place = f"frame {frame}, affinity {a}-{b}"
             affinities.append(numbers.take(counts[a] * counts[b], "affinities"))
         skeletons = assemble(counts, affinities)
         start = np.cumsum([0, *counts[:-1]])
         # One row past the candidates, for joints without one: index -1 finds it.
-        rows = np.concatenate([*candidates, np.full((1, 3), np.nan)]) * scale
+        rows = np.concatenate([*candidates, np.full((3, 1), np.nan)], 1).T * scale
         found.append(rows[np.where(skeletons >= 0, skeletons + start, -1)])
     numbers.place = f"after frame {frames - 1}"
     numbers.end()

@@ -27,9 +27,14 @@ def t_pose(skeleton: Skeleton = BODY25) -> np.ndarray:
 
 def looking_at_origin(views: int = 4) -> CameraRig:
     """Pinhole cameras on a circle of 6 m, 2 m up."""
-    cam_from_world = np.tile(np.eye(4), (views, 1, 1))
-    for view, angle in enumerate(np.linspace(0, 2 * np.pi, views, endpoint=False)):
-        centre = np.array([6 * np.cos(angle), 6 * np.sin(angle), 2.0])
+    angle = np.linspace(0, 2 * np.pi, views, endpoint=False)
+    return looking_inwards(np.stack([6 * np.cos(angle), 6 * np.sin(angle), np.full(views, 2.0)], -1))
+
+
+def looking_inwards(centres: np.ndarray) -> CameraRig:
+    """Pinhole cameras at centres (V, 3) m, none overhead, that look at a point 1 m above the origin."""
+    cam_from_world = np.tile(np.eye(4), (len(centres), 1, 1))
+    for view, centre in enumerate(centres):
         forward = (0, 0, 1) - centre
         forward /= np.linalg.norm(forward)
         right = np.cross(forward, (0, 0, 1.0))
@@ -37,10 +42,9 @@ def looking_at_origin(views: int = 4) -> CameraRig:
         R = np.stack([right, np.cross(forward, right), forward])
         cam_from_world[view, :3, :3], cam_from_world[view, :3, 3] = R, -R @ centre
     K = np.array([[800, 0, 480], [0, 800, 300], [0, 0, 1.0]])
-    names = tuple(f"cam{view}" for view in range(views))
-    return CameraRig(
-        names, np.tile(K, (views, 1, 1)), np.zeros((views, 5)), cam_from_world, np.tile((960, 600), (views, 1))
-    )
+    names = tuple(f"cam{view}" for view in range(len(centres)))
+    K, size = np.tile(K, (len(centres), 1, 1)), np.tile((960, 600), (len(centres), 1))
+    return CameraRig(names, K, np.zeros((len(centres), 5)), cam_from_world, size)
 
 
 def walkers(frames: int = 12, persons: int = 2, skeleton: Skeleton = BODY25) -> Poses3D:

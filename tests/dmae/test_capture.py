@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from dmae.appearance import appearance
+from dmae.appearance import Looks
 from dmae.baselines import fill_linear, smooth
+from dmae.cameras import CameraRig
 from dmae.capture import CaptureConfig, capture
 from dmae.clip import Clip, Detections2D, Poses3D, Source
 from dmae.identify import Joints
 from dmae.images import Images, write_video
 from dmae.mapping import convert
-from dmae.metrics import correct_limbs, match, percent, take_matched
+from dmae.metrics import correct_limbs, idf1, match, percent, take_matched
 from dmae.resources import resource_folder
 from dmae.skeleton import BODY25, SHELF14
 
@@ -40,10 +41,17 @@ def walk(start: tuple, end: tuple, scale: float = 1.0, heading: float = 0.0, fra
     return xyz
 
 
-def film(people: np.ndarray, views: int = 4, miss: float = 0.1, noise: float = 3.0, seed: int = 0) -> Clip:
+def film(
+    people: np.ndarray,
+    views: int = 4,
+    miss: float = 0.1,
+    noise: float = 3.0,
+    seed: int = 0,
+    rig: CameraRig | None = None,
+) -> Clip:
     """Detections of people (F, P, 25, 3), NaN where away: off by some pixels, some missed, in random order."""
     rng = np.random.default_rng(seed)
-    rig = looking_at_origin(views)
+    rig = rig or looking_at_origin(views)
     xy = rig.project(people)[0]
     xy = xy + rng.normal(0, noise, xy.shape)
     xy[~rig.inside(xy) | (rng.random(xy.shape[:-1]) < miss)] = np.nan
@@ -80,6 +88,22 @@ def test_people_who_cross_keep_their_rows(views):
     assert np.nanmedian(off) < 0.03
     assert np.nanquantile(off, 0.99) < 0.1
     assert np.isfinite(off).mean() > 0.95
+
+
+def test_a_huddle_of_six_keeps_who_is_who():
+    """They meet within 0.6 m and part again; of each person a fifth of the views sees nothing for half a second."""
+    angle = np.arange(6) * np.pi / 3
+    out, near = (radius * np.stack([np.cos(angle), np.sin(angle)], -1) for radius in (1.8, 0.6))
+    ways = [
+        np.concatenate([walk(a, b, heading=h, frames=50), walk(b, a, heading=h, frames=50)])
+        for a, b, h in zip(out, near, angle, strict=True)
+    ]
+    people = np.stack(ways, 1)
+    clip = film(people, views=5, miss=0.1)
+    blind = np.random.default_rng(0).random((8, 5, 6)) < 0.2
+    blind = np.repeat(blind, 13, 0)[:FRAMES]
+    clip.detections.xy[blind], clip.detections.score[blind] = np.nan, np.nan
+    assert idf1(capture(clip, DEFAULT).xyz, people) > 98
 
 
 def test_absent_is_absent_and_measured_is_measured():
@@ -212,17 +236,28 @@ def painted(tmp_path) -> Clip:
 
 
 def test_looks_are_the_colours_of_clothes(painted):
-    colours = appearance(painted)
+    looks = Looks(painted)
+    colours = np.stack([looks(frame) for frame in range(10)])
     red, blue = [53.2, 62.5, 40.4], [32.5, 30.6, -65.4]  # CIELAB of what was painted
     np.testing.assert_allclose(colours[..., 0, :], np.broadcast_to(red, (10, 2, 3)), atol=15)
     np.testing.assert_allclose(colours[..., 1, :], np.broadcast_to(blue, (10, 2, 3)), atol=15)
+
+
+def test_looks_of_some_frames_are_those_of_all(painted):
+    every, some = Looks(painted), Looks(painted)
+    colours = [every(frame) for frame in range(10)]
+    for frame in (2, 3, 7):
+        np.testing.assert_array_equal(some(frame), colours[frame])
+    with pytest.raises(ValueError, match="frame 7 is over, the next is 8"):
+        some(7)
 
 
 def test_who_has_no_torso_has_no_looks(painted):
     torso = BODY25.index("neck", "mid_hip", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
     painted.detections.xy[3, 1, 0, torso], painted.detections.score[3, 1, 0, torso] = np.nan, np.nan
     painted.detections.xy[4, 1, 0] += 5000
-    colours = appearance(painted)
+    looks = Looks(painted)
+    colours = np.stack([looks(frame) for frame in range(10)])
     assert np.isnan(colours).any(-1).sum() == 2
     assert np.isnan(colours[3:5, 1, 0]).all()
 

@@ -27,8 +27,8 @@ def test_numbers_stand_where_their_headings_are():
         "person 0": "98.0", "person 1": "100.0", "person 2": "100.0", "person 3": "100.0",
     }  # fmt: skip
     assert dict(zip(errors.header, errors.rows[1], strict=True)) == {
-        "method": "linear", "views": "2", "recall": "100.0", "precision": "100.0", "completed": "0.4",
-        "absent": "0.0", "MPJPE": "0.0", "seen": "0.0", "hidden": "0.0", "switches": "0.0",
+        "method": "linear", "views": "2", "recall": "100.0", "precision": "100.0", "filled": "0.4",
+        "absent": "0.0", "MPJPE": "0.0", "seen": "0.0", "hidden": "0.0", "switches": "0.0", "IDF1": "100.0",
     }  # fmt: skip
     assert gaps.header == ("method", "views", "1-5", "6-15", "16-40", ">40")
     assert gaps.rows == [("measured", "2", "- (0%)", "-", "-", "-"), ("linear", "2", "0.0 (100%)", "-", "-", "-")]
