@@ -8,6 +8,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import correlate1d
 
 from dmae.clip import Poses3D, Source
+from dmae.gaps import neighbours
 from dmae.metrics import mean_known
 from dmae.skeleton import Skeleton
 
@@ -25,23 +26,15 @@ HEADING = 0.2
 def present(poses: Poses3D, fps: float) -> np.ndarray:
     """(F, P) True where a person is there: measured, or missing for at most `LONGEST_ABSENCE` between sightings."""
     seen = (poses.source != Source.ABSENT).any(-1)
-    before, after = _neighbours(seen)
+    before, after = neighbours(seen)
     inside = (before >= 0) & (after < len(seen))
     return seen | (inside & (after - before - 1 <= LONGEST_ABSENCE * fps))
-
-
-def _neighbours(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of (F, ...): the last observed frame up to each (-1: none) and the first from it on (F: none)."""
-    index = np.arange(len(observed)).reshape(-1, *(1,) * (observed.ndim - 1))
-    before = np.maximum.accumulate(np.where(observed, index, -1), 0)
-    after = np.minimum.accumulate(np.where(observed, index, len(observed))[::-1], 0)[::-1]
-    return before, after
 
 
 def _fill(poses: Poses3D, fps: float, estimate: np.ndarray) -> Poses3D:
     """Take an estimate (F, P, J, 3) where a joint is absent, its person present, and a measurement near enough."""
     observed = poses.source != Source.ABSENT
-    before, after = _neighbours(observed)
+    before, after = neighbours(observed)
     inside = (before >= 0) & (after < len(observed))
     index = np.arange(len(observed))[:, None, None]
     since = np.where(before >= 0, index - before, len(observed))
@@ -60,14 +53,14 @@ def _fill(poses: Poses3D, fps: float, estimate: np.ndarray) -> Poses3D:
 
 def _hold(values: np.ndarray) -> np.ndarray:
     """(F, ..., 3) with each gap as it last was; before the first sample, as it first is."""
-    before, after = _neighbours(~np.isnan(values).any(-1))
+    before, after = neighbours(~np.isnan(values).any(-1))
     return _gather(values, np.where(before >= 0, before, after))
 
 
 def _linear(values: np.ndarray) -> np.ndarray:
     """(F, ..., 3) with gaps interpolated in a straight line, held before the first and after the last sample."""
     frames = len(values)
-    before, after = _neighbours(~np.isnan(values).any(-1))
+    before, after = neighbours(~np.isnan(values).any(-1))
     start = np.where(before >= 0, before, after)
     end = np.where(after < frames, after, before)
     index = np.arange(frames).reshape(-1, *(1,) * (before.ndim - 1))

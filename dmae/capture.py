@@ -6,6 +6,7 @@ import numpy as np
 
 from dmae.associate import NONE
 from dmae.clip import Clip, Poses3D, Source
+from dmae.gaps import neighbours
 from dmae.identify import Joints, identify
 from dmae.prune import broken, ghosts, jumps, merge, same_person
 from dmae.seen import Seen, Unit
@@ -131,8 +132,7 @@ def _bridge(xyz: np.ndarray, longest: int) -> np.ndarray:
     frames = len(xyz)
     known = ~np.isnan(xyz[..., 0])
     index = np.arange(frames).reshape(-1, *(1,) * (known.ndim - 1))
-    before = np.maximum.accumulate(np.where(known, index, -1))
-    after = np.minimum.accumulate(np.where(known, index, frames)[::-1])[::-1]
+    before, after = neighbours(known)
     span = after - before
     inside = ~known & (before >= 0) & (after < frames) & (span <= longest)
     share = np.where(inside, (index - before) / np.maximum(span, 1), 0)[..., None]

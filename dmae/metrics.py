@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from dmae.clip import Source
+from dmae.gaps import neighbours
 from dmae.skeleton import SHELF14, Skeleton
 
 GATE = 0.5
@@ -192,10 +193,7 @@ def idf1(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> float:
 
 def gap_lengths(observed: np.ndarray) -> np.ndarray:
     """Of (F, ...) what is observed: the length in frames of the hidden stretch around each entry, 0 if observed."""
-    frames = len(observed)
-    index = np.arange(frames).reshape(-1, *(1,) * (observed.ndim - 1))
-    before = np.maximum.accumulate(np.where(observed, index, -1), 0)
-    after = np.minimum.accumulate(np.where(observed, index, frames)[::-1], 0)[::-1]
+    before, after = neighbours(observed)
     return np.where(observed, 0, after - before - 1)
 
 

@@ -11,8 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dmae.baselines import _neighbours, fill_bodyframe, present
+from dmae.baselines import fill_bodyframe, present
 from dmae.clip import Poses3D
+from dmae.gaps import neighbours
 from dmae.skeleton import Skeleton
 
 _FAR = 1000
@@ -160,7 +161,7 @@ def make_rows(poses: Poses3D, fps: float, rest: np.ndarray, frames: int, truth: 
     skeleton = poses.skeleton
     count, persons = poses.xyz.shape[:2]
     observed = ~np.isnan(poses.xyz).any(-1)
-    before, after = _neighbours(observed)
+    before, after = neighbours(observed)
     index = np.arange(count)[:, None, None]
     gap = np.stack([np.where(before < 0, _FAR, index - before), np.where(after == count, _FAR, after - index)], -1)
     base = fill_bodyframe(poses, fps).xyz.astype(np.float64)
