@@ -1,6 +1,6 @@
 """Calibrated cameras: pixels from points, rays from pixels."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 
@@ -20,9 +20,11 @@ class CameraRig:
     Attributes:
         names: V camera names, unique.
         K: (V, 3, 3) intrinsics, px.
-        dist: (V, 5..8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole.
+        dist: (V, 5..8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole; of a fisheye its
+            k1 k2 k3 k4, then zeros.
         cam_from_world: (V, 4, 4) rigid transforms, m.
         size: (V, 2) image width and height, px.
+        fisheye: (V,) True for lenses of OpenCV's fisheye model (Kannala & Brandt, PAMI 2006); by default none.
     """
 
     names: tuple[str, ...]
@@ -30,12 +32,15 @@ class CameraRig:
     dist: np.ndarray
     cam_from_world: np.ndarray
     size: np.ndarray
+    fisheye: np.ndarray = None
 
     def __post_init__(self):
         object.__setattr__(self, "names", tuple(str(name) for name in self.names))
         for field in ("K", "dist", "cam_from_world"):
             object.__setattr__(self, field, np.asarray(getattr(self, field), np.float64))
         object.__setattr__(self, "size", np.asarray(self.size, np.int64))
+        fisheye = np.zeros(len(self.names), bool) if self.fisheye is None else np.asarray(self.fisheye, bool)
+        object.__setattr__(self, "fisheye", fisheye)
         self._check_shapes()
         self._check_values()
 
@@ -43,7 +48,7 @@ class CameraRig:
         views = len(self.names)
         if len(set(self.names)) != views:
             raise ValueError(f"camera names must be unique, got {self.names}")
-        for field, shape in (("K", (3, 3)), ("cam_from_world", (4, 4)), ("size", (2,))):
+        for field, shape in (("K", (3, 3)), ("cam_from_world", (4, 4)), ("size", (2,)), ("fisheye", ())):
             found = getattr(self, field).shape
             if found != (views, *shape):
                 raise ValueError(f"rig of {views} cameras: expected {field} of shape {(views, *shape)}, found {found}")
@@ -68,6 +73,8 @@ class CameraRig:
                 )
             if (self.size[view] <= 0).any():
                 raise ValueError(f"camera {name!r}: image size must be positive, found {tuple(self.size[view])}")
+            if self.fisheye[view] and self.dist[view, 4:].any():
+                raise ValueError(f"camera {name!r}: a fisheye has four coefficients, found {self.dist[view]}")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -83,7 +90,18 @@ class CameraRig:
             self.dist[index],
             self.cam_from_world[index],
             self.size[index],
+            self.fisheye[index],
         )
+
+    @property
+    def distorted(self) -> np.ndarray:
+        """(V,) True for the cameras that are not a pinhole's."""
+        return self.dist.any(-1) | self.fisheye
+
+    @property
+    def undistorted(self) -> "CameraRig":
+        """The pinhole cameras of the same K: they see what `undistort` makes of this rig's pixels."""
+        return replace(self, dist=np.zeros((len(self), 5)), fisheye=None) if self.distorted.any() else self
 
     @property
     def centers(self) -> np.ndarray:
@@ -120,18 +138,21 @@ class CameraRig:
 
     def _pixels(self, normalised: np.ndarray) -> np.ndarray:
         """Distort (F, V, N, 2) normalised image points and apply K."""
-        if self.dist.any() and normalised.size:
+        if self.distorted.any() and normalised.size:
             # OpenCV would drop the skew of K, so it only distorts.
             xy = np.empty_like(normalised)
             for view in range(len(self)):
-                points = np.concatenate([normalised[:, view], np.ones_like(normalised[:, view, :, :1])], -1)
-                distorted, _ = cv2.projectPoints(
-                    points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), np.eye(3), self._opencv_dist(view)
-                )
-                xy[:, view] = distorted.reshape(xy[:, view].shape)
+                xy[:, view] = self._distort(view, normalised[:, view].reshape(-1, 1, 2)).reshape(xy[:, view].shape)
             radius = np.linalg.norm(normalised, axis=-1, keepdims=True)
             normalised = np.where(radius < self._reach[:, None, None], xy, np.nan)
         return normalised @ self.K[:, :2, :2].swapaxes(-1, -2) + self.K[:, None, :2, 2]
+
+    def _distort(self, view: int, points: np.ndarray) -> np.ndarray:
+        """Normalised points (n, 1, 2) as the lens of a view bends them."""
+        if self.fisheye[view]:
+            return cv2.fisheye.distortPoints(points, np.eye(3), self.dist[view, :4])
+        rays = np.concatenate([points, np.ones_like(points[..., :1])], -1)
+        return cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), self._opencv_dist(view))[0]
 
     @cached_property
     def _reach(self) -> np.ndarray:
@@ -139,12 +160,12 @@ class CameraRig:
 
         Beyond it the polynomial turns back and would put what is far outside the image into it.
         """
-        radius = np.linspace(0, 10, 10001)
-        k1, k2, _, _, k3, k4, k5, k6 = np.pad(self.dist, ((0, 0), (0, 8 - self.dist.shape[1]))).T[..., None]
-        square = radius**2
-        above, below = (1 + square * (a + square * (b + square * c)) for a, b, c in ((k1, k2, k3), (k4, k5, k6)))
-        growing = (np.diff(radius * above / below) > 0) & (below[:, 1:] > 0)
-        return np.where(growing.all(-1), np.inf, radius[growing.argmin(-1)])
+        return np.array(
+            [
+                np.tan(_fisheye_reach(dist[:4])) if fisheye else _radial_reach(dist)
+                for dist, fisheye in zip(self.dist, self.fisheye, strict=True)
+            ]
+        )
 
     def _opencv_dist(self, view: int) -> np.ndarray:
         """OpenCV takes 5 or 8 coefficients, not 6 or 7."""
@@ -156,7 +177,7 @@ class CameraRig:
         xy = np.asarray(xy, np.float64)
         if xy.ndim < 3 or xy.shape[1] != len(self) or xy.shape[-1] != 2:
             raise ValueError(f"expected pixels of shape (F, {len(self)}, ..., 2), found {xy.shape}")
-        if not self.dist.any():
+        if not self.distorted.any():
             return xy
         ideal = np.full_like(xy, np.nan)
         for view in range(len(self)):
@@ -164,11 +185,16 @@ class CameraRig:
             if seen.any():
                 K = self.K[view, :2]
                 distorted = np.linalg.solve(K[:, :2], (xy[:, view][seen] - K[:, 2]).T).T
-                points = cv2.undistortPoints(
-                    distorted[:, None], np.eye(3), self._opencv_dist(view), criteria=_UNDISTORT_CRITERIA
-                )[:, 0]
+                points = self._undistort(view, distorted[:, None])[:, 0]
                 ideal[:, view][seen] = points @ K[:, :2].T + K[:, 2]
         return ideal
+
+    def _undistort(self, view: int, points: np.ndarray) -> np.ndarray:
+        """The inverse of `_distort`."""
+        if self.fisheye[view]:
+            # OpenCV's own inverse cuts distorted angles off at 90 degrees.
+            return points * _fisheye_stretch(self.dist[view, :4], np.linalg.norm(points, axis=-1, keepdims=True))
+        return cv2.undistortPoints(points, np.eye(3), self._opencv_dist(view), criteria=_UNDISTORT_CRITERIA)
 
     def rays(self, xy: np.ndarray) -> np.ndarray:
         """Unit directions (F, V, ..., 3) in the world, from the camera centres through pixels (F, V, ..., 2)."""
@@ -186,3 +212,40 @@ class CameraRig:
         size = self.size.reshape(1, len(self), *(1,) * (xy.ndim - 3), 2)
         with np.errstate(invalid="ignore"):
             return ((xy >= -0.5) & (xy <= size - 0.5)).all(-1)
+
+
+def _radial_reach(dist: np.ndarray) -> float:
+    """Tangent of the angle off axis up to which a rational polynomial of OpenCV's grows; inf if everywhere."""
+    square = np.linspace(0, 10, 10001) ** 2
+    k1, k2, _, _, k3, k4, k5, k6 = np.pad(dist, (0, 8 - len(dist)))
+    above, below = (1 + square * (a + square * (b + square * c)) for a, b, c in ((k1, k2, k3), (k4, k5, k6)))
+    growing = (np.diff(np.sqrt(square) * above / below) > 0) & (below[1:] > 0)
+    return np.inf if growing.all() else np.sqrt(square[growing.argmin()])
+
+
+def _bend(k: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Distorted angles, rad, of a fisheye of coefficients k1..k4."""
+    square = angle**2
+    return angle * (1 + square * (k[0] + square * (k[1] + square * (k[2] + square * k[3]))))
+
+
+def _fisheye_reach(k: np.ndarray) -> float:
+    """Angle off axis, rad, up to which a fisheye keeps the order of points; at most just under a right angle."""
+    angle = np.linspace(0, np.pi / 2 - 1e-3, 10001)
+    growing = np.diff(_bend(k, angle)) > 0
+    return angle[-1] if growing.all() else angle[growing.argmin()]
+
+
+def _fisheye_stretch(k: np.ndarray, distorted: np.ndarray) -> np.ndarray:
+    """Ideal over distorted radius, of distorted radii; NaN beyond the lens's reach.
+
+    Newton's steps from a table of the angles, which is near enough for the quadratic convergence to end in four.
+    """
+    table = np.linspace(0, _fisheye_reach(k), 1001)
+    angle = np.interp(distorted, _bend(k, table), table, right=np.nan)
+    for _ in range(4):
+        square = angle**2
+        slope = 1 + square * (3 * k[0] + square * (5 * k[1] + square * (7 * k[2] + square * 9 * k[3])))
+        angle -= (_bend(k, angle) - distorted) / slope
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(distorted > 0, np.tan(angle) / distorted, 1.0)

@@ -1,13 +1,10 @@
 """The `dmae` command. Every sub-command is a Hydra application; `synth` is built from the same parts."""
 
-import json
 import os
 import platform
 import sys
-import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
@@ -17,18 +14,10 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from dmae.baselines import METHODS, smooth
-from dmae.capture import CaptureConfig, capture
-from dmae.clip import Poses3D, Source
-from dmae.data import DataConfig, is_data_set, load
-from dmae.evaluate import EvaluateConfig, evaluate
-from dmae.formats.npz import export_npz
-from dmae.mapping import convert
-from dmae.progress import progress
+from dmae import commands
+from dmae.evaluate import EvaluateConfig
 from dmae.resources import resource_folder
-from dmae.skeleton import get_skeleton
-from dmae.store import clip_folders, load_clip, read_json, save_clip, write_atomic, write_manifest
-from dmae.tables import print_tables, tables
+from dmae.store import write_atomic
 
 
 @dataclass(frozen=True)
@@ -114,164 +103,21 @@ def _expand_data(overrides: list[str]) -> list[str]:
     return expanded
 
 
-class Fill(StrEnum):
-    """How holes are filled after capture."""
-
-    none = "none"
-    linear = "linear"
-
-
-@dataclass(frozen=True)
-class CaptureCommand:
-    """`dmae capture`."""
-
-    data: DataConfig = field(default_factory=DataConfig)
-    capture: CaptureConfig = field(default_factory=CaptureConfig)
-    fill: Fill = Fill.none
-    """What is filled is marked completed in `source`."""
-    smooth: float = 0.0
-    """Light smoothing after that, s (0.1 suits people); what it moves is marked denoised."""
-    out: str = "runs/capture"
-
-
-def run_capture(config: CaptureCommand, out: Path) -> None:
-    clips, several = load(config.data), is_data_set(config.data)
-    frames, spent, manifest = 0, 0.0, []
-    for clip, folder in progress(zip(clips, clips.folders, strict=True), "capturing", len(clips)):
-        start = time.perf_counter()
-        poses = capture(clip, config.capture)
-        spent += time.perf_counter() - start
-        frames += len(clip)
-        if config.fill != Fill.none:
-            poses = METHODS[config.fill](poses, clip.fps)
-        poses = smooth(poses, clip.fps, config.smooth)
-        save_clip(replace(clip, poses=poses), out / folder.name if several else out)
-        manifest.append({"id": folder.name, "status": "ok", "persons": poses.xyz.shape[1]})
-        print(f"{clip.id}: {len(clip)} frames, {poses.xyz.shape[1]} persons, {_shares(poses)}")
-    if several:
-        write_manifest(out, manifest)
-    print(f"{frames / spent:.0f} frames/s")
-
-
-def _shares(poses: Poses3D) -> str:
-    """How much of the persons' joints, while a person is there at all, was measured and how much invented."""
-    known = poses.source[(poses.source != Source.ABSENT).any(-1)]
-    if not known.size:
-        return "nobody captured"
-    completed, absent = (known == Source.COMPLETED).mean(), (known == Source.ABSENT).mean()
-    return f"joints {1 - completed - absent:.1%} measured, {completed:.1%} completed, {absent:.1%} absent"
-
-
-@dataclass(frozen=True)
-class CompleteCommand:
-    """`dmae complete`."""
-
-    clip: str = "???"
-    """A captured clip, or a folder of them."""
-    weights: str = "???"
-    """What `dmae train` wrote."""
-    denoise: bool = False
-    """Let the model move measured joints too; they are then marked denoised."""
-    out: str = "runs/complete"
-
-
-def run_complete(config: CompleteCommand, out: Path) -> None:
-    from dmae.complete import load_completer
-
-    completer = load_completer(Path(config.weights), denoise=config.denoise)
-    folders = clip_folders(Path(config.clip))
-    several = folders != [Path(config.clip)]
-    for folder in progress(folders, "completing"):
-        clip = load_clip(folder)
-        if clip.poses is None:
-            raise ValueError(f"{folder}: has no poses to complete; run dmae capture on it first")
-        poses = completer(clip.poses, clip.fps)
-        save_clip(replace(clip, poses=poses), out / folder.name if several else out)
-        print(f"{clip.id}: {_shares(poses)}")
-    if several:
-        write_manifest(out, [{"id": folder.name, "status": "ok"} for folder in folders])
-
-
 def _train_schema() -> type:
     from dmae.train import TrainConfig
 
     return TrainConfig
 
 
-def run_train(config, out: Path) -> None:
-    from dmae.train import train
-
-    print(train(config, load(config.data), out))
-
-
-def run_evaluate(config: EvaluateConfig, out: Path) -> None:
-    scores = evaluate(config)
-    write_atomic(out / "scores.json", json.dumps(scores, indent=1))
-    print_tables(tables(scores))
-
-
-class ExportFormat(StrEnum):
-    """What poses are exported as."""
-
-    npz = "npz"
-
-
-@dataclass(frozen=True)
-class ExportCommand:
-    """`dmae export`."""
-
-    clip: str = "???"
-    """A clip; its captured or completed poses are exported, its truth where it has none."""
-    format: ExportFormat = ExportFormat.npz
-    skeleton: str | None = None
-    """By default the one the poses are in."""
-    out: str = "???"
-    """The file to write."""
-
-
-def run_export(config: ExportCommand, out: Path) -> None:
-    clip = load_clip(Path(config.clip))
-    poses = clip.truth if clip.poses is None else clip.poses
-    if poses is None:
-        raise ValueError(f"{config.clip}: has neither poses nor truth to export; run dmae capture on it first")
-    if config.skeleton:
-        poses = convert(poses, get_skeleton(config.skeleton))
-    export_npz(poses, clip.fps, out)
-    frames, persons = poses.xyz.shape[:2]
-    print(f"{out}: {frames} frames, {persons} persons, {poses.skeleton.name}")
-
-
-@dataclass(frozen=True)
-class ReportCommand:
-    """`dmae report`."""
-
-    title: str = "Occluded multi-view motion, captured and completed"
-    scores: list[str] = field(default_factory=list)
-    """Folders that `dmae evaluate` wrote."""
-    clip: str | None = None
-    """A captured or completed clip to draw, or a folder of them."""
-    out: str = "runs/report.html"
-
-
-def run_report(config: ReportCommand, out: Path) -> None:
-    from dmae.report import scores_section, views_section, write_report
-
-    sections = [scores_section(read_json(Path(folder) / "scores.json")) for folder in config.scores]
-    if config.clip:
-        sections += [views_section(load_clip(folder)) for folder in clip_folders(Path(config.clip))]
-    if not sections:
-        raise ValueError("nothing to report: name scores=[folder,...] or clip=folder, or both")
-    write_report(out, config.title, sections)
-    print(out)
-
-
 COMMANDS = {
-    "capture": Command(lambda: CaptureCommand, run_capture, "detections to 3D poses"),
-    "train": Command(_train_schema, run_train, "learn to complete poses from clips with truth"),
-    "complete": Command(lambda: CompleteCommand, run_complete, "fill what no camera measured, marked as such"),
-    "evaluate": Command(lambda: EvaluateConfig, run_evaluate, "score methods over clips and camera subsets"),
-    "export": Command(lambda: ExportCommand, run_export, "poses to a file that others read"),
-    "report": Command(lambda: ReportCommand, run_report, "scores and pictures as one page"),
+    "capture": Command(lambda: commands.CaptureCommand, commands.run_capture, "detections to 3D poses"),
+    "train": Command(_train_schema, commands.run_train, "learn to complete poses from clips with truth"),
+    "complete": Command(
+        lambda: commands.CompleteCommand, commands.run_complete, "fill what no camera measured, marked as such"
+    ),
+    "evaluate": Command(lambda: EvaluateConfig, commands.run_evaluate, "score methods over clips and camera subsets"),
+    "export": Command(lambda: commands.ExportCommand, commands.run_export, "poses to a file that others read"),
+    "report": Command(lambda: commands.ReportCommand, commands.run_report, "scores and pictures as one page"),
 }
 
 

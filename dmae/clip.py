@@ -126,6 +126,8 @@ class Clip:
             Capture never reads it.
         objects: Names of the things that can hide a joint.
         images: Images on disk, if any.
+        true_rig: The cameras as they truly were, where `rig` is what a calibration in error says of them;
+            simulated clips only. Capture never reads it.
         provenance: JSON-able record of where the clip comes from.
     """
 
@@ -140,6 +142,7 @@ class Clip:
     detected_person: np.ndarray | None = None
     objects: tuple[str, ...] = ()
     images: Images | None = None
+    true_rig: CameraRig | None = None
     provenance: dict = field(default_factory=dict)
 
     def __post_init__(self):
@@ -152,6 +155,8 @@ class Clip:
             poses = getattr(self, name)
             if poses is not None and len(poses.xyz) != frames:
                 raise ValueError(f"clip {self.id!r}: {frames} frames of detections but {len(poses.xyz)} of {name}")
+        if self.true_rig is not None and self.true_rig.names != self.rig.names:
+            raise ValueError(f"clip {self.id!r}: expected true_rig of {self.rig.names}, found {self.true_rig.names}")
         if self.detected_person is not None:
             _as_array(self, "detected_person", np.int16, (frames, views, detections))
         if (self.visibility is not None or self.hidden_by is not None) and self.truth is None:
@@ -186,6 +191,7 @@ class Clip:
             hidden_by=cut(self.hidden_by),
             detected_person=cut(self.detected_person),
             images=images,
+            true_rig=None if self.true_rig is None else self.true_rig[views],
         )
 
 

@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from dmae.clip import Clip
+from dmae.conventions import Unit, Up
 from dmae.formats.shelf import read_shelf
 from dmae.store import clip_folders, load_clip
 
@@ -26,6 +27,23 @@ class DataConfig:
     """Folder of the recording, of a clip, or of a data set of clips."""
     cameras: list[int] | None = None
     """Use these views only, counted from 0; by default all."""
+    calibration: str | None = None
+    """Calibration file, or folder of them; by default the one found in `path`."""
+    detections: str | None = None
+    """Folder of the detections; by default the one found in `path`."""
+    fps: float | None = None
+    """Frames per second, where the files do not say."""
+    size: list[int] | None = None
+    """Image width and height, px, where the files do not say."""
+    skeleton: str | None = None
+    """Skeleton of the detections, where the files do not say or say wrong."""
+    unit: Unit | None = None
+    """Lengths of the calibration; by default what its format prescribes. So are `up` and `inverse`."""
+    up: Up | None = None
+    inverse: bool | None = None
+    """Whether extrinsics are world_from_cam."""
+    offsets: list[int] | None = None
+    """By how many frames each camera of the files started late: its frame k is frame k + offset of the clip."""
 
 
 class Clips(Sequence):

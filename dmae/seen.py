@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -48,8 +48,7 @@ class Seen:
         xy, score = clip.detections.xy, clip.detections.score.astype(np.float64)
         confident = (score >= least) & np.isfinite(xy).all(-1)
         xy = clip.rig.undistort(np.where(confident[..., None], xy, np.nan))
-        rig = replace(clip.rig, dist=np.zeros((len(clip.rig), 5)))
-        return cls(rig, xy, np.where(confident, np.clip(score, 0, 1), np.nan), config)
+        return cls(clip.rig.undistorted, xy, np.where(confident, np.clip(score, 0, 1), np.nan), config)
 
     def triangulate(self, frame: int | np.ndarray, chosen: np.ndarray, steps: int = 8) -> Points:
         """The joints (..., J) made of the chosen detections, (..., V, J) indices or `NONE`, of frames (..., 1, 1)."""

@@ -76,8 +76,8 @@ def save_clip(clip: Clip, folder: Path) -> None:
 
 
 def _arrays(clip: Clip) -> dict[str, np.ndarray]:
-    rig = clip.rig
-    arrays = {f"rig.{f.name}": getattr(rig, f.name) for f in fields(rig) if f.name != "names"}
+    rigs = {"rig": clip.rig} | ({} if clip.true_rig is None else {"true_rig": clip.true_rig})
+    arrays = {f"{key}.{f.name}": getattr(rig, f.name) for key, rig in rigs.items() for f in fields(rig)[1:]}
     for name in ("detections", "truth", "poses"):
         part = getattr(clip, name)
         if part is not None:
@@ -119,7 +119,6 @@ def load_clip(folder: Path) -> Clip:
 
 
 def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
-    rig = CameraRig(meta["cameras"], *(arrays[f"rig.{name}"] for name in ("K", "dist", "cam_from_world", "size")))
     parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
     images = meta["images"]
     if images:
@@ -127,13 +126,18 @@ def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
     return Clip(
         id=meta["id"],
         fps=meta["fps"],
-        rig=rig,
+        rig=_rig("rig", meta, arrays),
+        true_rig=_rig("true_rig", meta, arrays) if "true_rig.K" in arrays else None,
         objects=tuple(meta["objects"]),
         images=images,
         provenance=meta["provenance"],
         **parts,
         **{name: arrays[name] for name in _OPTIONAL if name in arrays},
     )
+
+
+def _rig(name: str, meta: dict, arrays: dict[str, np.ndarray]) -> CameraRig:
+    return CameraRig(meta["cameras"], *(arrays[f"{name}.{f.name}"] for f in fields(CameraRig)[1:]))
 
 
 def _part(name: str, skeleton: str, arrays: dict[str, np.ndarray]) -> Detections2D | Poses3D:

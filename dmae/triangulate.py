@@ -1,7 +1,7 @@
 """Points from rays: robust triangulation, batched over persons, joints and frames."""
 
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import prod
 
 import numpy as np
@@ -127,7 +127,7 @@ class _Sightings:
     """What V views saw of n points: xy (n, V, 2) px, seen (n, V), sigma (n, V) m."""
 
     def __init__(self, rig: CameraRig, xy: np.ndarray, seen: np.ndarray, sigma: np.ndarray, noise: Noise):
-        self.pinhole = replace(rig, dist=np.zeros((len(rig), 5))) if rig.dist.any() else rig
+        self.pinhole = rig.undistorted
         self.noise, self.seen = noise, seen
         self.xy, self.sigma = np.where(seen[..., None], xy, 0), np.where(seen, sigma, 1)
         self.projections, self.focal = rig.projections, np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])

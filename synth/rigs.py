@@ -145,22 +145,22 @@ def pinhole(rig: CameraRig) -> CameraRig:
     """
     K, size = rig.K.copy(), rig.size.copy()
     for view in range(len(rig)):
-        if not rig.dist[view].any():
+        if not rig.distorted[view]:
             continue
         camera, (width, height) = rig[view : view + 1], rig.size[view]
         edge = _edge(width, height)
         ideal = camera.undistort(edge)
-        low, high = np.floor(ideal.min((0, 1, 2))).astype(int), np.ceil(ideal.max((0, 1, 2))).astype(int)
-        K[view, :2, 2] -= low
-        size[view] = high - low + 1
+        low, high = np.floor(ideal.min((0, 1, 2))), np.ceil(ideal.max((0, 1, 2)))
         again, _ = camera.project(camera.centers + camera.rays(edge)[0])
         # Beyond the radius where a distortion polynomial turns around it is no camera's.
-        if (size[view] > _WIDEST * rig.size[view]).any() or not np.allclose(again, edge, atol=0.1):
+        if not (np.allclose(again, edge, atol=0.1) and (high - low < _WIDEST * rig.size[view]).all()):
             raise ValueError(
                 f"camera {rig.names[view]!r}: no pinhole image of up to {_WIDEST:.0f} times {width} x {height} px "
                 f"holds what a lens of distortion {rig.dist[view]} sees; such a camera cannot be rendered"
             )
-    return replace(rig, K=K, size=size, dist=np.zeros_like(rig.dist))
+        K[view, :2, 2] -= low
+        size[view] = high - low + 1
+    return replace(rig.undistorted, K=K, size=size)
 
 
 def _edge(width: int, height: int) -> np.ndarray:
@@ -173,7 +173,7 @@ def _edge(width: int, height: int) -> np.ndarray:
 
 def warp(rig: CameraRig, view: int) -> np.ndarray | None:
     """(H, W, 2) float32 pixel of the `pinhole` image that each pixel of a view shows; None where they are the same."""
-    if not rig.dist[view].any():
+    if not rig.distorted[view]:
         return None
     camera = rig[view : view + 1]
     grid = np.stack(np.meshgrid(*(np.arange(n, dtype=float) for n in rig.size[view])), -1)

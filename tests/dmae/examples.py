@@ -1,5 +1,7 @@
 """Small made-up recordings for the tests."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from dmae.cameras import CameraRig
@@ -77,5 +79,6 @@ def full_clip(frames: int = 12, views: int = 4) -> Clip:
         hidden_by=np.where(visibility == Visibility.HIDDEN_BY_OBJECT, 0, -1),
         detected_person=detected,
         objects=("box",),
+        true_rig=replace(rig, K=1.01 * rig.K + [[0, 0, 0], [0, 0, 0], [0, 0, -0.01]]),
         provenance={"seed": 0},
     )

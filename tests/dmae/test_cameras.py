@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -55,6 +56,54 @@ def test_project_agrees_with_opencv(dist):
         want, _ = cv2.projectPoints(xyz.reshape(-1, 1, 3), cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], rig.K[view], padded)
         np.testing.assert_allclose(xy[:, view].reshape(-1, 2), want[:, 0], atol=1e-8)
         np.testing.assert_allclose(depth[:, view], (xyz @ T[:3, :3].T + T[:3, 3])[..., 2])
+
+
+def fisheye(k=(0.05, -0.01, 0.003, -0.001), views=3) -> CameraRig:
+    rig = make_rig(views=views)
+    return replace(rig, dist=np.tile([*k, 0], (views, 1)), fisheye=np.ones(views, bool))
+
+
+def test_fisheye_projection_agrees_with_opencv():
+    rig, xyz = fisheye(), points()
+    xy, _ = rig.project(xyz)
+    for view, T in enumerate(rig.cam_from_world):
+        want, _ = cv2.fisheye.projectPoints(
+            xyz.reshape(-1, 1, 3), cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], rig.K[view], rig.dist[view, :4]
+        )
+        np.testing.assert_allclose(xy[:, view].reshape(-1, 2), want[:, 0], atol=1e-8)
+
+
+@pytest.mark.parametrize("k", [(0.05, -0.01, 0.003, -0.001), (-0.2, 0.02, 0, 0), (0, 0, 0, 0), (0.9, 0, 0, 0)])
+def test_fisheye_rays_undo_projection_up_to_the_edge_of_the_lens(k):
+    rig = fisheye(k, views=1)
+    angle = np.linspace(0, 1.5, 40)
+    in_camera = 3 * np.stack([np.sin(angle) * np.cos(2.0), np.sin(angle) * np.sin(2.0), np.cos(angle)], -1)
+    xyz = rig.centers + in_camera @ rig.cam_from_world[0, :3, :3]
+    xy, _ = rig.project(xyz[None])
+    seen = np.isfinite(xy[0, 0, :, 0])
+    assert seen.sum() > 20
+    # Where a polynomial turns back the lens ends, and nothing is folded into the image.
+    growing = np.diff(np.linalg.norm(xy[0, 0, seen] - rig.K[0, :2, 2], axis=-1)) > 0
+    assert growing.all()
+    direction = rig.rays(xy)[0, 0, seen]
+    np.testing.assert_allclose(direction, (in_camera / 3 @ rig.cam_from_world[0, :3, :3])[seen], atol=1e-6)
+
+
+def test_fisheye_and_pinhole_cameras_share_a_rig():
+    mixed = replace(fisheye(), fisheye=np.array([False, True, False]), dist=np.diag([0.0, 0.1, 0]) @ np.eye(3, 5))
+    xy, _ = mixed.project(points())
+    plain, _ = make_rig().project(points())
+    assert np.abs(xy[:, 1] - plain[:, 1]).max() > 1
+    np.testing.assert_array_equal(xy[:, [0, 2]], plain[:, [0, 2]])
+    np.testing.assert_allclose(mixed.undistort(xy), plain, atol=1e-6)
+    assert list(mixed.distorted) == [False, True, False]
+    assert not mixed.undistorted.distorted.any()
+    assert list(mixed[1:].fisheye) == [True, False]
+
+
+def test_a_fisheye_has_four_coefficients():
+    with pytest.raises(ValueError, match=r"'c0'.*four coefficients"):
+        replace(make_rig(), dist=np.ones((3, 5)), fisheye=np.ones(3, bool))
 
 
 @pytest.mark.parametrize("skew", [0.0, 25.0])
