@@ -5,6 +5,7 @@ from itertools import islice
 import cv2
 import numpy as np
 
+from dmae.associate import NONE
 from dmae.clip import Clip
 
 _TORSO = ("neck", "l_shoulder", "r_shoulder", "mid_hip", "l_hip", "r_hip")
@@ -12,6 +13,8 @@ _SHARE = 0.25
 """Half the side of the patch as a share of the torso's extent: arms and background stay outside."""
 _LEAST = 2.0
 """Half the side of the smallest patch, px."""
+_GLANCES = 8
+"""So many frames of a track, evenly spread, tell its colour."""
 
 
 class Looks:
@@ -60,3 +63,33 @@ class Looks:
                     colour = np.median(patch, 0).astype(np.float32) / 255
                     colours[view, detection] = cv2.cvtColor(colour[None, None], cv2.COLOR_RGB2Lab)[0, 0]
         return colours
+
+
+def strangers(clip: Clip, chosen: np.ndarray, least: float) -> np.ndarray:
+    """Which tracks differ in the colour of their clothes, the median of some frames and all views.
+
+    Args:
+        chosen: (F, P, V, J) detections that the tracks are made of, or `NONE`.
+        least: By at least so much, CIELAB units.
+
+    Returns:
+        (P, P) bool; False where nothing is known.
+
+    Raises:
+        ValueError, FileNotFoundError: see `Looks`.
+    """
+    looks, whole = Looks(clip), chosen.max(-1)
+    glances: dict[int, list[int]] = {}
+    for person in range(chosen.shape[1]):
+        there = np.flatnonzero((whole[:, person] != NONE).any(-1))
+        for index in np.unique(np.linspace(0, len(there) - 1, _GLANCES).astype(int)) if len(there) else ():
+            glances.setdefault(int(there[index]), []).append(person)
+    seen = [[np.empty((0, 3))] for _ in range(chosen.shape[1])]
+    for frame in sorted(glances):
+        colours = looks(frame)
+        for person in glances[frame]:
+            view = np.flatnonzero(whole[frame, person] != NONE)
+            seen[person].append(colours[view, whole[frame, person, view]])
+    known = [rows[~np.isnan(rows).any(-1)] for rows in map(np.concatenate, seen)]
+    typical = np.array([np.median(rows, 0) if len(rows) else np.full(3, np.nan) for rows in known])
+    return np.linalg.norm(typical[:, None] - typical[None], axis=-1) >= least

@@ -1,14 +1,16 @@
 """Adaptive Triangulation (Algorithm 1 of the paper): from the detections of a clip to its people in 3D."""
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
+from dmae.appearance import strangers
 from dmae.associate import NONE
 from dmae.clip import Clip, Poses3D, Source
 from dmae.gaps import neighbours
-from dmae.identify import Joints, identify
-from dmae.prune import broken, ghosts, jumps, merge, same_person
+from dmae.identify import Joints, identify, looks_matter
+from dmae.prune import broken, by_chance, ghosts, jumps, merge, same_person
 from dmae.seen import Seen, Unit
 from dmae.skeleton import Skeleton
 from dmae.triangulate import Noise
@@ -53,6 +55,8 @@ class CaptureConfig:
 
     rejoin: float = 2.0
     """Longest absence after which someone of the same build coming back near by is the same person, s."""
+    strange: float = 30.0
+    """Difference of colour from which on nobody came back, CIELAB units; only where the clip has images."""
     least_life: float = 0.3
     """Who is measured with `birth_joints` for less is no person, s."""
     reach: float = 0.2
@@ -98,8 +102,9 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     seen = Seen.of(clip, config.th_p, config)
     chosen, xyz = identify(seen, clip, config)
     skeleton, fps = clip.detections.skeleton, clip.fps
-    chosen, xyz = merge(chosen, xyz, same_person(xyz, skeleton, fps, config.rejoin))
-    alive = ~ghosts(xyz, fps, config.birth_joints, config.least_life)
+    differ = partial(strangers, clip, chosen, config.strange) if looks_matter(clip, config) else None
+    chosen, xyz = merge(chosen, xyz, same_person(xyz, skeleton, fps, config.rejoin, differ))
+    alive = ~ghosts(xyz, fps, config.birth_joints, config.least_life) & ~by_chance(xyz, chosen, config.th_v)
     chosen, xyz = chosen[:, alive], xyz[:, alive]
     if config.reach > 0:
         seen = Seen.of(clip, config.th_p_again, config)

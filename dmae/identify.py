@@ -166,12 +166,16 @@ def identify(seen: Seen, clip: Clip, config: CaptureConfig) -> tuple[np.ndarray,
         xyz: (F, P, J, 3) m, the joints made of them.
     """
     frames, views, _, joints = seen.confidence.shape
-    has_colour = config.colour_weight > 0 and clip.images is not None and "rgb" in clip.images.kinds
-    looks = Looks(clip) if has_colour else None
+    looks = Looks(clip) if looks_matter(clip, config) else None
     tracker = Tracker(clip.detections.skeleton, clip.fps, config)
     history = [tracker.step(seen, frame, looks) for frame in progress(range(frames), "finding people")]
     everybody = max((index.max(initial=-1) + 1 for index, *_ in history), default=0)
     return stack(history, np.arange(everybody), views, joints)
+
+
+def looks_matter(clip: Clip, config: CaptureConfig) -> bool:
+    """Whether there are colour images, and they are asked for."""
+    return config.colour_weight > 0 and clip.images is not None and "rgb" in clip.images.kinds
 
 
 def _compared(skeleton: Skeleton, joints: Joints) -> list[int]:

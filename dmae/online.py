@@ -9,7 +9,7 @@ from dmae.cameras import CameraRig
 from dmae.capture import CaptureConfig, choose_again, paths, prune
 from dmae.clip import Clip, Detections2D, Poses3D, Source
 from dmae.identify import Tracked, Tracker, stack
-from dmae.prune import LONGEST_JUMP, merge, same_person
+from dmae.prune import LONGEST_JUMP, by_chance, merge, same_person
 from dmae.seen import Seen
 from dmae.skeleton import Skeleton
 
@@ -170,7 +170,7 @@ class OnlineCapture:
         whole = (~np.isnan(xyz[now.start :, :, :, 0])).sum(-1) >= self._config.birth_joints
         least = min(self._config.least_life * self._fps, (self._number + len(self._waiting)) / 2)
         lived = np.array([self._life.get(p, 0) for p in who.tolist()], int)
-        alive = lived + whole.sum(0) >= least
+        alive = (lived + whole.sum(0) >= least) & ~by_chance(xyz, chosen, self._config.th_v)
         for p, more in zip(who.tolist(), whole[: now.stop - now.start].sum(0).tolist(), strict=True):
             self._life[p] = self._life.get(p, 0) + more
         return who[alive], chosen[:, alive], xyz[:, alive]

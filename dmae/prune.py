@@ -1,5 +1,6 @@
 """What is wrong though present: broken bones, joints that jump and return, ghosts, people counted twice."""
 
+from collections.abc import Callable
 from itertools import permutations
 from math import prod
 
@@ -16,6 +17,8 @@ LONGEST_JUMP = 0.2
 """s."""
 _STRETCH, _SLACK = 0.25, 0.05
 """A bone is broken when its length is off by more than this share and this many metres."""
+_AGREE = 0.75
+"""Share of the joints detected in enough views on which the views agree: of people over 0.9, of chance about a half."""
 _TWIN = 0.15
 """m; two whose joints are no further apart than this, by the median, are one."""
 _REACH, _PACE = 0.5, 1.5
@@ -126,15 +129,33 @@ def ghosts(xyz: np.ndarray, fps: float, joints: int, seconds: float) -> np.ndarr
     return whole.sum(0) < min(seconds * fps, len(xyz) / 2)
 
 
-def same_person(xyz: np.ndarray, skeleton: Skeleton, fps: float, rejoin: float) -> np.ndarray:
+def by_chance(xyz: np.ndarray, chosen: np.ndarray, views: int) -> np.ndarray:
+    """(P,) True for tracks (F, P, J, 3) that are nobody: views see figures of their own that happen to line up.
+
+    Args:
+        chosen: (F, P, V, J) detections they are made of, or `NONE`.
+        views: A joint detected in so many is expected to be found; of a person nearly all are, of chance few.
+    """
+    detected = ((chosen != NONE).sum(2) >= views).sum((0, 2))
+    return (~np.isnan(xyz[..., 0])).sum((0, 2)) < _AGREE * detected
+
+
+def same_person(
+    xyz: np.ndarray,
+    skeleton: Skeleton,
+    fps: float,
+    rejoin: float,
+    differ: Callable[[], np.ndarray] | None = None,
+) -> np.ndarray:
     """Which tracks are of one person.
 
     Doubles are two at one place for as long as both are there. A return is a track that starts after
-    another has ended, within `rejoin` seconds and a walk's distance, with bones of the same lengths; the
-    nearest returns are taken first, and nobody is in two places.
+    another has ended, within `rejoin` seconds and a walk's distance, with bones of the same lengths and
+    clothes of the same colour; the nearest returns are taken first, and nobody is in two places.
 
     Args:
         xyz: (F, P, J, 3), NaN where absent.
+        differ: Gives (P, P), whether two tracks differ in their looks, where there are images; asked if it matters.
 
     Returns:
         (P,) for each track the lowest track number of its person.
@@ -155,8 +176,9 @@ def same_person(xyz: np.ndarray, skeleton: Skeleton, fps: float, rejoin: float) 
             way = np.linalg.norm(np.nanmedian(xyz[last, a, :, :2], 0) - np.nanmedian(xyz[first, b, :, :2], 0))
             if way < _REACH + _PACE * (first - last) / fps and _same_build(lengths[a], lengths[b]):
                 returns.append((way, a, b))
+    strange = differ() if differ and returns else np.zeros((len(label), len(label)), bool)
     for _, a, b in sorted(returns):
-        if not (here[:, label == label[a]].any(1) & here[:, label == label[b]].any(1)).any():
+        if not strange[a, b] and not (here[:, label == label[a]].any(1) & here[:, label == label[b]].any(1)).any():
             _join(label, a, b)
     return label
 

@@ -41,14 +41,23 @@ def write_atomic(path: Path, data: bytes | str) -> None:
 
 
 def read_json(path: Path):
-    """A JSON file; ValueError names file, line and column of what is malformed."""
+    """A JSON file; ValueError names file, line and column of what is malformed, or the key that an object has twice."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        return json.loads(path.read_text())
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        return json.loads(path.read_text(), object_pairs_hook=_unique)
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: expected JSON, {error}") from None
+
+
+def _unique(pairs: list[tuple]) -> dict:
+    """JSON's own reader would keep the last of two cameras of the same name."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"key {next(key for key in keys if keys.count(key) > 1)!r} twice in an object")
+    return found
 
 
 def save_clip(clip: Clip, folder: Path) -> None:
@@ -137,7 +146,9 @@ def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
 
 
 def _rig(name: str, meta: dict, arrays: dict[str, np.ndarray]) -> CameraRig:
-    return CameraRig(meta["cameras"], *(arrays[f"{name}.{f.name}"] for f in fields(CameraRig)[1:]))
+    # Clips written before there were fisheye lenses have none.
+    values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(CameraRig)[1:-1]}
+    return CameraRig(meta["cameras"], **values, fisheye=arrays.get(f"{name}.fisheye"))
 
 
 def _part(name: str, skeleton: str, arrays: dict[str, np.ndarray]) -> Detections2D | Poses3D:

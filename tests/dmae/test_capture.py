@@ -205,12 +205,10 @@ def paint(clip: Clip, people: np.ndarray, colours: list[tuple], folder) -> Image
         def frames(view=view):
             for corners in pixels[:, view]:
                 image = np.full((600, 960, 3), 120, np.uint8)
-                for person, colour in enumerate(colours):
-                    (left, top), (right, bottom) = (
-                        corners[person].min(0).astype(int),
-                        corners[person].max(0).astype(int),
-                    )
-                    image[top - 9 : bottom + 9, left - 9 : right + 9] = colour
+                for person in np.flatnonzero(np.isfinite(corners).all((1, 2))):
+                    left, top = corners[person].min(0).astype(int)
+                    right, bottom = corners[person].max(0).astype(int)
+                    image[top - 9 : bottom + 9, left - 9 : right + 9] = colours[person]
                 yield image
 
         write_video(folder / "rgb" / f"{name}.mp4", frames(), clip.fps)
@@ -271,6 +269,69 @@ def test_colours_tell_apart_whom_hips_cannot(painted, swapped):
     hips = replace(DEFAULT, matching=Joints.mid_hip, th_a=0.25)
     assert sorted(rows_of(capture(clip, hips), clip.truth.xyz)) == [[0], [1]]
     assert np.nanmax(errors(capture(clip, hips), clip.truth.xyz)) < 0.01
+
+
+@pytest.mark.parametrize("coloured", [True, False])
+def test_who_comes_back_is_told_by_the_colour_of_clothes(tmp_path, coloured):
+    """Two of one build leave, and come back each where the other has left: only their clothes say who is who."""
+    people = np.stack([walk((-0.4, 0), (-0.4, 0)), walk((0.4, 0.1), (0.4, 0.1))], 1)
+    people[60:] = people[60:, ::-1]
+    people[40:60] = np.nan
+    clip = film(people, views=4)
+    if coloured:
+        clip = replace(clip, images=paint(clip, people, [(200, 40, 40), (40, 60, 200)], tmp_path))
+    # Nearness alone takes the one for the other.
+    rows = rows_of(capture(clip, DEFAULT), people)
+    assert sorted(rows) == ([[0], [1]] if coloured else [[0, 1], [1, 0]])
+
+
+def test_a_fisheye_measures_what_a_pinhole_does():
+    rig = looking_at_origin(4)
+    bent = replace(rig, dist=np.tile([0.04, -0.01, 0.002, 0, 0], (4, 1)), fisheye=np.ones(4, bool))
+    poses = [capture(film(crossing(), rig=lenses, noise=1.0), DEFAULT) for lenses in (rig, bent)]
+    off = [np.nanmedian(errors(each, crossing())) for each in poses]
+    assert off[1] < 1.2 * off[0] < 0.02
+
+
+def test_ghosts_at_fixed_spots_are_nobody_and_spoil_nobody():
+    """Every view has two: figures in the furniture, with a confidence of their own, that people walk in front of."""
+    clip, rng = film(crossing(), views=4), np.random.default_rng(3)
+    body = clip.rig.project(walk((0, 0), (0, 0), 0.9, heading=1, frames=1))[0][0].reshape(4, 1, 25, 2)
+    spots = body + np.array([[(-200, -120), (150, 60)], [(-90, 130), (210, -60)], [(120, -150), (-180, 40)],
+                             [(60, 140), (-150, -90)]])[:, :, None]  # fmt: skip
+    xy = spots + rng.normal(0, 2, (FRAMES, 4, 2, 25, 2))
+    xy[rng.random(xy.shape[:-1]) < 0.4] = np.nan
+    score = np.where(np.isnan(xy[..., 0]), np.nan, rng.uniform(0.3, 0.7, xy.shape[:-1]))
+    haunted = Detections2D(
+        BODY25,
+        np.concatenate([clip.detections.xy, xy], 2),
+        np.concatenate([clip.detections.score, score], 2),
+    )
+    poses = capture(replace(clip, detections=haunted), DEFAULT)
+    assert sorted(rows_of(poses, crossing())) == [[0], [1], [2]]
+    assert poses.xyz.shape[1] == 3
+    plain, off = errors(capture(clip, DEFAULT), crossing()), errors(poses, crossing())
+    assert np.nanquantile(off, 0.99) < 1.2 * np.nanquantile(plain, 0.99)
+    assert np.isfinite(off).mean() > np.isfinite(plain).mean() - 0.005
+
+
+def test_arms_taken_for_those_of_the_other_side_are_rejected():
+    """In one view of four for half a second, then in another: as good as if that view had not seen them."""
+    sound, mirror = film(crossing(), views=4, miss=0.03), np.asarray(BODY25.mirror)
+    arms = BODY25.index("l_elbow", "l_wrist", "r_elbow", "r_wrist")
+    wrong, without = (Detections2D(BODY25, sound.detections.xy.copy(), sound.detections.score.copy()) for _ in range(2))
+    for view, start in ((1, 20), (2, 50)):
+        for array in (wrong.xy, wrong.score):
+            array[start : start + 13, view][:, :, arms] = array[start : start + 13, view][:, :, mirror[arms]]
+        for array in (without.xy, without.score):
+            array[start : start + 13, view][:, :, arms] = np.nan
+    frames = np.r_[20:33, 50:63]
+    off, least = (
+        errors(capture(replace(sound, detections=each), DEFAULT), crossing())[frames][..., arms]
+        for each in (wrong, without)
+    )
+    assert np.nanmax(off) < 1.1 * np.nanmax(least)
+    assert np.isfinite(off).mean() > 0.95 * np.isfinite(least).mean()
 
 
 def test_one_camera_is_refused():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmae.associate import NONE
-from dmae.prune import bone_lengths, broken, ghosts, jumps, merge, same_person
+from dmae.prune import bone_lengths, broken, by_chance, ghosts, jumps, merge, same_person
 from dmae.skeleton import BODY25
 
 from .examples import t_pose
@@ -77,6 +77,18 @@ def test_ghosts_are_those_that_hardly_live():
     xyz[5:, 1] = np.nan
     xyz[:, 2, 3:] = np.nan
     assert ghosts(xyz, FPS, joints=4, seconds=0.3).tolist() == [False, True, True]
+
+
+def test_views_that_agree_by_chance_agree_on_few_joints():
+    xyz = standing(persons=3)
+    xyz[:, 1, ::2] = np.nan
+    xyz[:, 2, :5] = np.nan
+    chosen = np.zeros((*xyz.shape[:2], 3, 25), int)
+    chosen[:, :, 2] = NONE
+    assert by_chance(xyz, chosen, views=2).tolist() == [False, True, False]
+    # A single view promises nothing.
+    chosen[:, 1, 1, ::2] = NONE
+    assert not by_chance(xyz, chosen, views=2).any()
 
 
 def test_in_a_short_clip_half_of_it_is_enough():
