@@ -11,7 +11,7 @@ from dmae.formats.shelf import read_shelf
 from dmae.triangulate import Noise, triangulate
 
 from ..dmae.examples import looking_at_origin, looking_inwards
-from ..dmae.test_capture import film, walk
+from ..dmae.film import film, walk
 
 pytestmark = pytest.mark.bench
 

@@ -1,83 +1,24 @@
 """Capture of made-up people, of whom everything is known, and of the Shelf recording."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from dmae.appearance import Looks
 from dmae.baselines import fill_linear, smooth
-from dmae.cameras import CameraRig
 from dmae.capture import CaptureConfig, capture
-from dmae.clip import Clip, Detections2D, Poses3D, Source
-from dmae.identify import Joints
-from dmae.images import Images, write_video
+from dmae.clip import Detections2D, Poses3D, Source
 from dmae.mapping import convert
 from dmae.metrics import correct_limbs, idf1, match, percent, take_matched
 from dmae.resources import resource_folder
 from dmae.skeleton import BODY25, SHELF14
 
-from .examples import looking_at_origin, t_pose
+from .examples import looking_at_origin
+from .film import FPS, FRAMES, crossing, errors, film, rows_of, walk
 
-FPS = 25.0
-FRAMES = 100
 DEFAULT = CaptureConfig()
 PAPER = CaptureConfig(**OmegaConf.load(resource_folder("dmae", "configs") / "capture" / "paper.yaml"))
-
-
-def walk(start: tuple, end: tuple, scale: float = 1.0, heading: float = 0.0, frames: int = FRAMES) -> np.ndarray:
-    """(F, 25, 3) somebody with hanging, swinging arms, of a size and heading, on a straight way."""
-    body = t_pose()
-    for side, sign in (("l", 1), ("r", -1)):
-        body[BODY25.index(f"{side}_elbow", f"{side}_wrist")] = (0, 0.24 * sign, 1.17), (0.05, 0.25 * sign, 0.92)
-    cos, sin = np.cos(heading), np.sin(heading)
-    xyz = np.tile(scale * body @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]), (frames, 1, 1))
-    swing = 0.12 * np.sin(2 * np.pi * np.arange(frames) / FPS)[:, None] * (cos, sin, 0)
-    xyz[:, BODY25.index("l_wrist")[0]] += swing
-    xyz[:, BODY25.index("r_wrist")[0]] -= swing
-    xyz[..., :2] += np.linspace(start, end, frames)[:, None]
-    return xyz
-
-
-def film(
-    people: np.ndarray,
-    views: int = 4,
-    miss: float = 0.1,
-    noise: float = 3.0,
-    seed: int = 0,
-    rig: CameraRig | None = None,
-) -> Clip:
-    """Detections of people (F, P, 25, 3), NaN where away: off by some pixels, some missed, in random order."""
-    rng = np.random.default_rng(seed)
-    rig = rig or looking_at_origin(views)
-    xy = rig.project(people)[0]
-    xy = xy + rng.normal(0, noise, xy.shape)
-    xy[~rig.inside(xy) | (rng.random(xy.shape[:-1]) < miss)] = np.nan
-    score = np.where(np.isnan(xy[..., 0]), np.nan, rng.uniform(0.6, 0.95, xy.shape[:-1]))
-    order = rng.permuted(np.tile(np.arange(xy.shape[2]), (*xy.shape[:2], 1)), axis=-1)[..., None]
-    detections = Detections2D(BODY25, np.take_along_axis(xy, order[..., None], 2), np.take_along_axis(score, order, 2))
-    return Clip("made up", FPS, rig, detections, truth=Poses3D(BODY25, people))
-
-
-@cache
-def crossing() -> np.ndarray:
-    """(F, 3, 25, 3) three people who cross each other's ways."""
-    ways = [((-1.5, 0), (1.5, 0.2), 1, 0), ((1.5, -0.3), (-1.5, 0.7), 1.06, 3), ((0, -1.5), (0.4, 1.5), 0.9, 1.6)]
-    return np.stack([walk(*way) for way in ways], 1)
-
-
-def rows_of(poses: Poses3D, people: np.ndarray) -> list[list[int]]:
-    """For each true person the rows it was captured in, in the order of time."""
-    matches = match(poses.xyz, people)
-    changes = [np.flatnonzero(np.diff(row, prepend=-2)) for row in (person[person >= 0] for person in matches.T)]
-    return [person[person >= 0][change].tolist() for person, change in zip(matches.T, changes, strict=True)]
-
-
-def errors(poses: Poses3D, people: np.ndarray) -> np.ndarray:
-    """(F, P, J) m; NaN where absent or nobody is there."""
-    return np.linalg.norm(take_matched(poses.xyz, match(poses.xyz, people)) - people, axis=-1)
 
 
 @pytest.mark.parametrize("views", [3, 4, 7])
@@ -195,94 +136,6 @@ def test_the_paper_wants_three_views_of_a_joint():
     assert (poses.views[known] >= 3).all()
     assert np.nanmedian(errors(poses, crossing())) < 0.03
     assert capture(clip.select(views=[0, 1]), PAPER).xyz.shape[1] == 0
-
-
-def paint(clip: Clip, people: np.ndarray, colours: list[tuple], folder) -> Images:
-    """Videos of plain torsos on grey."""
-    pixels = clip.rig.project(people[:, :, BODY25.index("l_shoulder", "r_shoulder", "l_hip", "r_hip")])[0]
-    for view, name in enumerate(clip.rig.names):
-
-        def frames(view=view):
-            for corners in pixels[:, view]:
-                image = np.full((600, 960, 3), 120, np.uint8)
-                for person in np.flatnonzero(np.isfinite(corners).all((1, 2))):
-                    left, top = corners[person].min(0).astype(int)
-                    right, bottom = corners[person].max(0).astype(int)
-                    image[top - 9 : bottom + 9, left - 9 : right + 9] = colours[person]
-                yield image
-
-        write_video(folder / "rgb" / f"{name}.mp4", frames(), clip.fps)
-    return Images(folder, clip.rig.names, tuple(range(len(clip))), ("rgb",))
-
-
-@pytest.fixture
-def painted(tmp_path) -> Clip:
-    """Two cameras at hip height and two people, one in red and one in blue, first and second detection of each view.
-
-    The hips of the one in one view and of the other in the other view are on rays that meet.
-    """
-    rig = looking_at_origin(8)[[0, 2]]
-    level = np.array([[[0, 1, 0], [0, 0, -1], [-1, 0, 0]], [[-1, 0, 0], [0, 0, -1], [0, -1, 0.0]]])
-    T = np.tile(np.eye(4), (2, 1, 1))
-    T[:, :3, :3], T[:, :3, 3] = level, -np.einsum("vij,vj->vi", level, [[6, 0, 0.95], [0, 6, 0.95]])
-    rig = replace(rig, cam_from_world=T)
-    people = np.stack([walk((0.1, 0), (0.1, 0), frames=10), walk((1.0, 0.8), (1.0, 0.8), frames=10)], 1)
-    xy = rig.project(people)[0]
-    score = np.full(xy.shape[:-1], 0.9)
-    clip = Clip("painted", FPS, rig, Detections2D(BODY25, xy, score), truth=Poses3D(BODY25, people))
-    return replace(clip, images=paint(clip, people, [(200, 40, 40), (40, 60, 200)], tmp_path))
-
-
-def test_looks_are_the_colours_of_clothes(painted):
-    looks = Looks(painted)
-    colours = np.stack([looks(frame) for frame in range(10)])
-    red, blue = [53.2, 62.5, 40.4], [32.5, 30.6, -65.4]  # CIELAB of what was painted
-    np.testing.assert_allclose(colours[..., 0, :], np.broadcast_to(red, (10, 2, 3)), atol=15)
-    np.testing.assert_allclose(colours[..., 1, :], np.broadcast_to(blue, (10, 2, 3)), atol=15)
-
-
-def test_looks_of_some_frames_are_those_of_all(painted):
-    every, some = Looks(painted), Looks(painted)
-    colours = [every(frame) for frame in range(10)]
-    for frame in (2, 3, 7):
-        np.testing.assert_array_equal(some(frame), colours[frame])
-    with pytest.raises(ValueError, match="frame 7 is over, the next is 8"):
-        some(7)
-
-
-def test_who_has_no_torso_has_no_looks(painted):
-    torso = BODY25.index("neck", "mid_hip", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
-    painted.detections.xy[3, 1, 0, torso], painted.detections.score[3, 1, 0, torso] = np.nan, np.nan
-    painted.detections.xy[4, 1, 0] += 5000
-    looks = Looks(painted)
-    colours = np.stack([looks(frame) for frame in range(10)])
-    assert np.isnan(colours).any(-1).sum() == 2
-    assert np.isnan(colours[3:5, 1, 0]).all()
-
-
-@pytest.mark.parametrize("swapped", [False, True])
-def test_colours_tell_apart_whom_hips_cannot(painted, swapped):
-    order = [1, 0] if swapped else [0, 1]
-    xy, score = painted.detections.xy.copy(), painted.detections.score
-    xy[:, 1] = xy[:, 1, order]
-    clip = replace(painted, detections=Detections2D(BODY25, xy, score))
-    hips = replace(DEFAULT, matching=Joints.mid_hip, th_a=0.25)
-    assert sorted(rows_of(capture(clip, hips), clip.truth.xyz)) == [[0], [1]]
-    assert np.nanmax(errors(capture(clip, hips), clip.truth.xyz)) < 0.01
-
-
-@pytest.mark.parametrize("coloured", [True, False])
-def test_who_comes_back_is_told_by_the_colour_of_clothes(tmp_path, coloured):
-    """Two of one build leave, and come back each where the other has left: only their clothes say who is who."""
-    people = np.stack([walk((-0.4, 0), (-0.4, 0)), walk((0.4, 0.1), (0.4, 0.1))], 1)
-    people[60:] = people[60:, ::-1]
-    people[40:60] = np.nan
-    clip = film(people, views=4)
-    if coloured:
-        clip = replace(clip, images=paint(clip, people, [(200, 40, 40), (40, 60, 200)], tmp_path))
-    # Nearness alone takes the one for the other.
-    rows = rows_of(capture(clip, DEFAULT), people)
-    assert sorted(rows) == ([[0], [1]] if coloured else [[0, 1], [1, 0]])
 
 
 def test_a_fisheye_measures_what_a_pinhole_does():

@@ -14,7 +14,7 @@ from dmae.metrics import match, take_matched
 from dmae.skeleton import BODY25
 
 from .examples import looking_at_origin, looking_inwards
-from .test_capture import crossing, errors, film, rows_of
+from .film import crossing, errors, film, rows_of
 
 DEFAULT = CaptureConfig()
 SHORT = slice(40, 56)

@@ -12,7 +12,7 @@ from dmae.online import FinishedFrame, OnlineCapture
 from dmae.skeleton import BODY25
 
 from .examples import looking_at_origin
-from .test_capture import FPS, FRAMES, crossing, film, rows_of, walk
+from .film import FPS, FRAMES, crossing, film, rows_of, walk
 
 DEFAULT = CaptureConfig()
 
