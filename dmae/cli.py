@@ -14,8 +14,9 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from dmae import commands
+from dmae import commands, export
 from dmae.evaluate import EvaluateConfig
+from dmae.regress import RegressCommand, run_regress
 from dmae.resources import resource_folder
 from dmae.store import write_atomic
 
@@ -23,11 +24,11 @@ from dmae.store import write_atomic
 @dataclass(frozen=True)
 class Command:
     """A sub-command: how to get its config's dataclass (some load torch), what it does with a config and an
-    output path, one line of help.
+    output path (None where the config has no `out`), one line of help.
     """
 
     schema: Callable[[], type]
-    run: Callable[[object, Path], None]
+    run: Callable[[object, Path | None], None]
     summary: str
 
 
@@ -62,6 +63,9 @@ def _run(command: Command, config: DictConfig) -> None:
     if missing:
         raise ValueError(f"expected {', '.join(f'{key}=...' for key in missing)}")
     multirun = HydraConfig.get().mode == RunMode.MULTIRUN
+    if "out" not in config:
+        command.run(OmegaConf.to_object(config), None)
+        return
     out = Path(HydraConfig.get().runtime.output_dir if multirun else config.out)
     command.run(OmegaConf.to_object(config), out)
     folder = out if out.is_dir() else out.parent
@@ -116,8 +120,12 @@ COMMANDS = {
         lambda: commands.CompleteCommand, commands.run_complete, "fill what no camera measured, marked as such"
     ),
     "evaluate": Command(lambda: EvaluateConfig, commands.run_evaluate, "score methods over clips and camera subsets"),
-    "export": Command(lambda: commands.ExportCommand, commands.run_export, "poses to a file that others read"),
+    "export": Command(lambda: export.ExportCommand, export.run_export, "poses to a file that others read"),
+    "convert": Command(
+        lambda: export.ConvertCommand, export.run_convert, "a recording to another format, or to a clip"
+    ),
     "report": Command(lambda: commands.ReportCommand, commands.run_report, "scores and pictures as one page"),
+    "regress": Command(lambda: RegressCommand, run_regress, "any triangulation against a frozen pack of cases"),
 }
 
 

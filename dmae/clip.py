@@ -34,6 +34,31 @@ class Visibility(IntEnum):
     """The person is not in the scene."""
 
 
+class JointError(IntEnum):
+    """What is wrong with a detected joint: the kinds of Ronchi and Perona (ICCV 2017), and those of whole detections.
+
+    Sizes are keypoint similarities to the true joint of the person that the detection is of, as COCO has them:
+    exp(-d^2 / (2 s^2 k^2)) of a joint d px off, s^2 the person's area in the image, k the joint's spread.
+    """
+
+    ABSENT = 0
+    """No joint was detected."""
+    GOOD = 1
+    """Similarity of 0.85 or more."""
+    JITTER = 2
+    """From 0.5 to 0.85: near, but off."""
+    FAR = 3
+    """Below 0.5, and not one of the others."""
+    INVERTED = 4
+    """On the joint of the other side."""
+    SWAPPED = 5
+    """On the same joint of another person."""
+    MERGED = 6
+    """A joint of another person, in a detection made of two people."""
+    GHOST = 7
+    """Of a person whom there is not."""
+
+
 def _as_array(owner, name: str, dtype, shape: tuple, default=None):
     """Set a field of a frozen dataclass to an array of a checked shape; -1 in `shape` takes any length."""
     value = getattr(owner, name)
@@ -108,6 +133,26 @@ class Poses3D:
         return (self.source == Source.MEASURED) | (self.source == Source.DENOISED)
 
 
+OF_TRUE_PERSONS = {
+    "visibility": (np.uint8, 4),
+    "hidden_by": (np.int16, 4),
+    "depth_margin": (np.float32, 4),
+    "visible_pixels": (np.int32, 3),
+    "amodal_pixels": (np.int32, 3),
+}
+"""What views show of the true persons, arrays of a clip that are (F, V, P) or (F, V, P, K): their types, and how many
+axes they have."""
+
+OF_DETECTIONS = {
+    "detected_person": (np.int16, 3, -1),
+    "detected_joint_person": (np.int16, 4, -1),
+    "detected_error": (np.uint8, 4, JointError.ABSENT),
+    "detected_off": (np.float32, 4, np.nan),
+}
+"""The truth of detections, arrays of a clip that are (F, V, D) or (F, V, D, J): their types, how many axes they have,
+and what they hold where nothing is detected."""
+
+
 @dataclass(frozen=True)
 class Clip:
     """A stretch of multi-view capture of F frames, V views.
@@ -122,8 +167,17 @@ class Clip:
             to the order of `truth`.
         visibility: (F, V, P, K) `Visibility` of the joints of `truth`, simulated clips only.
         hidden_by: (F, V, P, K) person index, or index into `objects`, of what hides the joint; -1 for none.
+        depth_margin: (F, V, P, K) how far before the joint, on the ray from the camera, what hides it begins, m; NaN
+            where nothing does.
+        visible_pixels: (F, V, P) how many pixels show each person; clips with images of ids only.
+        amodal_pixels: (F, V, P) how many would if nothing else were there.
         detected_person: (F, V, D) person index of each detection, -1 for a ghost; simulated clips only.
-            Capture never reads it.
+            Capture reads neither this nor the next three.
+        detected_joint_person: (F, V, D, J) index of the person whose joint it is that each detected joint lies on:
+            another where joints are swapped or people merged; -1 in ghosts and where there is none.
+        detected_error: (F, V, D, J) `JointError` of each.
+        detected_off: (F, V, D, J) how far each is from the true joint, at that frame, of the person that the detection
+            is of, px; NaN in ghosts, and where there is none or that joint is behind the camera.
         objects: Names of the things that can hide a joint.
         images: Images on disk, if any.
         true_rig: The cameras as they truly were, where `rig` is what a calibration in error says of them;
@@ -139,14 +193,20 @@ class Clip:
     poses: Poses3D | None = None
     visibility: np.ndarray | None = None
     hidden_by: np.ndarray | None = None
+    depth_margin: np.ndarray | None = None
+    visible_pixels: np.ndarray | None = None
+    amodal_pixels: np.ndarray | None = None
     detected_person: np.ndarray | None = None
+    detected_joint_person: np.ndarray | None = None
+    detected_error: np.ndarray | None = None
+    detected_off: np.ndarray | None = None
     objects: tuple[str, ...] = ()
     images: Images | None = None
     true_rig: CameraRig | None = None
     provenance: dict = field(default_factory=dict)
 
     def __post_init__(self):
-        frames, views, detections = self.detections.xy.shape[:3]
+        frames, views = self.detections.xy.shape[:2]
         if views != len(self.rig):
             raise ValueError(f"clip {self.id!r}: {len(self.rig)} cameras but detections in {views} views")
         if not self.fps > 0:
@@ -157,18 +217,32 @@ class Clip:
                 raise ValueError(f"clip {self.id!r}: {frames} frames of detections but {len(poses.xyz)} of {name}")
         if self.true_rig is not None and self.true_rig.names != self.rig.names:
             raise ValueError(f"clip {self.id!r}: expected true_rig of {self.rig.names}, found {self.true_rig.names}")
-        if self.detected_person is not None:
-            _as_array(self, "detected_person", np.int16, (frames, views, detections))
-        if (self.visibility is not None or self.hidden_by is not None) and self.truth is None:
-            raise ValueError(f"clip {self.id!r}: visibility is that of the true joints, and there is no truth")
-        for name, dtype in (("visibility", np.uint8), ("hidden_by", np.int16)):
+        for name, (dtype, axes, _) in OF_DETECTIONS.items():
             if getattr(self, name) is not None:
-                _as_array(self, name, dtype, (frames, views, *self.truth.xyz.shape[1:3]))
+                _as_array(self, name, dtype, self.detections.xy.shape[:axes])
+        for name, (dtype, axes) in OF_TRUE_PERSONS.items():
+            if getattr(self, name) is not None:
+                if self.truth is None:
+                    raise ValueError(f"clip {self.id!r}: {name} is that of the true persons, and there is no truth")
+                _as_array(self, name, dtype, (frames, views, *self.truth.xyz.shape[1 : axes - 1]))
         object.__setattr__(self, "objects", tuple(self.objects))
 
     def __len__(self) -> int:
         """How many frames."""
         return len(self.detections.xy)
+
+    @property
+    def seen_by(self) -> np.ndarray | None:
+        """(F, P, K) how many cameras see each true joint; None where `visibility` is."""
+        return None if self.visibility is None else (self.visibility == Visibility.VISIBLE).sum(1)
+
+    @property
+    def visible_share(self) -> np.ndarray | None:
+        """(F, V, P) share of each person's pixels that is not hidden; NaN where a person is not in the image at all."""
+        if self.amodal_pixels is None:
+            return None
+        there = self.amodal_pixels > 0
+        return np.where(there, self.visible_pixels / np.where(there, self.amodal_pixels, 1), np.nan)
 
     def select(self, frames=slice(None), views=slice(None)) -> "Clip":
         """The clip of some frames and views (a slice or a list of indices each), every field cut alike.
@@ -187,9 +261,8 @@ class Clip:
             detections=Detections2D(self.detections.skeleton, cut(self.detections.xy), cut(self.detections.score)),
             truth=_cut_frames(self.truth, frames),
             poses=_cut_frames(self.poses, frames) if len(rig) == len(self.rig) else None,
-            visibility=cut(self.visibility),
-            hidden_by=cut(self.hidden_by),
-            detected_person=cut(self.detected_person),
+            **{name: cut(getattr(self, name)) for name in OF_TRUE_PERSONS},
+            **{name: cut(getattr(self, name)) for name in OF_DETECTIONS},
             images=images,
             true_rig=None if self.true_rig is None else self.true_rig[views],
         )

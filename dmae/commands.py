@@ -11,10 +11,7 @@ from dmae.capture import CaptureConfig, capture
 from dmae.clip import Poses3D, Source
 from dmae.data import DataConfig, is_data_set, load
 from dmae.evaluate import EvaluateConfig, evaluate
-from dmae.formats.npz import export_npz
-from dmae.mapping import convert
 from dmae.progress import progress
-from dmae.skeleton import get_skeleton
 from dmae.store import clip_folders, load_clip, read_json, save_clip, write_atomic, write_manifest
 from dmae.tables import print_tables, tables
 
@@ -43,6 +40,8 @@ def run_capture(config: CaptureCommand, out: Path) -> None:
     clips, several = load(config.data), is_data_set(config.data)
     frames, spent, manifest = 0, 0.0, []
     for clip, folder in progress(zip(clips, clips.folders, strict=True), "capturing", len(clips)):
+        for note in clip.provenance.get("notes", ()):
+            print(f"{clip.id}: {note}")
         start = time.perf_counter()
         poses = capture(clip, config.capture)
         spent += time.perf_counter() - start
@@ -107,37 +106,6 @@ def run_evaluate(config: EvaluateConfig, out: Path) -> None:
     scores = evaluate(config)
     write_atomic(out / "scores.json", json.dumps(scores, indent=1))
     print_tables(tables(scores))
-
-
-class ExportFormat(StrEnum):
-    """What poses are exported as."""
-
-    npz = "npz"
-
-
-@dataclass(frozen=True)
-class ExportCommand:
-    """`dmae export`."""
-
-    clip: str = "???"
-    """A clip; its captured or completed poses are exported, its truth where it has none."""
-    format: ExportFormat = ExportFormat.npz
-    skeleton: str | None = None
-    """By default the one the poses are in."""
-    out: str = "???"
-    """The file to write."""
-
-
-def run_export(config: ExportCommand, out: Path) -> None:
-    clip = load_clip(Path(config.clip))
-    poses = clip.truth if clip.poses is None else clip.poses
-    if poses is None:
-        raise ValueError(f"{config.clip}: has neither poses nor truth to export; run dmae capture on it first")
-    if config.skeleton:
-        poses = convert(poses, get_skeleton(config.skeleton))
-    export_npz(poses, clip.fps, out)
-    frames, persons = poses.xyz.shape[:2]
-    print(f"{out}: {frames} frames, {persons} persons, {poses.skeleton.name}")
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,23 @@
 """Recordings by configuration: which, where, and through which of their cameras."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from dmae.clip import Clip
-from dmae.conventions import Unit, Up
+import numpy as np
+
+from dmae.clip import OF_DETECTIONS, Clip, Detections2D
+from dmae.conventions import Convention, Unit, Up
+from dmae.formats import easymocap, panoptic
+from dmae.formats.calibration import convention_of, read_calibration
+from dmae.formats.coco import read_coco
+from dmae.formats.openpose import read_openpose, tell_apart
+from dmae.formats.pose2sim import read_pose2sim
+from dmae.formats.recording import Recording, to_clip
+from dmae.formats.released import read_released
 from dmae.formats.shelf import read_shelf
+from dmae.skeleton import BODY25, PANOPTIC19, SHELF14, Skeleton, get_skeleton
 from dmae.store import clip_folders, load_clip
 
 
@@ -16,6 +26,12 @@ class Format(StrEnum):
 
     clip = "clip"
     shelf = "shelf"
+    openpose = "openpose"
+    pose2sim = "pose2sim"
+    easymocap = "easymocap"
+    panoptic = "panoptic"
+    coco = "coco"
+    released = "released"
 
 
 @dataclass(frozen=True)
@@ -30,7 +46,7 @@ class DataConfig:
     calibration: str | None = None
     """Calibration file, or folder of them; by default the one found in `path`."""
     detections: str | None = None
-    """Folder of the detections; by default the one found in `path`."""
+    """Folder of the detections, of COCO a file of them too; by default what is found in `path`."""
     fps: float | None = None
     """Frames per second, where the files do not say."""
     size: list[int] | None = None
@@ -43,7 +59,8 @@ class DataConfig:
     inverse: bool | None = None
     """Whether extrinsics are world_from_cam."""
     offsets: list[int] | None = None
-    """By how many frames each camera of the files started late: its frame k is frame k + offset of the clip."""
+    """By how many frames each camera of the files started late: its frame k is frame k + offset of the clip. In the
+    order of the calibration."""
 
 
 class Clips(Sequence):
@@ -52,22 +69,25 @@ class Clips(Sequence):
     def __init__(self, config: DataConfig):
         self.config = config
         path = Path(config.path)
-        self.folders = [path] if config.name == Format.shelf else clip_folders(path)
+        self.folders = clip_folders(path) if config.name == Format.clip else [path]
 
     def __len__(self) -> int:
         return len(self.folders)
 
     def __getitem__(self, index: int) -> Clip:
-        read = read_shelf if self.config.name == Format.shelf else load_clip
-        return _restrict(read(self.folders[index]), self.config.cameras)
+        clip = _READERS[self.config.name](self.config, self.folders[index])
+        return _restrict(_shift(clip, self.config.offsets), self.config.cameras)
 
 
 def load(config: DataConfig) -> Clips:
     """The clips that a configuration names, restricted to its cameras.
 
+    Of what was absent or had to be guessed in reading a clip, its `provenance["notes"]` tell.
+
     Raises:
         FileNotFoundError: nothing of the kind is there.
-        ValueError: a file is malformed, or a clip lacks one of the cameras; raised when the clip is read.
+        ValueError: a file is malformed, an option that the files make necessary is missing, or a clip lacks one
+            of the cameras; raised when the clip is read.
     """
     return Clips(config)
 
@@ -75,6 +95,151 @@ def load(config: DataConfig) -> Clips:
 def is_data_set(config: DataConfig) -> bool:
     """Whether the path holds clips in folders of their own, rather than being one itself."""
     return config.name == Format.clip and clip_folders(Path(config.path)) != [Path(config.path)]
+
+
+def written_convention(config: DataConfig) -> Convention | None:
+    """How the files are taken to write their calibration; None where `unit`, `up` and `inverse` are no options."""
+    if config.name in (Format.clip, Format.shelf, Format.released):
+        return None
+    path = Path(config.calibration or config.path)
+    return convention_of(path, unit=config.unit, up=config.up, inverse=config.inverse)
+
+
+def _read_whole(read: Callable[[Path], Clip]) -> Callable[[DataConfig, Path], Clip]:
+    """A reader of files that say everything."""
+
+    def reader(config: DataConfig, path: Path) -> Clip:
+        _refuse(config, path, "calibration", "detections", "fps", "size", "skeleton", "unit", "up", "inverse")
+        return read(path)
+
+    return reader
+
+
+def _refuse(config: DataConfig, path: Path, *options: str) -> None:
+    given = [f"data.{option}" for option in options if getattr(config, option) is not None]
+    if given:
+        raise ValueError(f"{path}: data={config.name} says that itself; leave out {', '.join(given)}")
+
+
+def _read_openpose(config: DataConfig, path: Path) -> Clip:
+    return _clip(config, path, read_openpose(Path(config.detections or path), _skeleton(config)))
+
+
+def _read_pose2sim(config: DataConfig, path: Path) -> Clip:
+    detections = Path(config.detections) if config.detections else None
+    return _clip(config, path, read_pose2sim(path, detections, _skeleton(config)))
+
+
+def _read_easymocap(config: DataConfig, path: Path) -> Clip:
+    detections = Path(config.detections or path)
+    recording = _or_name("detections", easymocap.read_detections, detections, _skeleton(config) or BODY25)
+    if config.skeleton is None:
+        skeleton, notes = tell_apart(recording.views)
+        recording = replace(recording, skeleton=skeleton, notes=(*recording.notes, *notes))
+    return _clip(config, path, recording)
+
+
+def _read_coco(config: DataConfig, path: Path) -> Clip:
+    return _clip(config, path, read_coco(Path(config.detections or path), _skeleton(config)))
+
+
+def _read_panoptic(config: DataConfig, path: Path) -> Clip:
+    """Panoptic publishes cameras and poses; detections are OpenPose's."""
+    recording = read_openpose(Path(config.detections or path), _skeleton(config))
+    convention = panoptic.CONVENTION
+    convention = replace(convention, unit=config.unit or convention.unit, up=config.up or convention.up)
+    try:
+        poses = panoptic.read_poses(path, convention)
+    except FileNotFoundError:
+        return _clip(config, path, recording)
+    recording = replace(recording, fps=poses.fps, notes=(*recording.notes, *poses.notes))
+    return _clip(config, path, recording, poses.xyz)
+
+
+def _read_released(config: DataConfig, path: Path) -> Clip:
+    _refuse(config, path, "calibration", "detections", "size", "skeleton", "unit", "up", "inverse")
+    rig, recording, truth = read_released(path)
+    return to_clip(recording, rig, _fps(config, path, recording), path, truth, SHELF14)
+
+
+_READERS: dict[Format, Callable[[DataConfig, Path], Clip]] = {
+    Format.clip: _read_whole(load_clip),
+    Format.shelf: _read_whole(read_shelf),
+    Format.openpose: _read_openpose,
+    Format.pose2sim: _read_pose2sim,
+    Format.easymocap: _read_easymocap,
+    Format.panoptic: _read_panoptic,
+    Format.coco: _read_coco,
+    Format.released: _read_released,
+}
+
+
+def _clip(config: DataConfig, path: Path, recording: Recording, truth: dict[int, np.ndarray] | None = None) -> Clip:
+    """Detections with the calibration and frame rate that belong to them, and truth on Panoptic's joints."""
+    size = tuple(config.size) if config.size else recording.size
+    rig = _or_name(
+        "calibration",
+        read_calibration,
+        Path(config.calibration or (path.parent if path.is_file() else path)),
+        size=size,
+        unit=config.unit,
+        up=config.up,
+        inverse=config.inverse,
+    )
+    return to_clip(recording, rig, _fps(config, path, recording), path, truth, PANOPTIC19)
+
+
+def _fps(config: DataConfig, path: Path, recording: Recording) -> float:
+    fps = config.fps or recording.fps
+    if fps is None:
+        raise ValueError(f"{path}: no file says the frame rate; give data.fps=...")
+    return fps
+
+
+def _skeleton(config: DataConfig) -> Skeleton | None:
+    try:
+        return None if config.skeleton is None else get_skeleton(config.skeleton)
+    except KeyError as error:
+        raise ValueError(f"data.skeleton={config.skeleton}: {error.args[0]}") from None
+
+
+def _or_name(option: str, read: Callable, *args, **kwargs):
+    """Reading what can be named by an option, should it not be found."""
+    try:
+        return read(*args, **kwargs)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{error}; name it by data.{option}=...") from None
+
+
+def _shift(clip: Clip, offsets: list[int] | None) -> Clip:
+    """The clip with the detections of each camera moved later, what is shifted in from outside absent.
+
+    Images, which stay where they are, are left out.
+    """
+    if offsets is None or not any(offsets):
+        return clip
+    if len(offsets) != len(clip.rig):
+        raise ValueError(
+            f"data.offsets={list(offsets)}: expected a number of frames for each camera of clip {clip.id!r}, "
+            f"{', '.join(clip.rig.names)}"
+        )
+
+    def moved(array: np.ndarray, nothing) -> np.ndarray:
+        late = np.full_like(array, nothing)
+        for view, offset in enumerate(offsets):
+            start, end = max(offset, 0), max(len(array) + min(offset, 0), 0)
+            late[start:end, view] = array[max(-offset, 0) : max(len(array) - max(offset, 0), 0), view]
+        return late
+
+    found = clip.detections
+    known = {name: getattr(clip, name) for name in OF_DETECTIONS if getattr(clip, name) is not None}
+    return replace(
+        clip,
+        detections=Detections2D(found.skeleton, moved(found.xy, np.nan), moved(found.score, np.nan)),
+        **{name: moved(array, OF_DETECTIONS[name][-1]) for name, array in known.items()},
+        images=None,
+        provenance=clip.provenance | {"offsets": list(offsets)},
+    )
 
 
 def _restrict(clip: Clip, cameras: list[int] | None) -> Clip:

@@ -16,6 +16,8 @@ class Stream(IntEnum):
     WINDOWS = 5
     HIDING = 6
     VALIDATION = 7
+    LAYOUT = 8
+    CALIBRATION = 9
 
 
 def generator(seed: int, clip: int, stream: Stream) -> np.random.Generator:

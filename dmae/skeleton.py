@@ -121,6 +121,13 @@ COCO17 = _skeleton(
     "l_knee<l_hip", "r_knee<r_hip", "l_ankle<l_knee", "r_ankle<r_knee",
 )  # fmt: skip
 
+COCO18 = _skeleton(
+    "coco18", "nose<neck", "neck", "r_shoulder<neck", "r_elbow<r_shoulder", "r_wrist<r_elbow",
+    "l_shoulder<neck", "l_elbow<l_shoulder", "l_wrist<l_elbow", "r_hip<neck", "r_knee<r_hip", "r_ankle<r_knee",
+    "l_hip<neck", "l_knee<l_hip", "l_ankle<l_knee", "r_eye<nose", "l_eye<nose", "r_ear<r_eye", "l_ear<l_eye",
+)  # fmt: skip
+"""OpenPose COCO: those of `COCO17` and a neck, in another order."""
+
 SHELF14 = _skeleton(
     "shelf14", "r_ankle<r_knee", "r_knee<r_hip", "r_hip<bottom_head", "l_hip<bottom_head",
     "l_knee<l_hip", "l_ankle<l_knee", "r_wrist<r_elbow", "r_elbow<r_shoulder",
@@ -147,7 +154,7 @@ HALPE26 = _skeleton(
 
 SKELETONS = {
     skeleton.name: skeleton
-    for skeleton in (BODY25, BODY21, BODY25B, COCO17, SHELF14, PANOPTIC19, HALPE26)
+    for skeleton in (BODY25, BODY21, BODY25B, COCO17, COCO18, SHELF14, PANOPTIC19, HALPE26)
 }  # fmt: skip
 
 

@@ -13,13 +13,13 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from dmae.cameras import CameraRig
-from dmae.clip import Clip, Detections2D, Poses3D
+from dmae.clip import OF_DETECTIONS, OF_TRUE_PERSONS, Clip, Detections2D, Poses3D
 from dmae.images import Images
 from dmae.skeleton import get_skeleton
 
 FORMAT = 1
 MANIFEST = "manifest.jsonl"
-_OPTIONAL = ("visibility", "hidden_by", "detected_person")
+_OPTIONAL = (*OF_TRUE_PERSONS, *OF_DETECTIONS)
 
 
 def write_atomic(path: Path, data: bytes | str) -> None:

@@ -39,6 +39,7 @@ def tops(path: Path) -> set[str]:
         "import dmae, synth",
         "import dmae.skeleton, dmae.cameras, dmae.clip, dmae.store, dmae.images, dmae.rng",
         "import dmae.mapping, dmae.metrics, dmae.baselines, dmae.data, dmae.formats.npz",
+        "import dmae.regression, dmae.regression.solvers, dmae.regress",
     ],
 )
 def test_importing_loads_nothing_heavy(statement):

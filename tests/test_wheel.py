@@ -41,3 +41,15 @@ def test_it_generates_and_captures(site, tmp_path):
     done = run(site, f"import sys; sys.argv = [{arguments}]; from dmae.cli import main; main()", tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "captured/000000/clip.json").is_file()
+
+
+def test_it_checks_a_solver_and_lends_pytest_its_cases(site, tmp_path):
+    (tmp_path / "test_theirs.py").write_text(
+        "from dmae.regression.solvers import ours\n"
+        "def test_theirs(check_triangulation):\n    check_triangulation(ours)\n"
+    )
+    arguments = "'dmae', 'regress', 'solver=test_theirs:ours'"
+    done = run(site, f"import sys; sys.argv = [{arguments}]; from dmae.cli import main; main()", tmp_path)
+    assert done.returncode == 0, done.stderr
+    done = run(site, "import pytest; raise SystemExit(pytest.main(['-q', '-p', 'no:cacheprovider']))", tmp_path)
+    assert done.returncode == 0, done.stdout

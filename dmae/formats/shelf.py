@@ -1,5 +1,6 @@
 """The Shelf recording in the text format of the 4DAssociation release."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,12 @@ import numpy as np
 from dmae.assemble import BODY25_LINKS, assemble
 from dmae.cameras import CameraRig
 from dmae.clip import Clip, Detections2D, Poses3D
+from dmae.conventions import Convention
+from dmae.formats.cameras import Camera, Entry, make_rig, require
 from dmae.skeleton import BODY25, SHELF14
-from dmae.store import read_json
+from dmae.store import read_json, write_atomic
 
+CONVENTION = Convention()
 FPS = 25.0
 FIRST_FRAME = 300
 """Number of the bundle's frame 0 in the recording as published."""
@@ -29,7 +33,7 @@ def read_shelf(path: Path) -> Clip:
         ValueError: a file is malformed or cut short, or the files do not fit together.
     """
     path = Path(path)
-    rig = _read_calibration(path / "calibration.json")
+    rig = read_cameras(path / "calibration.json")
     views = [_read_detections(path / "detection" / f"{name}.txt", rig.size[v]) for v, name in enumerate(rig.names)]
     frames = len(views[0])
     for name, view in zip(rig.names, views, strict=True):
@@ -54,33 +58,41 @@ def read_shelf(path: Path) -> Clip:
     )
 
 
-def _read_calibration(path: Path) -> CameraRig:
+def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
+    """The cameras of a 4DAssociation calibration: world to camera, m.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is malformed; the message names camera and key.
+    """
     cameras = read_json(path)
     if not isinstance(cameras, dict) or not cameras:
         raise ValueError(f"{path}: expected an object of cameras, found {cameras!r:.60}")
-    values = {}
-    for name, camera in cameras.items():
-        for key, length in (("K", 9), ("RT", 12), ("imgSize", 2)):
-            found = camera.get(key) if isinstance(camera, dict) else None
-            try:
-                array = np.asarray(found, np.float64)
-            except (TypeError, ValueError):
-                array = np.empty(0)
-            if array.shape != (length,):
-                raise ValueError(f"{path}: camera {name!r}: expected {key} of {length} numbers, found {found!r:.60}")
-            values.setdefault(key, []).append(array)
-    cam_from_world = np.tile(np.eye(4), (len(cameras), 1, 1))
-    cam_from_world[:, :3] = np.reshape(values["RT"], (-1, 3, 4))
-    try:
-        return CameraRig(
-            tuple(cameras),
-            np.reshape(values["K"], (-1, 3, 3)),
-            np.zeros((len(cameras), 5)),
-            cam_from_world,
-            np.asarray(values["imgSize"]),
-        )
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    return make_rig(path, (_camera(Entry(path, name, values)) for name, values in cameras.items()), size)
+
+
+def _camera(entry: Entry) -> Camera:
+    pose = entry.numbers("RT", 12).reshape(3, 4)
+    R = entry.rotation("RT", pose[:, :3])
+    return Camera(entry.camera, entry.intrinsics("K"), np.zeros(5), R, pose[:, 3], entry.size("imgSize"))
+
+
+def write_cameras(rig: CameraRig, path: Path) -> None:
+    """Write the calibration of a bundle.
+
+    Raises:
+        ValueError: a lens that the format cannot hold.
+    """
+    require("a 4DAssociation calibration", rig, coefficients=0)
+    cameras = {
+        name: {
+            "K": rig.K[view].ravel().tolist(),
+            "RT": rig.cam_from_world[view, :3].ravel().tolist(),
+            "imgSize": rig.size[view].tolist(),
+        }
+        for view, name in enumerate(rig.names)
+    }
+    write_atomic(path, json.dumps(cameras, indent=1))
 
 
 class _Numbers:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from dmae.cameras import CameraRig
-from dmae.clip import Clip, Detections2D, Poses3D, Visibility
+from dmae.clip import Clip, Detections2D, JointError, Poses3D, Visibility
 from dmae.skeleton import BODY25, Skeleton
 
 _STANDING = {
@@ -15,6 +15,7 @@ _STANDING = {
     "eye": (0.08, 0.03, 1.66), "ear": (0, 0.075, 1.64),
     "big_toe": (0.2, 0.09, 0.02), "small_toe": (0.17, 0.14, 0.02), "heel": (-0.05, 0.1, 0.02),
     "bottom_head": (0, 0, 1.545), "top_head": (0.125, 0, 1.69),
+    "head_top": (0, 0, 1.8),
 }  # fmt: skip
 
 
@@ -77,7 +78,13 @@ def full_clip(frames: int = 12, views: int = 4) -> Clip:
         truth=truth,
         visibility=visibility,
         hidden_by=np.where(visibility == Visibility.HIDDEN_BY_OBJECT, 0, -1),
+        depth_margin=np.where(visibility == Visibility.HIDDEN_BY_OBJECT, 0.5, np.nan),
+        visible_pixels=np.full(visibility.shape[:3], 300),
+        amodal_pixels=np.full(visibility.shape[:3], 400),
         detected_person=detected,
+        detected_joint_person=np.where(hidden, -1, detected[..., None]),
+        detected_error=np.where(hidden, JointError.ABSENT, JointError.GOOD),
+        detected_off=np.where(hidden, np.nan, 0),
         objects=("box",),
         true_rig=replace(rig, K=1.01 * rig.K + [[0, 0, 0], [0, 0, 0], [0, 0, -0.01]]),
         provenance={"seed": 0},

@@ -7,10 +7,17 @@ import sys
 import numpy as np
 import pytest
 
+from dmae.clip import Source
+from dmae.formats import easymocap, panoptic
+from dmae.formats.calibration import CalibrationFormat, write_calibration
 from dmae.formats.npz import read_npz
+from dmae.formats.trc import read_trc
+from dmae.mapping import convert
+from dmae.skeleton import BODY25, PANOPTIC19
 from dmae.store import load_clip, save_clip, write_manifest
 
-from .examples import full_clip
+from .examples import full_clip, walkers
+from .recordings import recording, write_frames
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +28,23 @@ def folder(tmp_path_factory):
     for name in ("a", "b"):
         save_clip(full_clip(frames=20), folder / "set" / name)
     write_manifest(folder / "set", [{"id": "a", "status": "ok"}, {"id": "b", "status": "ok"}])
+    foreign(folder)
     return folder
+
+
+def foreign(folder):
+    """The same walk as an OpenPose, Pose2Sim, EasyMocap and Panoptic recording."""
+    clip = recording(BODY25, 20)
+    write_frames(clip, folder / "openpose")
+    write_calibration(clip.rig, folder / "openpose/calibration.toml", CalibrationFormat.pose2sim)
+    write_frames(clip, folder / "pose2sim/trial/pose", "{camera}_json/{camera}_{frame:06d}.json")
+    write_calibration(clip.rig, folder / "pose2sim/calibration/Calib.toml", CalibrationFormat.pose2sim)
+    (folder / "pose2sim/trial/Config.toml").write_text("project = {frame_rate = 25}\npose = {pose_model = 'BODY_25'}\n")
+    easymocap.write_detections(clip.detections, clip.rig, folder / "easymocap")
+    write_calibration(clip.rig, folder / "easymocap", CalibrationFormat.easymocap)
+    panoptic.write_poses(convert(walkers(20), PANOPTIC19), 25.0, folder / "panoptic")
+    write_calibration(clip.rig, folder / "panoptic/calibration_walk.json", CalibrationFormat.panoptic)
+    write_frames(clip, folder / "panoptic/openpose")
 
 
 def dmae(folder, *arguments):
@@ -77,6 +100,37 @@ def test_a_sweep_gives_every_job_a_folder(folder):
 
 
 @pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("openpose", ["data.path=openpose", "data.fps=25"]),
+        ("pose2sim", ["data.path=pose2sim/trial"]),
+        ("easymocap", ["data.path=easymocap", "data.fps=25"]),
+        ("panoptic", ["data.path=panoptic"]),
+    ],
+)
+def test_everyone_s_recordings_are_captured(folder, name, options):
+    done = dmae(folder, "capture", f"data={name}", *options, f"out=from_{name}")
+    assert done.returncode == 0, done.stderr
+    clip = load_clip(folder / f"from_{name}")
+    assert clip.fps == 25
+    assert clip.poses.xyz.shape[:2] == (20, 2)
+    assert (clip.poses.source == Source.MEASURED).mean() > 0.9
+
+
+def test_a_recording_is_converted_and_captured_and_exported(folder):
+    done = dmae(folder, "convert", "data=openpose", "data.path=openpose", "data.fps=25", "format=coco", "out=coco")
+    assert done.returncode == 0, done.stderr
+    assert "20 frames, 4 cameras, body25" in done.stdout
+    done = dmae(folder, "capture", "data=coco", "data.path=coco", "out=from_coco")
+    assert done.returncode == 0, done.stderr
+    done = dmae(folder, "export", "clip=from_coco", "format=trc", "unit=mm", "out=trc/walk.trc")
+    assert done.returncode == 0, done.stderr
+    poses, fps = read_trc(folder / "trc/walk_P2.trc")
+    assert fps == 25
+    np.testing.assert_allclose(poses.xyz[:, 0], load_clip(folder / "from_coco").poses.xyz[:, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["film"], "no command 'film'; there are capture"),
@@ -87,6 +141,10 @@ def test_a_sweep_gives_every_job_a_folder(folder):
         (["capture", "data=shelf", "data.path=one", "out=bad"], "one/calibration.json"),
         (["export", "clip=one", "skeleton=lizard", "out=bad/x.npz"], "no skeleton 'lizard'; there are"),
         (["export", "clip=one"], "out=..."),
+        (["capture", "data=openpose", "data.path=openpose", "out=bad"], "data.fps=..."),
+        (["capture", "data=panoptic", "data.path=openpose/cam0", "out=bad"], "data.detections=..."),
+        (["capture", "data=pose2sim", "data.path=pose2sim", "out=bad"], "there are trials trial"),
+        (["convert", "data=one", "data.fps=25", "out=bad"], "leave out data.fps"),
         (["complete", "clip=one", "weights=one", "out=bad"], "model.json"),
         (["evaluate", "data=one", "methods=[magic]", "out=bad"], "no method 'magic'"),
         (["report", "out=bad/report.html"], "nothing to report"),

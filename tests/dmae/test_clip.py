@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.clip import Clip, Detections2D, Poses3D, Source
+from dmae.clip import OF_DETECTIONS, OF_TRUE_PERSONS, Clip, Detections2D, Poses3D, Source, Visibility
 from dmae.skeleton import BODY25, SHELF14
 
 from .examples import full_clip, walkers
@@ -67,7 +67,10 @@ def test_nobody_is_a_number_of_persons():
         ({"poses": walkers(frames=13)}, "13 of poses"),
         ({"truth": None}, "there is no truth"),
         ({"visibility": np.zeros((12, 4, 3, 25))}, r"Clip.visibility: expected shape \(12, 4, 2, 25\)"),
+        ({"depth_margin": np.zeros((12, 4, 2))}, r"Clip.depth_margin: expected shape \(12, 4, 2, 25\)"),
+        ({"amodal_pixels": np.zeros((12, 4, 3))}, r"Clip.amodal_pixels: expected shape \(12, 4, 2\)"),
         ({"detected_person": np.zeros((12, 4))}, r"Clip.detected_person: expected shape \(12, 4, 2\)"),
+        ({"detected_off": np.zeros((12, 4, 2))}, r"Clip.detected_off: expected shape \(12, 4, 2, 25\)"),
     ],
 )
 def test_a_clip_s_fields_must_fit_together(changes, message):
@@ -81,13 +84,25 @@ def test_a_clip_needs_a_camera_for_every_view():
         Clip("odd", 25.0, clip.rig[:3], clip.detections)
 
 
+def test_how_many_cameras_see_a_joint_and_how_much_shows_of_a_person():
+    clip = full_clip()
+    assert clip.seen_by.shape == (12, 2, 25)
+    assert clip.seen_by[3, 1, 5] == sum(clip.visibility[3, view, 1, 5] == Visibility.VISIBLE for view in range(4))
+    assert (clip.visible_share == 0.75).all()
+    unseen = replace(clip, visible_pixels=np.zeros((12, 4, 2)), amodal_pixels=np.zeros((12, 4, 2)))
+    assert np.isnan(unseen.visible_share).all()
+    bare = replace(clip, visibility=None, amodal_pixels=None)
+    assert bare.seen_by is None
+    assert bare.visible_share is None
+
+
 def test_select_cuts_every_field_alike():
     clip = replace(full_clip(), poses=walkers())
     frames, views = [7, 2, 3], [3, 1]
     part = clip.select(frames, views)
     assert len(part) == 3
     assert part.rig.names == ("cam3", "cam1")
-    for name in ("visibility", "hidden_by", "detected_person"):
+    for name in (*OF_TRUE_PERSONS, *OF_DETECTIONS):
         np.testing.assert_array_equal(getattr(part, name), getattr(clip, name)[frames][:, views])
     np.testing.assert_array_equal(part.detections.xy, clip.detections.xy[frames][:, views])
     np.testing.assert_array_equal(part.detections.score, clip.detections.score[frames][:, views])

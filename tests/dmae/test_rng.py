@@ -31,6 +31,8 @@ def test_numbers_of_streams_never_change():
         "WINDOWS": 5,
         "HIDING": 6,
         "VALIDATION": 7,
+        "LAYOUT": 8,
+        "CALIBRATION": 9,
     }
 
 

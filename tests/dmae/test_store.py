@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from dmae.clip import Clip, Detections2D, Poses3D, Source
+from dmae.clip import OF_DETECTIONS, OF_TRUE_PERSONS, Clip, Detections2D, Poses3D, Source
 from dmae.images import Images
 from dmae.skeleton import BODY25, SHELF14, get_skeleton
 from dmae.store import clip_folders, load_clip, read_json, read_manifest, save_clip, write_atomic, write_manifest
@@ -34,6 +34,14 @@ def test_load_after_save_is_equal(tmp_path):
     poses = replace(walkers(), source=np.full((12, 2, 25), Source.COMPLETED), views=np.full((12, 2, 25), 3))
     save_clip(replace(clip, poses=poses), tmp_path / "a" / "clip")
     assert_same(load_clip(tmp_path / "a" / "clip"), replace(clip, poses=poses))
+
+
+def test_clips_written_before_a_label_was_thought_of_are_still_read(tmp_path):
+    clip = full_clip()
+    save_clip(replace(clip, **dict.fromkeys((*OF_TRUE_PERSONS, *OF_DETECTIONS))), tmp_path)
+    found = load_clip(tmp_path)
+    assert all(getattr(found, name) is None for name in (*OF_TRUE_PERSONS, *OF_DETECTIONS))
+    np.testing.assert_array_equal(found.truth.xyz, clip.truth.xyz)
 
 
 def test_a_fused_truth_keeps_its_skeleton(tmp_path):

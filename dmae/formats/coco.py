@@ -1,0 +1,267 @@
+"""COCO keypoints: images and annotations of all cameras in one JSON, or a JSON for each camera."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from dmae.cameras import CameraRig
+from dmae.formats.openpose import BY_COUNT
+from dmae.formats.recording import Recording, frame_number, natural
+from dmae.skeleton import SKELETONS, Skeleton
+from dmae.store import read_json, write_atomic
+
+HIDDEN_SCORE = 0.5
+"""Confidence of a joint that is labelled and not visible (v = 1), where the file has no other; visible ones get 1."""
+_SIDES = {"l_": "left_", "r_": "right_"}
+
+
+def joint_names(skeleton: Skeleton) -> list[str]:
+    """The joints as COCO calls them: left_eye."""
+    names = []
+    for joint in skeleton.joints:
+        part, dot, bare = joint.rpartition(".")
+        names.append(part + dot + _SIDES.get(bare[:2], bare[:2]) + bare[2:])
+    return names
+
+
+@dataclass
+class _Found:
+    """What the files said so far."""
+
+    views: dict[str, dict[int, list]] = field(default_factory=dict)
+    sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
+    fps: float | None = None
+    names: list[str] | None = None
+    joints: int | None = None
+
+
+def read_coco(path: Path, skeleton: Skeleton | None = None) -> Recording:
+    """Read the annotations of a file, or of those of a folder that are no calibration.
+
+    One file holds all cameras where its images say `camera` or lie in a folder for each; of several each is
+    that of the camera it is named after, and may be a bare list of results. Frames are numbered by an image's
+    `frame`, or else by the last number of its `file_name`. Confidence is `keypoint_scores`, or the third of
+    each x, y, v: as it stands, or where all are 0, 1 and 2, none, `HIDDEN_SCORE` and 1.
+
+    Args:
+        skeleton: By default that whose joints the category names, or else the one of as many joints.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: a file is malformed or contradicts itself; the message names the place.
+    """
+    path = Path(path)
+    files = [path] if path.is_file() else sorted(path.glob("*.json"), key=lambda file: natural(file.name))
+    files = [file for file in files if "calib" not in file.name.lower()]
+    if not files:
+        raise FileNotFoundError(
+            f"{path}: expected COCO annotations, *.json, found none; name them by data.detections=..."
+        )
+    found = _Found()
+    for file in files:
+        content = read_json(file)
+        images, annotations = _parts(file, content)
+        camera = file.stem if len(files) > 1 else None
+        if images is None:
+            if camera is None:
+                raise ValueError(f"{file}: expected a file for each camera where files are lists of results, found one")
+            images = _result_images(file, annotations)
+        elif "categories" in content:
+            found.names = _category(file, content["categories"]) or found.names
+        places = _images(file, images, camera, found)
+        _annotations(file, annotations, places, found)
+        rate = content.get("info", {}).get("fps") if isinstance(content, dict) else None
+        found.fps = found.fps or rate
+    skeleton = skeleton or _recognise(path, found)
+    if found.joints not in (None, len(skeleton)):
+        raise ValueError(f"{path}: expected {len(skeleton)} keypoints as of {skeleton.name}, found {found.joints}")
+    empty = np.empty((0, len(skeleton), 3))
+    views = {name: {n: np.array(people or empty) for n, people in view.items()} for name, view in found.views.items()}
+    return Recording(skeleton, views, found.fps, sizes=found.sizes)
+
+
+def _parts(file: Path, content) -> tuple[list | None, list]:
+    """Images, None in a list of results, and annotations."""
+    if isinstance(content, list):
+        return None, content
+    parts = [content.get(key) if isinstance(content, dict) else None for key in ("images", "annotations")]
+    if not all(isinstance(part, list) for part in parts):
+        raise ValueError(f"{file}: expected lists of images and annotations, found {content!r:.60}")
+    return parts[0], parts[1]
+
+
+def _result_images(file: Path, results: list) -> list[dict]:
+    ids = []
+    for number, result in enumerate(results):
+        if not isinstance(result, dict) or "image_id" not in result:
+            raise ValueError(
+                f"{file}: [{number}]: expected an object with image_id and keypoints, found {result!r:.60}"
+            )
+        ids.append(result["image_id"])
+    return [{"id": image, "file_name": str(image)} for image in dict.fromkeys(ids)]
+
+
+def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict:
+    """By image id, the list of people to fill, which `found` has by camera and frame."""
+    places: dict = {}
+    for number, image in enumerate(images):
+        if not isinstance(image, dict) or "id" not in image or "file_name" not in image:
+            raise ValueError(f"{file}: images[{number}]: expected an object with id and file_name, found {image!r:.60}")
+        name = Path(str(image["file_name"]))
+        view = image.get("camera") or camera or name.parent.name
+        if not view:
+            raise ValueError(
+                f"{file}: images[{number}]: nothing says the camera of {name}; expected `camera`, a folder in "
+                "file_name, or a file of annotations for each camera"
+            )
+        frame = image["frame"] if "frame" in image else frame_number(Path(f"{file}, {name}"), name.stem)
+        frames = found.views.setdefault(str(view), {})
+        if image["id"] in places or frame in frames:
+            raise ValueError(f"{file}: images[{number}]: image {image['id']}, frame {frame} of {view}, is there twice")
+        places[image["id"]] = frames[frame] = []
+        if "width" in image and "height" in image:
+            size = image["width"], image["height"]
+            first = found.sizes.setdefault(str(view), size)
+            if first != size:
+                raise ValueError(f"{file}: images[{number}]: expected {first} px as before of {view}, found {size}")
+    return places
+
+
+def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> None:
+    """Add the people to their images."""
+    people, scored = [], []
+    for number, annotation in enumerate(annotations):
+        here = f"{file}: annotations[{number}]"
+        if not isinstance(annotation, dict) or annotation.get("image_id") not in places:
+            raise ValueError(
+                f"{here}: expected an object whose image_id is one of the images, found {annotation!r:.60}"
+            )
+        keypoints = annotation.get("keypoints")
+        if annotation.get("iscrowd") or not keypoints:
+            continue
+        values = _numbers(f"{here}.keypoints", keypoints, 3)
+        found.joints = found.joints or len(values)
+        if len(values) != found.joints:
+            raise ValueError(f"{here}.keypoints: expected {found.joints} as before, found {len(values)}")
+        scores = annotation.get("keypoint_scores")
+        if scores is not None:
+            scores = _numbers(f"{here}.keypoint_scores", scores, 1)[:, 0]
+            if len(scores) != len(values):
+                raise ValueError(f"{here}.keypoint_scores: expected {len(values)}, found {len(scores)}")
+            values[:, 2] = np.where(values[:, 2] > 0, scores, 0)
+        scored.append(scores is not None)
+        people.append((places[annotation["image_id"]], values))
+    bare = [values[:, 2] for (_, values), known in zip(people, scored, strict=True) if not known]
+    if bare and np.isin(bare, (0, 1, 2)).all():
+        for third in bare:
+            third[:] = np.choose(third.astype(int), (0, HIDDEN_SCORE, 1))
+    for place, values in people:
+        values[~(values[:, 2] > 0)] = np.nan
+        if not np.isnan(values).all():
+            place.append(values)
+
+
+def _numbers(place: str, found, each: int) -> np.ndarray:
+    try:
+        return np.array(found, np.float64).reshape(-1, each)
+    except (TypeError, ValueError):
+        raise ValueError(f"{place}: expected a list of numbers, {each} for each joint, found {found!r:.60}") from None
+
+
+def _category(file: Path, categories) -> list[str] | None:
+    """Names of the joints of the one category that has any."""
+    if not isinstance(categories, list) or not all(isinstance(category, dict) for category in categories):
+        raise ValueError(f"{file}: expected a list of categories, found {categories!r:.60}")
+    named = [category["keypoints"] for category in categories if category.get("keypoints")]
+    if len(named) > 1:
+        raise ValueError(f"{file}: expected one category with keypoints, found {len(named)}")
+    return [str(name).lower().replace(" ", "_") for name in named[0]] if named else None
+
+
+def _recognise(path: Path, found: _Found) -> Skeleton:
+    for skeleton in SKELETONS.values():
+        if found.names and found.names in (joint_names(skeleton), list(skeleton.joints)):
+            return skeleton
+    if found.names is None and found.joints is None:
+        raise ValueError(f"{path}: no keypoints in any annotation, and no category that names them")
+    if found.names or found.joints not in BY_COUNT:
+        raise ValueError(
+            f"{path}: no skeleton has the keypoints {found.names or found.joints}; there are {sorted(SKELETONS)}, "
+            "data.skeleton=... names the one to take them for"
+        )
+    return BY_COUNT[found.joints]
+
+
+def write_coco(
+    path: Path,
+    rig: CameraRig,
+    fps: float,
+    skeleton: Skeleton,
+    xy: np.ndarray,
+    flags: np.ndarray,
+    *,
+    scores: np.ndarray | None = None,
+    sources: np.ndarray | None = None,
+    first: int = 0,
+) -> None:
+    """Write people as annotations, to 0.001 px: one image a camera and frame, one annotation a person labelled in it.
+
+    Beyond COCO's own, images have `camera` and `frame`, annotations `keypoint_scores` where given, and of
+    persons `joint_source` and `track_id`, the person's index; `info` has `fps`.
+
+    Args:
+        xy: (F, V, D, J, 2) px.
+        flags: (F, V, D, J) 0 not labelled, 1 hidden or not measured, 2 visible.
+        scores: (F, V, D, J) confidences.
+        sources: (F, D, J) `Source`; D are then persons, who keep their index through the clip.
+        first: Number of the first frame.
+    """
+    frames, views = xy.shape[:2]
+    names = [rig.names[view] for view in range(views)]
+    images = [
+        {
+            "id": frame * views + view + 1,
+            "width": int(rig.size[view, 0]),
+            "height": int(rig.size[view, 1]),
+            "file_name": f"{names[view]}/{first + frame:06d}.jpg",
+            "camera": names[view],
+            "frame": first + frame,
+        }
+        for frame in range(frames)
+        for view in range(views)
+    ]
+    values = np.where(flags[..., None] > 0, np.concatenate([xy.astype(np.float64), flags[..., None]], -1), 0).round(3)
+    annotations = []
+    for frame, view, person in np.argwhere((flags > 0).any(-1)).tolist():
+        labelled = flags[frame, view, person] > 0
+        points = values[frame, view, person]
+        low, high = points[labelled, :2].min(0), points[labelled, :2].max(0)
+        width, height = (high - low).round(3).tolist()
+        annotation = {
+            "id": len(annotations) + 1,
+            "image_id": frame * views + view + 1,
+            "category_id": 1,
+            "iscrowd": 0,
+            "bbox": [*low.tolist(), width, height],
+            "area": round(width * height, 3),
+            "segmentation": [],
+            "num_keypoints": int(labelled.sum()),
+            "keypoints": [v for x, y, flag in points.tolist() for v in (x, y, int(flag))],
+        }
+        if scores is not None:
+            known = np.where(labelled, scores[frame, view, person], 0).astype(np.float64)
+            annotation["keypoint_scores"] = known.round(4).tolist()
+        if sources is not None:
+            annotation |= {"track_id": person, "joint_source": sources[frame, person].tolist()}
+        annotations.append(annotation)
+    category = {
+        "id": 1,
+        "name": "person",
+        "supercategory": "person",
+        "keypoints": joint_names(skeleton),
+        "skeleton": [[parent + 1, child + 1] for parent, child in skeleton.bones],
+    }
+    content = {"info": {"fps": fps}, "images": images, "annotations": annotations, "categories": [category]}
+    write_atomic(Path(path), json.dumps(content))

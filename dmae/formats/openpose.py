@@ -1,0 +1,217 @@
+"""OpenPose's JSON: a folder for each camera, a file for each of its frames."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from dmae.cameras import CameraRig
+from dmae.clip import Detections2D, Poses3D, Source
+from dmae.formats.recording import Recording, frame_number, natural
+from dmae.progress import progress
+from dmae.skeleton import BODY21, BODY25, BODY25B, COCO17, COCO18, HALPE26, PANOPTIC19, SHELF14, Skeleton
+from dmae.store import read_json, write_atomic
+
+FOLDERS = ("openpose", "keypoints", "pose", "json")
+"""Where the folders of the cameras are looked for inside a recording, after the recording itself."""
+_SUFFIXES = ("_keypoints", "_json")
+_PANOPTIC = "body3DScene"
+"""So begin files in a folder beside the cameras', which are numbered too."""
+BY_COUNT = {len(skeleton): skeleton for skeleton in (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14)}
+"""The skeleton that people of so many joints have, unless something else says otherwise."""
+COMPLETED_SCORE = 0.5
+"""Confidence written for joints no camera measured; those measured get 1."""
+
+
+def read_openpose(path: Path, skeleton: Skeleton | None = None) -> Recording:
+    """Read `<camera>/<anything><frame number>[_keypoints].json`, as OpenPose and Pose2Sim name them.
+
+    A joint of confidence 0 is absent. A file that is not JSON, cut short for instance, makes its frame absent
+    and is recorded. The skeleton is known by the number of joints; BODY_25 and BODY_25B, which have as many,
+    by where the neck lies between the shoulders.
+
+    Args:
+        skeleton: That of the files, where their number of joints does not tell.
+
+    Raises:
+        FileNotFoundError: there are no such files.
+        ValueError: a file is JSON but not OpenPose's, a frame is there twice, or people have other numbers of
+            joints than the skeleton; no file could be read.
+    """
+    folders = camera_folders(Path(path))
+    frames = {name: _frame_files(folder) for name, folder in folders.items()}
+    views: dict[str, dict[int, list]] = {name: {} for name in frames}
+    unreadable: dict[str, list[str]] = {}
+    joints: tuple[int, Path] | None = None if skeleton is None else (len(skeleton), Path("data.skeleton"))
+    todo = [(name, number, file) for name, files in frames.items() for number, file in files.items()]
+    for name, number, file in progress(todo, "reading detections"):
+        try:
+            content = read_json(file)
+        except ValueError as error:
+            unreadable.setdefault(name, []).append(str(error))
+            continue
+        people = _people(file, content)
+        for found in people:
+            joints = joints or (len(found), file)
+            if len(found) != joints[0]:
+                raise ValueError(
+                    f"{file}: expected people of {joints[0]} joints as in {joints[1]}, found {len(found)}; "
+                    "give data.skeleton=..., or keep recordings apart"
+                )
+        views[name][number] = people
+    if not any(views.values()):
+        raise ValueError(f"{path}: not one file could be read; {next(iter(unreadable.values()))[0]}")
+    if joints is None:
+        joints = (len(BODY25), Path(path))
+    empty = np.empty((0, joints[0], 3))
+    arrays = {name: {n: np.array([*found] or empty) for n, found in view.items()} for name, view in views.items()}
+    _check_pixels(path, arrays)
+    skeleton, note = (skeleton, ()) if skeleton else _recognise(path, arrays, *joints)
+    return Recording(skeleton, arrays, unreadable=unreadable, notes=note)
+
+
+def camera_folders(path: Path) -> dict[str, Path]:
+    """Folders of frames by camera name, less the `_json` at its end; in `path` or in one of `FOLDERS` in it.
+
+    Raises:
+        FileNotFoundError: there are none.
+        ValueError: two name the same camera.
+    """
+    for place in (path, *(path / name for name in FOLDERS)):
+        if not place.is_dir():
+            continue
+        found = [folder for folder in place.iterdir() if any(map(_is_frame, folder.glob("*.json")))]
+        found.sort(key=lambda folder: natural(folder.name))
+        names = [_bare(folder.name) for folder in found]
+        if len(set(names)) < len(names):
+            raise ValueError(f"{place}: expected a folder for each camera, found two of the same: {names}")
+        if found:
+            return dict(zip(names, found, strict=True))
+    raise FileNotFoundError(
+        f"{path}: expected a folder for each camera that holds <name>_<frame number>_keypoints.json, found none; "
+        "name the folder of detections by data.detections=..."
+    )
+
+
+def _is_frame(file: Path) -> bool:
+    return not file.name.startswith(_PANOPTIC) and (file.stem.endswith(_SUFFIXES) or file.stem[-1:].isdigit())
+
+
+def _bare(name: str) -> str:
+    for suffix in _SUFFIXES:
+        name = name.removesuffix(suffix)
+    return name
+
+
+def _frame_files(folder: Path) -> dict[int, Path]:
+    files: dict[int, Path] = {}
+    for file in sorted(filter(_is_frame, folder.glob("*.json"))):
+        number = frame_number(file, _bare(file.stem))
+        if number in files:
+            raise ValueError(f"{file}: expected frame {number} once, found it in {files[number].name} too")
+        files[number] = file
+    return files
+
+
+def _people(file: Path, content) -> list[np.ndarray]:
+    """(J, 3) arrays of those that have joints at all."""
+    if not isinstance(content, dict) or not isinstance(content.get("people"), list):
+        raise ValueError(f"{file}: expected an object with a list of people, found {content!r:.60}")
+    people = []
+    for number, person in enumerate(content["people"]):
+        keypoints = person.get("pose_keypoints_2d", person.get("pose_keypoints")) if isinstance(person, dict) else None
+        try:
+            array = np.array(keypoints, np.float64)
+        except (TypeError, ValueError):
+            array = np.array(np.nan)
+        if array.ndim != 1 or len(array) % 3:
+            raise ValueError(
+                f"{file}: people[{number}].pose_keypoints_2d: expected x, y, confidence of each joint, "
+                f"found {keypoints!r:.60}"
+            )
+        array = array.reshape(-1, 3)
+        array[~(array[:, 2] > 0)] = np.nan
+        if not np.isnan(array).all():
+            people.append(array)
+    return people
+
+
+def _check_pixels(path: Path, views: dict[str, dict[int, np.ndarray]]) -> None:
+    """OpenPose can write fractions of the image instead of pixels."""
+    people = [found for view in views.values() for found in view.values() if found.size]
+    largest = max((np.nanmax(np.abs(found[..., :2])) for found in people), default=np.inf)
+    if largest <= 1:
+        raise ValueError(
+            f"{path}: expected pixels, found no coordinate above {largest:g}; detect with keypoint_scale 0"
+        )
+
+
+def _recognise(path: Path, views: dict, joints: int, file: Path) -> tuple[Skeleton, tuple[str, ...]]:
+    if joints not in BY_COUNT:
+        known = ", ".join(f"{count} ({skeleton.name})" for count, skeleton in sorted(BY_COUNT.items()))
+        raise ValueError(f"{file}: found people of {joints} joints, which is no skeleton known; there are {known}")
+    if joints != len(BODY25):
+        return BY_COUNT[joints], ()
+    return tell_apart(views)
+
+
+def tell_apart(views: dict[str, dict[int, np.ndarray]]) -> tuple[Skeleton, tuple[str, ...]]:
+    """BODY_25 or BODY_25B for people of 25 joints, by where necks lie between shoulders; and a note of it."""
+    people = [found for view in views.values() for found in view.values() if len(found)]
+    if not people or _neck_error(BODY25, np.concatenate(people)) <= _neck_error(BODY25B, np.concatenate(people)):
+        return BODY25, ()
+    return BODY25B, (
+        "people of 25 joints are taken for BODY_25B, not BODY_25, by where the neck is; data.skeleton overrides",
+    )
+
+
+def _neck_error(skeleton: Skeleton, people: np.ndarray) -> float:
+    """How far necks are from the middle of the shoulders, in median, relative to the size of the person."""
+    neck, left, right = (people[:, skeleton.index(name)[0], :2] for name in ("neck", "l_shoulder", "r_shoulder"))
+    known = ~np.isnan(neck + left + right).any(-1)
+    if not known.any():
+        return np.inf
+    size = np.linalg.norm(np.nanstd(people[known, :, :2], 1), axis=-1)
+    return float(np.median(np.linalg.norm(neck - (left + right) / 2, axis=-1)[known] / np.maximum(size, 1e-9)))
+
+
+def write_openpose(
+    detections: Detections2D, cameras: tuple[str, ...], folder: Path, first: int = 0, sources: np.ndarray | None = None
+) -> None:
+    """Write detections as OpenPose does, `<camera>/<camera>_<frame number>_keypoints.json`, to 0.001 px.
+
+    Args:
+        cameras: V names.
+        first: Number of the first frame.
+        sources: (F, D, J) `Source` of the joints where `detections` are reprojected poses, the same D in each view:
+            people then have a `person_id`, and `joint_source` beside `pose_keypoints_2d`.
+    """
+    values = np.concatenate([detections.xy.astype(np.float64), detections.score[..., None]], -1)
+    values = np.round(np.where(np.isnan(values), 0, values), 4)
+    seen = detections.observed.any(-1)
+    for frame, views in enumerate(progress(values, "writing detections", len(values))):
+        for name, people, there in zip(cameras, views, seen[frame], strict=True):
+            written = []
+            for number in np.flatnonzero(there):
+                person = {"person_id": [-1 if sources is None else int(number)]}
+                person["pose_keypoints_2d"] = people[number].ravel().tolist()
+                if sources is not None:
+                    person["joint_source"] = sources[frame, number].tolist()
+                written.append(person)
+            path = Path(folder) / name / f"{name}_{first + frame:012d}_keypoints.json"
+            write_atomic(path, json.dumps({"version": 1.3, "people": written}))
+
+
+def reproject(poses: Poses3D, rig: CameraRig) -> Detections2D:
+    """What cameras see of poses: a detection for each person, confidence 1, of completed joints `COMPLETED_SCORE`.
+
+    Joints out of the image are absent.
+    """
+    xy, _ = rig.project(poses.xyz)
+    score = np.where(poses.source == Source.COMPLETED, COMPLETED_SCORE, 1.0)[:, None]
+    inside = rig.inside(xy)
+    return Detections2D(
+        poses.skeleton,
+        np.where(inside[..., None], xy, np.nan),
+        np.where(inside, np.broadcast_to(score, inside.shape), np.nan),
+    )

@@ -1,0 +1,216 @@
+"""CMU Panoptic Studio: calibrations of up to 521 cameras, and 3D poses, a JSON a frame."""
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dmae.cameras import CameraRig
+from dmae.clip import Poses3D, Source
+from dmae.conventions import Convention, Unit, Up
+from dmae.formats.cameras import Camera, Entry, make_rig, require
+from dmae.formats.openpose import COMPLETED_SCORE
+from dmae.formats.recording import frame_number
+from dmae.progress import progress
+from dmae.skeleton import PANOPTIC19
+from dmae.store import read_json, write_atomic
+
+CONVENTION = Convention(unit=Unit.cm, up=Up.minus_y)
+POSES = "hdPose3d_stage1_coco19"
+_SCENE = "body3DScene_"
+
+
+def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
+    """Cameras as the file writes them: cm, y down, world to camera.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is malformed; the message names camera and key.
+    """
+    content = read_json(path)
+    cameras = content.get("cameras") if isinstance(content, dict) else None
+    if not isinstance(cameras, list):
+        raise ValueError(f"{path}: expected an object with a list of cameras, found {content!r:.60}")
+    return make_rig(path, (_camera(path, number, values) for number, values in enumerate(cameras)), size)
+
+
+def _camera(path: Path, number: int, values: dict) -> Camera:
+    name = values.get("name") if isinstance(values, dict) else None
+    entry = Entry(path, f"number {number}" if name is None else str(name), values)
+    if name is None:
+        raise entry.error("name", "of the camera", f"no such key among {sorted(values)}")
+    return Camera(
+        entry.camera,
+        entry.intrinsics("K"),
+        entry.numbers("distCoef", 5),
+        entry.rotation("R"),
+        entry.numbers("t", 3),
+        entry.size("resolution") if "resolution" in values else None,
+    )
+
+
+def write_cameras(rig: CameraRig, path: Path) -> None:
+    """Write cameras, their pose as it stands in `cam_from_world`.
+
+    Panel and node are those of names like 00_12; other cameras become nodes of panel 0.
+
+    Raises:
+        ValueError: a lens that the format cannot hold.
+    """
+    require("a Panoptic calibration", rig, coefficients=5)
+    cameras = []
+    for view, name in enumerate(rig.names):
+        place = re.fullmatch(r"(\d\d)_(\d\d)", name)
+        panel, node = map(int, place.groups()) if place else (0, view)
+        cameras.append(
+            {
+                "name": name,
+                "type": "hd",
+                "resolution": rig.size[view].tolist(),
+                "panel": panel,
+                "node": node,
+                "K": rig.K[view].tolist(),
+                "distCoef": rig.dist[view, :5].tolist(),
+                "R": rig.cam_from_world[view, :3, :3].tolist(),
+                "t": rig.cam_from_world[view, :3, 3:].tolist(),
+            }
+        )
+    write_atomic(path, json.dumps({"calibDataSource": "dmae", "cameras": cameras}, indent=1))
+
+
+@dataclass(frozen=True)
+class PanopticPoses:
+    """What the 3D pose files say.
+
+    Attributes:
+        xyz: By frame number, (P, 19, 3) m, our world; NaN where absent. A person is a body's id: all frames have
+            the same P, in the order of the ids.
+        fps: Frames per second.
+        notes: Which files could not be read, and which ids the persons have if not 0 to P - 1.
+    """
+
+    xyz: dict[int, np.ndarray]
+    fps: float | None
+    notes: tuple[str, ...]
+
+
+def read_poses(path: Path, convention: Convention = CONVENTION) -> PanopticPoses:
+    """Read `hdPose3d_stage1_coco19/body3DScene_<frame number>.json`: PANOPTIC19 joints, cm, y down.
+
+    Joints whose confidence is not positive are absent, and so are those that `write_poses` marked as completed. A
+    file that is not JSON, cut short for instance, makes its frame absent and is noted.
+
+    Args:
+        path: The recording, or the folder of the files themselves.
+
+    Raises:
+        FileNotFoundError: there are no such files.
+        ValueError: there are several folders of them, a file is JSON but not Panoptic's, an id is there twice in
+            a frame, frame rates differ, or no file could be read.
+    """
+    frames: dict[int, dict[int, np.ndarray]] = {}
+    rates: dict[float, Path] = {}
+    unreadable = []
+    files = sorted(_pose_folder(Path(path)).glob(f"{_SCENE}*.json"))
+    for file in progress(files, "reading poses"):
+        try:
+            content = read_json(file)
+        except ValueError as error:
+            unreadable.append(str(error))
+            continue
+        number = frame_number(file, file.stem)
+        if number in frames:
+            raise ValueError(f"{file}: expected frame {number} once, found it twice")
+        frames[number] = _bodies(file, content)
+        rate = re.fullmatch(r"[a-z]+_(\d+)(?:_(\d+))?", str(content.get("fpsType")))
+        if rate:
+            rates.setdefault(float(f"{rate[1]}.{rate[2] or 0}"), file)
+    if not frames:
+        raise ValueError(f"{path}: not one file could be read; {unreadable[0]}")
+    if len(rates) > 1:
+        raise ValueError(f"{path}: expected one fpsType, found {' and '.join(f'{r} in {f}' for r, f in rates.items())}")
+    ids = sorted({body for bodies in frames.values() for body in bodies})
+    absent = np.full((len(PANOPTIC19), 3), np.nan)
+    xyz = {
+        number: convention.points(np.array([bodies.get(body, absent) for body in ids]).reshape(-1, *absent.shape))
+        for number, bodies in frames.items()
+    }
+    notes = []
+    if unreadable:
+        notes.append(f"{len(unreadable)} files of poses could not be read and are absent, first {unreadable[0]}")
+    if ids != list(range(len(ids))):
+        notes.append(f"persons 0 to {len(ids) - 1} of the truth are the bodies of ids {ids}")
+    return PanopticPoses(xyz, next(iter(rates), None), tuple(notes))
+
+
+def _pose_folder(path: Path) -> Path:
+    found = [folder for folder in (path, *sorted(path.glob("*Pose3d*coco19"))) if any(folder.glob(f"{_SCENE}*.json"))]
+    if not found:
+        raise FileNotFoundError(f"{path}: expected {POSES}/{_SCENE}<frame number>.json, found none")
+    if len(found) > 1:
+        raise ValueError(f"{path}: expected one folder of poses, found {', '.join(map(str, found))}; name one of them")
+    return found[0]
+
+
+def _bodies(file: Path, content) -> dict[int, np.ndarray]:
+    """By id, joints (19, 3) as written."""
+    bodies = content.get("bodies") if isinstance(content, dict) else None
+    if not isinstance(bodies, list):
+        raise ValueError(f"{file}: expected an object with a list of bodies, found {content!r:.60}")
+    found = {}
+    for number, body in enumerate(bodies):
+        values = body if isinstance(body, dict) else {}
+        name, place = values.get("id"), f"{file}: bodies[{number}]"
+        if not isinstance(name, int) or name in found:
+            raise ValueError(f"{place}.id: expected a number that no other body has, found {name!r:.60}")
+        joints = _flat(values.get("joints19"), f"{place}.joints19", 4 * len(PANOPTIC19)).reshape(-1, 4)
+        known = joints[:, 3] > 0
+        if "joint_source" in values:
+            known &= _flat(values["joint_source"], f"{place}.joint_source", len(PANOPTIC19)) != Source.COMPLETED
+        found[name] = np.where(known[:, None], joints[:, :3], np.nan)
+    return found
+
+
+def _flat(found, place: str, count: int) -> np.ndarray:
+    try:
+        array = np.array(found, np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (count,):
+        raise ValueError(f"{place}: expected {count} numbers, found {found!r:.60}")
+    return array
+
+
+def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> None:
+    """Write `hdPose3d_stage1_coco19/body3DScene_<frame number>.json` into the folder of a recording.
+
+    Confidence is 1, of completed joints `COMPLETED_SCORE`, and -1 of absent ones, which are at 0, 0, 0. Bodies also
+    have `joint_source`, the `Source` of their joints.
+
+    Args:
+        first: Number of the first frame.
+
+    Raises:
+        ValueError: the poses are of another skeleton.
+    """
+    if poses.skeleton != PANOPTIC19:
+        raise ValueError(f"expected poses of panoptic19, found {poses.skeleton.name}; convert them first")
+    confidence = np.select(
+        [poses.source == Source.ABSENT, poses.source == Source.COMPLETED], [-1.0, COMPLETED_SCORE], 1.0
+    )
+    joints = np.concatenate([np.nan_to_num(CONVENTION.written_points(poses.xyz)), confidence[..., None]], -1)
+    for frame, persons in enumerate(progress(np.round(joints, 4), "writing poses", len(joints))):
+        bodies = [
+            {"id": person, "joints19": persons[person].ravel().tolist(), "joint_source": source.tolist()}
+            for person, source in enumerate(poses.source[frame])
+            if (source != Source.ABSENT).any()
+        ]
+        content = {
+            "version": 0.7,
+            "univTime": round(1000 * (first + frame) / fps, 3),
+            "fpsType": f"hd_{fps:g}".replace(".", "_"),
+            "bodies": bodies,
+        }
+        write_atomic(Path(folder) / POSES / f"{_SCENE}{first + frame:08d}.json", json.dumps(content))

@@ -1,0 +1,194 @@
+"""TRC, the text format of OpenSim for markers: y up, tab separated, an empty cell where a marker is absent."""
+
+from pathlib import Path
+
+import numpy as np
+
+from dmae.clip import Poses3D, Source
+from dmae.conventions import METRES, Unit
+from dmae.skeleton import SKELETONS, Skeleton
+from dmae.store import write_atomic
+
+# Where in a TRC's x, y, z our x, y, z are: TRC (x, y, z) = world (y, z, x).
+_WORLD = (2, 0, 1)
+_TRC = (1, 2, 0)
+_SIDES = {"l_": "L", "r_": "R"}
+_ALIASES = {"Head": "head_top", "CHip": "mid_hip", "Hip": "mid_hip"}
+"""Markers that Pose2Sim calls otherwise than after our joints."""
+_FIRST_ROW = 5
+"""Lines of the header; OpenSim's own files have an empty one after it."""
+
+
+def marker(joint: str) -> str:
+    """The name of a joint's marker, as in OpenPose: l_big_toe is LBigToe, mid_hip MidHip."""
+    part, side, bare = "", joint[:2], joint
+    if side in _SIDES:
+        part, bare = _SIDES[side], joint[2:]
+    return part + "".join(word.capitalize() for word in bare.split("_"))
+
+
+def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, float]:
+    """The markers of a TRC, of one person, in our world, m, and the frame rate.
+
+    `source` is that of the file written beside it by `write_trc`; without one all markers count as measured,
+    though some programs write interpolated ones.
+
+    Args:
+        skeleton: By default the smallest that has all markers; joints without one are absent.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is malformed; the message names the line.
+        KeyError: no skeleton has all markers.
+    """
+    path = Path(path)
+    lines = _lines(path)
+    header, names = _header(path, lines)
+    skeleton = skeleton or _skeleton(path, names)
+    joints = skeleton.index(*(_joint(name, skeleton) for name in names))
+    rows = _rows(path, lines, len(names))
+    xyz = np.full((len(rows), 1, len(skeleton), 3), np.nan)
+    xyz[:, 0, joints] = rows[:, :, _WORLD] * METRES[header["Units"]]
+    xyz[np.isnan(xyz).any(-1)] = np.nan
+    return Poses3D(skeleton, xyz, _read_source(path, xyz, names, joints)), header["DataRate"]
+
+
+def trc_rate(path: Path) -> float:
+    """Frames per second of a TRC; ValueError as in `read_trc`."""
+    return _header(path, _lines(path))[0]["DataRate"]
+
+
+def _lines(path: Path) -> list[str]:
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        lines = path.read_text().splitlines()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: expected text, {error}") from None
+    if len(lines) < _FIRST_ROW or not lines[0].startswith("PathFileType"):
+        raise ValueError(f"{path}: expected a TRC, five lines of header from PathFileType on, found {lines[:1]}")
+    return lines
+
+
+def _header(path: Path, lines: list[str]) -> tuple[dict, list[str]]:
+    """Rate and unit of line 2 and 3, marker names of line 4."""
+    header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
+    try:
+        rate, unit = float(header["DataRate"]), Unit(header["Units"].strip())
+    except (KeyError, ValueError):
+        raise ValueError(
+            f"{path}, lines 2 and 3: expected a DataRate and Units of {', '.join(Unit)}, found {header}"
+        ) from None
+    names = [name.strip() for name in lines[3].split("\t")[2::3] if name.strip()]
+    if not rate > 0 or not names or len(set(names)) < len(names):
+        raise ValueError(f"{path}: expected a positive rate and different markers, found {rate:g} and {names}")
+    return {"DataRate": rate, "Units": unit}, names
+
+
+def _rows(path: Path, lines: list[str], markers: int) -> np.ndarray:
+    """(F, markers, 3) as written, NaN where a cell is empty."""
+    rows = []
+    for number, line in enumerate(lines[_FIRST_ROW:], _FIRST_ROW + 1):
+        if not line.strip():
+            continue
+        # Editors and OpenSim drop or add empty cells at the end of a line.
+        cells = line.split("\t")[2:]
+        if any(cell.strip() for cell in cells[3 * markers :]):
+            raise ValueError(f"{path}, line {number}: expected {3 * markers} coordinates, found {len(cells)}")
+        cells = (cells + [""] * (3 * markers))[: 3 * markers]
+        try:
+            rows.append([float(cell) if cell.strip() else np.nan for cell in cells])
+        except ValueError as error:
+            raise ValueError(f"{path}, line {number}: expected numbers, {error}") from None
+    return np.array(rows).reshape(len(rows), markers, 3)
+
+
+def _joint(name: str, skeleton: Skeleton) -> str:
+    joint = next((joint for joint in skeleton.joints if marker(joint) == name), None)
+    return joint or _ALIASES.get(name, name)
+
+
+def _skeleton(path: Path, names: list[str]) -> Skeleton:
+    for skeleton in sorted(SKELETONS.values(), key=len):
+        if all(_joint(name, skeleton) in skeleton.joints for name in names):
+            return skeleton
+    known = {marker(joint) for skeleton in SKELETONS.values() for joint in skeleton.joints} | set(_ALIASES)
+    raise KeyError(
+        f"{path}: no skeleton has all of the markers {names}; of no skeleton are {sorted(set(names) - known)}, "
+        f"there are {sorted(SKELETONS)}"
+    )
+
+
+def trc_paths(path: Path, persons: int) -> list[Path]:
+    """The files of several persons, `<name>_P1.trc` and on; of a single one the path itself."""
+    path = Path(path)
+    if persons == 1:
+        return [path]
+    return [path.with_name(f"{path.stem}_P{person + 1}{path.suffix}") for person in range(persons)]
+
+
+def write_trc(poses: Poses3D, fps: float, path: Path, unit: Unit = Unit.m) -> list[Path]:
+    """Write a file for each person, at the `trc_paths`, to a micrometre; frame 1 is at time 0.
+
+    A TRC cannot say that a joint is not measured, so `<name>.source.csv` beside it does: measured, denoised,
+    completed or absent for each frame and marker.
+
+    Returns:
+        The TRC files.
+    """
+    names = [marker(joint) for joint in poses.skeleton.joints]
+    paths = trc_paths(path, poses.xyz.shape[1])
+    digits = {Unit.m: 6, Unit.cm: 4, Unit.mm: 3}[unit]
+    for person, file in enumerate(paths):
+        xyz = poses.xyz[:, person][..., _TRC].astype(np.float64) / METRES[unit]
+        write_atomic(
+            file, "\n".join([*_written_header(file, names, len(xyz), fps, unit), *_written(xyz, fps, digits)]) + "\n"
+        )
+        kinds = [",".join(["Frame#", *names])]
+        kinds += [
+            ",".join([str(frame + 1), *(Source(k).name.lower() for k in row)])
+            for frame, row in enumerate(poses.source[:, person])
+        ]
+        write_atomic(_source_path(file), "\n".join(kinds) + "\n")
+    return paths
+
+
+def _written_header(path: Path, names: list[str], frames: int, fps: float, unit: Unit) -> list[str]:
+    return [
+        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{fps:.10g}\t{fps:.10g}\t{frames}\t{len(names)}\t{unit}\t{fps:.10g}\t1\t{frames}",
+        "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
+        "\t\t" + "\t".join(f"{axis}{number}" for number in range(1, len(names) + 1) for axis in "XYZ"),
+    ]
+
+
+def _written(xyz: np.ndarray, fps: float, digits: int) -> list[str]:
+    return [
+        "\t".join(
+            [str(frame + 1), f"{frame / fps:.6f}", *("" if np.isnan(v) else f"{v:.{digits}f}" for v in row.ravel())]
+        )
+        for frame, row in enumerate(xyz)
+    ]
+
+
+def _source_path(path: Path) -> Path:
+    return path.with_suffix(".source.csv")
+
+
+def _read_source(path: Path, xyz: np.ndarray, names: list[str], joints: list[int]) -> np.ndarray | None:
+    beside = _source_path(path)
+    if not beside.is_file():
+        return None
+    lines = [line.split(",") for line in beside.read_text().splitlines()]
+    wrong = [len(lines) != len(xyz) + 1, lines[0][1:] != names, any(len(line) != len(names) + 1 for line in lines)]
+    if any(wrong):
+        raise ValueError(
+            f"{beside}: expected {len(xyz)} frames of the markers of {path.name}; delete it if it is not its"
+        )
+    source = np.zeros(xyz.shape[:-1], np.uint8)
+    try:
+        source[:, 0, joints] = [[Source[kind.upper()] for kind in line[1:]] for line in lines[1:]]
+    except KeyError as error:
+        raise ValueError(f"{beside}: expected {[s.name.lower() for s in Source]}, found {error}") from None
+    return source

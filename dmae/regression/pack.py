@@ -1,0 +1,100 @@
+"""The frozen pack: what cameras saw of points, and where the points are. Numbers in a file, the same for ever."""
+
+import hashlib
+import io
+from dataclasses import dataclass, fields
+from functools import cache
+from importlib import resources
+
+import numpy as np
+
+from dmae.store import write_atomic
+
+_FILE = resources.files("dmae.regression") / "pack.npz"
+_SHA256 = "65cbda4622427e2844cfc640e477bdc4851cc8fabffb635244330b4a542e6990"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Case:
+    """n points seen by V views, all of one difficulty.
+
+    Attributes:
+        name: Unique in the pack.
+        K: (V, 3, 3) intrinsics, px.
+        dist: (V, 5) or (V, 8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole.
+        cam_from_world: (V, 4, 4) rigid transforms, m.
+        size: (V, 2) image width and height, px.
+        xy: (n, V, 2) pixels as detected, distorted; NaN where a view does not see the point.
+        confidence: (n, V) in [0, 1], larger is surer; NaN where `xy` is.
+        xyz: (n, 3) the true points, m, world; NaN where nothing can have been seen and no point must be given.
+        usable: (n, V) True for the views whose detection is not a gross error.
+        sigma: Standard deviation of the usable pixels along one axis, px; 0 if they are exact.
+    """
+
+    name: str
+    K: np.ndarray
+    dist: np.ndarray
+    cam_from_world: np.ndarray
+    size: np.ndarray
+    xy: np.ndarray
+    confidence: np.ndarray
+    xyz: np.ndarray
+    usable: np.ndarray
+    sigma: float
+
+    def __repr__(self) -> str:
+        return f"Case({self.name!r})"
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a solver is given, by keyword: copies, which it may spoil."""
+        names = ("K", "dist", "cam_from_world", "size", "xy", "confidence")
+        return {name: getattr(self, name).copy() for name in names}
+
+    @property
+    def due(self) -> np.ndarray:
+        """(n,) True for the points that can be known: two views or more saw them without gross error."""
+        return np.isfinite(self.xyz[:, 0]) & (self.usable.sum(-1) >= 2)
+
+    @property
+    def unknowable(self) -> np.ndarray:
+        """(n,) True for the points that nobody can know: one view or none, or rays that meet behind the cameras."""
+        return np.isnan(self.xyz[:, 0]) | (np.isfinite(self.xy[..., 0]).sum(-1) < 2)
+
+
+@cache
+def cases() -> tuple[Case, ...]:
+    """The cases of the pack, easy ones first.
+
+    Raises:
+        ValueError: the file is not the one this version was released with.
+    """
+    data = _FILE.read_bytes()
+    if hashlib.sha256(data).hexdigest() != _SHA256:
+        raise ValueError(f"{_FILE}: does not match its checksum; the installation is damaged, install it again")
+    return tuple(unpack(data))
+
+
+def unpack(data: bytes) -> list[Case]:
+    """The cases in the bytes of a pack."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        arrays = dict(file)
+    names = list(dict.fromkeys(key.partition("/")[0] for key in arrays))
+    found = []
+    for name in names:
+        values = {field.name: arrays[f"{name}/{field.name}"] for field in fields(Case)[1:]}
+        for key in ("xy", "confidence"):
+            values[key] = values[key].astype(np.float64)
+        found.append(Case(name, **values | {"sigma": float(values["sigma"])}))
+    return found
+
+
+def write_pack(pack: list[Case]) -> str:
+    """Replace the pack; returns the checksum to state in this file."""
+    arrays = {f"{case.name}/{field.name}": getattr(case, field.name) for case in pack for field in fields(Case)[1:]}
+    for key in arrays:
+        if key.endswith(("/xy", "/confidence")):
+            arrays[key] = arrays[key].astype(np.float32)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    write_atomic(_FILE, buffer.getvalue())
+    return hashlib.sha256(buffer.getvalue()).hexdigest()
