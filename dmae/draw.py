@@ -12,7 +12,8 @@ from dmae.images import Images
 
 COMPLETED = "#e5262a"
 """Joints that no camera measured are red, as in the paper's figures."""
-_PERSONS = ("#2f8fe8", "#f6b12f", "#46c47c", "#b07be8", "#27cbd8", "#f08cc0", "#b9b93c", "#8d9bac")
+PERSONS = ("#2f8fe8", "#f6b12f", "#46c47c", "#b07be8", "#27cbd8", "#f08cc0", "#b9b93c", "#8d9bac")
+"""Colours of persons, in turn."""
 _COLUMNS = 4
 
 
@@ -40,7 +41,7 @@ def views_figure(clip: Clip, frame: int) -> Figure:
     for spare in axes[views + 2 :]:
         spare.axis("off")
     handles = [
-        Line2D([], [], color=_PERSONS[0], marker="o", label="measured (a colour for each person)"),
+        Line2D([], [], color=PERSONS[0], marker="o", label="measured (a colour for each person)"),
         Line2D([], [], color=COMPLETED, marker="o", label="completed: no camera measured it"),
     ]
     if len(axes) > views + 2:
@@ -60,7 +61,7 @@ def gaps_figure(scores: dict) -> Figure:
     views = list(dict.fromkeys(result["views"] for result in results)) or [0]
     figure = Figure(figsize=(4.6 * len(views) + 1.6, 3.4), layout="constrained")
     panels = figure.subplots(1, len(views), sharey=True, squeeze=False)[0]
-    colours = {method: _PERSONS[i] for i, method in enumerate(dict.fromkeys(result["method"] for result in results))}
+    colours = {method: PERSONS[i] for i, method in enumerate(dict.fromkeys(result["method"] for result in results))}
     for axes, count in zip(panels, views, strict=True):
         for result in (result for result in results if result["views"] == count):
             gaps = result["mean"]["gaps"]
@@ -113,7 +114,7 @@ def _draw_bones(axes: Axes, poses: Poses3D, frame: int, points: np.ndarray) -> N
     """Bones and joints at `points` (P, J, 2); a bone is red when either end is completed."""
     completed = poses.source[frame] == Source.COMPLETED
     for person, joints in enumerate(points):
-        own = _PERSONS[person % len(_PERSONS)]
+        own = PERSONS[person % len(PERSONS)]
         for parent, child in poses.skeleton.bones:
             if np.isfinite(joints[[parent, child]]).all():
                 red = completed[person, [parent, child]].any()

@@ -1,4 +1,10 @@
-"""Rooms and things in MJCF files: where they are, and how much floor they take."""
+"""Rooms and things in MJCF files: where they are, and how much floor they take.
+
+A room has its floor at z = 0 and people about the origin; a material "floor" and a material "wall", which are covered
+with the finishes that its custom texts of these names list (`synth.decor`); and lights. Materials called "tint..." take
+any colour. Its geoms touch people (contype 0, all bits of conaffinity), but for decoration, which takes no room. Walls
+are planes, so that cameras look through them from outside.
+"""
 
 from functools import lru_cache
 from pathlib import Path
@@ -36,28 +42,38 @@ def _find(name: str, folder: Path, what: str) -> Path:
 
 @lru_cache(maxsize=32)
 def footprints(path: Path) -> np.ndarray:
-    """(K, 3) x, y and radius of discs that cover what stands in the way in an MJCF file, m.
+    """`discs` of what stands in the way in an MJCF file."""
+    return discs(mujoco.MjModel.from_xml_path(str(path)))
+
+
+def discs(model: mujoco.MjModel) -> np.ndarray:
+    """(K, 3) x, y and radius of discs that cover what stands in the way in a model, m.
 
     A body is taken as a rectangle along its own axes, and that covered by discs along its longer side.
     """
-    model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    discs = [np.empty((0, 3))]
+    found = [np.empty((0, 3))]
+    in_the_way = (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_contype | model.geom_conaffinity > 0)
     for body in range(model.nbody):
-        geoms = np.flatnonzero((model.geom_bodyid == body) & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE))
+        geoms = np.flatnonzero((model.geom_bodyid == body) & in_the_way)
         if body and len(geoms):
-            discs.append(_cover(model, data, body, geoms))
+            found.append(_cover(model, data, body, geoms))
         else:
-            discs += [_cover(model, data, body, geoms[i : i + 1]) for i in range(len(geoms))]
-    return np.concatenate(discs)
+            found += [_cover(model, data, body, geoms[i : i + 1]) for i in range(len(geoms))]
+    return np.concatenate(found)
 
 
-def _cover(model: mujoco.MjModel, data: mujoco.MjData, body: int, geoms: np.ndarray) -> np.ndarray:
+def geom_corners(model: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> np.ndarray:
+    """(G, 8, 3) corners of the boxes around geoms (G,), m, world; kinematics are up to date."""
     corners = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
     boxes = model.geom_aabb[geoms]
     local = boxes[:, None, :3] + corners * boxes[:, None, 3:]
-    world = data.geom_xpos[geoms][:, None] + local @ data.geom_xmat[geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
+    return data.geom_xpos[geoms][:, None] + local @ data.geom_xmat[geoms].reshape(-1, 3, 3).transpose(0, 2, 1)
+
+
+def _cover(model: mujoco.MjModel, data: mujoco.MjData, body: int, geoms: np.ndarray) -> np.ndarray:
+    world = geom_corners(model, data, geoms)
     if world[..., 2].min() > _TALLEST:
         return np.empty((0, 3))
     axes = data.xmat[body].reshape(3, 3)[:2, :2]

@@ -5,6 +5,8 @@ from pathlib import Path
 
 from dmae.cli import Command, run_command
 from synth.generate import GenerateConfig, generate
+from synth.show import ShowConfig, run_show
+from synth.verify import VerifyConfig, run_verify
 
 
 def run_generate(config: GenerateConfig, out: Path) -> None:
@@ -17,6 +19,8 @@ def run_generate(config: GenerateConfig, out: Path) -> None:
 
 COMMANDS = {
     "generate": Command(lambda: GenerateConfig, run_generate, "simulate clips with exact truth"),
+    "show": Command(lambda: ShowConfig, run_show, "a clip as contact sheet, video and Rerun recording"),
+    "verify": Command(lambda: VerifyConfig, run_verify, "check that clips are whole and true"),
 }
 
 

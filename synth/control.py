@@ -76,51 +76,69 @@ def make_reference(root: np.ndarray, rotations: np.ndarray, fps: float, substeps
     path = CubicSpline(times, root)
     quats = CubicSpline(times, quats)(steps)
     quats /= np.linalg.norm(quats, axis=-1, keepdims=True)
-    spin = np.zeros((*quats.shape[:-1], 3))
-    spin[:-1] = 2 / dt * (_turns_to(quats[1:]) @ quats[:-1, ..., None])[..., 1:, 0]
+    spin = np.empty((*quats.shape[:-1], 3))
+    spin[:-1] = 2 / dt * _turn(quats[:-1], quats[1:])
     spin[-1] = spin[-2]
     return Reference(path(steps), path(steps, 1), quats, spin)
 
 
-def _turns_to(stop: np.ndarray) -> np.ndarray:
-    """(..., 4, 4) matrices that take an orientation q to conj(q) stop (..., 4), the turn from it to stop.
+def _turn(start: np.ndarray, stop: np.ndarray) -> np.ndarray:
+    """(..., 3) sine of half the turn from one orientation (..., 4) to another, along its axis in the first's axes.
 
-    The turn's first component is the cosine of half its angle; the rest, the sine along the axis in q's own axes, is
-    half the rotation vector to second order.
+    It is the vector part of conj(start) stop: half the rotation vector to second order.
     """
-    w, (x, y, z) = stop[..., 0], np.moveaxis(stop[..., 1:], -1, 0)
-    rows = [(w, x, y, z), (x, -w, -z, y), (y, z, -w, -x), (z, -y, x, -w)]
-    return np.stack([np.stack(row, -1) for row in rows], -2)
+    (a, b, c, d), (w, x, y, z) = np.moveaxis(start, -1, 0), np.moveaxis(stop, -1, 0)
+    rows = ((x * a - z * c) + (y * d - w * b), (y * a - w * c) + (z * b - x * d), (z * a + x * c) - (y * b + w * d))
+    return np.stack(rows, -1)
 
 
 @dataclass(frozen=True)
 class Addresses:
-    """Where each person's joints are in a model's state.
+    """Where the people are in a model's state: one after the other, each as their joints are in `SEGMENTS`.
 
     Attributes:
-        root: (P, 3) in qpos; the first three velocities of the free joint are at `root_dof`.
-        root_dof: (P, 3) in qvel.
-        quats: (P, 16, 4) in qpos.
-        spin: (P, 16, 3) in qvel.
+        qpos: Of P people, each 3 places of the pelvis and 16 quaternions.
+        dofs: In qvel and the forces, each 3 of the pelvis' places and 3 of each of 16 turns.
     """
 
-    root: np.ndarray
-    root_dof: np.ndarray
-    quats: np.ndarray
-    spin: np.ndarray
+    persons: int
+    qpos: slice
+    dofs: slice
+
+    def root(self, qpos: np.ndarray) -> np.ndarray:
+        """(..., P, 3) view of the pelvis' places in states (..., nq)."""
+        return self._people(qpos)[..., :3]
+
+    def quats(self, qpos: np.ndarray) -> np.ndarray:
+        """(..., P, 16, 4) view of the orientations in states (..., nq)."""
+        return self._people(qpos)[..., 3:].reshape(*qpos.shape[:-1], self.persons, len(SEGMENTS), 4)
+
+    def moves(self, qvel: np.ndarray) -> np.ndarray:
+        """(..., P, 17, 3) view of velocities or forces (..., nv): the pelvis' places, then each segment's turn."""
+        return qvel[..., self.dofs].reshape(*qvel.shape[:-1], self.persons, 1 + len(SEGMENTS), 3)
+
+    def _people(self, qpos: np.ndarray) -> np.ndarray:
+        return qpos[..., self.qpos].reshape(*qpos.shape[:-1], self.persons, -1)
 
 
 def find_joints(model: mujoco.MjModel, persons: int) -> Addresses:
     """Where `persons` people's joints are in the model's state."""
-    joints = np.array([[model.joint(f"person{p}/{name}").id for name in SEGMENTS] for p in range(persons)])
-    quats, spin = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-    root, root_dof = quats[:, 0].copy(), spin[:, 0].copy()
-    quats[:, 0] += 3
-    spin[:, 0] += 3
-    three = np.arange(3)
+    joints = np.array([[model.joint(f"person{p}/{name}").id for name in SEGMENTS] for p in range(persons)]).ravel()
+    first = joints[0]
+    assert np.array_equal(joints, np.arange(first, first + len(joints))), "people's joints follow each other"
+    qpos, dof = model.jnt_qposadr[first], model.jnt_dofadr[first]
     return Addresses(
-        root[:, None] + three, root_dof[:, None] + three, quats[..., None] + np.arange(4), spin[..., None] + three
+        persons,
+        slice(qpos, qpos + persons * (3 + 4 * len(SEGMENTS))),
+        slice(dof, dof + persons * (3 + 3 * len(SEGMENTS))),
     )
+
+
+# The components of the turn from q to p, see `_turn`, are sums over w, x, y, z of q times these of p, signed so.
+_OTHERS = np.array(((1, 0, 3, 2), (2, 3, 0, 1), (3, 2, 1, 0)))
+_SIGNS = np.array(((1.0, -1, -1, 1), (1, 1, -1, -1), (1, -1, 1, -1)))
+_BLOCK = 16
+"""Steps that are laid out together."""
 
 
 class Controller:
@@ -134,72 +152,98 @@ class Controller:
     the person, and creeps back when nothing is in the way.
     """
 
-    def __init__(self, model: mujoco.MjModel, reference: Reference, masses: np.ndarray):
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, reference: Reference, masses: np.ndarray):
         """Args:
         model: The scene; its joint damping is set.
+        data: Its state, on which this acts.
         reference: Where to be at each step.
         masses: (P,) kg; gains grow with them.
         """
-        persons = len(masses)
-        self.joints = find_joints(model, persons)
-        gains = np.array([_GAINS[part(name)[1]] for name in SEGMENTS])
-        gains = gains * (masses / 70)[:, None, None]
-        root = np.array(_ROOT) * (masses / 70)[:, None]
-        self._stiffness, self._strength = 2 * gains[..., 0, None], gains[..., 2, None]
-        self._root_stiffness, self._root_strength = root[:, 0, None], root[:, 2, None]
-        self._damping, self._root_damping = gains[..., 1, None], root[:, 1, None]
-        model.dof_damping[self.joints.spin] = self._damping
-        model.dof_damping[self.joints.root_dof] = self._root_damping
+        joints = find_joints(model, len(masses))
+        gains = np.array([_ROOT] + [_GAINS[part(name)[1]] for name in SEGMENTS])
+        gains = np.repeat(gains * (masses / 70)[:, None, None], 3, axis=1).reshape(len(masses), -1, 3, 3)
+        # The error of a turn is half a rotation vector.
+        self._stiffness, self._damping, self._strength = np.moveaxis(gains, -1, 0).copy()
+        self._stiffness[:, 1:] *= 2
+        self._weakness = -self._strength
+        self._leverage = _SIGNS[..., None, None, None] * self._stiffness[:, 1:, 0]
+        joints.moves(model.dof_damping)[:] = self._damping
         self._reference = reference
-        self._turns = _turns_to(reference.quats)
-        forward = _inverse_dynamics(model, self.joints, reference)
-        self._forward = forward[:, self.joints.spin]
-        self._root_forward = forward[:, self.joints.root_dof]
+        self._forward = joints.moves(_inverse_dynamics(model, joints, reference))
         self._decay = float(np.exp(-model.opt.timestep / _RETURN))
-        self.shift = np.zeros((persons, 2))
+        self.shift = np.zeros((len(masses), 2))
         """(P, 2) how far each person's path has been shifted by what is in its way, m."""
+        self._shifted = False
 
-    def start(self, data: mujoco.MjData) -> None:
+        self._root, self._quats = joints.root(data.qpos), joints.quats(data.qpos)
+        self._velocity, self._force = joints.moves(data.qvel), joints.moves(data.qfrc_applied)
+        # Steps are short, so that making arrays would take longer than filling them.
+        self._pull, self._damped, self._wanted = (np.empty(a.shape) for a in (self._root, self._force, self._force))
+        self._planes = np.empty((4, *self._quats.shape[:2]))
+        self._products = np.empty((3, *self._planes.shape))
+        self._block, self._levers = -_BLOCK, np.empty((_BLOCK, *self._products.shape))
+
+    def start(self) -> None:
         """Put the people where the reference begins, moving as it does."""
-        joints, reference = self.joints, self._reference
-        data.qpos[joints.root], data.qpos[joints.quats] = reference.root[0], reference.quats[0]
-        data.qvel[joints.root_dof], data.qvel[joints.spin] = reference.velocity[0], reference.spin[0]
+        reference = self._reference
+        self._root[:], self._quats[:] = reference.root[0], reference.quats[0]
+        self._velocity[:, 0], self._velocity[:, 1:] = reference.velocity[0], reference.spin[0]
 
-    def apply(self, data: mujoco.MjData, step: int) -> None:
+    def apply(self, step: int) -> None:
         """Set the forces that lead the people to where they should be at a step."""
-        joints = self.joints
-        turn = (self._turns[step] @ data.qpos[joints.quats][..., None])[..., 0]
-        error = turn[..., 1:] * np.sign(turn[..., :1])
-        damped = self._damping * data.qvel[joints.spin]
-        torque = self._stiffness * error + self._forward[step] - damped
-        data.qfrc_applied[joints.spin] = np.clip(torque, -self._strength, self._strength) + damped
+        if not 0 <= step - self._block < _BLOCK:
+            self._lay_out(step)
+        pull, damped, wanted = self._pull, self._damped, self._wanted
+        np.copyto(self._planes, self._quats.transpose(2, 0, 1))
+        np.multiply(self._levers[step - self._block], self._planes, out=self._products)
+        np.add.reduce(self._products, axis=1, out=wanted[:, 1:].transpose(2, 0, 1))
+        np.subtract(self._reference.root[step], self._root, out=pull)
+        if self._shifted or np.vdot(pull, pull) > _LEASH**2:
+            self._give_way(pull[:, :2])
+        np.multiply(self._stiffness[:, 0], pull, out=wanted[:, 0])
+        np.multiply(self._damping, self._velocity, out=damped)
+        wanted += self._forward[step]
+        wanted -= damped
+        np.minimum(np.maximum(wanted, self._weakness, out=wanted), self._strength, out=wanted)
+        np.add(wanted, damped, out=self._force)
 
-        error = self._reference.root[step] - data.qpos[joints.root]
-        lag = error[:, :2] + self.shift
-        distance = np.sqrt((lag**2).sum(1, keepdims=True))
-        self.shift -= lag * np.maximum(0, 1 - _LEASH / np.maximum(distance, 1e-9))
+    def _lay_out(self, step: int) -> None:
+        """Prepare the torques of the steps from this one on, linear in the orientations; turns go the short way."""
+        quats = self._reference.quats[step : step + _BLOCK]
+        way = np.sign((quats[0] * self._quats).sum(-1, keepdims=True))
+        planes = np.ascontiguousarray(np.moveaxis(quats * way, -1, 0))
+        levers = self._levers[: len(quats)].transpose(1, 2, 0, 3, 4)
+        np.multiply(planes[_OTHERS], self._leverage, out=levers)
+        self._block = step
+
+    def _give_way(self, lag: np.ndarray) -> None:
+        """Shift the paths of people who lag (P, 2) m behind them by more than the leash, and add the shift to that."""
+        self._shifted = True
+        beyond = lag + self.shift
+        if np.vdot(beyond, beyond) > _LEASH**2:
+            distance = np.maximum(np.hypot(beyond[:, :1], beyond[:, 1:]), _LEASH)
+            self.shift -= beyond * (1 - _LEASH / distance)
         self.shift *= self._decay
-        error[:, :2] += self.shift
-        damped = self._root_damping * data.qvel[joints.root_dof]
-        force = self._root_stiffness * error + self._root_forward[step] - damped
-        data.qfrc_applied[joints.root_dof] = np.clip(force, -self._root_strength, self._root_strength) + damped
+        lag += self.shift
 
 
 def _inverse_dynamics(model: mujoco.MjModel, joints: Addresses, reference: Reference) -> np.ndarray:
     """(S, nv) forces that move the people along the reference where nothing touches them, damping included."""
     dt = model.opt.timestep
     data = mujoco.MjData(model)
-    forces = np.zeros((len(reference.root), model.nv))
-    acceleration, spin_up = np.zeros_like(reference.velocity), np.zeros_like(reference.spin)
-    acceleration[:-1] = np.diff(reference.velocity, axis=0) / dt
-    spin_up[:-1] = np.diff(reference.spin, axis=0) / dt
-    flags = model.opt.disableflags
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    for step in range(len(forces)):
-        data.qpos[joints.root], data.qpos[joints.quats] = reference.root[step], reference.quats[step]
-        data.qvel[joints.root_dof], data.qvel[joints.spin] = reference.velocity[step], reference.spin[step]
-        data.qacc[joints.root_dof], data.qacc[joints.spin] = acceleration[step], spin_up[step]
-        mujoco.mj_inverse(model, data)
-        forces[step] = data.qfrc_inverse
-    model.opt.disableflags = flags
-    return forces
+    steps = len(reference.root)
+    qpos, qvel = np.tile(data.qpos, (steps, 1)), np.zeros((steps, model.nv))
+    joints.root(qpos)[:], joints.quats(qpos)[:] = reference.root, reference.quats
+    moves = joints.moves(qvel)
+    moves[:, :, 0], moves[:, :, 1:] = reference.velocity, reference.spin
+    qacc = np.zeros_like(qvel)
+    qacc[:-1] = np.diff(qvel, axis=0) / dt
+    forces = np.empty_like(qvel)
+    # What mj_inverse does, but for the contacts and the constraints, which are left out.
+    for place, velocity, acceleration, force in zip(qpos, qvel, qacc, forces, strict=True):
+        data.qpos[:], data.qvel[:], data.qacc[:] = place, velocity, acceleration
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 1, force)
+    return forces + model.dof_damping * qvel

@@ -16,18 +16,25 @@ import numpy as np
 import scipy
 from joblib import Parallel, delayed
 
-from dmae.clip import Clip, Poses3D, Visibility
+from dmae.cameras import CameraRig
+from dmae.clip import Clip, Poses3D
 from dmae.images import KINDS
 from dmae.progress import progress
 from dmae.rng import Stream, generator
 from dmae.store import MANIFEST, load_clip, read_json, read_manifest, save_clip, write_atomic, write_manifest
+from synth.arena import arena_file
+from synth.coverage import Stage
 from synth.detect import DetectorConfig, detect
+from synth.lens import add_cameras
 from synth.motion.source import MotionConfig
+from synth.occlusion import OcclusionConfig, confirm, sample_hidden_spec, summary
+from synth.pixels import person_pixels
+from synth.props import PropsConfig
 from synth.quality import FailedSimulation
 from synth.render import Quality, Renderer, find_backend, render_images
-from synth.rigs import RigConfig, make_rig
+from synth.rigs import RigConfig, calibration_error, make_rig, miscalibrate
 from synth.simulate import simulate
-from synth.spec import SceneConfig, sample_spec
+from synth.spec import SceneConfig, SceneSpec, sample_spec
 from synth.visibility import joint_visibility
 
 CONFIG = "config.json"
@@ -53,7 +60,8 @@ class GenerateConfig:
         images: Which images are rendered beside the labels.
         quality: How much is spent on an image.
         retries: How often a clip that fails is begun anew, with another seed (`attempt_seed`).
-        scene, motion, rig, detector: What the clips are drawn from.
+        scene, props, motion, rig, detector: What the clips are drawn from.
+        occlusion: How much is to be hidden from how many cameras.
     """
 
     out: str = "runs/data"
@@ -64,9 +72,11 @@ class GenerateConfig:
     quality: Quality = Quality.standard
     retries: int = 5
     scene: SceneConfig = field(default_factory=SceneConfig)
+    props: PropsConfig = field(default_factory=PropsConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     rig: RigConfig = field(default_factory=RigConfig)
     detector: DetectorConfig = field(default_factory=DetectorConfig)
+    occlusion: OcclusionConfig = field(default_factory=OcclusionConfig)
 
     def __post_init__(self):
         for name, least in (("seed", 0), ("clips", 1), ("retries", 0)):
@@ -93,12 +103,13 @@ def generate(config: GenerateConfig) -> list[dict]:
 
     Returns:
         The manifest's lines, one a clip: `id`, `status` ("ok" or "failed"), `seed` it was drawn with, `attempts` it
-        took; and of those that are ok `frames`, `persons`, `quality` (`synth.quality.Quality`) and `occlusion`, the
-        share of the joints in each state of `Visibility`; of those that failed the `reason`.
+        took; and of those that are ok `frames`, `persons`, `quality` (`synth.quality.Quality`) and `occlusion`, see
+        `synth.occlusion.summary`; with `rig.error` also `calibration_error`, by how many pixels
+        the calibration misplaces what each camera sees; of those that failed the `reason`.
 
     Raises:
         ValueError: the folder holds a data set of another configuration, or the configuration cannot be met.
-        FailedSimulation: not one clip could be made.
+        FailedSimulation: not one clip could be made, or `occlusion.target` is out of reach.
     """
     out = Path(config.out)
     _check(config)
@@ -119,9 +130,42 @@ def generate(config: GenerateConfig) -> list[dict]:
 
 def _check(config: GenerateConfig) -> None:
     """Find out what is wrong with a configuration before anything is written."""
-    make_rig(config.rig, rng=generator(config.seed, 0, Stream.CAMERAS))
+    rig = _some_rig(config)
+    add_cameras(mujoco.MjSpec(), rig)
+    config.occlusion.check(rig)
     with suppress(FailedSimulation):
-        sample_spec(config.scene, config.motion, seed=config.seed, clip=0)
+        sample_spec(config.scene, config.motion, config.props, seed=config.seed, clip=0)
+    if config.occlusion.target:
+        _check_target(config)
+
+
+def _check_target(config: GenerateConfig) -> None:
+    """Raises FailedSimulation if the occlusion asked for is out of reach in all of a few clips."""
+    tries = [(attempt, clip) for attempt in range(min(config.retries, 2) + 1) for clip in range(min(config.clips, 3))]
+    for number, (attempt, clip) in enumerate(tries, 1):
+        seed = attempt_seed(config.seed, attempt)
+        try:
+            _spec(config, _rig(config, seed, clip), seed, clip)
+            return
+        except FailedSimulation:
+            if number == len(tries):
+                raise
+
+
+def _some_rig(config: GenerateConfig) -> CameraRig:
+    """The cameras of the first clip, at the first attempt at which there are any that fit."""
+    for attempt in range(config.retries):
+        with suppress(FailedSimulation):
+            return _rig(config, attempt_seed(config.seed, attempt), 0)
+    return _rig(config, attempt_seed(config.seed, config.retries), 0)
+
+
+def _rig(config: GenerateConfig, seed: int, index: int) -> CameraRig:
+    return make_rig(config.rig, rng=generator(seed, index, Stream.CAMERAS), stage=_stage(config))
+
+
+def _stage(config: GenerateConfig) -> Stage:
+    return Stage(config.scene.radius, arena_file(config.scene.arena))
 
 
 def _claim(out: Path, config: GenerateConfig) -> None:
@@ -221,20 +265,31 @@ def generate_clip(config: GenerateConfig, index: int, *, images: Path | None = N
 
 def _attempt(config: GenerateConfig, index: int, attempt: int, images: Path | None) -> Clip:
     seed = attempt_seed(config.seed, attempt)
-    spec = sample_spec(config.scene, config.motion, seed=seed, clip=index)
-    rig = make_rig(config.rig, rng=generator(seed, index, Stream.CAMERAS))
-    simulation = simulate(spec, rig)
+    rig = _rig(config, seed, index)
+    spec = _spec(config, rig, seed, index)
+    pictured = images is not None and config.images != ImageKinds.none
+    simulation = simulate(spec, rig, painted=pictured)
     truth = Poses3D(simulation.skeleton, simulation.joints)
-    visibility, hidden_by = joint_visibility(
-        simulation.model, simulation.qpos, simulation.joints, simulation.depth, simulation.geom_ids, rig
+    sight = joint_visibility(
+        simulation.model,
+        simulation.qpos,
+        simulation.joints,
+        simulation.depth,
+        simulation.geom_ids,
+        rig,
+        simulation.bodies,
     )
-    detections, detected_person = detect(
+    visibility, hidden_by = sight.visibility, sight.hidden_by
+    confirm(visibility, config.occlusion)
+    detected = detect(
         truth, visibility, hidden_by, rig, spec.fps, config.detector, rng=generator(seed, index, Stream.DETECTOR)
     )
-    rendered = None
-    if images is not None and config.images != ImageKinds.none:
+    rendered, visible_pixels, amodal_pixels = None, None, None
+    if pictured:
         with Renderer(simulation.model, simulation.geom_ids, rig, config.quality) as renderer:
             rendered = render_images(renderer, simulation.qpos, rig, images, spec.fps, config.images.value)
+            if "ids" in rendered.kinds:
+                visible_pixels, amodal_pixels = person_pixels(renderer, simulation.qpos, rendered, len(spec.persons))
     line = {
         "id": clip_id(index),
         "status": "ok",
@@ -243,21 +298,35 @@ def _attempt(config: GenerateConfig, index: int, attempt: int, images: Path | No
         "frames": len(simulation.qpos),
         "persons": len(spec.persons),
         "quality": simulation.quality,
-        "occlusion": {code.name.lower(): round(float((visibility == code).mean()), 4) for code in Visibility},
+        "occlusion": summary(visibility, config.occlusion),
     }
+    reported = miscalibrate(rig, config.rig.error, rng=generator(seed, index, Stream.CALIBRATION))
+    if reported:
+        line["calibration_error"] = calibration_error(rig, reported, _stage(config))
     return Clip(
         id=line["id"],
         fps=spec.fps,
-        rig=rig,
-        detections=detections,
+        rig=reported or rig,
         truth=truth,
         visibility=visibility,
         hidden_by=hidden_by,
-        detected_person=detected_person,
+        depth_margin=sight.depth_margin,
+        visible_pixels=visible_pixels,
+        amodal_pixels=amodal_pixels,
+        **detected._asdict(),
         objects=simulation.objects,
         images=rendered,
+        true_rig=rig if reported else None,
         provenance={"manifest": line, "spec": json.loads(spec.to_json()), "versions": _versions()},
     )
+
+
+def _spec(config: GenerateConfig, rig: CameraRig, seed: int, index: int) -> SceneSpec:
+    if config.occlusion.target:
+        return sample_hidden_spec(
+            config.scene, config.motion, config.props, config.occlusion, rig, seed=seed, clip=index
+        )
+    return sample_spec(config.scene, config.motion, config.props, seed=seed, clip=index)
 
 
 def _versions() -> dict[str, str]:

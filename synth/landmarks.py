@@ -15,8 +15,8 @@ SKELETON = get_skeleton("body25+shelf14")
 class _Landmark(NamedTuple):
     """A point that moves with a segment: from a joint of the T-pose, in fractions of stature, on the left side.
 
-    `radius` is how deep it lies in its limb, from wherever that is looked at, which stoutness widens; what lies on the
-    skin has none.
+    `radius` is how deep it lies in its limb, clothes and all, from three quarters of the directions from which that
+    can be looked at; stoutness widens it. What lies on the skin of the head has none: the head itself hides it.
     """
 
     segment: str
@@ -31,28 +31,28 @@ class _Landmark(NamedTuple):
 # a little above and outside the joint's centre; Shelf's annotators put hips 40 to 78 mm, and shoulders 21 to 38 mm,
 # below those of OpenPose.
 _LIMBS = {
-    "elbow": _Landmark("forearm", "forearm", 0, 0, 0, 0.024),
-    "wrist": _Landmark("hand", "hand", 0, 0, 0, 0.017),
-    "knee": _Landmark("shin", "shin", 0, 0, 0, 0.034),
-    "ankle": _Landmark("foot", "foot", 0, 0, 0, 0.024),
+    "elbow": _Landmark("forearm", "forearm", 0, 0, 0, 0.037),
+    "wrist": _Landmark("hand", "hand", 0, 0, 0, 0.024),
+    "knee": _Landmark("shin", "shin", 0, 0, 0, 0.057),
+    "ankle": _Landmark("foot", "foot", 0, 0, 0, 0.040),
 }
 _BODY25 = _LIMBS | {
     "nose": _Landmark("head", "head", 0.075, 0, 0.068),
-    "neck": _Landmark("chest", "upper_arm", 0.002, 0, 0.002, 0.070),
-    "shoulder": _Landmark("chest", "upper_arm", 0.002, -0.002, 0.002, 0.055),
-    "mid_hip": _Landmark("pelvis", "pelvis", 0, 0, 0.010, 0.085),
-    "hip": _Landmark("pelvis", "thigh", 0, 0.006, 0.010, 0.075),
+    "neck": _Landmark("chest", "upper_arm", 0.002, 0, 0.002, 0.125),
+    "shoulder": _Landmark("chest", "upper_arm", 0.002, -0.002, 0.002, 0.068),
+    "mid_hip": _Landmark("pelvis", "pelvis", 0, 0, 0.010, 0.101),
+    "hip": _Landmark("pelvis", "thigh", 0, 0.006, 0.010, 0.090),
     "eye": _Landmark("head", "head", 0.060, 0.018, 0.091),
     "ear": _Landmark("head", "head", 0.006, 0.047, 0.082),
-    "big_toe": _Landmark("foot", "foot", 0.108, -0.013, 0.009 - ANKLE_HEIGHT),
-    "small_toe": _Landmark("foot", "foot", 0.085, 0.026, 0.008 - ANKLE_HEIGHT),
-    "heel": _Landmark("foot", "foot", -0.037, 0, 0.009 - ANKLE_HEIGHT),
+    "big_toe": _Landmark("foot", "foot", 0.108, -0.013, 0.009 - ANKLE_HEIGHT, 0.018),
+    "small_toe": _Landmark("foot", "foot", 0.085, 0.026, 0.008 - ANKLE_HEIGHT, 0.021),
+    "heel": _Landmark("foot", "foot", -0.037, 0, 0.009 - ANKLE_HEIGHT, 0.022),
 }
 _SHELF14 = _LIMBS | {
-    "hip": _Landmark("thigh", "thigh", 0, 0.008, -0.024, 0.075),
-    "shoulder": _Landmark("chest", "upper_arm", 0.002, -0.002, -0.015, 0.055),
+    "hip": _Landmark("thigh", "thigh", 0, 0.008, -0.024, 0.098),
+    "shoulder": _Landmark("chest", "upper_arm", 0.002, -0.002, -0.015, 0.068),
     # Counted from half way between the shoulders and the ears.
-    "bottom_head": _Landmark("head", "head", 0.0, 0, 0.0, 0.040),
+    "bottom_head": _Landmark("head", "head", 0.0, 0, 0.0, 0.098),
     # 125 mm ahead of that and 145 mm above, on a body of 1.75 m.
     "top_head": _Landmark("head", "head", 0.0714, 0, 0.0829),
 }

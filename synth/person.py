@@ -66,7 +66,7 @@ def capsules(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def add_person(
-    spec: mujoco.MjSpec, person: int, body: Body, looks: Looks, *, position, rng: np.random.Generator
+    spec: mujoco.MjSpec, person: int, body: Body, looks: Looks, *, position, rng: np.random.Generator | None
 ) -> None:
     """Add a person in the canonical T-pose.
 
@@ -78,7 +78,7 @@ def add_person(
         body: Proportions.
         looks: Colours and clothes.
         position: (3,) of the mid point of the hip joints, m.
-        rng: Draws the texture of the cloth.
+        rng: Draws the texture of the cloth; None leaves out all that only shows in pictures.
     """
     prefix = f"person{person}/"
     _add_materials(spec, prefix, looks, rng=rng)
@@ -87,7 +87,7 @@ def add_person(
     _add_touch(spec, prefix)
     for number, (segment, material, mesh) in enumerate(parts(body, looks)):
         name = f"{prefix}{segment}/{material}{number}"
-        _add_mesh(spec, name, mesh)
+        _add_mesh(spec, name, mesh, shaded=rng is not None)
         bodies[SEGMENTS.index(segment)].add_geom(
             name=name,
             type=mujoco.mjtGeom.mjGEOM_MESH,
@@ -157,7 +157,7 @@ def _touch(one: str, other: str) -> bool:
     return (name in _ARMS and other_name in _TORSO) or (other_name in _ARMS and name in _TORSO)
 
 
-def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: Looks, *, rng: np.random.Generator) -> None:
+def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: Looks, *, rng: np.random.Generator | None) -> None:
     flat = {
         "skin": looks.skin,
         "hair": looks.hair_colour,
@@ -172,17 +172,20 @@ def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: Looks, *, rng: np.ra
         spec.add_material(name=prefix + material, rgba=[*colour, 1], specular=0.15, shininess=0.2)
     for material, garment in (("top", looks.top), ("bottom", looks.bottom)):
         added = spec.add_material(name=prefix + material, specular=0.05, shininess=0.05)
-        add_texture(spec, added, paint(garment.pattern, garment.colours, 128, rng=rng))
+        if rng:
+            add_texture(spec, added, paint(garment.pattern, garment.colours, 128, rng=rng))
 
 
-def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: Mesh) -> None:
+def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: Mesh, *, shaded: bool) -> None:
+    faces = mesh.faces.ravel()
+    shading = {}
+    if shaded:
+        shading = {"usernormal": mesh.normals.ravel(), "usertexcoord": mesh.uv.ravel()}
+        shading |= {"userfacenormal": faces, "userfacetexcoord": faces}
     spec.add_mesh(
         name=name,
         uservert=mesh.vertices.ravel(),
-        usernormal=mesh.normals.ravel(),
-        usertexcoord=mesh.uv.ravel(),
-        userface=mesh.faces.ravel(),
-        userfacenormal=mesh.faces.ravel(),
-        userfacetexcoord=mesh.faces.ravel(),
+        userface=faces,
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+        **shading,
     )

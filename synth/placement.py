@@ -1,12 +1,14 @@
 """Where people and things go: close enough to hide each other, never inside each other."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from synth.arena import footprints
 from synth.motion import Motion
-from synth.plan import give_way, lead
+from synth.plan import give_way, led_path
+from synth.props import Space
 from synth.quality import FailedSimulation
 
 _TRIES = 60
@@ -14,6 +16,9 @@ _TURNS = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.15, 1.6, 2.2)
 """How sharply a path may be bent so that it stays within the radius, rad/s; the least that does is taken."""
 _APART = 0.8
 """Least distance of two people's hips in the first frame, m."""
+
+_ROOM = (0.3, 0.05, 0.6)
+"""Between a thing and who walks by, other things, and cameras, m."""
 
 Placement = tuple[tuple[float, float], float, float]
 """Start (m), yaw (rad) and turn (rad/s), as `synth.plan.lead` takes them."""
@@ -72,7 +77,7 @@ def _draw(
     best = None
     for turn in _TURNS:
         turn = turn * side
-        path = lead(motion, (0.0, 0.0), yaw, turn).root[:, :2]
+        path = led_path(motion, (0.0, 0.0), yaw, turn)
         path = path - path[frame] + passing
         outside = max(0.0, float(np.linalg.norm(path, axis=1).max()) - radius)
         if best is None or outside < best[2]:
@@ -94,7 +99,7 @@ def _crowding(path: np.ndarray, others: np.ndarray, obstacles: np.ndarray, clear
 
 def place_props(
     count: int,
-    kinds: dict[str, Path],
+    kinds: dict[str, Space],
     paths: np.ndarray,
     arena: Path,
     *,
@@ -102,34 +107,58 @@ def place_props(
     radius: float,
     clearance: float,
     rng: np.random.Generator,
+    before: Sequence[tuple[float, float]] = (),
 ) -> list[tuple[str, tuple[float, float], float]]:
     """Up to `count` things where nobody walks: kind, place (m) and yaw (rad); fewer if there is no room.
 
     Args:
         count: How many are wanted.
-        kinds: Names and MJCF files to draw from.
+        kinds: Names to draw from, with the room that each takes.
         paths: (F, P, 2) hips, m, before anybody gives way.
         arena: MJCF file of the room.
         fps: Frames per second.
         radius: Things stand within this of the origin, m.
         clearance: Between people, m.
         rng: Draws kinds and places.
+        before: (x, y) of cameras, m. If there are any, things stand between one of them and somebody, broadside on,
+            and up to 1.5 m beyond the radius; and large things are drawn more often.
     """
     taken = footprints(arena)
     walked = (paths + give_way(paths, fps, clearance=clearance, obstacles=taken)).reshape(-1, 2)
+    cameras = np.array(before).reshape(-1, 2)
+    reach = radius + 1.5 * bool(len(cameras))
+    names = sorted(kinds)
+    faces = np.array([kinds[name].face for name in names])
+    weights = faces / faces.sum() if len(cameras) else None
     props = []
     for _ in range(count):
-        kind = str(rng.choice(sorted(kinds)))
+        kind = str(rng.choice(names, p=weights))
         for _ in range(_TRIES):
-            yaw = float(rng.uniform(-np.pi, np.pi))
-            at = rng.uniform(-radius, radius, 2)
+            at, yaw = _between(walked, cameras, rng=rng) if len(cameras) else _anywhere(radius, rng=rng)
             turn = np.array([(np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))])
-            discs = footprints(kinds[kind]).copy()
+            discs = kinds[kind].discs.copy()
             discs[:, :2] = discs[:, :2] @ turn.T + at
-            walkers = np.linalg.norm(walked[:, None] - discs[:, :2], axis=-1) - discs[:, 2]
-            others = np.linalg.norm(taken[:, None, :2] - discs[:, :2], axis=-1) - discs[:, 2] - taken[:, 2:]
-            if walkers.min() > 0.3 and others.min(initial=np.inf) > 0.05 and np.linalg.norm(at) < radius:
+            gaps = [
+                np.linalg.norm(points[:, None] - discs[:, :2], axis=-1) - discs[:, 2]
+                for points in (walked, taken[:, :2], cameras)
+            ]
+            gaps[1] -= taken[:, 2:]
+            room = all(gap.min(initial=np.inf) > least for gap, least in zip(gaps, _ROOM, strict=True))
+            if room and np.linalg.norm(at) < reach:
                 props.append((kind, (float(at[0]), float(at[1])), yaw))
                 taken = np.concatenate([taken, discs])
                 break
     return props
+
+
+def _anywhere(radius: float, *, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    yaw = float(rng.uniform(-np.pi, np.pi))
+    return rng.uniform(-radius, radius, 2), yaw
+
+
+def _between(walked: np.ndarray, cameras: np.ndarray, *, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    """A place and a heading before a camera, on its way to where somebody walks."""
+    somebody, camera = walked[rng.integers(len(walked))], cameras[rng.integers(len(cameras))]
+    sight = camera - somebody
+    yaw = float(np.arctan2(sight[1], sight[0]) + np.pi / 2 + rng.normal(0, 0.25))
+    return somebody + rng.uniform(0.1, 0.8) * sight, yaw

@@ -40,13 +40,21 @@ def lead(motion: Motion, start: tuple[float, float], yaw: float, turn: float) ->
         yaw: Turns the whole motion about the vertical, rad.
         turn: Turns it further as time goes by, rad/s: a straight walk becomes a walk around a circle.
     """
-    angle = yaw + turn * np.arange(len(motion)) / motion.fps
-    turns = Rotation.from_rotvec(angle[:, None] * (0.0, 0.0, 1.0)).as_matrix()
-    steps = np.einsum("fij,fj->fi", turns[:-1, :2, :2], np.diff(motion.root[:, :2], axis=0))
     root = motion.root.copy()
-    root[0, :2] = start
-    root[1:, :2] = start + np.cumsum(steps, axis=0)
-    return replace(motion, root=root, rotations=turns[:, None] @ motion.rotations)
+    root[:, :2] = led_path(motion, start, yaw, turn)
+    return replace(motion, root=root, rotations=_turns(motion, yaw, turn)[:, None] @ motion.rotations)
+
+
+def led_path(motion: Motion, start: tuple[float, float], yaw: float, turn: float) -> np.ndarray:
+    """(F, 2) where the hips go, m, when `lead` leads the motion so."""
+    turns = _turns(motion, yaw, turn)
+    steps = np.einsum("fij,fj->fi", turns[:-1, :2, :2], np.diff(motion.root[:, :2], axis=0))
+    return np.concatenate([[start], start + np.cumsum(steps, axis=0)])
+
+
+def _turns(motion: Motion, yaw: float, turn: float) -> np.ndarray:
+    angle = yaw + turn * np.arange(len(motion)) / motion.fps
+    return Rotation.from_rotvec(angle[:, None] * (0.0, 0.0, 1.0)).as_matrix()
 
 
 def give_way(paths: np.ndarray, fps: float, *, clearance: float, obstacles: np.ndarray) -> np.ndarray:

@@ -43,28 +43,51 @@ class Quality:
     foot_slide: float
 
 
+@dataclass(frozen=True)
 class Overlaps:
-    """Keeps the deepest overlaps of every frame, step by step."""
+    """The deepest overlaps of every frame.
 
-    def __init__(self, geom_persons: np.ndarray, frames: int):
-        """Args:
-        geom_persons: (ngeom,) person that each geom belongs to, -1 for things.
-        frames: How many.
-        """
-        self._geom_persons = geom_persons
-        self.persons = np.full(frames, -np.inf)
-        """(F,) between people, m; below 0 where only cloth touches, -inf where nothing does."""
-        self.objects = np.full(frames, -np.inf)
-        """(F,) of people with things, m."""
+    Attributes:
+        persons: (F,) between people, m; below 0 where only cloth touches, -inf where nothing does.
+        objects: (F,) of people with things, m.
+    """
+
+    persons: np.ndarray
+    objects: np.ndarray
+
+
+class Contacts:
+    """Takes down all contacts of a simulation, step by step."""
+
+    def __init__(self):
+        self._frames: list[int] = []
+        self._distances: list[np.ndarray] = []
+        self._geoms: list[np.ndarray] = []
 
     def watch(self, data: mujoco.MjData, frame: int) -> None:
         """Take in the contacts of a step on the way to a frame."""
         if data.ncon:
-            depth = -data.contact.dist
-            one, other = self._geom_persons[data.contact.geom].T
+            self._frames.append(frame)
+            self._distances.append(data.contact.dist.copy())
+            self._geoms.append(data.contact.geom.copy())
+
+    def overlaps(self, geom_persons: np.ndarray, frames: int) -> Overlaps:
+        """What they come to.
+
+        Args:
+            geom_persons: (ngeom,) person that each geom belongs to, -1 for things.
+            frames: How many.
+        """
+        persons, objects = np.full(frames, -np.inf), np.full(frames, -np.inf)
+        if self._frames:
+            frame = np.repeat(self._frames, [len(distance) for distance in self._distances])
+            depth = -np.concatenate(self._distances)
+            one, other = geom_persons[np.concatenate(self._geoms)].T
             thing = np.minimum(one, other) < 0
-            self.objects[frame] = max(self.objects[frame], depth[thing].max(initial=-np.inf))
-            self.persons[frame] = max(self.persons[frame], depth[~thing & (one != other)].max(initial=-np.inf))
+            people = ~thing & (one != other)
+            np.maximum.at(objects, frame[thing], depth[thing])
+            np.maximum.at(persons, frame[people], depth[people])
+        return Overlaps(persons, objects)
 
 
 def assess(joints: np.ndarray, wanted: np.ndarray, overlaps: Overlaps, shifts: np.ndarray, fps: float) -> Quality:

@@ -8,7 +8,8 @@ import numpy as np
 from dmae.cameras import CameraRig
 from synth.visibility import cast
 
-_STATIC, _MOVING, _UNSEEN = 0, 1, 5
+_STATIC, _MOVING, _ALONE, _UNSEEN = 0, 1, 2, 5
+_BLOCK = 8
 _SKY = np.array([0.55, 0.65, 0.75])
 _SUN = np.array([0.3, 0.2, 0.93])
 
@@ -21,7 +22,7 @@ class RayPainter:
     Args:
         model: The scene.
         geom_ids: (ngeom,) uint16 id of each geom. Geoms with an id are painted, and those that MuJoCo draws.
-        rig: V cameras without distortion.
+        rig: V cameras. Rays leave through their lenses: nothing is warped.
         step: A ray is cast for each block of `step` x `step` pixels.
     """
 
@@ -34,16 +35,32 @@ class RayPainter:
         self._colour, self._ids, self._rig, self._step = _colours(model), geom_ids, rig, step
         self._view = None
 
-    def paint(self, data: mujoco.MjData, view: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Colour (H, W, 3) uint8, depth (H, W) m and ids (H, W) of a scene whose positions are up to date."""
+    def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray, ...]:
+        """Colour (H, W, 3) uint8, depth (H, W) m and ids (H, W) of a scene whose positions are up to date.
+
+        The same rays give all `kinds`.
+        """
         if view != self._view:
             self._look_from(view, data)
         geom, distance, normal = (array.copy() for array in self._background)
-        near = np.flatnonzero(self._may_show_movement(data, view))
+        near = np.flatnonzero(self._may_show(data, view, self._moving))
         hit, reach, outward = cast(self._model, data, self._center, self._rays[near], (_MOVING,))
         first = (hit >= 0) & ((geom[near] < 0) | (reach < distance[near]))
         geom[near[first]], distance[near[first]], normal[near[first]] = hit[first], reach[first], outward[first]
         return self._shade(geom, distance, normal)
+
+    def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
+        """(H, W) True for the pixels that what has the id `owner` would cover if nothing else were there."""
+        if view != self._view:
+            self._look_from(view, data)
+        groups, own = self._model.geom_group.copy(), self._ids == owner
+        self._model.geom_group = np.where(own, _ALONE, groups)
+        near = np.flatnonzero(self._may_show(data, view, np.flatnonzero(own)))
+        hit, _, _ = cast(self._model, data, self._center, self._rays[near], (_ALONE,))
+        self._model.geom_group = groups
+        covered = np.zeros(self._shape, bool)
+        covered.ravel()[near] = hit >= 0
+        return self._enlarge(covered)
 
     def close(self) -> None:
         """Nothing to hand back; the counterpart of a GL painter's."""
@@ -54,29 +71,39 @@ class RayPainter:
         self._shape = grid[0].shape
         self._center = camera.centers[0]
         self._rays = camera.rays(np.stack(grid, -1)[None, None]).reshape(-1, 3)
-        self._background = cast(self._model, data, self._center, self._rays, (_STATIC,))
+        # A lens may leave the corners of its image dark.
+        self._lit = np.isfinite(self._rays[:, 0])
+        self._bounds = _block_bounds(self._rays.reshape(*self._shape, 3) @ camera.cam_from_world[0, :3, :3].T)
+        geom, distance, normal = (
+            np.full(len(self._rays), -1, np.int32),
+            np.full(len(self._rays), -1.0),
+            np.zeros_like(self._rays),
+        )
+        found = cast(self._model, data, self._center, self._rays[self._lit], (_STATIC,))
+        geom[self._lit], distance[self._lit], normal[self._lit] = found
+        self._background = geom, distance, normal
         self._view = view
 
-    def _may_show_movement(self, data: mujoco.MjData, view: int) -> np.ndarray:
-        """(R,) True for rays through the image boxes of the moving geoms' bounding spheres."""
-        pose, K = self._rig.cam_from_world[view], self._rig.K[view]
-        centers = data.geom_xpos[self._moving] @ pose[:3, :3].T + pose[:3, 3]
-        radius = self._model.geom_rbound[self._moving]
-        lines, columns = self._shape
-        show = np.zeros(self._shape, bool)
+    def _may_show(self, data: mujoco.MjData, view: int, geoms: np.ndarray) -> np.ndarray:
+        """(R,) True for rays through the blocks of pixels that reach into boxes around some geoms' bounding spheres."""
+        pose = self._rig.cam_from_world[view]
+        centers = data.geom_xpos[geoms] @ pose[:3, :3].T + pose[:3, 3]
+        radius = self._model.geom_rbound[geoms]
         x0, x1 = _silhouette(centers[:, 0], centers[:, 2], radius)
         y0, y1 = _silhouette(centers[:, 1], centers[:, 2], radius)
-        for low_x, high_x, low_y, high_y in zip(x0, x1, y0, y1, strict=True):
-            left, right = _cells(K[0, 0] * low_x + K[0, 2], K[0, 0] * high_x + K[0, 2], self._step, columns)
-            top, bottom = _cells(K[1, 1] * low_y + K[1, 2], K[1, 1] * high_y + K[1, 2], self._step, lines)
-            show[top:bottom, left:right] = True
-        return show.ravel()
+        low_x, high_x, low_y, high_y = self._bounds
+        show = np.zeros(low_x.shape, bool)
+        for left, right, top, bottom in zip(x0, x1, y0, y1, strict=True):
+            show |= (high_x >= left) & (low_x <= right) & (high_y >= top) & (low_y <= bottom)
+        rows, columns = self._shape
+        return show.repeat(_BLOCK, 0).repeat(_BLOCK, 1)[:rows, :columns].ravel() & self._lit
 
     def _shade(self, geom, distance, normal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         hit = geom >= 0
         facing = -np.einsum("rx,rx->r", normal, self._rays)
         light = 0.25 + 0.4 * np.abs(facing) + 0.35 * np.clip(normal @ _SUN, 0, 1)
         colour = np.where(hit[:, None], self._colour[geom] * light[:, None], _SKY)
+        colour[~self._lit] = 0
         axis = self._rig.cam_from_world[self._view, 2, :3]
         images = (
             (255 * np.clip(colour, 0, 1)).round().astype(np.uint8),
@@ -121,8 +148,12 @@ def _silhouette(across: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tu
     )
 
 
-def _cells(low: float, high: float, step: int, count: int) -> tuple[int, int]:
-    """Range of the cells, each `step` pixels wide, that touch the pixels from `low` to `high`."""
-    first = np.clip(np.floor(low / step) - 1, 0, count)
-    last = np.clip(np.ceil(high / step) + 2, 0, count)
-    return int(first), int(last)
+def _block_bounds(rays: np.ndarray) -> np.ndarray:
+    """(4, h, w) least and greatest x/z and y/z of rays (H, W, 3), camera, in blocks; NaN where all rays are."""
+    height, width = rays.shape[:2]
+    tangents = rays[..., :2] / rays[..., 2:]
+    padding = ((0, -height % _BLOCK), (0, -width % _BLOCK), (0, 0))
+    blocks = np.pad(tangents, padding, constant_values=np.nan)
+    blocks = blocks.reshape(len(blocks) // _BLOCK, _BLOCK, -1, _BLOCK, 2)
+    low, high = np.fmin.reduce(blocks, (1, 3)), np.fmax.reduce(blocks, (1, 3))
+    return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]])

@@ -11,17 +11,18 @@ from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import mujoco
 import numpy as np
 
 from dmae.cameras import CameraRig
 from dmae.images import KINDS, Images, write_depth, write_ids, write_video
+from synth.lens import LensPainter, camera_name, joined, pinholes
 from synth.raycast import RayPainter
-from synth.rigs import camera_name, pinhole, warp
 
 _OFF = ("disable", "disabled", "off", "false", "0")
 _PROBE_SECONDS = 60
+_UNDRAWN = 5
+"""A group of geoms that MuJoCo does not draw."""
 
 
 class Quality(Enum):
@@ -43,7 +44,7 @@ _SETTINGS = {
 
 
 class Picture(NamedTuple):
-    """One view of one frame.
+    """One view of one frame; None for what was not asked for.
 
     Attributes:
         rgb: (H, W, 3) uint8.
@@ -51,9 +52,9 @@ class Picture(NamedTuple):
         ids: (H, W) uint16: 0 nothing, 1 + p person p, 256 + k object k.
     """
 
-    rgb: np.ndarray
-    depth: np.ndarray
-    ids: np.ndarray
+    rgb: np.ndarray | None
+    depth: np.ndarray | None
+    ids: np.ndarray | None
 
 
 @functools.cache
@@ -116,9 +117,10 @@ class _GLPainter:
         quality = self._model.vis.quality
         quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads = settings
         self._ids, self._skin_ids = geom_ids, _skin_ids(model, geom_ids)
+        self._planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
         self._cameras = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera_name(name)) for name in rig.names]
         if -1 in self._cameras:
-            raise ValueError(f"the scene lacks cameras of the rig {rig.names}; put them there with rigs.add_cameras")
+            raise ValueError(f"the scene lacks cameras of the rig {rig.names}; put them there with lens.add_cameras")
         self._rects = [mujoco.MjrRect(0, 0, *size) for size in rig.size.tolist()]
         width, height = rig.size.max(0).tolist()
         self._gl = _context(backend, width, height)
@@ -130,18 +132,39 @@ class _GLPainter:
         self._options = mujoco.MjvOption()
         self._options.sitegroup[:] = self._options.tendongroup[:] = self._options.actuatorgroup[:] = 0
 
-    def paint(self, data: mujoco.MjData, view: int) -> Picture:
+    def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
+        self._look(data, view)
+        rgb = depth = ids = None
+        if "rgb" in kinds:
+            # OpenGL's first row is the lowest.
+            rgb = self._read(view, identify=False)[0][::-1]
+        if "depth" in kinds or "ids" in kinds:
+            colours, nearness = self._read(view, identify=True)
+            depth, ids = self._metres(nearness[::-1]), self._whose(colours[::-1])
+        return rgb, depth, ids
+
+    def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
+        groups = self._model.geom_group.copy(), self._model.skin_group.copy()
+        self._model.geom_group = np.where(self._ids == owner, groups[0], _UNDRAWN)
+        self._model.skin_group = np.where(self._skin_ids == owner, groups[1], _UNDRAWN)
+        self._look(data, view)
+        self._model.geom_group, self._model.skin_group = groups
+        # Whatever is there is the owner's.
+        red, green, blue = np.moveaxis(self._read(view, identify=True)[0][::-1], -1, 0)
+        return (red | green | blue) > 0
+
+    def _look(self, data: mujoco.MjData, view: int) -> None:
         camera = mujoco.MjvCamera()
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, self._cameras[view]
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        # Rays pass planes from behind, and so that images agree the eye does: rooms may be looked into from outside.
+        outward = data.geom_xmat[self._planes, 2::3]
+        behind = ((data.cam_xpos[camera.fixedcamid] - data.geom_xpos[self._planes]) * outward).sum(1) < 0
+        groups = self._model.geom_group.copy()
+        self._model.geom_group[self._planes[behind]] = _UNDRAWN
         mujoco.mjv_updateScene(self._model, data, self._options, None, camera, everything, self._scene)
+        self._model.geom_group = groups
         self._gl.make_current()
-        rgb, _ = self._read(view, identify=False)
-        colours, nearness = self._read(view, identify=True)
-        owners = self._owners()
-        # OpenGL's first row is the lowest.
-        segments = (colours.astype(np.uint32) @ np.array([1, 1 << 8, 1 << 16], np.uint32))[::-1]
-        return Picture(rgb[::-1], self._metres(nearness[::-1]), owners[segments])
 
     def _read(self, view: int, identify: bool) -> tuple[np.ndarray, np.ndarray]:
         rect = self._rects[view]
@@ -153,14 +176,15 @@ class _GLPainter:
         mujoco.mjr_readPixels(colours, nearness if identify else None, rect, self._drawing)
         return colours, nearness
 
-    def _owners(self) -> np.ndarray:
-        """The id of whatever each segment number of the picture stands for."""
+    def _whose(self, colours: np.ndarray) -> np.ndarray:
+        """(H, W) ids of what a picture of segment numbers shows."""
         owners = np.zeros(self._scene.ngeom + 1, np.uint16)
         ids = {mujoco.mjtObj.mjOBJ_GEOM.value: self._ids, mujoco.mjtObj.mjOBJ_SKIN.value: self._skin_ids}
         for geom in self._scene.geoms[: self._scene.ngeom]:
             if geom.segid >= 0 and geom.objtype in ids:
                 owners[geom.segid + 1] = ids[geom.objtype][geom.objid]
-        return owners
+        # Numbers are spread over the channels, lowest first; two hold all that a scene has room for.
+        return owners[colours[..., 0] | colours[..., 1].astype(np.uint16) << 8]
 
     def _metres(self, nearness: np.ndarray) -> np.ndarray:
         """Depth from a reversed depth buffer: 1 at the near plane, 0 at the far one, linear in 1/depth."""
@@ -188,10 +212,10 @@ class Renderer:
     Without a working OpenGL (`find_backend`) they are ray cast.
 
     Args:
-        model: The scene, with the rig's cameras in it (`synth.rigs.add_cameras`).
+        model: The scene, with the rig's cameras in it (`synth.lens.add_cameras`).
         geom_ids: (ngeom,) uint16 what each geom belongs to: 0 nothing, 1 + p person p, 256 + k object k.
-        rig: V cameras. Pictures of distorted ones are warped: colour is interpolated, depth and ids are those of the
-            nearest pixel, which may lie half a pixel off.
+        rig: V cameras. Pictures that OpenGL paints of distorted ones are warped: colour is interpolated, depth and
+            ids are those of the nearest pixel, which may lie half a pixel off.
         quality: How much to spend.
     """
 
@@ -199,27 +223,34 @@ class Renderer:
         self, model: mujoco.MjModel, geom_ids: np.ndarray, rig: CameraRig, quality: Quality = Quality.standard
     ):
         settings, step = _SETTINGS[quality]
-        backend, pinholes = find_backend(), pinhole(rig)
+        backend = find_backend()
         if backend:
-            self._painter = _GLPainter(model, geom_ids, pinholes, backend, settings)
+            self._painter = LensPainter(_GLPainter(model, geom_ids, joined(pinholes(rig)), backend, settings), rig)
         else:
-            self._painter = RayPainter(model, geom_ids, pinholes, step)
+            self._painter = RayPainter(model, geom_ids, rig, step)
         self._model, self._data = model, mujoco.MjData(model)
-        self._warps = [warp(rig, view) for view in range(len(rig))]
 
-    def picture(self, qpos: np.ndarray, view: int) -> Picture:
-        """One view of the scene in the state `qpos` (nq,). Quickest when views are not alternated."""
+    def picture(self, qpos: np.ndarray, view: int, kinds: tuple[str, ...] = KINDS) -> Picture:
+        """One view of the scene in the state `qpos` (nq,). Quickest when views are not alternated.
+
+        Args:
+            qpos: The state.
+            view: Index into the rig.
+            kinds: What is wanted, of `dmae.images.KINDS`; depth and ids are had together.
+        """
+        self._move(qpos)
+        return Picture(*self._painter.paint(self._data, view, kinds))
+
+    def alone(self, qpos: np.ndarray, view: int, person: int) -> np.ndarray:
+        """(H, W) True for the pixels that a person would cover if nothing and nobody else were there."""
+        self._move(qpos)
+        return self._painter.paint_alone(self._data, view, 1 + person)
+
+    def _move(self, qpos: np.ndarray) -> None:
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        picture, pixels = Picture(*self._painter.paint(self._data, view)), self._warps[view]
-        if pixels is None:
-            return picture
-        return Picture(
-            cv2.remap(picture.rgb, pixels, None, cv2.INTER_LINEAR),
-            *(cv2.remap(image, pixels, None, cv2.INTER_NEAREST) for image in (picture.depth, picture.ids)),
-        )
 
     def close(self) -> None:
         self._painter.close()
@@ -243,15 +274,19 @@ def render_images(
         kinds: Which to write, of `dmae.images.KINDS`.
     """
 
-    def colours(view: int) -> Iterator[np.ndarray]:
+    def pictures(view: int) -> Iterator[Picture]:
         for frame, state in enumerate(qpos):
-            picture = renderer.picture(state, view)
+            picture = renderer.picture(state, view, kinds)
             if "depth" in kinds:
                 write_depth(folder / "depth" / rig.names[view] / f"{frame:06d}.png", picture.depth)
             if "ids" in kinds:
                 write_ids(folder / "ids" / rig.names[view] / f"{frame:06d}.png", picture.ids)
-            yield picture.rgb
+            yield picture
 
     for view, name in enumerate(rig.names):
-        write_video(folder / "rgb" / f"{name}.mp4", colours(view), fps)
+        if "rgb" in kinds:
+            write_video(folder / "rgb" / f"{name}.mp4", (picture.rgb for picture in pictures(view)), fps)
+        else:
+            for _ in pictures(view):
+                pass
     return Images(folder, rig.names, tuple(range(len(qpos))), kinds)

@@ -8,10 +8,13 @@ import numpy as np
 from dmae.cameras import CameraRig
 from dmae.images import FIRST_OBJECT_ID
 from dmae.rng import Stream, generator
-from synth.arena import arena_file, footprints, prop_file
+from synth.arena import arena_file, footprints
+from synth.coverage import check_outside
+from synth.decor import Finish, decorate
+from synth.lens import add_cameras
 from synth.person import HIDDEN_GROUP, add_person
-from synth.rigs import add_cameras
-from synth.spec import Finish, SceneSpec
+from synth.props import prop_space, prop_spec
+from synth.spec import PropSpec, SceneSpec
 from synth.textures import add_texture, paint
 
 _LONGEST_STEP = 0.0025
@@ -40,27 +43,33 @@ class Scene:
     obstacles: np.ndarray
 
 
-def build_scene(spec: SceneSpec, rig: CameraRig) -> Scene:
+def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Scene:
     """Put a room, its props, people in T-pose and cameras together.
+
+    Without paint textures and smooth shading are left out, which labels do not need.
 
     Raises:
         ValueError: an MJCF file is missing or lacks what is needed; a camera cannot be rendered.
+        FailedSimulation: a camera is within a thing.
     """
     world = mujoco.MjSpec.from_file(str(arena_file(spec.arena)))
     _set_options(world, spec.fps)
     # A child of the scene's stream: the noise of textures is none of the draws that made the spec.
-    (rng,) = generator(spec.seed, spec.clip, Stream.SCENE).spawn(1)
-    for name, finish in (("floor", spec.floor), ("wall", spec.wall)):
+    rng = generator(spec.seed, spec.clip, Stream.SCENE).spawn(1)[0] if painted else None
+    decorate(world, spec.decor)
+    for name, finish in (("floor", spec.decor.floor), ("wall", spec.decor.wall)):
         _cover(world, name, finish, spec.arena, rng=rng)
     obstacles = [footprints(arena_file(spec.arena))]
     for number, prop in enumerate(spec.props):
-        obstacles.append(_add_prop(world, f"{number}/", prop))
+        obstacles.append(add_prop(world, f"{number}/", prop))
     for number, person in enumerate(spec.persons):
         at = (*person.start, person.body.hip_height)
         add_person(world, number, person.body, person.looks, position=at, rng=rng)
     add_cameras(world, rig)
     model = world.compile()
-    return Scene(model, _substeps(spec.fps), *_identify(model), np.concatenate(obstacles))
+    identity = _identify(model)
+    check_outside(rig, model, identity[0])
+    return Scene(model, _substeps(spec.fps), *identity, np.concatenate(obstacles))
 
 
 def _substeps(fps: float) -> int:
@@ -76,25 +85,25 @@ def _set_options(world: mujoco.MjSpec, fps: float) -> None:
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
-def _cover(world: mujoco.MjSpec, name: str, finish: Finish, arena: str, *, rng: np.random.Generator) -> None:
+def _cover(world: mujoco.MjSpec, name: str, finish: Finish, arena: str, *, rng: np.random.Generator | None) -> None:
     material = world.material(name)
     if material is None:
         raise ValueError(f"arena {arena!r}: needs a material named {name!r}, which the scene covers with a texture")
-    add_texture(world, material, paint(finish.pattern, finish.colours, 512, rng=rng))
+    if rng:
+        add_texture(world, material, paint(finish.pattern, finish.colours, 512, rng=rng))
 
 
-def _add_prop(world: mujoco.MjSpec, prefix: str, prop) -> np.ndarray:
-    """Returns the (K, 3) discs that it takes on the floor."""
-    path = prop_file(prop.kind)
-    thing = mujoco.MjSpec.from_file(str(path))
+def add_prop(world: mujoco.MjSpec, prefix: str, prop: PropSpec) -> np.ndarray:
+    """Put a thing into a scene, its names prefixed; the (K, 3) discs that it takes on the floor, m."""
+    thing = prop_spec(prop.kind, prop.scale, prop.up)
     tint = thing.material("tint")
-    if tint is not None:
+    if tint is not None and prop.tint:
         tint.rgba = [*prop.tint, 1]
     half = prop.yaw / 2
     frame = world.worldbody.add_frame(pos=[*prop.at, 0], quat=[np.cos(half), 0, 0, np.sin(half)])
     world.attach(thing, prefix=prefix, frame=frame)
     cos, sin = np.cos(prop.yaw), np.sin(prop.yaw)
-    discs = footprints(path).copy()
+    discs = prop_space(prop.kind, prop.scale, prop.up).discs.copy()
     discs[:, :2] = discs[:, :2] @ np.array([(cos, sin), (-sin, cos)]) + prop.at
     return discs
 

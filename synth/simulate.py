@@ -13,7 +13,7 @@ from synth.feet import plant, planted
 from synth.landmarks import SKELETON, landmarks
 from synth.motion import SEGMENTS, Motion
 from synth.plan import give_way
-from synth.quality import FailedSimulation, Overlaps, assess
+from synth.quality import Contacts, FailedSimulation, Overlaps, assess
 from synth.scene import Scene, build_scene
 from synth.spec import SceneSpec, load_motions
 
@@ -31,7 +31,8 @@ class Simulation:
         qpos: (F, nq) float64 state in each frame.
         joints: (F, P, J, 3) float64 joints, m, world.
         skeleton: `body25+shelf14`, J = 39.
-        depth: (P, J) how far before a joint a ray may first meet its own body and still count as seeing it, m.
+        depth: (P, J) how far before a joint a ray may first meet its own limb and still count as seeing it, m.
+        bodies: (P, J) index of the model's body that each joint moves with.
         geom_ids: (ngeom,) uint16: 1 + p for geoms that show person p, 256 + k for those of object k, 0 for none.
         objects: Names of the objects.
         quality: How it went, see `synth.quality.Quality`; JSON-able.
@@ -43,22 +44,23 @@ class Simulation:
     joints: np.ndarray
     skeleton: Skeleton
     depth: np.ndarray
+    bodies: np.ndarray
     geom_ids: np.ndarray
     objects: tuple[str, ...]
     quality: dict
 
 
-def simulate(spec: SceneSpec, rig: CameraRig) -> Simulation:
-    """Let a scene's people move.
+def simulate(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Simulation:
+    """Let a scene's people move; see `synth.scene.build_scene` for paint.
 
     Raises:
         FailedSimulation: the clip is unfit for use; the message says why. Another seed may do better.
         ValueError: the scene cannot be built.
     """
-    return simulate_motions(spec, load_motions(spec), rig)
+    return simulate_motions(spec, load_motions(spec), rig, painted=painted)
 
 
-def simulate_motions(spec: SceneSpec, motions: list[Motion], rig: CameraRig) -> Simulation:
+def simulate_motions(spec: SceneSpec, motions: list[Motion], rig: CameraRig, *, painted: bool = True) -> Simulation:
     """`simulate` with given motions: one a person, all of as many frames, of the body's size and in place."""
     lengths = {len(motion) for motion in motions}
     if len(motions) != len(spec.persons) or lengths != {spec.frames}:
@@ -66,19 +68,14 @@ def simulate_motions(spec: SceneSpec, motions: list[Motion], rig: CameraRig) -> 
             f"expected {len(spec.persons)} motions of {spec.frames} frames, "
             f"got {len(motions)} of {sorted(lengths)} frames"
         )
-    scene = build_scene(spec, rig)
+    scene = build_scene(spec, rig, painted=painted)
     bodies = [person.body for person in spec.persons]
-    root = np.stack([motion.root for motion in motions], axis=1)
-    rotations = np.stack([motion.rotations for motion in motions], axis=1)
-    standing = [
-        planted(person.body, root[:, p], rotations[:, p], spec.fps, turn=person.turn)
-        for p, person in enumerate(spec.persons)
-    ]
-    root[..., :2] += give_way(root[..., :2], spec.fps, clearance=spec.clearance, obstacles=scene.obstacles)
-    for p, body in enumerate(bodies):
-        rotations[:, p] = plant(body, root[:, p], rotations[:, p], standing[p])
-    qpos, shifts, overlaps = _run(scene, bodies, root, rotations, spec.fps)
-    joints = _joints(scene.model, qpos, bodies)
+    root, rotations = plan_motions(spec, motions, scene.obstacles)
+    data, masses = mujoco.MjData(scene.model), np.array([body.mass for body in bodies])
+    reference = make_reference(root, rotations, spec.fps, scene.substeps)
+    holding, leading = (Controller(scene.model, data, r, masses) for r in (reference.still(), reference))
+    qpos, shifts, overlaps = _run(scene, data, holding, leading, spec)
+    joints = joint_places(scene.model, qpos, bodies)
     wanted = np.stack([_wanted(body, root[:, p], rotations[:, p]) for p, body in enumerate(bodies)], axis=1)
     return Simulation(
         model=scene.model,
@@ -87,65 +84,91 @@ def simulate_motions(spec: SceneSpec, motions: list[Motion], rig: CameraRig) -> 
         joints=joints,
         skeleton=SKELETON,
         depth=np.stack([landmarks(body)[2] for body in bodies]),
+        bodies=moved_with(scene.model, bodies),
         geom_ids=scene.geom_ids,
         objects=scene.objects,
         quality=asdict(assess(joints, wanted, overlaps, shifts, spec.fps)),
     )
 
 
+def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What people mean to do once they have made room for each other and for things.
+
+    Args:
+        spec: The scene, P people.
+        motions: One a person, of F frames, in place.
+        obstacles: (K, 3) x, y and radius of what stands about, m.
+
+    Returns:
+        Hips (F, P, 3) m, and orientations (F, P, 16, 3, 3) of `SEGMENTS`, world.
+    """
+    root = np.stack([motion.root for motion in motions], axis=1)
+    rotations = np.stack([motion.rotations for motion in motions], axis=1)
+    standing = [
+        planted(person.body, root[:, p], rotations[:, p], spec.fps, turn=person.turn)
+        for p, person in enumerate(spec.persons)
+    ]
+    root[..., :2] += give_way(root[..., :2], spec.fps, clearance=spec.clearance, obstacles=obstacles)
+    for p, person in enumerate(spec.persons):
+        rotations[:, p] = plant(person.body, root[:, p], rotations[:, p], standing[p])
+    return root, rotations
+
+
 def _run(
-    scene: Scene, bodies: list[Body], root: np.ndarray, rotations: np.ndarray, fps: float
+    scene: Scene, data: mujoco.MjData, holding: Controller, leading: Controller, spec: SceneSpec
 ) -> tuple[np.ndarray, np.ndarray, Overlaps]:
     """States (F, nq), shifts of paths (F, P, 2) m, and overlaps of all frames."""
-    model, data = scene.model, mujoco.MjData(scene.model)
-    reference = make_reference(root, rotations, fps, scene.substeps)
-    masses = np.array([body.mass for body in bodies])
-    controller = Controller(model, reference, masses)
+    model, frames = scene.model, spec.frames
     # Nobody begins inside a neighbour, or a hand inside its own hip: they are eased apart before the clip begins.
-    still = Controller(model, reference.still(), masses)
-    still.start(data)
+    holding.start()
     for _ in range(round(_SETTLING / model.opt.timestep)):
-        still.apply(data, 0)
+        holding.apply(0)
         mujoco.mj_step(model, data)
     settled = data.qpos.copy()
-    controller.start(data)
+    leading.start()
     data.qpos[:] = settled
     mujoco.mj_forward(model, data)
-    frames = len(root)
-    qpos, shifts = np.empty((frames, model.nq)), np.zeros((frames, len(bodies), 2))
+    qpos, shifts = np.empty((frames, model.nq)), np.zeros((frames, len(spec.persons), 2))
     qpos[0] = data.qpos
-    overlaps = Overlaps(scene.geom_persons, frames)
-    overlaps.watch(data, 0)
+    contacts = Contacts()
+    contacts.watch(data, 0)
     for frame in range(1, frames):
         for step in range((frame - 1) * scene.substeps + 1, frame * scene.substeps + 1):
-            controller.apply(data, step)
+            leading.apply(step)
             mujoco.mj_step(model, data)
-            overlaps.watch(data, frame)
-        qpos[frame], shifts[frame] = data.qpos, controller.shift
-        _check(data, frame / fps)
-    return qpos, shifts, overlaps
+            contacts.watch(data, frame)
+        qpos[frame], shifts[frame] = data.qpos, leading.shift
+        _check(data, frame / spec.fps)
+    return qpos, shifts, contacts.overlaps(scene.geom_persons, frames)
 
 
 def _check(data: mujoco.MjData, seconds: float) -> None:
-    raised = [mujoco.mjtWarning(i).name for i, warning in enumerate(data.warning) if warning.number]
-    if raised or not np.isfinite(data.qpos).all():
+    if data.warning.number.any() or not np.isfinite(data.qpos).all():
+        raised = [mujoco.mjtWarning(i).name for i in np.flatnonzero(data.warning.number)]
         raise FailedSimulation(f"the solver failed at {seconds:.2f} s: {', '.join(raised) or 'state is not finite'}")
 
 
-def _joints(model: mujoco.MjModel, qpos: np.ndarray, bodies: list[Body]) -> np.ndarray:
+def joint_places(model: mujoco.MjModel, qpos: np.ndarray, bodies: list[Body]) -> np.ndarray:
     """(F, P, 39, 3) joints of `SKELETON` in the states (F, nq), m, world."""
     data = mujoco.MjData(model)
-    ids = np.empty((len(bodies), len(SKELETON)), int)
-    points = np.empty((*ids.shape, 3))
-    for p, body in enumerate(bodies):
-        segments, points[p], _ = landmarks(body)
-        ids[p] = [model.body(f"person{p}/{SEGMENTS[segment]}").id for segment in segments]
+    ids = moved_with(model, bodies)
+    points = np.stack([landmarks(body)[1] for body in bodies])
     joints = np.empty((len(qpos), *points.shape))
     for frame, state in enumerate(qpos):
         data.qpos[:] = state
         mujoco.mj_kinematics(model, data)
         joints[frame] = data.xpos[ids] + (data.xmat[ids].reshape(*ids.shape, 3, 3) @ points[..., None])[..., 0]
     return joints
+
+
+def moved_with(model: mujoco.MjModel, bodies: list[Body]) -> np.ndarray:
+    """(P, 39) index of the model's body that each person's joints move with."""
+    return np.array(
+        [
+            [model.body(f"person{p}/{SEGMENTS[segment]}").id for segment in landmarks(body)[0]]
+            for p, body in enumerate(bodies)
+        ]
+    )
 
 
 def _wanted(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:

@@ -2,18 +2,21 @@
 
 import json
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
 from dmae.rng import Stream, generator
-from synth.arena import arena_file, prop_file
+from synth.arena import arena_file
 from synth.body import Body
+from synth.decor import Colour, Decor, sample_decor, sample_tint
 from synth.looks import Looks, sample_looks
 from synth.motion import Motion
 from synth.motion.source import MotionConfig, load_motion
 from synth.person import MOST_PERSONS
 from synth.placement import place_persons, place_props
-from synth.plan import fit, lead
+from synth.plan import fit, lead, led_path
+from synth.props import PropsConfig, Up, find_meshes, prop_space
 from synth.revive import revive
 
 
@@ -33,6 +36,7 @@ class SceneConfig:
         clearance: Distance that people keep between their hips, m; one value a clip. Below 0.5 they touch.
         props: How many things stand about, room permitting.
         prop_kinds: Which things: of `scenes/props/`, or paths of MJCF files.
+        randomize: Whether floor, walls, light and the colours of things are drawn, or the room's own.
     """
 
     arena: str = "studio"
@@ -44,6 +48,7 @@ class SceneConfig:
     clearance: list[float] = field(default_factory=lambda: [0.35, 0.65])
     props: list[int] = field(default_factory=lambda: [0, 3])
     prop_kinds: list[str] = field(default_factory=lambda: ["chair", "table", "screen", "plant", "crate", "drum"])
+    randomize: bool = True
 
     def __post_init__(self):
         for name in ("persons", "clearance", "props"):
@@ -82,20 +87,22 @@ class PersonSpec:
 
 @dataclass(frozen=True)
 class PropSpec:
-    """A thing that stands about: its MJCF file, place (m), heading (rad) and RGB colour."""
+    """A thing that stands about.
+
+    Attributes:
+        kind: One of `scenes/props/`, or the path of an MJCF or mesh file.
+        at: Place, m.
+        yaw: Heading, rad.
+        tint: RGB colour 0..1 of what of it takes any; None for its own.
+        scale, up: How a mesh file is read, see `synth.props.PropsConfig`.
+    """
 
     kind: str
     at: tuple[float, float]
     yaw: float
-    tint: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Finish:
-    """What a floor or wall is covered with: a pattern of `synth.textures` and its two RGB colours."""
-
-    pattern: str
-    colours: tuple[tuple[float, float, float], tuple[float, float, float]]
+    tint: Colour | None = None
+    scale: float = 1.0
+    up: Up = Up.auto
 
 
 @dataclass(frozen=True)
@@ -110,8 +117,7 @@ class SceneSpec:
     fps: float
     frames: int
     arena: str
-    floor: Finish
-    wall: Finish
+    decor: Decor
     clearance: float
     persons: tuple[PersonSpec, ...]
     props: tuple[PropSpec, ...]
@@ -131,67 +137,98 @@ class SceneSpec:
         return revive(cls, json.loads(text))
 
 
-_FLOORS = (
-    ("planks", ((0.58, 0.42, 0.28), (0.42, 0.28, 0.17))),
-    ("planks", ((0.66, 0.58, 0.47), (0.52, 0.44, 0.34))),
-    ("tiles", ((0.66, 0.66, 0.64), (0.50, 0.50, 0.49))),
-    ("carpet", ((0.36, 0.39, 0.44), (0.26, 0.28, 0.33))),
-    ("carpet", ((0.50, 0.45, 0.40), (0.38, 0.34, 0.30))),
-)
-_WALLS = ((0.82, 0.81, 0.77), (0.72, 0.77, 0.80), (0.80, 0.76, 0.68), (0.70, 0.74, 0.68), (0.62, 0.62, 0.64))
-_TINTS = ((0.55, 0.42, 0.29), (0.24, 0.36, 0.52), (0.58, 0.20, 0.18), (0.30, 0.44, 0.34), (0.78, 0.74, 0.66),
-          (0.35, 0.35, 0.38), (0.80, 0.60, 0.24))  # fmt: skip
+@dataclass(frozen=True)
+class Layout:
+    """How a scene is laid out, in place of what `SceneConfig` says of the same.
+
+    Attributes:
+        draw: Number of the draw; each has another outcome.
+        gathering, clearance: As in `SceneConfig`; one clearance.
+        props: How many things.
+        before: (x, y) of cameras that things are put before, m.
+    """
+
+    draw: int
+    gathering: float
+    clearance: float
+    props: int
+    before: tuple[tuple[float, float], ...]
 
 
-def sample_spec(config: SceneConfig, motion: MotionConfig, *, seed: int, clip: int) -> SceneSpec:
+def sample_spec(
+    config: SceneConfig,
+    motion: MotionConfig,
+    props: PropsConfig | None = None,
+    layout: Layout | None = None,
+    *,
+    seed: int,
+    clip: int,
+) -> SceneSpec:
     """Draw the scene of one clip. The same arguments give the same scene, whatever other clips are drawn.
+
+    Args:
+        config: What it is drawn from.
+        motion: What people do.
+        props: Things of the user's own, in place of `config.prop_kinds`.
+        layout: Where things and people go, if that is asked for; who the people are and what they do is the same
+            with any.
+        seed: Of the data set.
+        clip: Number of the clip.
 
     Raises:
         ValueError: the configuration asks for what is not there, or for people whose motions leave no room for
             each other; the message says what to change.
     """
+    props = props or PropsConfig()
     rng = generator(seed, clip, Stream.SCENE)
-    arena, kinds = arena_file(config.arena), {kind: prop_file(kind) for kind in config.prop_kinds}
+    # The first child paints textures: see synth/scene.py.
+    colours = rng.spawn(2)[1]
+    arena, kinds = arena_file(config.arena), find_meshes(props.path) if props.path else config.prop_kinds
+    spaces = {kind: prop_space(kind, props.scale, props.up) for kind in kinds}
     count = int(rng.integers(config.persons[0], config.persons[1], endpoint=True))
     clearance = float(rng.uniform(*config.clearance))
     bodies = [sample_body(rng=rng) for _ in range(count)]
     looks = [sample_looks(body.feminine, rng=rng) for body in bodies]
     frames = max(1, round(config.seconds * config.fps))
     motions = _draw(motion, bodies, frames, config.fps, seed, clip)
+    if layout:
+        clearance, rng = layout.clearance, generator(seed, clip, Stream.LAYOUT).spawn(layout.draw + 1)[-1]
     placements = place_persons(
         motions,
         arena,
         radius=config.radius,
-        gathering=config.gathering,
+        gathering=layout.gathering if layout else config.gathering,
         clearance=clearance,
         rng=rng,
     )
-    paths = np.stack([lead(m, *placed).root[:, :2] for m, placed in zip(motions, placements, strict=True)], axis=1)
-    props = place_props(
-        int(rng.integers(config.props[0], config.props[1], endpoint=True)),
-        kinds,
+    paths = np.stack([led_path(m, *placed) for m, placed in zip(motions, placements, strict=True)], axis=1)
+    things = place_props(
+        layout.props if layout else int(rng.integers(config.props[0], config.props[1], endpoint=True)),
+        spaces,
         paths,
         arena,
         fps=config.fps,
         radius=config.radius,
         clearance=clearance,
+        before=layout.before if layout else (),
         rng=rng,
     )
-    floor, wall = _FLOORS[rng.integers(len(_FLOORS))], _WALLS[rng.integers(len(_WALLS))]
     return SceneSpec(
         seed=seed,
         clip=clip,
         fps=float(config.fps),
         frames=frames,
         arena=config.arena,
-        floor=Finish(*floor),
-        wall=Finish("plaster", (wall, tuple(round(0.9 * c, 3) for c in wall))),
+        decor=sample_decor(arena, randomize=config.randomize, rng=colours),
         clearance=clearance,
         persons=tuple(
             PersonSpec(body, look, m.name, *placed)
             for body, look, m, placed in zip(bodies, looks, motions, placements, strict=True)
         ),
-        props=tuple(PropSpec(kind, at, yaw, _TINTS[rng.integers(len(_TINTS))]) for kind, at, yaw in props),
+        props=tuple(
+            PropSpec(kind, at, yaw, sample_tint(rng=colours) if config.randomize else None, props.scale, props.up)
+            for kind, at, yaw in things
+        ),
         motion=motion,
     )
 
@@ -215,5 +252,22 @@ def load_motions(spec: SceneSpec) -> list[Motion]:
 
 
 def _draw(config: MotionConfig, bodies: list[Body], frames: int, fps: float, seed: int, clip: int) -> list[Motion]:
+    if config.path is None:
+        text = json.dumps(asdict(config), default=lambda kind: kind.value)
+        return list(_draw_made(text, tuple(bodies), frames, fps, seed, clip))
+    return _draw_anew(config, bodies, frames, fps, seed, clip)
+
+
+@lru_cache(maxsize=1)
+def _draw_made(config: str, *rest) -> list[Motion]:
+    """Motions that depend on no file are kept while a clip's scene is drawn, maybe in several layouts, and built."""
+    motions = _draw_anew(revive(MotionConfig, json.loads(config)), *rest)
+    for motion in motions:
+        motion.root.setflags(write=False)
+        motion.rotations.setflags(write=False)
+    return motions
+
+
+def _draw_anew(config: MotionConfig, bodies, frames: int, fps: float, seed: int, clip: int) -> list[Motion]:
     rng = generator(seed, clip, Stream.MOTION)
     return [fit(load_motion(config, seconds=frames / fps, fps=fps, rng=rng), body) for body in bodies]

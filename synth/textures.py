@@ -10,7 +10,7 @@ def paint(pattern: str, colours, size: int, *, rng: np.random.Generator) -> np.n
 
     Args:
         pattern: "plain", "stripes", "checks", "melange", "camouflage" (cloth), "planks", "tiles", "plaster",
-            "carpet" (rooms).
+            "carpet", "concrete", "paving", "bricks", "sheet" (rooms).
         colours: Two RGB triples, 0..1.
         size: Width and height, px.
         rng: Draws the noise.
@@ -96,6 +96,33 @@ def _carpet(x, y, rng):
     return np.clip(0.5 + 0.3 * _noise(x, rng, 1), 0, 1), 0.05 * _noise(x, rng, 16)
 
 
+def _concrete(x, y, rng):
+    return np.clip(0.4 + 0.22 * _noise(x, rng, 24) + 0.12 * _noise(x, rng, 5), 0, 1), 0.02 * _noise(x, rng, 1)
+
+
+def _paving(x, y, rng):
+    rows = 6
+    row = np.floor(y * rows).astype(int)
+    along = x * 4 + rng.random(rows)[row]
+    edge = np.minimum(np.minimum((y * rows) % 1, 1 - (y * rows) % 1), np.minimum(along % 1, 1 - along % 1))
+    tone = rng.uniform(0, 0.7, (rows, 4))[row, np.floor(along).astype(int) % 4]
+    return np.clip(tone + 0.1 * _noise(x, rng, 6), 0, 1), np.where(edge < 0.04, -0.3, 0.03 * _noise(x, rng, 1))
+
+
+def _bricks(x, y, rng):
+    rows = 8
+    row = np.floor(y * rows)
+    along = x * rows / 2 + 0.5 * (row % 2)
+    edge = np.minimum(np.minimum((y * rows) % 1, 1 - (y * rows) % 1), 2 * np.minimum(along % 1, 1 - along % 1))
+    tone = rng.uniform(0, 0.35, (rows, rows // 2))[row.astype(int), np.floor(along).astype(int) % (rows // 2)]
+    return np.where(edge < 0.06, 1.0, tone), 0.04 * _noise(x, rng, 1) + 0.03 * _noise(x, rng, 8)
+
+
+def _sheet(x, y, rng):
+    """Corrugated steel, ribs upright."""
+    return 0.5 + 0.5 * np.sin(2 * np.pi * 8 * x), 0.02 * _noise(x, rng, (30, 3))
+
+
 _BLENDS = {
     "plain": _plain,
     "stripes": _stripes,
@@ -106,4 +133,8 @@ _BLENDS = {
     "tiles": _tiles,
     "plaster": _plaster,
     "carpet": _carpet,
+    "concrete": _concrete,
+    "paving": _paving,
+    "bricks": _bricks,
+    "sheet": _sheet,
 }

@@ -140,8 +140,9 @@ def test_the_real_person_is_captured_in_every_frame(balancing):
 def test_captured_tightly_no_camera_is_served_worse_than_by_the_authors(balancing):
     """Two cameras are 5 to 8 cm from where the other three see the person, and the authors leave out who disagrees.
 
-    So does `capture=tight`, a gate of two sigmas. That of five, by default, compromises: medians of 16.0, 9.3, 19.1 and 10.8 px
-    against their 11.4, 8.0, 18.0 and 9.4, though fewer large errors in the worst two. All over the joints both have.
+    So does `capture=tight`, a gate of two sigmas. That of five, by default, compromises: medians of 16.0, 9.3, 19.1
+    and 10.8 px against their 11.4, 8.0, 18.0 and 9.4, though fewer large errors in the worst two. All over the joints
+    that both have.
     """
     clip, theirs = balancing
     tight = OmegaConf.load(resource_folder("dmae", "configs") / "capture" / "tight.yaml")

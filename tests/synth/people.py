@@ -5,11 +5,12 @@ from scipy.spatial.transform import Rotation
 
 from dmae.rng import Stream, generator
 from synth.body import Body
+from synth.decor import Decor, Finish
 from synth.looks import sample_looks
 from synth.motion import SEGMENTS, Motion
 from synth.motion.source import MotionConfig
 from synth.rigs import RigConfig, make_rig
-from synth.spec import Finish, PersonSpec, SceneSpec
+from synth.spec import PersonSpec, SceneSpec
 
 RIG = make_rig(RigConfig(), rng=generator(0, 0, Stream.CAMERAS))
 BODY = Body()
@@ -41,8 +42,7 @@ def scene(bodies, frames: int, *, clearance: float = 0.0, props=(), arena: str =
         fps=25.0,
         frames=frames,
         arena=arena,
-        floor=Finish("planks", grey),
-        wall=Finish("plaster", grey),
+        decor=Decor(Finish("planks", grey), Finish("plaster", grey)),
         clearance=clearance,
         persons=persons,
         props=tuple(props),

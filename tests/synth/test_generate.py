@@ -15,8 +15,9 @@ from synth.mistakes import DetectorConfig
 from synth.motion.source import MotionConfig, MotionKind
 from synth.quality import FailedSimulation
 from synth.render import Quality
-from synth.rigs import RigConfig, RingConfig
+from synth.rigs import RigConfig
 from synth.spec import SceneConfig, SceneSpec
+from synth.stands import RingConfig
 
 
 @pytest.fixture
@@ -49,10 +50,10 @@ def failing(monkeypatch, fails) -> None:
     """Let simulations of specs fail for which `fails` says so."""
     simulate = module.simulate
 
-    def sometimes(spec, rig):
+    def sometimes(spec, rig, **how):
         if fails(spec):
             raise FailedSimulation(f"clip {spec.clip} fell over")
-        return simulate(spec, rig)
+        return simulate(spec, rig, **how)
 
     monkeypatch.setattr(module, "simulate", sometimes)
 
@@ -71,7 +72,7 @@ def test_clips_hold_together(config):
         assert clip.provenance["manifest"] == line
         assert clip.truth.xyz.shape == (10, 2, 39, 3)
         assert clip.visibility.shape == clip.hidden_by.shape == (10, 2, 2, 39)
-        assert abs(sum(line["occlusion"].values()) - 1) < 1e-3
+        assert abs(sum(line["occlusion"][code.name.lower()] for code in Visibility) - 1) < 1e-3
         visible = (clip.visibility == Visibility.VISIBLE).mean()
         assert abs(line["occlusion"]["visible"] - visible) < 1e-4
         assert 0 < visible < 1
@@ -197,7 +198,7 @@ def test_a_crash_leaves_no_half_clip_and_loses_no_whole_one(config, monkeypatch)
     [
         ({"motion": MotionConfig(kind=MotionKind.bvh, path="nowhere")}, FileNotFoundError),
         ({"scene": SceneConfig(arena="moon")}, ValueError),
-        ({"rig": RigConfig(ring=RingConfig(views=0))}, ValueError),
+        ({"rig": RigConfig(path="nowhere.toml")}, FileNotFoundError),
     ],
 )
 def test_what_cannot_be_made_is_refused_before_anything_is_written(config, change, error):

@@ -150,3 +150,23 @@ def test_a_room_without_a_floor_to_cover_is_refused(tmp_path):
     bare.write_text('<mujoco><worldbody><geom type="plane" size="3 3 1"/></worldbody></mujoco>')
     with pytest.raises(ValueError, match="needs a material named 'floor'"):
         build_scene(scene([BODY], 25, arena=str(bare)), RIG)
+
+
+def test_paint_changes_pictures_alone(built):
+    """Without it the geoms, their shapes and the physics are the same to the last bit."""
+    plain = build_scene(scene([BODY, BODY], 25, props=PROPS, arena="office"), RIG, painted=False)
+    model, painted = plain.model, built.model
+    assert model.ntexdata < painted.ntexdata
+    for name in (
+        "mesh_vert",
+        "mesh_face",
+        "geom_pos",
+        "geom_quat",
+        "geom_size",
+        "body_inertia",
+        "geom_matid",
+        "bvh_aabb",
+    ):
+        np.testing.assert_array_equal(getattr(model, name), getattr(painted, name), err_msg=name)
+    np.testing.assert_array_equal(plain.geom_ids, built.geom_ids)
+    assert plain.objects == built.objects

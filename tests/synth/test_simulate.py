@@ -10,7 +10,7 @@ from synth.body import Body
 from synth.landmarks import SKELETON, landmarks
 from synth.motion import SEGMENTS
 from synth.motion.source import MotionConfig
-from synth.quality import FailedSimulation, Overlaps, assess
+from synth.quality import Contacts, FailedSimulation, Overlaps, assess
 from synth.scene import build_scene
 from synth.simulate import simulate, simulate_motions
 from synth.spec import PropSpec, SceneConfig, sample_spec
@@ -129,12 +129,29 @@ def test_motions_must_fit_the_spec():
         simulate_motions(scene([BODY, OTHER], 30), [gliding(BODY, 25, (0, 0), (1, 0))], RIG)
 
 
+def test_overlaps_are_the_deepest_contacts_of_all_steps_to_a_frame():
+    """Two balls on a floor: they overlap by 30 mm, then by 10, and the floor by 5; then nothing touches."""
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><geom type="plane" size="5 5 .1"/><body><freejoint/><geom size=".1"/></body>'
+        '<body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    data, contacts = mujoco.MjData(model), Contacts()
+    for frame, apart, height in ((1, 0.17, 0.2), (1, 0.19, 0.095), (2, 0.19, 0.2), (3, 0.5, 0.5)):
+        data.qpos[[0, 7]], data.qpos[[2, 9]] = (0, apart), height
+        mujoco.mj_forward(model, data)
+        contacts.watch(data, frame)
+    overlaps = contacts.overlaps(np.array([-1, 0, 1]), 4)
+    np.testing.assert_allclose(overlaps.persons, [-np.inf, 0.03, 0.01, -np.inf], atol=1e-9)
+    np.testing.assert_allclose(overlaps.objects, [-np.inf, 0.005, -np.inf, -np.inf], atol=1e-9)
+    nobody = Contacts().overlaps(np.array([-1, 0, 1]), 2)
+    assert (nobody.persons == -np.inf).all()
+
+
 def summary(*, moved: float = 0.0, overlap: float = -np.inf, shift: float = 0.0):
     """Quality of a made-up clip of ten frames and two people."""
     joints = np.zeros((10, 2, 39, 3))
     joints[..., 2] = 1.0
-    overlaps = Overlaps(np.array([0, 1, -1]), 10)
-    overlaps.persons[:] = overlap
+    overlaps = Overlaps(np.full(10, overlap), np.full(10, -np.inf))
     return assess(joints + moved, joints, overlaps, np.full((10, 2, 2), shift / np.sqrt(2)), 25.0)
 
 

@@ -6,8 +6,14 @@ import pytest
 
 from dmae.cameras import CameraRig
 from dmae.clip import Visibility
-from synth.rigs import RigConfig, add_cameras, make_rig
+from synth.body import Body
+from synth.lens import add_cameras
+from synth.rigs import RigConfig, make_rig
+from synth.simulate import simulate_motions
+from synth.stands import RingConfig
 from synth.visibility import joint_visibility
+
+from . import people
 
 VISIBLE, SELF, PERSON, OBJECT, OUTSIDE, BEHIND, ABSENT = Visibility
 MAN = """
@@ -67,7 +73,7 @@ def look(rig, men, things="", shift=0.0):
 
 
 def test_a_man_alone_is_seen_whole_from_in_front():
-    visibility, hidden_by = look(looking_along_x((-4, 0, 1)), [(0, 0)])
+    visibility, hidden_by, _ = look(looking_along_x((-4, 0, 1)), [(0, 0)])
     assert visibility.shape == (1, 1, 1, 6)
     assert (visibility == VISIBLE).all()
     assert (hidden_by == -1).all()
@@ -79,7 +85,7 @@ def test_a_man_s_body_hides_his_far_hand_and_foot_from_the_side():
     quarter[:2, :2] = [[0, 1], [-1, 0]]
     rig = CameraRig(rig.names, rig.K, rig.dist, rig.cam_from_world @ quarter, rig.size)
     np.testing.assert_allclose(rig.centers, [[0, -4, 1]], atol=1e-12)
-    visibility, hidden_by = look(rig, [(0, 0)])
+    visibility, hidden_by, _ = look(rig, [(0, 0)])
     # The near arm lies before the chest, the near leg before the far one.
     assert visibility[0, 0, 0].tolist() == [VISIBLE, SELF, SELF, VISIBLE, SELF, VISIBLE]
     assert hidden_by[0, 0, 0].tolist() == [-1, 0, 0, -1, 0, -1]
@@ -90,7 +96,7 @@ def test_a_wall_hides_what_is_below_its_edge_and_says_which_wall():
         '<geom name="low" type="box" pos="-1.5 0 .5" size=".1 2 .5"/>'
         '<geom name="far" type="box" pos="3 0 1" size=".1 2 1"/>'
     )
-    visibility, hidden_by = look(looking_along_x((-4, 0, 1)), [(0, 0), (4, 1.5)], walls)
+    visibility, hidden_by, _ = look(looking_along_x((-4, 0, 1)), [(0, 0), (4, 1.5)], walls)
     assert visibility[0, 0, 0].tolist() == [VISIBLE, VISIBLE, OBJECT, OBJECT, OBJECT, OBJECT]
     assert hidden_by[0, 0, 0].tolist() == [-1, -1, 0, 0, 0, 0]
     assert visibility[0, 0, 1].tolist() == [OBJECT] * 6
@@ -98,13 +104,85 @@ def test_a_wall_hides_what_is_below_its_edge_and_says_which_wall():
 
 
 def test_a_man_behind_a_man_is_hidden_by_him_where_he_is_covered():
-    visibility, hidden_by = look(looking_along_x((-4, 0, 1.2)), [(0, 0), (8, 0), (2, 1.2)])
+    visibility, hidden_by, _ = look(looking_along_x((-4, 0, 1.2)), [(0, 0), (8, 0), (2, 1.2)])
     assert visibility[0, 0].tolist() == [[VISIBLE] * 6, [PERSON] * 6, [VISIBLE] * 6]
     assert hidden_by[0, 0].tolist() == [[-1] * 6, [0] * 6, [-1] * 6]
     # From higher up the far one's head shows over the near one.
-    visibility, hidden_by = look(looking_along_x((-4, 0, 2.0)), [(8, 0), (0, 0)])
+    visibility, hidden_by, _ = look(looking_along_x((-4, 0, 2.0)), [(8, 0), (0, 0)])
     assert visibility[0, 0, 0].tolist() == [VISIBLE] + [PERSON] * 5
     assert hidden_by[0, 0, 0].tolist() == [-1] + [1] * 5
+
+
+def test_a_pillar_hides_the_half_of_a_body_that_it_covers():
+    # From 4 m the edge at y = 0.03, half way, covers all to the left of y = 0.06.
+    pillar = '<geom name="pillar" type="box" pos="-2 .28 1" size=".05 .25 1"/>'
+    seen = look(looking_along_x((-4, 0, 1)), [(0, 0)], pillar)
+    assert seen.visibility[0, 0, 0].tolist() == [VISIBLE, VISIBLE, OBJECT, VISIBLE, OBJECT, VISIBLE]
+    assert seen.hidden_by[0, 0, 0].tolist() == [-1, -1, 0, -1, 0, -1]
+    # A round one of the same breadth, seen from the other side, covers the other half.
+    pillar = '<geom name="pillar" type="cylinder" pos="-2 -.28 1" size=".25 1"/>'
+    seen = look(looking_along_x((-4, 0, 1)), [(0, 0)], pillar)
+    assert seen.visibility[0, 0, 0].tolist() == [VISIBLE, VISIBLE, VISIBLE, OBJECT, VISIBLE, OBJECT]
+
+
+def test_the_margin_is_how_far_before_the_joint_that_begins_which_hides_it():
+    wall = '<geom name="wall" type="box" pos="-2 0 .5" size=".05 2 .5"/>'
+    seen = look(looking_along_x((-4, 0, 1)), [(0, 0)], wall)
+    reach = np.linalg.norm(POINTS - (-4, 0, 1), axis=-1)
+    # The wall's face is 1.95 m ahead and the joints 4 m.
+    np.testing.assert_allclose(seen.depth_margin[0, 0, 0, 2:], reach[2:] * (1 - 1.95 / 4), rtol=1e-6)
+    assert np.isnan(seen.depth_margin[0, 0, 0, :2]).all()
+    # The chest of the near man is a capsule of 0.16 m around (0, 0).
+    seen = look(looking_along_x((-4, 0, 1.2)), [(0, 0), (2, 0)])
+    np.testing.assert_allclose(seen.depth_margin[0, 0, 1, 1], 2.16, atol=1e-4)
+    # A camera within a thing has it before all the way.
+    box = '<geom name="box" type="box" pos="-4 0 1" size=".3 .3 .3"/>'
+    seen = look(looking_along_x((-4, 0, 1)), [(0, 0)], box)
+    np.testing.assert_allclose(seen.depth_margin[0, 0, 0], reach, rtol=1e-6)
+
+
+JOINTED = """
+<body name="chest" pos="0 0 1.3"><freejoint/><geom type="box" size=".1 .2 .3"/>
+  <body name="upper_arm" pos="0 .25 .2"><joint type="ball"/><geom type="capsule" fromto="0 0 0 {upper}" size=".05"/>
+    <body name="forearm" pos="{upper}"><joint type="ball"/>
+      <geom type="capsule" fromto="0 0 0 {fore}" size=".04"/>
+    </body>
+  </body>
+</body>
+"""
+
+
+def jointed(camera, upper: str, fore: str, joint, body: int, depth: float) -> int:
+    """What a camera sees of one joint of somebody with a chest (body 1), an upper arm (2) and a forearm (3)."""
+    rig = looking_along_x(camera)
+    spec = mujoco.MjSpec.from_string(
+        f"<mujoco><worldbody>{JOINTED.format(upper=upper, fore=fore)}</worldbody></mujoco>"
+    )
+    model = spec.compile()
+    seen = joint_visibility(
+        model, model.qpos0[None], np.array([[[joint]]], float), np.array([[depth]]), np.ones(model.ngeom, np.uint16),
+        rig, np.array([[body]]),
+    )  # fmt: skip
+    return seen.visibility.item()
+
+
+def test_an_arm_behind_its_own_torso_is_hidden_and_one_before_it_is_not():
+    for side, code in ((0.4, SELF), (-0.4, VISIBLE)):
+        wrist = np.array([0, 0.25, 1.5]) + (side, -0.15, -0.1)
+        assert jointed((-4, 0, 1.3), f"{side} -.15 -.1", "0 -.1 -.1", wrist, 3, 0.06) == code
+
+
+def test_a_joint_deep_within_its_limb_is_hidden_by_other_limbs_alone():
+    # The spine, 0.1 m behind the front of the chest and 0.2 m within from the side.
+    spine, hanging = (0, 0, 1.4), "0 0 -.3"
+    assert jointed((-4, 0, 1.4), hanging, hanging, spine, 1, 0.15) == VISIBLE
+    # A forearm 0.06 m before the chest is nearer than the depth allows for, but no part of it.
+    assert jointed((-4, 0, 1.4), "-.2 0 -.1", "0 -.5 0", spine, 1, 0.35) == SELF
+    # The upper arm is jointed to the chest: from the side it is part of what the spine lies in.
+    assert jointed((-4, 0.25, 1.4), "-.2 -.25 -.1", "0 0 -.3", spine, 1, 0.35) == VISIBLE
+    assert jointed((-4, 0.25, 1.4), "-.2 -.25 -.1", "0 0 -.3", spine, 1, 0.12) == SELF
+    # A limb that touches the joint does not hide it.
+    assert jointed((-4, 0, 1.3), "-.2 -.25 -.2", "0 0 -.1", (-0.15, 0, 1.3), 1, 0.35) == VISIBLE
 
 
 def test_the_state_moves_people_away_from_what_hid_them():
@@ -119,7 +197,7 @@ def test_what_is_outside_the_image_or_behind_is_not_asked_what_hides_it():
         '<geom name="wall" type="box" pos="1 0 1" size=".1 9 2"/>'
         '<geom name="back" type="box" pos="-2 0 1" size=".1 9 2"/>'
     )
-    visibility, hidden_by = look(looking_along_x((0, 0, 1)), [(3, 0), (3, 2.5), (-3, 0), (1.7, 0)], things)
+    visibility, hidden_by, _ = look(looking_along_x((0, 0, 1)), [(3, 0), (3, 2.5), (-3, 0), (1.7, 0)], things)
     assert visibility[0, 0, :3].tolist() == [[OBJECT] * 6, [OUTSIDE] * 6, [BEHIND] * 6]
     # Near by, feet and head do not fit into the image.
     assert visibility[0, 0, 3].tolist() == [OBJECT] * 4 + [OUTSIDE] * 2
@@ -128,12 +206,13 @@ def test_what_is_outside_the_image_or_behind_is_not_asked_what_hides_it():
 
 def test_the_border_of_the_image_is_the_outer_edge_of_its_pixels():
     rig = looking_along_x((-2, 0, 1))
-    for offset, code in ((-0.499, VISIBLE), (-0.501, OUTSIDE)):
-        y = (319.5 - offset) / 500 * 2
-        visibility, _ = joint_visibility(
-            *_nothing(rig), np.array([[[[0, y, 1.0]]]]), np.zeros((1, 1)), np.zeros(1, np.uint16), rig
-        )
-        assert visibility.item() == code
+    edges = [(-0.499, 200), (639.499, 200), (300, -0.499), (300, 479.499), (-0.499, 479.499)]
+    beyond = [(-0.501, 200), (639.501, 200), (300, -0.501), (300, 479.501), (-0.501, 479.499)]
+    for pixels, code in ((edges, VISIBLE), (beyond, OUTSIDE)):
+        u, v = np.array(pixels).T
+        joints = np.stack([np.zeros(5), (319.5 - u) / 500 * 2, 1 + (239.5 - v) / 500 * 2], -1)[None, None]
+        seen = joint_visibility(*_nothing(rig), joints, np.zeros((1, 5)), np.zeros(1, np.uint16), rig)
+        assert (seen.visibility == code).all()
 
 
 def _nothing(rig):
@@ -148,7 +227,7 @@ def test_an_absent_person_is_absent_everywhere():
     joints[1, 0] = np.nan
     qpos = np.repeat(model.qpos0[None], 2, 0)
     qpos[1, 2] = -50
-    visibility, hidden_by = joint_visibility(model, qpos, joints, np.tile(DEPTH, (2, 1)), ids, rig)
+    visibility, hidden_by, _ = joint_visibility(model, qpos, joints, np.tile(DEPTH, (2, 1)), ids, rig)
     assert (visibility[1, :, 0] == ABSENT).all()
     assert (visibility[0] != ABSENT).all()
     assert (hidden_by[1, :, 0] == -1).all()
@@ -161,17 +240,17 @@ def test_floors_and_what_is_transparent_hide_nothing():
     assert (look(rig, [(0, 0)], glass.format(0.1))[0] == OBJECT).all()
     model, ids, joints = scene(rig, [(0, 0)])
     joints[0, 0, 4:, 2] = -0.01
-    visibility, _ = joint_visibility(model, model.qpos0[None], joints, DEPTH[None], ids, rig)
-    assert (visibility == VISIBLE).all()
+    seen = joint_visibility(model, model.qpos0[None], joints, DEPTH[None], ids, rig)
+    assert (seen.visibility == VISIBLE).all()
 
 
 def test_a_camera_within_something_sees_nothing_through_it():
     box = '<geom name="box" type="box" pos="-4 0 1" size=".3 .3 .3"/>'
-    visibility, hidden_by = look(looking_along_x((-4, 0, 1)), [(0, 0)], box)
+    visibility, hidden_by, _ = look(looking_along_x((-4, 0, 1)), [(0, 0)], box)
     assert (visibility == OBJECT).all()
     assert (hidden_by == 0).all()
     # Within the chest of the first man.
-    visibility, hidden_by = look(looking_along_x((-0.1, 0, 1.2)), [(0, 0), (3, 0)])
+    visibility, hidden_by, _ = look(looking_along_x((-0.1, 0, 1.2)), [(0, 0), (3, 0)])
     assert (visibility[0, 0, 1] == PERSON).all()
     assert (hidden_by[0, 0, 1] == 0).all()
 
@@ -197,3 +276,46 @@ def test_views_do_not_depend_on_each_other(view):
     whole, part = look(rig, men), look(rig[view : view + 1], men)
     for a, b in zip(whole, part, strict=True):
         np.testing.assert_array_equal(a[:, view : view + 1], b)
+
+
+@pytest.mark.parametrize("body", [Body(), Body(1.65, 60, 1.0), Body(1.85, 100)])
+def test_the_joints_of_somebody_upright_are_seen_through_the_skin_they_lie_under(body):
+    rig = make_rig(RigConfig(ring=RingConfig(views=16, radius=[4, 4], height=[1.6, 1.6])), rng=np.random.default_rng(0))
+    simulation = simulate_motions(people.scene([body], 2), [people.gliding(body, 2, (0, 0), (1, 0))], rig)
+    seen = joint_visibility(
+        simulation.model, simulation.qpos[:1], simulation.joints[:1], simulation.depth, simulation.geom_ids, rig,
+        simulation.bodies,
+    ).visibility[0, :, 0]  # fmt: skip
+    towards = np.degrees(np.abs(np.arctan2(rig.centers[:, 1], rig.centers[:, 0])))
+    front, back, side = towards < 40, towards > 140, np.abs(towards - 90) < 30
+    names = [f"body25.{name}" for name in ("neck", "mid_hip", "l_shoulder", "r_hip", "l_elbow", "r_knee", "l_ankle")]
+    limbs = [simulation.skeleton.joints.index(name) for name in (*names, "shelf14.bottom_head")]
+    assert (seen[front][:, limbs] == VISIBLE).all()
+    assert (seen[back][:, limbs] == VISIBLE).all()
+    # Shoulders and all are one with the trunk; what hangs at its side is not.
+    trunk = simulation.skeleton.index("body25.neck", "shelf14.bottom_head")
+    assert (seen[side][:, trunk] == VISIBLE).all()
+    face = simulation.skeleton.index("body25.nose", "body25.l_eye", "body25.r_eye")
+    assert (seen[front][:, face] == VISIBLE).all()
+    assert (seen[back][:, face] == SELF).all()
+    heels = simulation.skeleton.index("body25.l_heel", "body25.r_heel")
+    assert (seen[back][:, heels] == VISIBLE).all()
+
+
+def test_many_rays_are_as_good_as_few(monkeypatch):
+    """Frames are judged in blocks; joints at one place, of which a skeleton of skeletons has many, by one ray."""
+    rig = looking_along_x((-4, 0, 1), (-4, 0.5, 1.5))
+    model, ids, joints = scene(rig, [(0, 0), (1, 0.2)], '<geom name="wall" type="box" pos="-1 -.5 1" size=".1 .5 1"/>')
+    qpos, joints = np.tile(model.qpos0, (7, 1)), np.tile(joints, (7, 1, 1, 1))
+    qpos[:, 7] += 0.1 * np.arange(7)
+    joints[:, 1, :, 0] += 0.1 * np.arange(7)[:, None]
+    joints[2, 0] = np.nan
+    depth = np.tile(DEPTH, (2, 1))
+    expected = joint_visibility(model, qpos, joints, depth, ids, rig)
+    assert len(np.unique(expected.visibility)) > 2
+    twice = joint_visibility(model, qpos, joints[:, :, [*range(6), *range(6)]], np.tile(depth, 2), ids, rig)
+    monkeypatch.setattr("synth.visibility._RAYS_AT_ONCE", 50)
+    blocks = joint_visibility(model, qpos, joints, depth, ids, rig)
+    for whole, part, both in zip(expected, blocks, twice, strict=True):
+        np.testing.assert_array_equal(part, whole)
+        np.testing.assert_array_equal(both, np.tile(whole, 2))

@@ -1,0 +1,143 @@
+"""What images of ids say of people: how much of each shows, and that the labels of their joints are true."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.clip import Clip, Detections2D, Poses3D, Visibility
+from dmae.skeleton import BODY25
+from synth import render
+from synth.motion.source import MotionConfig
+from synth.pixels import agreement, person_pixels
+from synth.quality import FailedSimulation
+from synth.render import Quality, Renderer, find_backend, render_images
+from synth.simulate import simulate
+from synth.spec import SceneConfig, sample_spec
+from synth.visibility import joint_visibility
+
+from .test_rigs import preset
+from .test_visibility import looking_along_x, scene
+
+RIG = preset("shelf")
+
+
+@pytest.fixture(params=[pytest.param("gl", marks=pytest.mark.gl), "rays"])
+def painter(request, monkeypatch) -> str:
+    """Once by OpenGL, where there is one, and once by ray casting."""
+    if request.param == "rays":
+        monkeypatch.setattr(render, "find_backend", lambda: None)
+        return "rays"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if find_backend() is None:
+            pytest.skip("no OpenGL works here")
+    return "gl"
+
+
+@pytest.fixture(scope="module")
+def crowds() -> list:
+    """The last state of three scenes of three to five people among the office's furniture."""
+    found = []
+    for seed in range(20):
+        config = SceneConfig(arena="office", persons=[3, 5], seconds=0.4, gathering=0.4)
+        try:
+            simulation = simulate(sample_spec(config, MotionConfig(), seed=seed, clip=0), RIG)
+        except FailedSimulation:
+            continue
+        found.append(replace(simulation, qpos=simulation.qpos[-1:], joints=simulation.joints[-1:]))
+        if len(found) == 3:
+            return found
+    pytest.fail("most scenes fail")
+
+
+def labelled(simulation, folder) -> Clip:
+    """The clip of a simulation with nothing detected, its ids rendered as a draft."""
+    seen = joint_visibility(
+        simulation.model, simulation.qpos, simulation.joints, simulation.depth, simulation.geom_ids, RIG,
+        simulation.bodies,
+    )  # fmt: skip
+    with Renderer(simulation.model, simulation.geom_ids, RIG, Quality.draft) as renderer:
+        images = render_images(renderer, simulation.qpos, RIG, folder, simulation.fps, ("ids",))
+        visible, amodal = person_pixels(renderer, simulation.qpos, images, simulation.joints.shape[1])
+    nothing = np.zeros((1, len(RIG), 0, 25))
+    return Clip(
+        "crowd", simulation.fps, RIG, Detections2D(BODY25, np.stack([nothing] * 2, -1), nothing),
+        truth=Poses3D(simulation.skeleton, simulation.joints), visibility=seen.visibility, hidden_by=seen.hidden_by,
+        depth_margin=seen.depth_margin, visible_pixels=visible, amodal_pixels=amodal, images=images,
+        objects=simulation.objects,
+    )  # fmt: skip
+
+
+def test_images_bear_out_the_labels_of_crowds(painter, crowds, tmp_path):
+    compared, agreeing = np.zeros(4, int), np.zeros(4, int)
+    shares, hidden = [], []
+    for number, simulation in enumerate(crowds if painter == "gl" else crowds[:2]):
+        clip = labelled(simulation, tmp_path / str(number))
+        counts = agreement(clip)
+        compared += counts.compared
+        agreeing += counts.agreeing
+        assert (clip.visible_pixels <= clip.amodal_pixels).all()
+        in_image = clip.visibility <= Visibility.HIDDEN_BY_OBJECT
+        others = (clip.visibility > Visibility.HIDDEN_BY_SELF) & in_image
+        whole = in_image.sum(-1) > 30
+        shares.append(clip.visible_share[whole])
+        hidden.append((others.sum(-1) / np.maximum(in_image.sum(-1), 1))[whole])
+    # Each kind of label for itself: visible, hidden by self, by a person, by an object.
+    assert (compared > 60).all(), compared
+    assert (agreeing >= 0.99 * compared).all(), (agreeing, compared)
+    # Whose joints others hide, others hide.
+    assert np.corrcoef(np.concatenate(shares), np.concatenate(hidden))[0, 1] < -0.9
+
+
+def test_a_label_that_is_wrong_is_not_borne_out(crowds, tmp_path):
+    clip = labelled(crowds[0], tmp_path)
+    lying = np.where(clip.visibility == Visibility.VISIBLE, Visibility.HIDDEN_BY_OBJECT, clip.visibility)
+    before, after = agreement(clip), agreement(replace(clip, visibility=lying))
+    assert after.agreeing.sum() <= before.agreeing.sum() - before.agreeing[0]
+
+
+def test_the_share_that_shows_is_that_of_the_half_in_front_of_which_nothing_stands(painter, tmp_path):
+    rig = looking_along_x((-4, 0, 1))
+    # As wide as half the view, its edge in the plane through the middle of the first man; the second is far to a side.
+    wall = '<geom name="wall" type="box" pos="-2 1 1" size=".01 1 3"/>'
+    model, ids, _ = scene(rig, [(0, 0), (2, -1.2), (-9, 0)], wall)
+    with Renderer(model, ids, rig, Quality.high) as renderer:
+        images = render_images(renderer, model.qpos0[None], rig, tmp_path, 25, ("ids",))
+        visible, amodal = person_pixels(renderer, model.qpos0[None], images, 3)
+        alone = renderer.alone(model.qpos0, 0, 0)
+    assert visible.dtype == amodal.dtype == np.int32
+    assert visible[0, 0, 0] / amodal[0, 0, 0] == pytest.approx(0.5, abs=0.01)
+    assert visible[0, 0, 1] == amodal[0, 0, 1] > 1000
+    # Behind the camera.
+    assert visible[0, 0, 2] == amodal[0, 0, 2] == 0
+    assert alone.sum() == amodal[0, 0, 0]
+    # The man is symmetric, and so is what he covers: his head is 1.65 m up and 0.11 m wide.
+    assert abs(alone[:, :320].sum() / alone.sum() - 0.5) < 0.01
+    ids_alone = next(images.read("ids", "c0"))
+    assert alone[ids_alone == 1].all()
+
+
+def test_only_what_is_asked_for_is_painted(painter, tmp_path, monkeypatch):
+    rig = looking_along_x((-4, 0, 1))
+    model, ids, _ = scene(rig, [(0, 0)])
+    with Renderer(model, ids, rig, Quality.draft) as renderer:
+        whole = renderer.picture(model.qpos0, 0)
+        images = render_images(renderer, model.qpos0[None], rig, tmp_path / "ids", 25, ("ids",))
+        assert sorted(path.name for path in (tmp_path / "ids").iterdir()) == ["ids"]
+        assert images.kinds == ("ids",)
+        if painter == "gl":
+            reads = []
+            read = render._GLPainter._read
+            monkeypatch.setattr(
+                render._GLPainter,
+                "_read",
+                lambda self, view, identify: reads.append(identify) or read(self, view, identify),
+            )
+            rgb = renderer.picture(model.qpos0, 0, ("rgb",))
+            ids_only = renderer.picture(model.qpos0, 0, ("ids",))
+            assert reads == [False, True]
+            assert rgb.ids is rgb.depth is ids_only.rgb is None
+            np.testing.assert_array_equal(rgb.rgb, whole.rgb)
+            np.testing.assert_array_equal(ids_only.ids, whole.ids)

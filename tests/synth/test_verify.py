@@ -1,0 +1,266 @@
+"""Verification: nothing is said of a sound data set, and every damage that is planted is found and named."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dmae.clip import OF_DETECTIONS, OF_TRUE_PERSONS, Detections2D, JointError, Poses3D, Visibility
+from dmae.images import write_ids, write_video
+from dmae.store import load_clip, read_json, read_manifest, save_clip, write_manifest
+from synth.generate import GenerateConfig, ImageKinds, generate
+from synth.render import Quality
+from synth.rigs import RigConfig
+from synth.spec import SceneConfig
+from synth.stands import RingConfig
+from synth.verify import CHECKS, VerifyConfig, run_verify, verify
+
+pytestmark = pytest.mark.filterwarnings("ignore:no OpenGL")
+CLIP = "000000"
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory) -> Path:
+    """Two clips of two people in five frames, seen by two cameras, with all images; everybody is detected."""
+    out = tmp_path_factory.mktemp("sound") / "data"
+    generate(
+        GenerateConfig(
+            out=str(out),
+            seed=3,
+            clips=2,
+            images=ImageKinds.all,
+            quality=Quality.draft,
+            scene=SceneConfig(persons=[2, 2], seconds=0.2),
+            rig=RigConfig(ring=RingConfig(views=2, focal=180, size=[192, 144])),
+        )
+    )
+    return out
+
+
+@pytest.fixture
+def data(sound, tmp_path) -> Path:
+    """The same, to be damaged."""
+    return Path(shutil.copytree(sound, tmp_path / "data"))
+
+
+def changed(data: Path, **fields) -> None:
+    """Save the first clip with other fields, checksum and all."""
+    save_clip(replace(load_clip(data / CLIP), **fields), data / CLIP)
+
+
+def found(data: Path) -> list[tuple[str, str, str]]:
+    return [tuple(problem) for problem in verify(data)[1]]
+
+
+def only(data: Path, check: str, *words: str) -> None:
+    """The first clip fails this check, and no other does; the words are said."""
+    problems = found(data)
+    assert {(clip, name) for clip, name, _ in problems} == {(CLIP, check)}, problems
+    for word in words:
+        assert any(word in what for _, _, what in problems), (word, problems)
+
+
+def test_nothing_is_wrong_with_what_was_just_made(sound):
+    clips, problems = verify(sound)
+    assert (clips, problems) == (["000000", "000001"], [])
+    assert verify(sound / CLIP) == ([CLIP], [])
+
+
+def test_a_clip_without_labels_is_checked_for_what_it_has(sound, tmp_path):
+    clip = load_clip(sound / CLIP)
+    bare = replace(clip, truth=None, images=None, **dict.fromkeys((*OF_TRUE_PERSONS, *OF_DETECTIONS)))
+    save_clip(bare, tmp_path / "bare")
+    assert verify(tmp_path / "bare")[1] == []
+
+
+def test_true_cameras_are_those_that_labels_are_held_against(data):
+    """A calibration in error is no damage: the labels are those of the cameras as they were."""
+    clip = load_clip(data / CLIP)
+    pose = clip.rig.cam_from_world.copy()
+    pose[:, :3, 3] += 0.3
+    changed(data, rig=replace(clip.rig, cam_from_world=pose), true_rig=clip.rig)
+    assert found(data) == []
+    changed(data, true_rig=None)
+    assert {"detections", "images"} <= {check for _, check, _ in found(data)}
+
+
+@pytest.mark.parametrize(
+    ("damage", "word"),
+    [
+        (lambda folder: (folder / "arrays.safetensors").unlink(), "arrays.safetensors"),
+        (lambda folder: (folder / "clip.json").write_text("{"), "JSON"),
+        (lambda folder: shutil.rmtree(folder), "expected a clip folder"),
+        (
+            lambda folder: (folder / "arrays.safetensors").write_bytes(
+                (folder / "arrays.safetensors").read_bytes()[:-1] + b"!"
+            ),
+            "checksum",
+        ),
+    ],
+)
+def test_missing_and_damaged_files_are_found(data, damage, word):
+    damage(data / CLIP)
+    only(data, "files", word)
+
+
+def test_arrays_that_do_not_fit_together_are_found(data):
+    meta = read_json(data / CLIP / "clip.json")
+    meta["cameras"] = meta["cameras"][:1]
+    (data / CLIP / "clip.json").write_text(json.dumps(meta))
+    only(data, "files", "shape")
+
+
+def test_numbers_that_cannot_be_are_found(data):
+    clip = load_clip(data / CLIP)
+    xyz, xy, score = clip.truth.xyz.copy(), clip.detections.xy.copy(), clip.detections.score.copy()
+    xy[tuple(np.argwhere(clip.detections.observed)[0])] = (np.nan, 3)
+    score[np.isnan(xy).any(-1)] = np.nan
+    torn = Detections2D(clip.detections.skeleton, xy, score)
+    changed(data, detections=torn, detected_joint_person=None, detected_error=None)
+    only(data, "numbers", "detections.xy: 1 points")
+    sure = np.where(clip.detections.observed, np.float32(1.5), np.nan)
+    changed(data, detections=replace(clip.detections, score=sure))
+    only(data, "numbers", "outside 0..1")
+    cov = np.full((*xyz.shape, 3), np.inf)
+    changed(data, detections=clip.detections, truth=Poses3D(clip.truth.skeleton, xyz, cov=cov))
+    only(data, "numbers", "truth.cov", "infinite")
+
+
+def hiding(clip, code) -> tuple:
+    """Where the first joint of a clip that has this visibility is."""
+    at = np.argwhere(clip.visibility == code)
+    assert len(at), f"nothing in the clip is {code!r}"
+    return tuple(at[0])
+
+
+def test_labels_that_do_not_go_together_are_found(data):
+    clip = load_clip(data / CLIP)
+    visible, behind_self = hiding(clip, Visibility.VISIBLE), hiding(clip, Visibility.HIDDEN_BY_SELF)
+    detected, missed = (tuple(np.argwhere(clip.detections.observed == there)[0]) for there in (True, False))
+
+    def other(name: str, at: tuple, value) -> None:
+        array = getattr(clip, name).copy()
+        array[at] = value
+        changed(data, **{name: array})
+
+    for name, at, value, word in (
+        ("visibility", visible, 9, "codes that there are not"),
+        ("visibility", visible, Visibility.ABSENT, "where the truth is NaN"),
+        ("hidden_by", visible, 0, "names nobody"),
+        ("hidden_by", behind_self, 1 - behind_self[2], "names nobody"),
+        ("hidden_by", behind_self, -1, "names nobody"),
+        ("depth_margin", visible, 1.0, "depth_margin is not known"),
+        ("depth_margin", behind_self, np.nan, "depth_margin is not known"),
+        ("depth_margin", behind_self, -0.5, "in front"),
+        ("amodal_pixels", (0, 0, 0), -1, "visible_pixels exceed"),
+        ("detected_person", (0, 0, 0), 2, "names nobody"),
+        ("detected_joint_person", detected, 2, "detected_joint_person names nobody"),
+        ("detected_joint_person", missed, 0, "where nothing is detected"),
+        ("detected_error", detected, 99, "codes that there are not"),
+        ("detected_error", detected, JointError.ABSENT, "where nothing is detected"),
+    ):
+        other(name, at, value)
+        only(data, "labels", word)
+        changed(data, **{name: getattr(clip, name)})
+    assert found(data) == []
+
+
+def test_visibility_that_contradicts_the_cameras_is_found(data):
+    clip = load_clip(data / CLIP)
+    for name, code in (("outside", Visibility.OUTSIDE_IMAGE), ("behind", Visibility.BEHIND_CAMERA)):
+        codes = clip.visibility.copy()
+        codes[hiding(clip, Visibility.VISIBLE)] = code
+        changed(data, visibility=codes)
+        only(data, "projection", name, "first in frame")
+    xyz = clip.truth.xyz + np.float32(50)
+    changed(data, visibility=clip.visibility, truth=Poses3D(clip.truth.skeleton, xyz))
+    assert "projection" in {check for _, check, _ in found(data)}
+
+
+def test_detections_of_somebody_else_or_outside_the_image_are_found(data):
+    clip = load_clip(data / CLIP)
+    who = clip.detected_person
+    changed(data, detected_person=np.where(who >= 0, 1 - who, who), detected_off=None)
+    only(data, "detections", "far from the person")
+    changed(data, detected_person=who, detected_off=clip.detected_off + np.float32(3))
+    only(data, "detections", "detected_off is not the distance")
+    xy = clip.detections.xy.copy()
+    xy[tuple(np.argwhere(clip.detections.observed)[0])] = (500, 3)
+    changed(data, detected_off=None, detections=replace(clip.detections, xy=xy))
+    only(data, "detections", "1 detected joints lie outside")
+
+
+def test_images_that_are_missing_broken_or_of_another_size_are_found(data):
+    ids = data / CLIP / "images" / "ids" / "ring0" / "000002.png"
+    depth = data / CLIP / "images" / "depth" / "ring1" / "000001.png"
+    rgb = data / CLIP / "images" / "rgb" / "ring1.mp4"
+    whole = ids.read_bytes()
+    for broken in (None, b"", whole[: len(whole) // 2]):
+        ids.unlink() if broken is None else ids.write_bytes(broken)
+        # What is left of a PNG may still be decoded; then its pixels are not those that were counted.
+        only(data, "images", "ring0")
+    ids.write_bytes(whole)
+    cv2.imwrite(str(depth), np.zeros((10, 20), np.uint16))
+    only(data, "images", "depth of camera ring1: expected 192 x 144 px, found 20 x 10")
+    write_video(rgb, np.zeros((3, 144, 192, 3), np.uint8), 25)
+    only(data, "images", "expected 5 frames", "found 3")
+    rgb.write_bytes(b"no video")
+    only(data, "images", "rgb of camera ring1")
+
+
+def test_ids_that_say_something_else_than_the_labels_are_found(data):
+    clip = load_clip(data / CLIP)
+    path = data / CLIP / "images" / "ids" / "ring0" / "000002.png"
+    ids = list(clip.images.read("ids", "ring0"))[2]
+    for wrong, word in ((77, "stand for nobody"), (0, "pixels show the persons")):
+        write_ids(path, np.where(ids == 1, wrong, ids))
+        only(data, "images", word)
+    write_ids(path, ids)
+    # A wall that no label knows of, and nobody counted pixels.
+    for view in clip.rig.names:
+        for frame in range(5):
+            write_ids(data / CLIP / "images" / "ids" / view / f"{frame:06d}.png", np.full_like(ids, 256))
+    changed(data, visible_pixels=None, amodal_pixels=None)
+    only(data, "images", "less than 99%")
+
+
+def test_a_manifest_that_says_something_else_than_the_folders_is_found(data):
+    lines = read_manifest(data)
+    shutil.copytree(data / CLIP, data / "000007")
+    assert found(data) == [("data set", "manifest", "000007: a clip that manifest.jsonl does not call ok")]
+    shutil.rmtree(data / "000007")
+    write_manifest(data, [*lines, lines[0]])
+    assert ("data set", "manifest", "manifest.jsonl: clip 000000 is listed twice") in found(data)
+    write_manifest(data, [lines[0] | {"frames": 9, "seed": 4}, lines[1]])
+    only(data, "manifest", "frames: 9 in manifest.jsonl, 5 in the arrays", "seed: 4")
+    write_manifest(data, [*lines, {"id": "000002", "status": "failed"}])
+    assert found(data) == [("data set", "manifest", "manifest.jsonl: clip 000002 has status 'failed' and no reason")]
+    (data / "manifest.jsonl").write_text("{")
+    assert [(check, "line 1" in what) for _, check, what in found(data)] == [("manifest", True)]
+
+
+def test_clips_of_another_configuration_are_found(data):
+    config = read_json(data / "config.json")
+    config["scene"]["fps"], config["images"] = 50.0, "rgb"
+    (data / "config.json").write_text(json.dumps(config))
+    said = {what for _, check, what in found(data) if check == "manifest"}
+    assert "fps: 50.0 in config.json, 25.0 in the clip" in said
+    assert any(what.startswith("images: ('rgb',) in config.json") for what in said)
+
+
+def test_the_command_counts_and_fails(data, tmp_path, capsys):
+    run_verify(VerifyConfig(path=str(data)), tmp_path / "sound.json")
+    assert read_json(tmp_path / "sound.json") == {"clips": ["000000", "000001"], "problems": []}
+    printed = capsys.readouterr().out
+    assert all(check in printed for check in CHECKS)
+    (data / CLIP / "arrays.safetensors").unlink()
+    with pytest.raises(ValueError, match="1 problems in 1 of 2 clips"):
+        run_verify(VerifyConfig(path=str(data)), tmp_path / "found.json")
+    assert "000000: files: " in capsys.readouterr().out
+    assert read_json(tmp_path / "found.json")["problems"][0]["check"] == "files"
+    with pytest.raises(FileNotFoundError, match="neither"):
+        verify(tmp_path)
