@@ -3,8 +3,9 @@
 import re
 from pathlib import Path
 
-# From the database's index: all takes of these subjects were captured at 60 Hz, those of most others at 120.
+# From the database's index: these takes, and all of these subjects, were captured at 60 Hz, all others at 120.
 _SIXTY_HZ = frozenset({33, 34, 42, 60, 61, 62, 74, 75, 77, 79, 80, 87, 88, 89})
+_SIXTY_HZ_TAKES = frozenset({(136, 19)})
 _PARTNER_SUBJECTS = {18: 19, 20: 21, 22: 23, 33: 34, 60: 61}
 """Subjects captured together, in the same trials and the same world."""
 
@@ -13,11 +14,11 @@ def true_fps(stem: str, stated: float) -> float:
     """The rate at which a take was captured, of which conversions often state 120 where it was 60.
 
     It is told by the take's name, `<subject>_<trial>`, where `salsa_` stands for subjects 60 and 61: 120 stated for a
-    subject of 60 Hz is corrected, anything else believed. Motion itself does not tell. Only who jumps must fall as
+    take of 60 Hz is corrected, anything else believed. Motion itself does not tell. Only who jumps must fall as
     fast as gravity has it, and salsa at twice its rate sinks at no more than 0.6 g.
     """
-    subject = _subject_and_trial(stem)[0]
-    return 60.0 if subject in _SIXTY_HZ and 119 < stated < 121 else stated
+    take = _subject_and_trial(stem)
+    return 60.0 if (take[0] in _SIXTY_HZ or take in _SIXTY_HZ_TAKES) and 119 < stated < 121 else stated
 
 
 def partner(path: Path) -> Path | None:

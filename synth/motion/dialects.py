@@ -1,6 +1,6 @@
 """How the families of motion files name their joints, and in which pose those rest."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -37,6 +37,7 @@ class Dialect:
         rest: Orientations of driving joints in the T-pose, file's world from joint, as angles about x, y and z in
             degrees, turned in that order; zero where left out. Those of the right are the mirror image.
         blend: How many frames a synthetic T-pose at the start of a file spoils, itself among them.
+        elbow: Angle above forward, degrees, to which elbows bend in the T-pose.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Dialect:
     joints: tuple[str, ...]
     rest: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     blend: int = 1
+    elbow: float = 30.0
 
     def names(self) -> dict[str, tuple[str, ...]]:
         """The names that each part's joint may have, those of two sides as `l_*` and `r_*`."""
@@ -106,6 +108,25 @@ DIALECTS = (
             "thigh": (4.5, 0, 180), "shin": (-4.4, 0, 180), "foot": (77.1, -6.3, 180),
         },
     ),
+    # Feet rest with their toes out, elbows bend about the vertical.
+    Dialect(
+        "SMPL",
+        ("left", "right"),
+        ("pelvis", "spine1", "spine3", "head", "{side}_shoulder", "{side}_elbow", "{side}_wrist", "{side}_wrist",
+         "{side}_hand", "{side}_hip", "{side}_knee", "{side}_ankle"),
+        rest={"foot": (0, -12.5, 0)},
+        blend=0,
+        elbow=0,
+    ),
+)
+SMPL = DIALECTS[-1]
+# What a mapping file may call the joints of any other skeleton; how they rest is told by its bones.
+OWN = Dialect(
+    "mapped",
+    ("l", "r"),
+    ("pelvis", "spine|chest", "chest|spine", "head", "{side}_upper_arm", "{side}_forearm", "{side}_wrist|{side}_hand",
+     "{side}_hand|{side}_wrist", "{side}_knuckle", "{side}_thigh", "{side}_shin", "{side}_foot"),
+    elbow=0,
 )
 # fmt: on
 
@@ -120,15 +141,70 @@ def recognise(recording: Recording) -> tuple[Dialect, dict[str, int]]:
     """
     there = {joint.casefold(): i for i, joint in enumerate(recording.joints)}
     lacking = []
-    for dialect in DIALECTS:
+    for dialect in (*DIALECTS, OWN):
         wanted = dialect.names()
-        found = {
-            part: there[name.casefold()] for part, names in wanted.items() for name in names if name.casefold() in there
+        known = {
+            part: [there[name.casefold()] for name in names if name.casefold() in there]
+            for part, names in wanted.items()
         }
+        found = {part: joints[0] for part, joints in known.items() if joints}
         if len(found) == len(wanted):
             return dialect, found
         lacking.append(f"{dialect.name}: {', '.join('|'.join(wanted[part]) for part in wanted if part not in found)}")
     raise ValueError(
         f"{recording.path}: expected the joints of a known skeleton, found {', '.join(recording.joints)}. "
-        f"What it lacks to be {'; '.join(lacking)}"
+        f"What it lacks to be {'; '.join(lacking)}. "
+        "If these are names for the same, say so in motion.mapping=<a YAML file of lines `their name: ours`>"
     )
+
+
+def known_joints() -> set[str]:
+    """Every joint name of every dialect."""
+    return {name for dialect in (*DIALECTS, OWN) for names in dialect.names().values() for name in names}
+
+
+def at_rest(recording: Recording, joint: dict[str, int]) -> tuple[Recording, Dialect, np.ndarray]:
+    """A recording of mapped joints in axes x left, y up, z forward; how its bones rest; what turned its axes, (3, 3).
+
+    The skeleton is drawn with all angles zero: as it stands there it tells up and left, and how far each limb is from
+    where it is in the T-pose. That it faces forward with head and feet is taken for granted.
+
+    Raises:
+        ValueError: so drawn, the skeleton does not stand upright along an axis of the file.
+    """
+    places = np.zeros((len(recording.joints), 3))
+    for i, parent in enumerate(recording.parents[1:], 1):
+        places[i] = places[parent] + recording.offsets[i]
+    place = {part: places[i] for part, i in joint.items()}
+    left = place["l_thigh"] - place["r_thigh"]
+    axes = []
+    for way in (left, place["head"] - (place["l_thigh"] + place["r_thigh"]) / 2):
+        axis = np.zeros(3)
+        axis[np.abs(way).argmax()] = np.sign(way[np.abs(way).argmax()])
+        axes.append(axis if axis @ way > 0.9 * np.linalg.norm(way) else np.full(3, np.nan))
+    turn = np.stack([*axes, np.cross(*axes)])
+    drop = [(place[f"{side}_{upper}"] - place[f"{side}_{lower}"]) @ axes[1]
+            for side in "lr" for upper, lower in (("thigh", "shin"), ("shin", "foot"))]  # fmt: skip
+    if not (abs(np.linalg.det(turn)) > 0.5 and min(drop) > 0):
+        raise ValueError(
+            f"{recording.path}: expected mapped joints to stand upright along an axis of the file when all angles are "
+            f"zero; left thigh lies {np.round(left, 3)} from right, head {np.round(place['head'], 3)} from the root"
+        )
+    rest = {}
+    for part, end, to in (
+        ("upper_arm", "forearm", (1, 0, 0)),
+        ("forearm", "wrist", (1, 0, 0)),
+        ("hand", "knuckle", (1, 0, 0)),
+        ("thigh", "shin", (0, -1, 0)),
+        ("shin", "foot", (0, -1, 0)),
+    ):
+        bone = turn @ recording.offsets[joint[f"l_{end}"]]
+        if np.linalg.norm(bone) > 0:
+            rest[part] = tuple(Rotation.align_vectors([to], [bone])[0].as_euler("xyz", degrees=True))
+    turned = replace(
+        recording,
+        offsets=recording.offsets @ turn.T,
+        root=recording.root @ turn.T,
+        rotations=turn @ recording.rotations @ turn.T,
+    )
+    return turned, replace(OWN, rest=rest), turn

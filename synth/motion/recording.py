@@ -1,6 +1,6 @@
 """A recorded skeleton in motion, as its file has it: own joints, own units, own axes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ class Recording:
         offsets: (J, 3) place of each joint in its parent's frame, in the file's unit; the root's is not used.
         root: (F, 3) place of the root in the world, in the file's unit.
         rotations: (F, J, 3, 3) orientation of each joint in its parent's frame.
+        notes: What was repaired in reading it, for people to read.
     """
 
     path: Path
@@ -27,6 +28,7 @@ class Recording:
     offsets: np.ndarray
     root: np.ndarray
     rotations: np.ndarray
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.root)
@@ -47,3 +49,9 @@ class Recording:
                 positions[:, joint] = positions[:, parent] + orientations[:, parent] @ self.offsets[joint]
                 orientations[:, joint] = orientations[:, parent] @ self.rotations[:, joint]
         return positions, orientations
+
+    def turned(self, turn: np.ndarray) -> "Recording":
+        """The same in a world that is turned by (3, 3)."""
+        rotations = self.rotations.copy()
+        rotations[:, 0] = turn @ rotations[:, 0]
+        return replace(self, root=self.root @ turn.T, rotations=rotations)

@@ -1,78 +1,150 @@
 """From a recorded skeleton to the canonical segments on a level floor."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from synth.motion import SEGMENTS, Motion
-from synth.motion.dialects import Dialect, recognise
+from synth.motion.dialects import OWN, Dialect, at_rest, recognise
 from synth.motion.floor import lay_soles, level_floor
 from synth.motion.recording import Recording
-from synth.motion.rotations import aligned
+from synth.motion.rotations import UPRIGHT, aligned
 
 # Files have x to the left, y up, z forward; we have x forward, y left, z up.
-_CANONICAL_FROM_FILE = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
-_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "CMU units": 0.0254 / 0.45}
+_CANONICAL_FROM_FILE = UPRIGHT["y"]
+_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "CMU units": 0.0254 / 0.45, "inches": 0.0254}
 """Metres a unit. CMU's Acclaim files count inches times 0.45, as their `:units` say."""
 _LEGS = (0.55, 1.15)
 """Thigh and shin together, m, from a ten-year-old's to the tallest adult's; so wide that only one unit can fit."""
-_ANKLE_OF_LEG = 0.039 / (0.245 + 0.246)
+ANKLE_OF_LEG = 0.039 / (0.245 + 0.246)
 """Height of the ankle over thigh and shin: Drillis and Contini (1966), in Winter (2009), figure 4.1."""
 _FORWARD = np.array((1.0, 0, 0))
-_ELBOW_BENDS_TO = np.array((np.cos(np.pi / 6), 0, np.sin(np.pi / 6)))
-"""To where elbows bend in the T-pose of all that stems from CMU's Acclaim files: 30 degrees above forward."""
+_RATES = (5.0, 1000.0)
+"""Frames per second at which people are recorded."""
+_FASTEST = 12.5
+"""What no runner exceeds, m/s: in Usain Bolt's record of 2009 the fastest 10 m took 0.81 s."""
+_LIMBS = {"upper_arm": "forearm", "forearm": "wrist", "hand": "knuckle", "thigh": "shin", "shin": "foot"}
+"""Where segments of either side end."""
 
 
-def retarget(recording: Recording) -> Motion:
+def retarget(recording: Recording, *, unit: float | None = None, up: str | None = None, ours: bool = False) -> Motion:
     """A recorded skeleton's motion on the canonical segments, on a level floor.
 
     A segment turns with the joint that drives it, R(t) = W G(t) G_rest^-1 A: G is the joint's orientation, G_rest that
     in the T-pose, A takes the canonical axes to the recorded limb as it is in the T-pose (along the bone, which may be
     splayed or bent), W takes the file's axes to ours. The canonical pose is the identity whatever pose a file calls its
     rest. An upper arm's x axis is the side to which its elbow bends, so that an elbow is a hinge about z as a knee is
-    one about y; a forearm turns about itself with its hand. Soles near the floor lie on it.
+    one about y; a forearm turns about itself with its hand.
 
-    The synthetic T-pose with which some files begin is left out, along with the frames that blend out of it. Floor and
-    `hip_height` are such that ankles stand as high as an adult of these legs has them, whatever the file's feet.
+    The synthetic T-pose with which some files begin is left out, along with the frames that blend out of it.
+
+    Args:
+        recording: x to the left, y up, z forward when its root does not turn, unless its joints are mapped.
+        unit: Metres a unit of the recording, where the length of its legs does not tell; see `unit_of`.
+        up: The axis of its world that points up, `x`, `y` or `z`, where its skeleton does not tell.
+        ours: Whether it was made of a `Motion`, so that floor, soles and forearms are as they are to be.
 
     Raises:
-        ValueError: joints of no known dialect, legs whose length fits no unit, or nothing after the T-pose.
+        ValueError: an unlikely frame rate, joints of no known dialect, bones without length, legs whose length fits no
+            unit, nothing after the T-pose, or as `stand`.
     """
+    check_rate(recording.fps, recording.path)
     dialect, joint = recognise(recording)
-    unit, leg = _unit(recording, joint)
+    axes = np.eye(3)
+    if dialect is OWN:
+        recording, dialect, axes = at_rest(recording, joint)
+    if up:
+        turn = Rotation.align_vectors([(0, 1, 0)], [axes[:, "xyz".index(up)]])[0]
+        recording = recording.turned(turn.as_matrix())
     positions, orientations = recording.forward()
-    rotations = _segments(recording, dialect, joint, orientations)
+    lengths = _limb_lengths(recording, positions, joint)
+    leg = sum(lengths[f"{side}_{part}"] for side in "lr" for part in ("thigh", "shin")) / 2
+    name, metres = unit_of(leg, recording.path, unit)
+    rotations = _segments(dialect, joint, positions, orientations, ours)
     start = dialect.blend if _is_t_pose(rotations[0]) else 0
     if len(recording) <= start:
         raise ValueError(f"{recording.path}: expected frames after the T-pose it begins with, found none")
-    positions = positions[start:] @ _CANONICAL_FROM_FILE.T * _UNITS[unit]
+    positions = positions[start:] @ _CANONICAL_FROM_FILE.T * metres
     hips, ankles = (positions[:, [joint[f"l_{part}"], joint[f"r_{part}"]]] for part in ("thigh", "foot"))
-    level, height = level_floor(ankles, recording.fps, _ANKLE_OF_LEG * leg)
-    rotations = level @ rotations[start:]
-    for foot, ankle in zip(("l_foot", "r_foot"), (ankles @ level.T).swapaxes(0, 1), strict=True):
-        segment = SEGMENTS.index(foot)
-        rotations[:, segment] = lay_soles(rotations[:, segment], ankle[:, 2] - height, _ANKLE_OF_LEG * leg)
-    return Motion(
-        name=f"{recording.path.stem} ({dialect.name}, {unit}, {recording.fps:.4g} fps)",
+    motion = Motion(
+        name=f"{recording.path.stem} ({', '.join((dialect.name, name, f'{recording.fps:.4g} fps', *recording.notes))})",
         fps=recording.fps,
-        root=hips.mean(1) @ level.T - (0, 0, height),
-        rotations=rotations,
-        hip_height=(1 + _ANKLE_OF_LEG) * leg,
+        root=hips.mean(1),
+        rotations=rotations[start:],
+        hip_height=(1 + ANKLE_OF_LEG) * leg * metres,
     )
+    return motion if ours else stand(motion, ankles, recording.path, lies=up is not None)
 
 
-def _unit(recording: Recording, joint: dict[str, int]) -> tuple[str, float]:
-    """The file's unit, and the length of thigh and shin together, m, mean of both legs."""
-    limbs = [joint[f"{side}_{part}"] for side in "lr" for part in ("shin", "foot")]
-    length = float(np.linalg.norm(recording.offsets[limbs], axis=1).sum()) / 2
-    for unit, metres in _UNITS.items():
-        if _LEGS[0] < length * metres < _LEGS[1]:
-            return unit, length * metres
+def stand(motion: Motion, ankles: np.ndarray, path: Path, *, lies: bool = False) -> Motion:
+    """The motion on a level floor at z = 0, on which soles near it lie.
+
+    The floor is such that ankles stand as high as an adult of these legs has them, whatever the file's feet.
+
+    Args:
+        motion: z up, whatever its floor.
+        ankles: (F, 2, 3) of left and right foot in the same world, m.
+        path: Of its file, for messages.
+        lies: Whether it is taken as given that who is not upright lies down.
+
+    Raises:
+        ValueError: nobody moves so fast, or the person lies along an axis, which tells of axes in another order.
+    """
+    _check_axes(motion, path, lies)
+    _check_speed(motion, path)
+    ankle_height = motion.hip_height * ANKLE_OF_LEG / (1 + ANKLE_OF_LEG)
+    turn, height = level_floor(ankles, motion.fps, ankle_height)
+    rotations = turn @ motion.rotations
+    for foot, ankle in zip(("l_foot", "r_foot"), (ankles @ turn.T).swapaxes(0, 1), strict=True):
+        segment = SEGMENTS.index(foot)
+        rotations[:, segment] = lay_soles(rotations[:, segment], ankle[:, 2] - height, ankle_height)
+    return replace(motion, root=motion.root @ turn.T - (0, 0, height), rotations=rotations)
+
+
+def check_rate(fps: float, path: Path) -> None:
+    """Whether people are recorded at so many frames a second; ValueError if not."""
+    if not _RATES[0] <= fps <= _RATES[1]:
+        raise ValueError(
+            f"{path}: expected {_RATES[0]:g} to {_RATES[1]:g} frames a second, found {fps:.4g}; give motion.fps=<rate>"
+        )
+
+
+def unit_of(leg: float, path: Path, unit: float | None) -> tuple[str, float]:
+    """Name and length in metres of the unit in which thigh and shin together are so long: mean of both legs.
+
+    Raises:
+        ValueError: no unit makes it a human leg, and none is given.
+    """
+    if unit:
+        return f"units of {unit:.4g} m", unit
+    for name, metres in _UNITS.items():
+        if _LEGS[0] < leg * metres < _LEGS[1]:
+            return name, metres
     raise ValueError(
-        f"{recording.path}: expected thigh and shin of {_LEGS[0]} to {_LEGS[1]} m together, found {length:.4g} units, "
-        f"which is no human leg in any of {', '.join(_UNITS)}"
+        f"{path}: expected thigh and shin of {_LEGS[0]} to {_LEGS[1]} m together, found {leg:.4g} units, "
+        f"which is no human leg in any of {', '.join(_UNITS)}; if it is right, give motion.unit=<metres a unit>"
     )
 
 
-def _segments(recording: Recording, dialect: Dialect, joint: dict[str, int], orientations: np.ndarray) -> np.ndarray:
+def _limb_lengths(recording: Recording, positions: np.ndarray, joint: dict[str, int]) -> dict[str, float]:
+    """Length of each limb segment, in the file's unit; all of them have one."""
+    lengths = {}
+    for start, end in ((f"{side}_{part}", f"{side}_{end}") for side in "lr" for part, end in _LIMBS.items()):
+        lengths[start] = float(np.median(np.linalg.norm(positions[:, joint[end]] - positions[:, joint[start]], axis=1)))
+    short = [part for part, length in lengths.items() if not length > 0.02 * max(lengths.values())]
+    if short:
+        raise ValueError(
+            f"{recording.path}: expected bones of some length, found none between "
+            + ", ".join(f"{recording.joints[joint[part]]!r} and where {part} ends" for part in short)
+        )
+    return lengths
+
+
+def _segments(
+    dialect: Dialect, joint: dict[str, int], positions: np.ndarray, orientations: np.ndarray, ours: bool
+) -> np.ndarray:
     """(F, 16, 3, 3) orientations of the canonical segments, on the file's floor."""
     # W G(t) G_rest^-1 W^-1: in our axes, and the identity in the T-pose.
     since_rest = {
@@ -80,21 +152,44 @@ def _segments(recording: Recording, dialect: Dialect, joint: dict[str, int], ori
         for part in SEGMENTS
     }
     rotations = np.stack(list(since_rest.values()), axis=1)
+    elbow_bends_to = np.array((np.cos(np.radians(dialect.elbow)), 0, np.sin(np.radians(dialect.elbow))))
     for side, outward in (("l", 1.0), ("r", -1.0)):
-        for part, end, axis in (
-            ("upper_arm", "forearm", (0, outward, 0)),
-            ("forearm", "wrist", (0, outward, 0)),
-            ("hand", "knuckle", (0, outward, 0)),
-            ("thigh", "shin", (0, 0, -1)),
-            ("shin", "foot", (0, 0, -1)),
-        ):
+        for part, end in _LIMBS.items():
             segment = f"{side}_{part}"
-            bone = dialect.rest_of(segment) @ recording.offsets[joint[f"{side}_{end}"]]
-            along = since_rest[segment] @ (_CANONICAL_FROM_FILE @ bone)
-            turns_with = f"{side}_hand" if part == "forearm" else segment
-            forward = since_rest[turns_with] @ (_ELBOW_BENDS_TO if part == "upper_arm" else _FORWARD)
+            along = (positions[:, joint[f"{side}_{end}"]] - positions[:, joint[segment]]) @ _CANONICAL_FROM_FILE.T
+            turns_with = f"{side}_hand" if part == "forearm" and not ours else segment
+            forward = since_rest[turns_with] @ (elbow_bends_to if part == "upper_arm" else _FORWARD)
+            axis = (0, 0, -1) if part in ("thigh", "shin") else (0, outward, 0)
             rotations[:, SEGMENTS.index(segment)] = aligned(along, forward, axis)
     return rotations
+
+
+def _check_speed(motion: Motion, path: Path) -> None:
+    """Whether the hips stay below what people run, over a tenth of a second each."""
+    step = min(max(1, round(0.1 * motion.fps)), len(motion) - 1)
+    if step < 1:
+        return
+    speed = np.linalg.norm(motion.root[step:] - motion.root[:-step], axis=1) * motion.fps / step
+    fastest = int(speed.argmax())
+    if not speed[fastest] < _FASTEST:
+        raise ValueError(
+            f"{path}: expected people at no more than {_FASTEST} m/s, found {speed[fastest]:.3g} m/s in frames "
+            f"{fastest + 1} to {fastest + step + 1} (mean {speed.mean():.3g}) at {motion.fps:.4g} a second: rate or "
+            "unit are wrong, see motion.fps and motion.unit, or the take is broken there"
+        )
+
+
+def _check_axes(motion: Motion, path: Path, lies: bool) -> None:
+    """Who is hardly ever upright, but along another axis most of the time, was recorded in other axes, or lies."""
+    chest = motion.rotations[:, SEGMENTS.index("chest"), :, 2]
+    along = (np.abs(chest) > np.cos(np.radians(40))).mean(0)
+    if not lies and (chest[:, 2] > 0.3).mean() < 0.2 and along.max() > 0.8:
+        axis = "-+"[int(np.median(chest[:, along.argmax()]) > 0)] + "xyz"[along.argmax()]
+        raise ValueError(
+            f"{path}: expected a body upright, found its chest along {axis} (x forward, y left, z up as it was read) "
+            f"in {100 * along.max():.0f} % of the frames: give motion.up=<the axis that points up in the file>, "
+            "or, where people do lie, the axis that was assumed"
+        )
 
 
 def _is_t_pose(rotations: np.ndarray) -> bool:

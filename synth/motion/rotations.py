@@ -3,6 +3,13 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+UPRIGHT = {
+    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+    "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
+    "z": np.eye(3),
+}
+"""Rotations (3, 3) from a world in which an axis points up to one in which z does."""
+
 
 def about(axis: str, angle: np.ndarray | float) -> np.ndarray:
     """(..., 3, 3) rotations by `angle` (...), radians, about axis x, y or z."""

@@ -11,7 +11,11 @@ from scipy.spatial.transform import Rotation
 from synth.motion import Motion
 from synth.motion.amc import read_amc
 from synth.motion.bvh import read_bvh
+from synth.motion.c3d import read_c3d
 from synth.motion.cmu import true_fps
+from synth.motion.dialects import known_joints
+from synth.motion.mapping import read_mapping, renamed
+from synth.motion.npz import read_npz
 from synth.motion.procedural import ProceduralConfig, make_motion
 from synth.motion.retarget import retarget
 from synth.motion.rotations import about
@@ -26,6 +30,18 @@ class MotionKind(Enum):
     procedural = "procedural"
     bvh = "bvh"
     amc = "amc"
+    npz = "npz"
+    c3d = "c3d"
+
+
+class Up(Enum):
+    """Which axis of the world of a recording points up."""
+
+    auto = "auto"
+    """As its format has it: y in BVH and AMC, z in AMASS's npz, in C3D what the file says."""
+    x = "x"
+    y = "y"
+    z = "z"
 
 
 @dataclass(frozen=True)
@@ -33,17 +49,31 @@ class MotionConfig:
     """Motion of one person.
 
     Attributes:
-        kind: Made from published kinematics, or recorded in BVH or ASF/AMC files.
+        kind: Made from published kinematics, or recorded: in BVH, ASF/AMC, AMASS-style npz or C3D files.
         path: File, or folder whose files of the kind, at any depth, are drawn from; for recorded kinds.
         fps: Rate of the recordings, frames per second, where their files state a wrong one. Takes of the CMU database
             that are known to be stated wrongly are put right without.
+        unit: Metres a unit of the recordings' lengths, where those of the legs do not tell.
+        up: Which axis of the recordings' world points up.
+        mapping: YAML file of lines `their name: our name`, of joints, or of markers, that recordings call otherwise.
+            Ours are those of any skeleton that is known, or `pelvis spine chest head`, and `l_` and `r_` before
+            `upper_arm forearm hand knuckle thigh shin foot`.
         procedural: How people move who follow no recording.
     """
 
     kind: MotionKind = MotionKind.procedural
     path: str | None = None
     fps: float | None = None
+    unit: float | None = None
+    up: Up = Up.auto
+    mapping: str | None = None
     procedural: ProceduralConfig = field(default_factory=ProceduralConfig)
+
+    def __post_init__(self):
+        for name in ("fps", "unit"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < float("inf"):
+                raise ValueError(f"motion.{name}: expected more than 0, got {value}")
 
 
 def load_motion(config: MotionConfig, *, seconds: float, fps: float, rng: np.random.Generator) -> Motion:
@@ -61,7 +91,8 @@ def load_motion(config: MotionConfig, *, seconds: float, fps: float, rng: np.ran
     if config.kind is MotionKind.procedural:
         return make_motion(config.procedural, seconds=seconds, fps=fps, rng=rng)
     paths = takes(config)
-    take = read_take(paths[rng.integers(len(paths))], config.fps)
+    path = paths[rng.integers(len(paths))]
+    take = read_take(path, config.fps, unit=config.unit, up=config.up, mapping=config.mapping)
     return cut(take, start=rng.uniform(), seconds=seconds, fps=fps)
 
 
@@ -75,7 +106,7 @@ def takes(config: MotionConfig) -> list[Path]:
     if config.kind is MotionKind.procedural or not config.path:
         raise ValueError(
             f"motion of kind {config.kind.name!r} with path {config.path!r} has no takes; "
-            "expected motion=bvh or motion=amc, and motion.path=<file or folder>"
+            "expected motion=bvh, amc, npz or c3d, and motion.path=<file or folder>"
         )
     path, suffix = Path(config.path), f".{config.kind.name}"
     if not path.exists():
@@ -88,28 +119,52 @@ def takes(config: MotionConfig) -> list[Path]:
     return fitting
 
 
-def read_take(path: Path, fps: float | None = None) -> Motion:
+def read_take(
+    path: Path,
+    fps: float | None = None,
+    *,
+    unit: float | None = None,
+    up: Up = Up.auto,
+    mapping: str | None = None,
+) -> Motion:
     """A whole take, retargeted and levelled, read once as long as its file does not change.
 
     Args:
-        path: A .bvh or .amc file.
+        path: A .bvh, .amc, .npz or .c3d file.
         fps: Replaces the rate that the file states, and what is known of the CMU database's.
+        unit, up, mapping: As in `MotionConfig`.
 
     Returns:
-        The take; its arrays are read-only.
+        The take; its arrays are read-only. Its name says what was repaired.
 
     Raises:
         FileNotFoundError, ValueError: as `load_motion`.
     """
     if not path.is_file():
         raise FileNotFoundError(f"no motion file {path}")
-    return _read_take(path.resolve(), fps, path.stat().st_mtime_ns)
+    names = tuple(read_mapping(Path(mapping)).items()) if mapping else ()
+    return _read_take(path.resolve(), fps, unit, None if up is Up.auto else up.value, names, path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=128)
-def _read_take(path: Path, fps: float | None, mtime_ns: int) -> Motion:
-    recording = read_amc(path) if path.suffix.lower() == ".amc" else read_bvh(path)
-    motion = retarget(replace(recording, fps=fps or true_fps(path.stem, recording.fps)))
+def _read_take(
+    path: Path, fps: float | None, unit: float | None, up: str | None, names: tuple[tuple[str, str], ...], mtime_ns: int
+) -> Motion:
+    mapping, kind = dict(names), path.suffix.lower()
+    if kind == ".c3d":
+        motion = read_c3d(path, fps=fps, unit=unit, up=up, mapping=mapping)
+    elif kind == ".npz":
+        if mapping:
+            raise ValueError(f"{path}: motion.mapping names joints, but npz files have them by number, not by name")
+        motion = read_npz(path, fps=fps, unit=unit, up=up)
+    else:
+        recording = read_amc(path) if kind == ".amc" else read_bvh(path)
+        recording = replace(
+            recording,
+            fps=fps or true_fps(path.stem, recording.fps),
+            joints=renamed(recording.joints, mapping, known_joints(), path),
+        )
+        motion = retarget(recording, unit=unit, up=up)
     motion.root.setflags(write=False)
     motion.rotations.setflags(write=False)
     return motion

@@ -1,5 +1,6 @@
 """Real takes: the same motion whatever the format, on the floor, heads up, joints bending as joints do."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -125,3 +126,13 @@ def test_takes_of_others_have_no_partner(cmu):
 )
 def test_rates_known_to_be_stated_wrongly_are_put_right(stem, stated, fps):
     assert true_fps(stem, stated) == fps
+
+
+def test_rates_agree_with_the_index_of_the_database(cmu):
+    with (cmu / "cmu_index_framerates.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["framerate"] in ("60", "120")]
+    assert len(rows) > 2000
+    # Conversions state 120 for all.
+    told = {(row["Subject"], row["Trial #"]): true_fps(f"{row['Subject']}_{row['Trial #']}", 120.0) for row in rows}
+    index = {(row["Subject"], row["Trial #"]): float(row["framerate"]) for row in rows}
+    assert told == index

@@ -142,7 +142,7 @@ def test_says_what_it_cannot_find(tmp_path, monkeypatch, kind, path, error, mess
         load_motion(MotionConfig(kind=kind, path=path), seconds=1, fps=25, rng=np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("name", ["procedural", "bvh", "amc"])
+@pytest.mark.parametrize("name", ["procedural", "bvh", "amc", "npz", "c3d"])
 def test_configuration_files_fit_their_schema(name):
     given = OmegaConf.load(resource_folder("dmae", "configs") / "motion" / f"{name}.yaml")
     config = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(MotionConfig), given))
