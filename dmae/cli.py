@@ -15,6 +15,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from dmae import commands, export
+from dmae.doctor import DoctorCommand, run_doctor
 from dmae.evaluate import EvaluateConfig
 from dmae.regress import RegressCommand, run_regress
 from dmae.resources import resource_folder
@@ -67,7 +68,17 @@ def _run(command: Command, config: DictConfig) -> None:
         command.run(OmegaConf.to_object(config), None)
         return
     out = Path(HydraConfig.get().runtime.output_dir if multirun else config.out)
-    command.run(OmegaConf.to_object(config), out)
+    try:
+        command.run(OmegaConf.to_object(config), out)
+    except SystemExit:
+        # Commands that end with a verdict have done their work, whatever it is.
+        _record(config, out)
+        raise
+    _record(config, out)
+
+
+def _record(config: DictConfig, out: Path) -> None:
+    """Write the resolved configuration beside what was made with it."""
     folder = out if out.is_dir() else out.parent
     name = "config.yaml" if out.is_dir() else f"{out.name}.config.yaml"
     write_atomic(folder / name, f"# {_versions()}\n{OmegaConf.to_yaml(config, resolve=True)}")
@@ -124,6 +135,7 @@ COMMANDS = {
     "convert": Command(
         lambda: export.ConvertCommand, export.run_convert, "a recording to another format, or to a clip"
     ),
+    "doctor": Command(lambda: DoctorCommand, run_doctor, "what is wrong with a calibration and its detections"),
     "report": Command(lambda: commands.ReportCommand, commands.run_report, "scores and pictures as one page"),
     "regress": Command(lambda: RegressCommand, run_regress, "any triangulation against a frozen pack of cases"),
 }
