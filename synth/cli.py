@@ -4,7 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from dmae.cli import Command, run_command
+from synth.compare import CompareConfig, run_compare
 from synth.generate import GenerateConfig, generate
+from synth.preset import FitDetectorConfig, run_fit_detector
 from synth.show import ShowConfig, run_show
 from synth.verify import VerifyConfig, run_verify
 
@@ -19,6 +21,8 @@ def run_generate(config: GenerateConfig, out: Path) -> None:
 
 COMMANDS = {
     "generate": Command(lambda: GenerateConfig, run_generate, "simulate clips with exact truth"),
+    "compare": Command(lambda: CompareConfig, run_compare, "a recording and its simulation side by side"),
+    "fit-detector": Command(lambda: FitDetectorConfig, run_fit_detector, "a detector's preset from a recording"),
     "show": Command(lambda: ShowConfig, run_show, "a clip as contact sheet, video and Rerun recording"),
     "verify": Command(lambda: VerifyConfig, run_verify, "check that clips are whole and true"),
 }

@@ -88,7 +88,7 @@ class DetectorConfig:
         least_score: Joints of less confidence are not reported.
         bursts: Times over which mistakes hang together, s: a long and a short one, mixed half and half. How large
             errors are hangs together over the long one.
-        together: Correlation of misses within an arm, a leg, a foot, the face and the trunk.
+        together: Correlation of misses within an arm, a leg with its heel, the toes of a foot, the face and the trunk.
         hanging: Share of the joints next to a missed one, outwards, that are missed with it, as detectors lose them
             that join parts to people: wrists of elbows, ankles of knees, feet of ankles, eyes of the nose, ears
             where both eye and shoulder are missed.

@@ -11,7 +11,7 @@ from synth.mistakes.parts import Effect, Luck, by_joint, joints_of
 _MISSED_TOGETHER = np.array(
     list(
         joints_of(
-            {"elbow": "arm", "wrist": "arm", "knee": "leg", "ankle": "leg", "heel": "foot", "big_toe": "foot",
+            {"elbow": "arm", "wrist": "arm", "knee": "leg", "ankle": "leg", "heel": "leg", "big_toe": "foot",
              "small_toe": "foot", "nose": "face", "eye": "face", "ear": "face"},
             "trunk",
             sided=("arm", "leg", "foot"),

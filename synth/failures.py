@@ -1,0 +1,284 @@
+"""How the detections of a recording fail, measured alike on real and on simulated ones.
+
+Nothing but detections and cameras is needed: people are reconstructed by capture, and errors taken against what the
+other views say of a joint. So a real recording and its simulation are judged by the same yardstick, which is a
+little pessimistic for both. Where people are annotated, the annotation can be the yardstick instead.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from dmae.baselines import METHODS, smooth
+from dmae.capture import CaptureConfig, capture
+from dmae.clip import Clip, Poses3D
+from dmae.mapping import convert
+from dmae.metrics import gap_lengths
+
+MATCHED = 0.2
+"""A detection is a person's when the median of its joints lies within this many heights of the person's."""
+FRAGMENT = 0.15
+"""What is left over, but within so many heights of somebody's joints, is a fragment of that person."""
+GROSS = 0.1
+"""Errors above so many heights are no longer noise."""
+_SMOOTHING, _LONGEST = 0.1, 0.4
+"""s; the reference is smoothed lightly, and bridges short gaps only."""
+_LEAST_JOINTS = 4
+"""Detections of fewer are noise, and people with fewer in an image are not looked for there."""
+
+
+class Truth(StrEnum):
+    """What detections are judged against."""
+
+    others = "others"
+    """What capture makes of the other views."""
+    annotated = "annotated"
+    """The recording's own truth, on the joints that it shares with the detector."""
+
+
+@dataclass(frozen=True)
+class Failures:
+    """What was measured. Kinds are joints, left and right alike. Lengths are in heights of the person in the image.
+
+    Attributes:
+        name: Of the recording.
+        fps: Frames per second.
+        kinds: (K,) names.
+        kind: (n,) of each detected joint that other views locate: index into `kinds`.
+        error: (n,) how far it is from where they see it.
+        inverted: (n,) True where it is nearer to where they see its partner of the other side, by half and by GROSS.
+        score: (n,) its confidence.
+        missed: (V, K) share of the joints in the image, of people detected, that are missed.
+        together: {"a|b": share of the missed joints of kind b on whose side the one of kind a is missed too}.
+        views: (K, V + 1) share of the joints seen by 0..V views.
+        runs: (r,) lengths of misses, s.
+        lags: {s: correlation of the errors so far apart}.
+        constant: Share of the energy of the errors that is constant for a person, view and joint.
+        person_missed: (V,) share of the people in the image who are missed whole.
+        ghosts: (V,) false persons a frame.
+        ghost_joints: Median number of their joints; `ghost_score`, median of their confidences.
+        fragments: (V,) pieces of people, apart from their largest, a frame.
+    """
+
+    name: str
+    fps: float
+    kinds: tuple[str, ...]
+    kind: np.ndarray
+    error: np.ndarray
+    inverted: np.ndarray
+    score: np.ndarray
+    missed: np.ndarray
+    together: dict[str, float]
+    views: np.ndarray
+    runs: np.ndarray
+    lags: dict[float, float]
+    constant: float
+    person_missed: np.ndarray
+    ghosts: np.ndarray
+    ghost_joints: float
+    ghost_score: float
+    fragments: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Match:
+    """Whose detections are whose, of one view or of several.
+
+    Attributes:
+        xy: (F, V, P, J, 2) where the reference sees its joints, px; NaN where unknown or outside the image.
+        height: (F, V, P) of the person, px; NaN where not enough of them is in the image.
+        found: (F, V, P, J, 2) the detected joints of each person, `score` (F, V, P, J); NaN where missed.
+        matched: (F, V, P) True where a person in the image has a detection.
+        left_over: (F, V, D) True for detections that are nobody's; `near` (F, V, D) those of them near somebody.
+    """
+
+    xy: np.ndarray
+    height: np.ndarray
+    found: np.ndarray
+    score: np.ndarray
+    matched: np.ndarray
+    left_over: np.ndarray
+    near: np.ndarray
+
+
+def measure(clip: Clip, truth: Truth = Truth.others) -> Failures:
+    """Measure the failures of a clip's detections.
+
+    Raises:
+        ValueError: fewer than three cameras, so that no joint can be checked against the others; no annotation that
+            is asked for; or nobody is there to be measured on.
+    """
+    views = len(clip.rig)
+    if truth == Truth.annotated:
+        clip = _annotated(clip)
+    elif views < 3:
+        raise ValueError(
+            f"clip {clip.id!r}: errors are measured against the other views, which takes 3 cameras or more"
+        )
+    whole = _match(clip, _reference(clip, truth))
+    if not whole.matched.any():
+        raise ValueError(f"clip {clip.id!r}: nobody is detected in two views or more, there is nothing to measure")
+    joints = clip.detections.skeleton.joints
+    kinds = tuple(dict.fromkeys(_kind(joint) for joint in joints))
+    kind_of = np.array([kinds.index(_kind(joint)) for joint in joints])
+    errors = [_errors(clip, view, truth) for view in range(views)]
+    error, inverted, score, kind = (np.concatenate([part[i] for part in errors]) for i in range(4))
+    expected = whole.matched[..., None] & ~np.isnan(whole.xy[..., 0])
+    missed = expected & np.isnan(whole.score)
+    in_image = ~np.isnan(whole.height)
+    ghosts = whole.left_over & ~whole.near
+    ghost_sees = ~np.isnan(clip.detections.score) & ghosts[..., None]
+    energy = [part[4] for part in errors]
+    return Failures(
+        name=clip.id,
+        fps=clip.fps,
+        kinds=kinds,
+        kind=kind_of[kind],
+        error=error,
+        inverted=inverted,
+        score=score,
+        missed=np.stack([_share(missed, expected, kind_of == k, (0, 2, 3)) for k in range(len(kinds))], -1),
+        together=_together(missed, expected, clip),
+        views=np.stack([_views_histogram(whole, kind_of == k) for k in range(len(kinds))]),
+        runs=_runs(missed, expected) / clip.fps,
+        lags={lag: _mean_ratio([part[lag] for part in energy]) for lag in (0.04, 0.2)},
+        constant=_mean_ratio([part["constant"] for part in energy]),
+        person_missed=_ratio((in_image & ~whole.matched).sum((0, 2)), in_image.sum((0, 2))),
+        ghosts=ghosts.sum((0, 2)) / len(clip),
+        ghost_joints=float(np.median(ghost_sees.sum(-1)[ghosts])) if ghosts.any() else float("nan"),
+        ghost_score=float(np.median(clip.detections.score[ghost_sees])) if ghosts.any() else float("nan"),
+        fragments=(whole.left_over & whole.near).sum((0, 2)) / len(clip),
+    )
+
+
+def _kind(joint: str) -> str:
+    return joint.removeprefix("l_").removeprefix("r_")
+
+
+def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    return np.where(whole > 0, part / np.maximum(whole, 1), np.nan)
+
+
+def _mean_ratio(parts: list[tuple[float, float]]) -> float:
+    above, below = np.sum(parts, 0)
+    return float(above / below) if below > 0 else float("nan")
+
+
+def _share(event: np.ndarray, counted: np.ndarray, joints: np.ndarray, axis: tuple[int, ...]) -> np.ndarray:
+    return _ratio(event[..., joints].sum(axis), counted[..., joints].sum(axis))
+
+
+def _annotated(clip: Clip) -> Clip:
+    """The frames in which somebody is annotated."""
+    if clip.truth is None or np.isnan(clip.truth.xyz).all():
+        raise ValueError(f"clip {clip.id!r}: nobody is annotated; measure against the other views with truth=others")
+    return clip.select(frames=np.flatnonzero(~np.isnan(clip.truth.xyz).all((1, 2, 3))))
+
+
+def _reference(clip: Clip, truth: Truth) -> Poses3D:
+    """Who is where: as annotated, or as capture says, short gaps bridged."""
+    if truth == Truth.annotated:
+        return convert(clip.truth, clip.detections.skeleton)
+    poses = capture(clip, CaptureConfig())
+    short = gap_lengths(poses.measured) <= _LONGEST * clip.fps
+    filled = smooth(METHODS["linear"](poses, clip.fps), clip.fps, _SMOOTHING)
+    return Poses3D(poses.skeleton, np.where(short[..., None], filled.xyz, np.nan))
+
+
+def _match(clip: Clip, reference: Poses3D) -> _Match:
+    """Give each person of the reference the detection of a view that lies on them, one to one."""
+    seen, score = clip.detections.xy.astype(np.float64), clip.detections.score
+    xy, _ = clip.rig.project(reference.xyz)
+    # The height is that of all that is known of a person; joints outside the image are not the detector's.
+    known = ~np.isnan(xy[..., 1])
+    high, low = np.where(known, xy[..., 1], -np.inf).max(-1), np.where(known, xy[..., 1], np.inf).min(-1)
+    xy = np.where(clip.rig.inside(xy)[..., None], xy, np.nan)
+    there = (~np.isnan(xy[..., 0])).sum(-1) >= max(_LEAST_JOINTS, len(clip.detections.skeleton) // 2)
+    height = np.where(there & (high - low > 1), high - low, np.nan)
+    frames, views, people = height.shape
+    found = np.full(xy.shape, np.nan)
+    found_score = np.full(xy.shape[:-1], np.nan)
+    matched = np.zeros(height.shape, bool)
+    left_over = (~np.isnan(score)).sum(-1) >= _LEAST_JOINTS
+    near = np.zeros(left_over.shape, bool)
+    for frame in range(frames):
+        off = np.linalg.norm(xy[frame, :, :, None] - seen[frame, :, None], axis=-1) / height[frame, :, :, None, None]
+        for view in range(views):
+            distance = _median(off[view])
+            cost = np.where(distance < MATCHED, distance, 1e3)
+            for person, detection in zip(*linear_sum_assignment(cost), strict=True):
+                if cost[person, detection] < MATCHED:
+                    matched[frame, view, person] = True
+                    found[frame, view, person] = seen[frame, view, detection]
+                    found_score[frame, view, person] = score[frame, view, detection]
+                    left_over[frame, view, detection] = False
+            if people:
+                near[frame, view] = (distance < FRAGMENT).any(0)
+    found = np.where(np.isnan(xy), np.nan, found)
+    return _Match(xy, height, found, np.where(np.isnan(found[..., 0]), np.nan, found_score), matched, left_over, near)
+
+
+def _median(distances: np.ndarray) -> np.ndarray:
+    """(...) median of what is known of (..., J); infinite of fewer than three."""
+    ordered, count = np.sort(distances, -1), (~np.isnan(distances)).sum(-1)
+    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[..., None] // 2, -1)[..., 0]
+    return np.where(count >= 3, middle, np.inf)
+
+
+def _errors(clip: Clip, view: int, truth: Truth) -> tuple:
+    """Errors of the joints detected in one view, against the truth or people reconstructed from the others.
+
+    Returns:
+        error, inverted, score, joint: (n,) each, and the energies that `Failures.lags` and `.constant` are ratios of.
+    """
+    others = [other for other in range(len(clip.rig)) if other != view]
+    match = _match(clip.select(views=[view]), _reference(clip.select(views=others), truth))
+    off = (match.found - match.xy)[:, 0] / match.height[:, 0, :, None, None]
+    mirror = np.asarray(clip.detections.skeleton.mirror)
+    across = np.linalg.norm((match.found - match.xy[..., mirror, :])[:, 0], axis=-1) / match.height[:, 0, :, None]
+    size = np.linalg.norm(off, axis=-1)
+    known = ~np.isnan(size)
+    inverted = (size > GROSS) & (across < size / 2) & (mirror != np.arange(len(mirror)))
+    energies = {lag: _correlation(off, size, max(round(lag * clip.fps), 1)) for lag in (0.04, 0.2)}
+    fine = np.where((size < GROSS)[..., None], off, np.nan)
+    count = (~np.isnan(fine[..., 0])).sum(0)
+    total = np.where(np.isnan(fine), 0, fine)
+    long = count > clip.fps
+    energies["constant"] = (
+        float(((total.sum(0) ** 2).sum(-1)[long] / count[long]).sum()),
+        float((total**2).sum((0, -1))[long].sum()),
+    )
+    return size[known], inverted[known], match.score[:, 0][known], np.nonzero(known)[-1], energies
+
+
+def _correlation(off: np.ndarray, size: np.ndarray, frames: int) -> tuple[float, float]:
+    """Products of errors so many frames apart, and of themselves; gross ones left out."""
+    both = (size[:-frames] < GROSS) & (size[frames:] < GROSS)
+    first, second = off[:-frames][both], off[frames:][both]
+    return float((first * second).sum()), float(((first**2).sum() + (second**2).sum()) / 2)
+
+
+def _together(missed: np.ndarray, expected: np.ndarray, clip: Clip) -> dict[str, float]:
+    """Elbow and wrist, knee and ankle: how often the one is missed with the other."""
+    index, shares = clip.detections.skeleton.index, {}
+    for a, b in (("elbow", "wrist"), ("wrist", "elbow"), ("knee", "ankle"), ("ankle", "knee")):
+        first, second = index(f"l_{a}", f"r_{a}"), index(f"l_{b}", f"r_{b}")
+        both = expected[..., first] & expected[..., second] & missed[..., second]
+        shares[f"{a}|{b}"] = float(_ratio((missed[..., first] & both).sum(), both.sum()))
+    return shares
+
+
+def _views_histogram(match: _Match, joints: np.ndarray) -> np.ndarray:
+    """(V + 1,) share of the joints, of people in at least two images, that 0..V views detect."""
+    there = (~np.isnan(match.height)).sum(1) >= 2
+    count = (~np.isnan(match.score[..., joints])).sum(1)[there]
+    return np.bincount(count.ravel(), minlength=match.score.shape[1] + 1) / max(count.size, 1)
+
+
+def _runs(missed: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Lengths in frames of stretches in which a joint is missed, each counted once; those cut off by the ends too."""
+    lengths = gap_lengths(~missed)
+    starts = missed & np.concatenate([np.ones_like(missed[:1]), ~missed[:-1]])
+    return lengths[starts & expected]

@@ -1,0 +1,130 @@
+"""Recordings side by side, and detectors fitted to them, on simulated clips whose detector is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from dmae.resources import resource_folder
+from dmae.store import save_clip
+from synth.compare import CompareConfig, compare, measure_all, pool, read_recording, run_compare
+from synth.failures import measure
+from synth.fit import fit, redetect
+from synth.generate import GenerateConfig, generate_clip
+from synth.mistakes import DetectorConfig, PartConfig, PartsConfig
+from synth.preset import FitDetectorConfig, run_fit_detector
+from synth.spec import SceneConfig
+
+from .test_rigs import config as rig_config
+
+
+def openpose() -> DetectorConfig:
+    values = yaml.safe_load((resource_folder("dmae", "configs") / "detector" / "shelf_openpose.yaml").read_text())
+    parts = {kind: PartConfig(**part) for kind, part in values.pop("parts").items()}
+    return DetectorConfig(parts=PartsConfig(**parts), **values)
+
+
+def worse(config: DetectorConfig) -> DetectorConfig:
+    """Twice the noise, more misses, more ghosts, as sure of itself."""
+    parts = {
+        kind: replace(part, noise=2 * part.noise, miss=[min(1.6 * share + 0.03, 0.95) for share in part.miss])
+        for kind, part in vars(config.parts).items()
+    }
+    return replace(config, parts=PartsConfig(**parts), ghosts=2 * config.ghosts)
+
+
+@pytest.fixture(scope="module")
+def clips():
+    """Two clips of two people in five views, as OpenPose sees them."""
+    config = GenerateConfig(
+        scene=SceneConfig(persons=[2, 2], seconds=6.0, radius=1.2), rig=rig_config("shelf"), detector=openpose()
+    )
+    return [generate_clip(config, index) for index in range(2)]
+
+
+@pytest.fixture(scope="module")
+def measured(clips):
+    return measure_all(clips, len(clips))
+
+
+def test_a_recording_is_like_itself(measured):
+    rows = compare(measured, measured, CompareConfig())
+    assert not any(row.exceeded for row in rows)
+    assert all(row.off == 0 or np.isnan(row.off) for row in rows)
+
+
+def test_another_detector_is_told_by_what_it_does(clips, measured):
+    other = measure_all([redetect(clip, worse(openpose()), seed=1) for clip in clips], len(clips))
+    exceeded = {row.what for row in compare(measured, other, CompareConfig()) if row.exceeded}
+    assert {"distribution of error", "missed: elbow", "missed: knee"} <= exceeded
+    assert any(what.startswith("median error at confidence") for what in exceeded)
+
+
+def test_pooling_counts_samples_and_weighs_shares(clips):
+    parts = [measure(clip) for clip in clips]
+    both = pool(parts, [1, 3])
+    assert len(both.error) == sum(len(part.error) for part in parts)
+    np.testing.assert_allclose(both.missed, (parts[0].missed + 3 * parts[1].missed) / 4)
+    with pytest.raises(ValueError, match="cannot be measured as one"):
+        pool([parts[0], measure(clips[1].select(views=[0, 1, 2]))], [1, 1])
+
+
+def test_a_page_is_written_and_the_exit_status_tells(clips, tmp_path, capsys):
+    save_clip(clips[0], tmp_path / "real")
+    save_clip(clips[0], tmp_path / "same")
+    save_clip(redetect(clips[0], worse(openpose()), seed=1), tmp_path / "other")
+    config = CompareConfig(real=str(tmp_path / "real"), sim=str(tmp_path / "same"))
+    run_compare(config, tmp_path / "out")
+    assert "distribution of error" in capsys.readouterr().out
+    assert (tmp_path / "out" / "compare.html").stat().st_size > 50_000
+    with pytest.raises(SystemExit, match="distances are exceeded: .*distribution of error"):
+        run_compare(replace(config, sim=str(tmp_path / "other")), tmp_path / "out")
+
+
+def test_stretches_of_a_recording(clips, tmp_path):
+    save_clip(clips[0], tmp_path)
+    assert len(read_recording(tmp_path, frames=[10, 40])) == 30
+    with pytest.raises(ValueError, match=r"frames=\[10, 1000\]: expected \[first, end\] within the 150 frames"):
+        read_recording(tmp_path, frames=[10, 1000])
+
+
+@pytest.mark.slow
+def test_a_fit_finds_the_detector_back(clips, measured):
+    """Begun from a detector twice as bad, on clips that it shares with the recording but whose luck it does not."""
+    found = fit(measured, clips, worse(openpose()), rounds=4, seed=7)
+    before = measure_all([redetect(clip, worse(openpose()), seed=7) for clip in clips], len(clips))
+    far, near = (
+        sum(row.exceeded for row in compare(measured, other, CompareConfig())) for other in (before, found.failures)
+    )
+    assert near < far / 2
+    noise = np.array([[vars(c.parts)[kind].noise for kind in ("wrist", "knee")] for c in (found.config, openpose())])
+    np.testing.assert_allclose(noise[0], noise[1], rtol=0.35)
+
+
+def test_too_little_leaves_parameters_as_they_are(clips):
+    short = clips[0].select(frames=slice(0, 8))
+    found = fit(measure(short), [short], openpose(), rounds=1)
+    assert "parts.ear" in found.undetermined
+    assert "are needed" in found.undetermined["parts.ear"]
+    assert found.config.parts.ear == openpose().parts.ear
+
+
+def test_a_preset_is_written_and_read_back(clips, tmp_path, capsys):
+    save_clip(clips[0], tmp_path / "real")
+    save_clip(clips[1], tmp_path / "sim" / "000001")
+    (tmp_path / "sim" / "manifest.jsonl").write_text('{"id": "000001", "status": "ok", "seed": 0}\n')
+    config = FitDetectorConfig(
+        detections=str(tmp_path / "real"), clips=str(tmp_path / "sim"), detector=openpose(), rounds=1, name="mine"
+    )
+    run_fit_detector(config, tmp_path / "out")
+    assert str(tmp_path / "out" / "mine.yaml") in capsys.readouterr().out
+    values = yaml.safe_load((tmp_path / "out" / "mine.yaml").read_text())
+    parts = {kind: PartConfig(**part) for kind, part in values.pop("parts").items()}
+    assert DetectorConfig(parts=PartsConfig(**parts), **values).name == "mine"
+    assert (tmp_path / "out" / "compare.html").is_file()
+
+
+def test_a_detector_is_fitted_on_simulated_clips(clips, measured):
+    with pytest.raises(ValueError, match="it has no visibility"):
+        fit(measured, [replace(clips[0], visibility=None, hidden_by=None)], openpose())
