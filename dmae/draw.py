@@ -68,7 +68,7 @@ def gaps_figure(scores: dict) -> Figure:
             errors = [np.nan if gap["mpjpe"] is None else gap["mpjpe"] for gap in gaps]
             axes.plot(range(len(gaps)), errors, "o-", color=colours[result["method"]], label=result["method"])
             axes.set_xticks(range(len(gaps)), [f"{gap['frames']}\n{gap['hidden']} joints" for gap in gaps], fontsize=8)
-        axes.set(title=f"{count} views", xlabel="frames hidden")
+        axes.set(title=f"{count} views" if count else "holes in the truth", xlabel="frames hidden")
         axes.grid(color="#dddddd", linewidth=0.5)
     panels[0].set_ylabel("mean error [mm]")
     panels[0].set_ylim(bottom=0)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
 
@@ -10,14 +11,40 @@ import numpy as np
 from dmae import metrics
 from dmae.baselines import METHODS, smooth
 from dmae.capture import CaptureConfig, capture
-from dmae.clip import Clip, Poses3D, Source
+from dmae.clip import Clip, Poses3D
 from dmae.data import DataConfig, Format, load
+from dmae.hiding import HidingConfig
 from dmae.mapping import convert
 from dmae.progress import progress
+from dmae.punch import disturb, punch
+from dmae.rng import Stream, generator
+from dmae.scores import score, summary
 from dmae.skeleton import get_skeleton
 
 PUBLISHED_ACTORS = (0, 1, 2)
 """Of Shelf's four actors the three that published averages are over."""
+
+_SURE_VIEWS = 3
+"""A joint that all cameras measured from so many views is taken for true where there is no truth."""
+
+
+class Hide(StrEnum):
+    """What is hidden of what methods are given."""
+
+    none = "none"
+    """What the cameras did not see: detections are captured."""
+    clean = "clean"
+    """Bursts of body parts, of the truth."""
+    noisy = "noisy"
+    """Those, and what is left is disturbed as capture would have (`dmae.punch.disturb`)."""
+
+
+class Reference(StrEnum):
+    """What is taken for true."""
+
+    truth = "truth"
+    capture = "capture"
+    """Joints that all cameras measured from three views or more: real holes, and no annotation needed."""
 
 
 @dataclass(frozen=True)
@@ -26,60 +53,139 @@ class EvaluateConfig:
 
     data: DataConfig = field(default_factory=DataConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
-    methods: list[str] = field(default_factory=lambda: ["measured", "linear", "bodyframe"])
+    methods: list[str] = field(default_factory=lambda: [*METHODS])
     """What is done about joints that no camera measured: names of `dmae.baselines.METHODS`, or `dmae`."""
     weights: str | None = None
     """For the method `dmae`: what `dmae train` wrote."""
     views: list[int] = field(default_factory=list)
     """With how many cameras: all subsets of each size; by default all cameras only."""
+    hide: Hide = Hide.none
+    hiding: HidingConfig = field(default_factory=HidingConfig)
+    """Where `hide` is not none: `bursts`, `longest` and `absence`."""
+    seed: int = 0
+    """Of what is hidden and disturbed."""
+    reference: Reference = Reference.truth
     smooth: float = 0.1
     """s of smoothing, see `dmae.baselines.smooth`, after every method but `measured`."""
     out: str = "runs/evaluate"
 
 
-def evaluate(config: EvaluateConfig) -> dict:
-    """Capture every clip with every subset of cameras, apply every method, score against the truth.
+@dataclass(frozen=True)
+class Trial:
+    """What methods are tried on.
 
-    Poses are compared on the skeleton of the truth; of a fused truth (`body25+shelf14`) on its second part.
-    Scores are averaged over clips, then over subsets.
+    Attributes:
+        clip: Id, `cameras`: views used, none where the truth was punched; `fps`.
+        given: Poses with holes.
+        truth: What is true, on a skeleton that `given` can be converted to.
+        actors: True persons that PCP averages over; None: all.
+        matches: (F, T) which given person is which true one; None: whichever is nearest.
+    """
+
+    clip: str
+    cameras: list[int]
+    fps: float
+    given: Poses3D
+    truth: Poses3D
+    actors: tuple[int, ...] | None = None
+    matches: np.ndarray | None = None
+
+
+def evaluate(config: EvaluateConfig) -> dict:
+    """Apply every method to every clip, captured with every subset of cameras or punched, and score the results.
+
+    Poses are compared on the skeleton of the truth; of a fused truth (`body25+shelf14`) on its second part. Where
+    the truth is punched (`hide`) or captured (`reference`), that is on the skeleton of the detections, if the truth
+    has it. Scores are averaged over clips, then over subsets; errors by length of gap are over the joints that all
+    methods filled, but for `measured`, so that none is the better for leaving out what is hard.
 
     Returns:
         JSON-able; None stands for a score of nothing. `recording`; `skeleton`; `results`, one entry for each method and
-        number of views: `method`, `views`, `mean` of the scores, `worst` (`pcp` and `cameras` of the subset
-        with the lowest PCP) and `runs`, the scores of each clip and subset, as of `score`.
+        number of views (0 where the truth was punched): `method`, `views`, `mean` of the scores, `worst` (`pcp` and
+        `cameras` of the subset with the lowest PCP) and `runs`, the scores of each clip and subset, as of `score`.
 
     Raises:
-        ValueError: a clip has no truth, there are no clips or methods, or no such number of views.
+        ValueError: a clip has no truth, there are no clips or methods, no such number of views, or options exclude
+            each other.
         KeyError: no such method.
     """
     methods = _methods(config)
     clips = load(config.data)
     if not clips:
         raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to score")
-    total = len(clips) * len(_subsets(clips[0], config.views))
+    total = len(clips) * (1 if config.hide != Hide.none else len(_subsets(clips[0], config.views)))
     runs: dict[tuple[str, int], list[dict]] = {}
-    for clip, cameras in progress(_jobs(clips, config.views), "evaluating", total):
-        truth = convert(clip.truth, get_skeleton(clip.truth.skeleton.name.split("+")[-1]))
-        captured = capture(clip.select(views=cameras), config.capture)
-        for name, method in methods.items():
-            entry = {"clip": clip.id, "cameras": cameras}
-            actors = PUBLISHED_ACTORS if clip.provenance.get("format") == Format.shelf else None
-            poses = convert(method(captured, clip.fps), truth.skeleton)
-            if name != "measured":
-                poses = smooth(poses, clip.fps, config.smooth)
-            entry |= score(poses, captured, truth, actors)
-            runs.setdefault((name, len(cameras)), []).append(entry)
+    for trial in progress(_trials(clips, config), "evaluating", total):
+        skeleton = trial.truth.skeleton
+        filled = {name: convert(method(trial.given, trial.fps), skeleton) for name, method in methods.items()}
+        filled |= {
+            name: smooth(poses, trial.fps, config.smooth) for name, poses in filled.items() if name != "measured"
+        }
+        compared = _filled_by_all([poses for name, poses in filled.items() if name != "measured"], trial)
+        for name, poses in filled.items():
+            entry = {"clip": trial.clip, "cameras": trial.cameras}
+            entry |= score(
+                poses, trial.given, trial.truth, trial.actors, trial.matches, fps=trial.fps, compared=compared
+            )
+            runs.setdefault((name, len(trial.cameras)), []).append(entry)
     results = [{"method": name, "views": views, **summary(entries)} for (name, views), entries in runs.items()]
-    recording = clip.id if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
-    return {"recording": recording, "skeleton": truth.skeleton.name, "results": results}
+    recording = trial.clip if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
+    return {"recording": recording, "skeleton": skeleton.name, "results": results}
 
 
-def _jobs(clips: Iterable[Clip], sizes: list[int]) -> Iterator[tuple[Clip, list[int]]]:
+def _trials(clips: Iterable[Clip], config: EvaluateConfig) -> Iterator[Trial]:
+    if config.hide != Hide.none:
+        if config.views or config.reference != Reference.truth:
+            raise ValueError(
+                f"hide={config.hide} hides some of the truth and captures nothing; leave out views, reference"
+            )
+        yield from (_punched(clip, number, config) for number, clip in enumerate(clips))
+        return
     for clip in clips:
-        if clip.truth is None:
-            raise ValueError(f"clip {clip.id!r} has no truth to score against")
-        for cameras in _subsets(clip, sizes):
-            yield clip, cameras
+        if config.reference == Reference.capture:
+            if not config.views or max(config.views) >= len(clip.rig):
+                raise ValueError(
+                    f"reference=capture compares fewer cameras with all {len(clip.rig)} of clip {clip.id!r}; "
+                    f"expected views=[{len(clip.rig) - 1}] or less, found {list(config.views)}"
+                )
+            whole = capture(clip, config.capture)
+            sure = whole.views >= _SURE_VIEWS
+            truth = Poses3D(whole.skeleton, np.where(sure[..., None], whole.xyz, np.nan))
+        else:
+            truth = convert(_truth(clip), get_skeleton(clip.truth.skeleton.name.split("+")[-1]))
+        shelf = config.reference == Reference.truth and clip.provenance.get("format") == Format.shelf
+        for cameras in _subsets(clip, config.views):
+            captured = capture(clip.select(views=cameras), config.capture)
+            yield Trial(clip.id, cameras, clip.fps, captured, truth, PUBLISHED_ACTORS if shelf else None)
+
+
+def _punched(clip: Clip, number: int, config: EvaluateConfig) -> Trial:
+    truth, wanted = _truth(clip), clip.detections.skeleton
+    truth = convert(truth, wanted if wanted.name in truth.skeleton.name.split("+") else truth.skeleton)
+    rng = generator(config.seed, number, Stream.STRESS)
+    given = punch(truth, clip.fps, config.hiding, rng=rng)
+    if config.hide == Hide.noisy:
+        given = disturb(given, clip.fps, rng=rng)
+    matches = np.tile(np.arange(truth.xyz.shape[1]), (len(clip), 1))
+    return Trial(clip.id, [], clip.fps, given, truth, matches=matches)
+
+
+def _truth(clip: Clip) -> Poses3D:
+    if clip.truth is None:
+        raise ValueError(f"clip {clip.id!r} has no truth to score against")
+    if np.isinf(clip.truth.xyz).any():
+        raise ValueError(f"clip {clip.id!r}: its truth has infinite coordinates; what is not known must be NaN")
+    return clip.truth
+
+
+def _filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
+    """(F, T, J) True for joints of true persons that all these poses have, where they all match the same person."""
+    there = np.ones(trial.truth.source.shape, bool)
+    given = trial.matches
+    matches = [metrics.match(poses.xyz, trial.truth.xyz) if given is None else given for poses in filled]
+    for poses, match in zip(filled, matches, strict=True):
+        there &= ~np.isnan(metrics.take_matched(poses.xyz, match)).any(-1) & (match == matches[0])[..., None]
+    return there
 
 
 def _subsets(clip: Clip, sizes: list[int]) -> list[list[int]]:
@@ -107,119 +213,3 @@ def _methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Pos
         else:
             methods[name] = METHODS[name]
     return methods
-
-
-def score(poses: Poses3D, captured: Poses3D, truth: Poses3D, actors: tuple[int, ...] | None = None) -> dict:
-    """All scores of one prediction.
-
-    Args:
-        poses: What is scored, on any skeleton that `convert` can bring to that of the truth.
-        captured: The same persons before anything was filled; says which joints were hidden.
-        actors: True persons that PCP averages over; by default all that are annotated.
-
-    Returns:
-        pcp: strict PCP, mean of the actors, %; `pcp_persons` of each true person, NaN where never
-            annotated; `pcp_limbs` {limb: mean of the actors}; `pcp_published` by other protocols.
-        pck: {recall, precision} within 0.2 m, %. Where not everybody is annotated precision is too low.
-        mpjpe: mm, {all, measured, denoised, completed}.
-        shares: of the true joints, % {absent, measured, denoised, completed}.
-        hidden: {recall, mpjpe} of the true joints that capture did not measure.
-        gaps: see `dmae.metrics.error_by_gap`.
-        identity_switches: number; `idf1`, %.
-    """
-    skeleton = truth.skeleton
-    pred, captured = convert(poses, skeleton), convert(captured, skeleton)
-    if captured.source.shape != pred.source.shape:
-        raise ValueError(f"captured {captured.source.shape} and filled poses {pred.source.shape} differ in shape")
-    true_joints = ~np.isnan(truth.xyz).any(-1)
-    if actors is None:
-        actors = tuple(np.flatnonzero(true_joints.any((0, 2))))
-    matches = metrics.match(pred.xyz, truth.xyz)
-    matched = metrics.take_matched(pred.xyz, matches)
-    source = metrics.take_matched(pred.source, matches, Source.ABSENT)
-    observed = captured.measured
-    hidden = ~metrics.take_matched(observed, matches, False)
-    lengths = metrics.take_matched(metrics.gap_lengths(observed), matches, 0)
-    correct, known = metrics.correct_limbs(matched, truth.xyz, skeleton)
-    persons = metrics.percent(correct, known, (0, 2))
-    limbs = metrics.mean_known(metrics.percent(correct, known, 0)[list(actors)])
-    kinds = {kind.name.lower(): source == kind for kind in Source if kind != Source.ABSENT}
-    return {
-        "pcp": float(metrics.mean_known(persons[list(actors)])),
-        "pcp_persons": persons.tolist(),
-        "pcp_limbs": dict(zip(metrics.limb_names(skeleton), limbs.tolist(), strict=True)),
-        "pcp_published": metrics.published_pcp(pred.xyz, truth.xyz, skeleton, actors),
-        "pck": metrics.pck(pred.xyz, truth.xyz, matches),
-        "mpjpe": {"all": metrics.mpjpe(matched, truth.xyz)}
-        | {name: metrics.mpjpe(matched, truth.xyz, counted) for name, counted in kinds.items()},
-        "shares": metrics.shares(source, true_joints),
-        "hidden": {
-            "recall": float(metrics.percent(metrics.right_joints(matched, truth.xyz), true_joints & hidden)),
-            "mpjpe": metrics.mpjpe(matched, truth.xyz, hidden),
-        },
-        "gaps": metrics.error_by_gap(matched, truth.xyz, lengths),
-        "identity_switches": metrics.identity_switches(matches),
-        "idf1": metrics.idf1(pred.xyz, truth.xyz),
-    }
-
-
-def summary(runs: list[dict]) -> dict:
-    """Scores of one method and number of views, over clips and subsets of cameras.
-
-    Args:
-        runs: What `score` returned, and beside it `clip` and `cameras`.
-
-    Returns:
-        JSON-able `mean`, `worst` and `runs`, see `evaluate`.
-    """
-    by_subset: dict[tuple[int, ...], list[dict]] = {}
-    for run in runs:
-        by_subset.setdefault(tuple(run["cameras"]), []).append(run)
-    apart = {"clip", "cameras", "gaps"}
-    if len({run["clip"] for run in runs}) > 1:
-        # Person 0 of one clip is nobody in the next.
-        apart.add("pcp_persons")
-    means = {
-        cameras: _average([{key: run[key] for key in run if key not in apart} for run in group])
-        for cameras, group in by_subset.items()
-    }
-    worst = min(means, key=lambda cameras: np.nan_to_num(means[cameras]["pcp"], nan=np.inf))
-    return _jsonable(
-        {
-            "mean": _average(list(means.values())) | {"gaps": _pool_gaps([run["gaps"] for run in runs])},
-            "worst": {"pcp": means[worst]["pcp"], "cameras": list(worst)},
-            "runs": runs,
-        }
-    )
-
-
-def _average(scores: list):
-    """Mean of equally nested dictionaries and lists of numbers, leaf by leaf, NaN left out."""
-    if isinstance(scores[0], dict):
-        return {key: _average([part[key] for part in scores]) for key in scores[0]}
-    if isinstance(scores[0], list):
-        return [_average(list(parts)) for parts in zip(*scores, strict=True)]
-    return float(metrics.mean_known(np.array(scores, float)))
-
-
-def _pool_gaps(runs: list[list[dict]]) -> list[dict]:
-    """Counts added up; errors averaged over joints, not over runs."""
-    pooled = []
-    for entries in zip(*runs, strict=True):
-        filled = sum(entry["filled"] for entry in entries)
-        total = sum(entry["filled"] * entry["mpjpe"] for entry in entries if entry["filled"])
-        pooled.append({
-            "frames": entries[0]["frames"],
-            "hidden": sum(entry["hidden"] for entry in entries),
-            "filled": filled,
-            "mpjpe": total / filled if filled else float("nan"),
-        })  # fmt: skip
-    return pooled
-
-
-def _jsonable(scores):
-    if isinstance(scores, dict):
-        return {key: _jsonable(value) for key, value in scores.items()}
-    if isinstance(scores, list):
-        return [_jsonable(value) for value in scores]
-    return None if isinstance(scores, float) and np.isnan(scores) else scores

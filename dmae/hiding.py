@@ -32,9 +32,9 @@ class HidingConfig:
     bursts: float = 5.0
     """Bursts a second and person."""
     longest: int = 60
-    """Frames of the longest burst; lengths are log-uniform from 2."""
+    """Frames at 25/s of the longest burst; lengths are log-uniform from 2."""
     absence: int = 15
-    """Frames of the longest burst in which the whole person is gone."""
+    """Frames at 25/s of the longest burst in which the whole person is gone."""
 
     def __post_init__(self):
         for name in ("scattered", "joints", "frames"):
@@ -70,7 +70,7 @@ def hide_bursts(
         for _ in range(rng.poisson(config.bursts * frames / fps)):
             whole = rng.random() < 1 / 40
             longest = config.absence if whole else config.longest
-            length = int(np.exp(rng.uniform(np.log(2), np.log(longest + 1))))
+            length = max(int(np.exp(rng.uniform(np.log(2), np.log(longest + 1))) * fps / 25), 1)
             start = int(rng.integers(1 - length, frames))
             joints = slice(None) if whole else parts[rng.integers(len(parts))]
             hidden[max(start, 0) : start + length, person, joints] = True

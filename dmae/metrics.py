@@ -20,7 +20,7 @@ PCK_THRESHOLD = 0.2
 """m. The 0.2 of PCK@0.2 is metres in multi-person capture, not torso sizes as in single images."""
 
 GAPS = ((1, 5), (6, 15), (16, 40), (41, None))
-"""Frames, both included: lengths of hidden stretches that are told apart."""
+"""Frames at 25/s, both included: lengths of hidden stretches that are told apart."""
 
 _SHELF_LIMBS = (
     "r_knee-r_ankle", "l_knee-l_ankle", "r_hip-r_knee", "l_hip-l_knee", "r_elbow-r_wrist", "l_elbow-l_wrist",
@@ -202,7 +202,7 @@ def error_by_gap(matched: np.ndarray, truth: np.ndarray, lengths: np.ndarray) ->
 
     Args:
         matched: (F, T, J, 3) filled predictions in the order of the truth.
-        lengths: (F, T, J) from `gap_lengths` of what was observed before filling.
+        lengths: (F, T, J) frames at 25/s that each joint was hidden for around, 0 where it was not.
 
     Returns:
         One entry for each of `GAPS`: `frames`, how many true joints were `hidden`, how many of them were

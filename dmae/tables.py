@@ -26,7 +26,7 @@ def tables(scores: dict) -> list[Table]:
         scores: What `dmae.evaluate.evaluate` returned, or what was read back from its JSON.
     """
     means = [result["mean"] for result in scores["results"]]
-    firsts = [(result["method"], str(result["views"])) for result in scores["results"]]
+    firsts = [(result["method"], str(result["views"] or "-")) for result in scores["results"]]
     worst = [result["worst"]["pcp"] for result in scores["results"]]
     persons = [f"person {person}" for person in range(len(means[0].get("pcp_persons", ())))]
     return [
@@ -56,9 +56,15 @@ def tables(scores: dict) -> list[Table]:
             [(*first, *map(_text, _errors(mean))) for first, mean in zip(firsts, means, strict=True)],
         ),
         Table(
-            "MPJPE, mm (and share filled) of joints hidden for so many frames",
+            "MPJPE, mm, of joints hidden for so many frames at 25/s, those that all methods filled",
             ("method", "views", *(gap["frames"] for gap in means[0]["gaps"])),
-            [(*first, *map(_gap, mean["gaps"])) for first, mean in zip(firsts, means, strict=True)],
+            [
+                row
+                for views in dict.fromkeys(views for _, views in firsts)
+                for row in _gap_rows(
+                    [(first, mean["gaps"]) for first, mean in zip(firsts, means, strict=True) if first[1] == views]
+                )
+            ],
         ),
     ]
 
@@ -78,8 +84,15 @@ def _errors(mean: dict) -> list[float | None]:
     ]
 
 
-def _gap(gap: dict) -> str:
-    return f"{_text(gap['mpjpe'])} ({gap['filled'] / gap['hidden']:.0%})" if gap["hidden"] else "-"
+def _gap_rows(gaps: list[tuple[tuple[str, str], list[dict]]]) -> list[tuple[str, ...]]:
+    """Rows of the methods with one number of views, and one that tells how many joints they are compared on."""
+    columns = list(zip(*(entries for _, entries in gaps), strict=True))
+    # A method that fills little is matched in fewer frames, and then less is known to be hidden.
+    counts = [(max(gap["filled"] for gap in column), max(gap["hidden"] for gap in column)) for column in columns]
+    return [
+        *((*first, *(_text(gap["mpjpe"]) for gap in entries)) for first, entries in gaps),
+        ("joints", gaps[0][0][1], *(f"{filled} of {hidden}" for filled, hidden in counts)),
+    ]
 
 
 def _text(value: float | None) -> str:
