@@ -9,7 +9,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 
-.PHONY: demo test lint format bench setup
+.PHONY: demo twin test lint format bench setup
 
 # The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
 DEMO := runs/demo
@@ -28,6 +28,14 @@ endif
 	$(BIN)/dmae report clip=$(DEMO)/completed scores=[$(DEMO)/scores$(if $(DMAE_DATA),$(comma)$(DEMO)/scores_shelf)] \
 	  out=$(DEMO)/report.html
 	@echo "Look at $(DEMO)/report.html"
+
+# The Shelf recording's digital twin, beside the recording: do detections fail alike, does capture do as well?
+TWIN := runs/twin
+twin: setup
+	$(BIN)/synth generate scene=shelf_twin out=$(TWIN) seed=1 workers=2
+	$(BIN)/dmae evaluate data=$(TWIN) methods=[linear] views=[5,4,3] out=$(TWIN)_scores
+	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf methods=[linear] views=[5,4,3] out=$(TWIN)_shelf_scores
+	$(BIN)/synth compare real=$(DMAE_DATA)/shelf sim=$(TWIN) workers=2 out=$(TWIN)_compare
 
 test: setup
 	$(BIN)/python -m pytest
