@@ -1,4 +1,4 @@
-"""The images of a clip: H.264 video for colour, 16-bit PNGs for depth and ids."""
+"""The images of a clip: H.264 video for colour, 16-bit PNGs for depth and ids, 8-bit ones for parts of bodies."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-KINDS = ("rgb", "depth", "ids")
+KINDS = ("rgb", "depth", "ids", "parts")
 FIRST_OBJECT_ID = 256
 """Ids in an image: 0 nothing, 1 + p person p, 256 + k object k of `Clip.objects`."""
 
@@ -19,16 +19,18 @@ class Images:
     """Images on disk, read when asked for.
 
     Attributes:
-        folder: Holds `rgb/<view>.mp4`, `depth/<view>/<frame>.png`, `ids/<view>/<frame>.png`.
+        folder: Holds `rgb/<view>.mp4`, and `depth/<view>/<frame>.png`, `ids/...` and `parts/...` likewise.
         views: Camera names.
         frames: Numbers of the frames in the files.
         kinds: Which of `KINDS` there are.
+        parts: Names of the parts of bodies: in images of parts 0 is what is no person, 1 + i is part i.
     """
 
     folder: Path
     views: tuple[str, ...]
     frames: tuple[int, ...]
     kinds: tuple[str, ...] = KINDS
+    parts: tuple[str, ...] = ()
 
     def select(self, frames, views: tuple[str, ...]) -> "Images":
         return replace(self, views=views, frames=tuple(int(i) for i in np.asarray(self.frames)[frames]))
@@ -38,7 +40,7 @@ class Images:
 
         Yields:
             rgb (H, W, 3) uint8; depth (H, W) float32 m along the optical axis, NaN where nothing is hit;
-            ids (H, W) uint16.
+            ids (H, W) uint16; parts (H, W) uint8.
 
         Raises:
             KeyError: no such kind or view.
@@ -55,7 +57,7 @@ class Images:
             image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             if image is None:
                 raise FileNotFoundError(f"{path}: no readable PNG")
-            yield image if kind == "ids" else np.where(image > 0, image / np.float32(1000), np.float32(np.nan))
+            yield np.where(image > 0, image / np.float32(1000), np.float32(np.nan)) if kind == "depth" else image
 
     def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
         """As `read("rgb", view)`, for a reader who skips: functions that return the images."""
@@ -103,15 +105,20 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 def write_depth(path: Path, depth: np.ndarray) -> None:
     """16-bit PNG of millimetres; 0 where `depth` (H, W) m is NaN or beyond 65 m."""
     known = np.isfinite(depth) & (depth < 65.5)
-    _write_png(path, np.where(known, np.round(np.where(known, depth, 0) * 1000), 0))
+    _write_png(path, np.where(known, np.round(np.where(known, depth, 0) * 1000), 0).astype(np.uint16))
 
 
 def write_ids(path: Path, ids: np.ndarray) -> None:
     """16-bit PNG of (H, W) ids."""
-    _write_png(path, ids)
+    _write_png(path, ids.astype(np.uint16))
+
+
+def write_parts(path: Path, parts: np.ndarray) -> None:
+    """8-bit PNG of (H, W) parts."""
+    _write_png(path, parts.astype(np.uint8))
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(path), image.astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
         raise OSError(f"{path}: could not write PNG")

@@ -98,7 +98,7 @@ def _images_meta(images: Images | None, folder: Path) -> dict | None:
     if images is None:
         return None
     where = os.path.relpath(images.folder.resolve(), folder.resolve())
-    return {"folder": where, "views": images.views, "frames": images.frames, "kinds": images.kinds}
+    return {"folder": where} | {name: getattr(images, name) for name in ("views", "frames", "kinds", "parts")}
 
 
 def load_clip(folder: Path) -> Clip:
@@ -131,7 +131,9 @@ def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
     parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
     images = meta["images"]
     if images:
-        images = Images(folder / images["folder"], *(tuple(images[name]) for name in ("views", "frames", "kinds")))
+        listed = (tuple(images[name]) for name in ("views", "frames", "kinds"))
+        # Clips written before there were images of parts have no names of them.
+        images = Images(folder / images["folder"], *listed, tuple(images.get("parts", ())))
     return Clip(
         id=meta["id"],
         fps=meta["fps"],

@@ -1,6 +1,8 @@
 """What must be true of any clip: each check returns what is wrong in words, nothing where nothing is."""
 
 from dataclasses import fields
+from itertools import repeat
+from pathlib import Path
 
 import av
 import numpy as np
@@ -167,7 +169,8 @@ def _columns(truth: Poses3D, joints: tuple[str, ...], skeleton: str) -> list[int
 
 
 def check_images(clip: Clip) -> list[str]:
-    """Files that are there, can be read and have the size of the images; ids that exist and bear out the labels."""
+    """Files that are there, can be read and have the size of the images; ids and parts that exist, go together and
+    bear out the labels."""
     if clip.images is None:
         return []
     problems = []
@@ -177,6 +180,8 @@ def check_images(clip: Clip) -> list[str]:
                 problems += _check_view(clip, kind, view, name)
             except (OSError, ValueError, av.FFmpegError) as error:
                 problems.append(f"{kind} of camera {name}: {error}")
+        if "parts" in clip.images.kinds and not problems:
+            problems += _check_parts(clip, name)
     if len(clip.images.frames) != len(clip):
         problems.append(f"{len(clip.images.frames)} frames of images, {len(clip)} of labels")
     if "ids" in clip.images.kinds and clip.visibility is not None and not problems:
@@ -208,3 +213,52 @@ def _check_view(clip: Clip, kind: str, view: int, name: str) -> list[str]:
                 return [f"ids of camera {name}, frame {frame}: {shown[1 : 1 + len(said)].tolist()} pixels show the "
                         f"persons, visible_pixels says {said.tolist()}"]  # fmt: skip
     return []
+
+
+def _check_parts(clip: Clip, name: str) -> list[str]:
+    """Parts of one view: those that have names, on the pixels of persons and on no others."""
+    persons = clip.images.read("ids", name) if "ids" in clip.images.kinds else repeat(None)
+    for frame, (parts, ids) in enumerate(zip(clip.images.read("parts", name), persons, strict=False)):
+        if parts.max() > len(clip.images.parts):
+            return [f"parts of camera {name}, frame {frame}: {parts.max()} stands for none of the "
+                    f"{len(clip.images.parts)} parts that clip.json names"]  # fmt: skip
+        if ids is not None:
+            apart = np.count_nonzero((parts > 0) != ((ids > 0) & (ids < FIRST_OBJECT_ID)))
+            if apart:
+                return [f"parts of camera {name}, frame {frame}: {apart} pixels show a part of a person and no person "
+                        "in the ids, or a person of whom no part"]  # fmt: skip
+    return []
+
+
+def check_surplus(clip: Clip) -> list[str]:
+    """No images beside those that a clip knows of, in a folder that holds its own and no other's."""
+    if clip.images is None:
+        return []
+    images, problems = clip.images, []
+    expected = {
+        images.folder / kind / view / f"{frame:06d}.png"
+        for kind in images.kinds
+        if kind != "rgb"
+        for view in images.views
+        for frame in images.frames
+    }
+    if "rgb" in images.kinds:
+        expected |= {images.folder / "rgb" / f"{view}.mp4" for view in images.views}
+        for path in filter(Path.is_file, sorted(images.folder.glob("rgb/*.mp4"))):
+            problems += _check_length(path, len(images.frames))
+    surplus = sorted({*images.folder.rglob("*.png"), *images.folder.rglob("*.mp4")} - expected)
+    if surplus:
+        first = surplus[0].relative_to(images.folder)
+        problems.append(f"files of images that the clip does not know of: {len(surplus)}, first {first}")
+    return problems
+
+
+def _check_length(path: Path, frames: int) -> list[str]:
+    """A video holds no more frames than it should, as far as it can be read."""
+    try:
+        with av.open(str(path)) as container:
+            found = container.streams.video[0].frames
+    except (OSError, IndexError, av.FFmpegError):
+        # Said where it is read.
+        return []
+    return [f"rgb/{path.name}: expected {frames} frames, found {found}"] if found > frames else []

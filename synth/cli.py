@@ -5,7 +5,8 @@ from pathlib import Path
 
 from dmae.cli import Command, run_command
 from synth.compare import CompareConfig, run_compare
-from synth.generate import GenerateConfig, generate
+from synth.dataset import generate
+from synth.generate import GenerateConfig
 from synth.preset import FitDetectorConfig, run_fit_detector
 from synth.show import ShowConfig, run_show
 from synth.verify import VerifyConfig, run_verify

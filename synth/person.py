@@ -41,6 +41,16 @@ HIDDEN_GROUP = 3
 """Group of the geoms that touch but are not seen; the renderer leaves it out."""
 
 
+def geom_parts(model: mujoco.MjModel) -> np.ndarray:
+    """(ngeom,) uint8 part of the body that each geom belongs to: 1 + its index in `SEGMENTS`, 0 if of no person."""
+    parts = np.zeros(model.nbody, np.uint8)
+    for body in range(model.nbody):
+        owner, _, segment = model.body(body).name.partition("/")
+        if owner.startswith("person") and segment in SEGMENTS:
+            parts[body] = 1 + SEGMENTS.index(segment)
+    return parts[model.geom_bodyid]
+
+
 def capsules(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The solid parts of a body.
 

@@ -10,9 +10,10 @@ from dmae.data import DataConfig, Format, load
 from dmae.store import write_atomic
 from dmae.tables import print_tables
 from synth.compare import CompareConfig, compare, read_recording, table, write_page
+from synth.dataset import generate
 from synth.failures import Truth, measure
 from synth.fit import Fit, fit
-from synth.generate import GenerateConfig, generate
+from synth.generate import GenerateConfig
 from synth.mistakes import DetectorConfig, PartConfig
 from synth.motion.source import MotionConfig
 from synth.rigs import CameraConfig, RigConfig

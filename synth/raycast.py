@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from dmae.cameras import CameraRig
+from synth.person import geom_parts
 from synth.visibility import cast
 
 _STATIC, _MOVING, _ALONE, _UNSEEN = 0, 1, 2, 5
@@ -32,11 +33,12 @@ class RayPainter:
         self._model = copy.copy(model)
         self._model.geom_group = np.where(drawn, np.where(moves, _MOVING, _STATIC), _UNSEEN)
         self._moving = np.flatnonzero(drawn & moves)
-        self._colour, self._ids, self._rig, self._step = _colours(model), geom_ids, rig, step
+        self._colour, self._ids, self._parts = _colours(model), geom_ids, geom_parts(model)
+        self._rig, self._step = rig, step
         self._view = None
 
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray, ...]:
-        """Colour (H, W, 3) uint8, depth (H, W) m and ids (H, W) of a scene whose positions are up to date.
+        """Colour (H, W, 3) uint8, depth (H, W) m, ids and parts (H, W) of a scene whose positions are up to date.
 
         The same rays give all `kinds`.
         """
@@ -98,7 +100,7 @@ class RayPainter:
         rows, columns = self._shape
         return show.repeat(_BLOCK, 0).repeat(_BLOCK, 1)[:rows, :columns].ravel() & self._lit
 
-    def _shade(self, geom, distance, normal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _shade(self, geom, distance, normal) -> tuple[np.ndarray, ...]:
         hit = geom >= 0
         facing = -np.einsum("rx,rx->r", normal, self._rays)
         light = 0.25 + 0.4 * np.abs(facing) + 0.35 * np.clip(normal @ _SUN, 0, 1)
@@ -109,6 +111,7 @@ class RayPainter:
             (255 * np.clip(colour, 0, 1)).round().astype(np.uint8),
             np.where(hit, distance * (self._rays @ axis), np.nan).astype(np.float32),
             np.where(hit, self._ids[geom], 0).astype(np.uint16),
+            np.where(hit, self._parts[geom], 0).astype(np.uint8),
         )
         return tuple(self._enlarge(image.reshape(*self._shape, *image.shape[1:])) for image in images)
 

@@ -1,4 +1,4 @@
-"""Pictures of a scene: colour, depth and ids. The only file that touches OpenGL."""
+"""Pictures of a scene: colour, depth, ids and parts of bodies. The only file that touches OpenGL."""
 
 import copy
 import functools
@@ -15,8 +15,10 @@ import mujoco
 import numpy as np
 
 from dmae.cameras import CameraRig
-from dmae.images import KINDS, Images, write_depth, write_ids, write_video
+from dmae.images import KINDS, Images, write_depth, write_ids, write_parts, write_video
 from synth.lens import LensPainter, camera_name, joined, pinholes
+from synth.motion import SEGMENTS
+from synth.person import geom_parts
 from synth.raycast import RayPainter
 
 _OFF = ("disable", "disabled", "off", "false", "0")
@@ -50,11 +52,13 @@ class Picture(NamedTuple):
         rgb: (H, W, 3) uint8.
         depth: (H, W) float32 m along the optical axis; NaN where nothing is.
         ids: (H, W) uint16: 0 nothing, 1 + p person p, 256 + k object k.
+        parts: (H, W) uint8: 1 + index in `synth.motion.SEGMENTS` of the body's segment; 0 for what is no person.
     """
 
     rgb: np.ndarray | None
     depth: np.ndarray | None
     ids: np.ndarray | None
+    parts: np.ndarray | None
 
 
 @functools.cache
@@ -116,7 +120,7 @@ class _GLPainter:
         self._model = copy.copy(model)
         quality = self._model.vis.quality
         quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads = settings
-        self._ids, self._skin_ids = geom_ids, _skin_ids(model, geom_ids)
+        self._ids, self._parts = geom_ids, geom_parts(model)
         self._planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
         self._cameras = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera_name(name)) for name in rig.names]
         if -1 in self._cameras:
@@ -126,29 +130,35 @@ class _GLPainter:
         self._gl = _context(backend, width, height)
         self._scene = mujoco.MjvScene(self._model, maxgeom=10000)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = settings[0] > 0
-        self._drawing = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-        self._drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR.value
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
+        self._colouring = self._drawing()
+        # Numbers are not mixed at edges, and a buffer of one sample a pixel is drawn and read sooner.
+        quality.shadowsize = quality.offsamples = 0
+        self._identifying = self._drawing() if settings[1] else self._colouring
         self._options = mujoco.MjvOption()
         self._options.sitegroup[:] = self._options.tendongroup[:] = self._options.actuatorgroup[:] = 0
 
+    def _drawing(self) -> mujoco.MjrContext:
+        """Buffers to draw into, and what is drawn, at the quality that the model says by now."""
+        drawing = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR.value
+        return drawing
+
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
         self._look(data, view)
-        rgb = depth = ids = None
+        rgb = depth = ids = parts = None
         if "rgb" in kinds:
             # OpenGL's first row is the lowest.
             rgb = self._read(view, identify=False)[0][::-1]
-        if "depth" in kinds or "ids" in kinds:
+        if set(kinds) - {"rgb"}:
             colours, nearness = self._read(view, identify=True)
-            depth, ids = self._metres(nearness[::-1]), self._whose(colours[::-1])
-        return rgb, depth, ids
+            depth, (ids, parts) = self._metres(nearness[::-1]), self._whose(colours[::-1])
+        return rgb, depth, ids, parts
 
     def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
-        groups = self._model.geom_group.copy(), self._model.skin_group.copy()
-        self._model.geom_group = np.where(self._ids == owner, groups[0], _UNDRAWN)
-        self._model.skin_group = np.where(self._skin_ids == owner, groups[1], _UNDRAWN)
+        groups = self._model.geom_group.copy()
+        self._model.geom_group = np.where(self._ids == owner, groups, _UNDRAWN)
         self._look(data, view)
-        self._model.geom_group, self._model.skin_group = groups
+        self._model.geom_group = groups
         # Whatever is there is the owner's.
         red, green, blue = np.moveaxis(self._read(view, identify=True)[0][::-1], -1, 0)
         return (red | green | blue) > 0
@@ -167,43 +177,41 @@ class _GLPainter:
         self._gl.make_current()
 
     def _read(self, view: int, identify: bool) -> tuple[np.ndarray, np.ndarray]:
-        rect = self._rects[view]
+        rect, drawing = self._rects[view], self._identifying if identify else self._colouring
         colours = np.empty((rect.height, rect.width, 3), np.uint8)
         nearness = np.empty((rect.height, rect.width), np.float32)
         for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
             self._scene.flags[flag] = identify
-        mujoco.mjr_render(rect, self._scene, self._drawing)
-        mujoco.mjr_readPixels(colours, nearness if identify else None, rect, self._drawing)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, drawing)
+        mujoco.mjr_render(rect, self._scene, drawing)
+        mujoco.mjr_readPixels(colours, nearness if identify else None, rect, drawing)
         return colours, nearness
 
-    def _whose(self, colours: np.ndarray) -> np.ndarray:
-        """(H, W) ids of what a picture of segment numbers shows."""
-        owners = np.zeros(self._scene.ngeom + 1, np.uint16)
-        ids = {mujoco.mjtObj.mjOBJ_GEOM.value: self._ids, mujoco.mjtObj.mjOBJ_SKIN.value: self._skin_ids}
+    def _whose(self, colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(H, W) ids and parts of what a picture of segment numbers shows."""
+        ids, parts = np.zeros(self._scene.ngeom + 1, np.uint16), np.zeros(self._scene.ngeom + 1, np.uint8)
         for geom in self._scene.geoms[: self._scene.ngeom]:
-            if geom.segid >= 0 and geom.objtype in ids:
-                owners[geom.segid + 1] = ids[geom.objtype][geom.objid]
+            if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM.value:
+                ids[geom.segid + 1], parts[geom.segid + 1] = self._ids[geom.objid], self._parts[geom.objid]
         # Numbers are spread over the channels, lowest first; two hold all that a scene has room for.
-        return owners[colours[..., 0] | colours[..., 1].astype(np.uint16) << 8]
+        number = colours[..., 0] | colours[..., 1].astype(np.uint16) << 8
+        return np.take(ids, number), np.take(parts, number)
 
     def _metres(self, nearness: np.ndarray) -> np.ndarray:
         """Depth from a reversed depth buffer: 1 at the near plane, 0 at the far one, linear in 1/depth."""
         near = self._model.vis.map.znear * self._model.stat.extent
         far = self._model.vis.map.zfar * self._model.stat.extent
-        depth = near * far / (near + nearness.astype(np.float64) * (far - near))
-        return np.where(nearness > 0, depth, np.nan).astype(np.float32)
+        # Single precision, in place, is off by some micrometres; both take time.
+        depth = nearness * np.float32(far - near) + np.float32(near)
+        np.divide(np.float32(near * far), depth, out=depth)
+        depth[nearness == 0] = np.nan
+        return depth
 
     def close(self) -> None:
         self._gl.make_current()
-        self._drawing.free()
+        for drawing in {self._colouring, self._identifying}:
+            drawing.free()
         self._gl.free()
-
-
-def _skin_ids(model: mujoco.MjModel, geom_ids: np.ndarray) -> np.ndarray:
-    """(nskin,) id of the person each skin covers: that of the geoms its bones hang from."""
-    trees = model.body_rootid[model.geom_bodyid]
-    roots = model.body_rootid[model.skin_bonebodyid[model.skin_boneadr]] if model.nskin else np.zeros(0, int)
-    return np.array([geom_ids[trees == root].max(initial=0) for root in roots], np.uint16)
 
 
 class Renderer:
@@ -214,8 +222,8 @@ class Renderer:
     Args:
         model: The scene, with the rig's cameras in it (`synth.lens.add_cameras`).
         geom_ids: (ngeom,) uint16 what each geom belongs to: 0 nothing, 1 + p person p, 256 + k object k.
-        rig: V cameras. Pictures that OpenGL paints of distorted ones are warped: colour is interpolated, depth and
-            ids are those of the nearest pixel, which may lie half a pixel off.
+        rig: V cameras. Pictures that OpenGL paints of distorted ones are warped: colour is interpolated, depth, ids
+            and parts are those of the nearest pixel, which may lie half a pixel off.
         quality: How much to spend.
     """
 
@@ -234,9 +242,8 @@ class Renderer:
         """One view of the scene in the state `qpos` (nq,). Quickest when views are not alternated.
 
         Args:
-            qpos: The state.
             view: Index into the rig.
-            kinds: What is wanted, of `dmae.images.KINDS`; depth and ids are had together.
+            kinds: What is wanted, of `dmae.images.KINDS`; all but colour are had together.
         """
         self._move(qpos)
         return Picture(*self._painter.paint(self._data, view, kinds))
@@ -277,10 +284,9 @@ def render_images(
     def pictures(view: int) -> Iterator[Picture]:
         for frame, state in enumerate(qpos):
             picture = renderer.picture(state, view, kinds)
-            if "depth" in kinds:
-                write_depth(folder / "depth" / rig.names[view] / f"{frame:06d}.png", picture.depth)
-            if "ids" in kinds:
-                write_ids(folder / "ids" / rig.names[view] / f"{frame:06d}.png", picture.ids)
+            for kind, write in {"depth": write_depth, "ids": write_ids, "parts": write_parts}.items():
+                if kind in kinds:
+                    write(folder / kind / rig.names[view] / f"{frame:06d}.png", getattr(picture, kind))
             yield picture
 
     for view, name in enumerate(rig.names):
@@ -289,4 +295,4 @@ def render_images(
         else:
             for _ in pictures(view):
                 pass
-    return Images(folder, rig.names, tuple(range(len(qpos))), kinds)
+    return Images(folder, rig.names, tuple(range(len(qpos))), kinds, SEGMENTS if "parts" in kinds else ())

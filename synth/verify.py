@@ -10,8 +10,16 @@ from dmae.clip import Clip
 from dmae.progress import progress
 from dmae.store import MANIFEST, load_clip, read_json, read_manifest, write_atomic
 from dmae.tables import Table, print_tables
-from synth.checks import check_detections, check_images, check_labels, check_numbers, check_projection
-from synth.generate import CONFIG, ImageKinds
+from synth.checks import (
+    check_detections,
+    check_images,
+    check_labels,
+    check_numbers,
+    check_projection,
+    check_surplus,
+)
+from synth.dataset import CONFIG
+from synth.generate import ImageKinds
 
 _DATA_SET = "data set"
 
@@ -98,6 +106,9 @@ def verify_clip(folder: Path) -> tuple[Clip | None, list[Problem]]:
     problems = []
     for check, find in _OF_A_CLIP.items():
         problems += [Problem(folder.name, check, what) for what in find(clip)]
+    if clip.images and clip.images.folder.resolve().is_relative_to(folder.resolve()):
+        # Clips may also point to some of another one's frames.
+        problems += [Problem(folder.name, "images", what) for what in check_surplus(clip)]
     return clip, problems
 
 
@@ -158,7 +169,7 @@ CHECKS = {
     "labels": "codes and causes that exist and go together",
     "projection": "visibility is where the cameras project joints",
     "detections": "in the image, about where their person is",
-    "images": "there, readable, of the right size, and as labelled",
+    "images": "there and no others, readable, of the right size, and as labelled",
     "manifest": "lists the clips that are there, as they are",
 }
 """The checks, in the order of their printing, and what each asks."""

@@ -4,7 +4,7 @@ import av
 import numpy as np
 import pytest
 
-from dmae.images import KINDS, Images, write_depth, write_ids, write_video
+from dmae.images import KINDS, Images, write_depth, write_ids, write_parts, write_video
 
 
 @pytest.fixture
@@ -12,19 +12,23 @@ def folder(tmp_path):
     """Six frames of one view, 64 x 48: a bright square that moves to the right, 2 m before a wall that has no depth."""
     rgb = np.zeros((6, 48, 64, 3), np.uint8)
     depth = np.full((6, 48, 64), np.nan, np.float32)
-    ids = np.zeros((6, 48, 64), np.uint16)
+    ids, parts = np.zeros((6, 48, 64), np.uint16), np.zeros((6, 48, 64), np.uint8)
     for frame in range(6):
         square = np.s_[frame, 16:32, 8 * frame : 8 * frame + 16]
-        rgb[square], depth[square], ids[square] = (250, 200, 40), 2.0 + 0.0015 * frame, 300
+        rgb[square], depth[square], ids[square], parts[square] = (250, 200, 40), 2.0 + 0.0015 * frame, 300, 2
         write_depth(tmp_path / "depth" / "left" / f"{frame:06d}.png", depth[frame])
         write_ids(tmp_path / "ids" / "left" / f"{frame:06d}.png", ids[frame])
+        write_parts(tmp_path / "parts" / "left" / f"{frame:06d}.png", parts[frame])
     write_video(tmp_path / "rgb" / "left.mp4", rgb, 25)
-    return Images(tmp_path, ("left",), tuple(range(6))), rgb, depth, ids
+    return Images(tmp_path, ("left",), tuple(range(6)), parts=("arm", "leg")), rgb, depth, ids
 
 
 def test_what_is_written_is_read_back(folder):
     images, rgb, depth, ids = folder
     np.testing.assert_array_equal(list(images.read("ids", "left")), ids)
+    parts = np.array(list(images.read("parts", "left")))
+    assert parts.dtype == np.uint8
+    assert (images.parts[parts[ids == 300].min() - 1], parts[ids == 0].max()) == ("leg", 0)
     # Depth is kept in whole millimetres.
     np.testing.assert_allclose(list(images.read("depth", "left")), depth, atol=0.00051)
     found = np.array(list(images.read("rgb", "left")))
@@ -38,6 +42,7 @@ def test_some_frames_are_read_alone(folder):
     images, _, _, ids = folder
     some = images.select([1, 4], ("left",))
     assert some.frames == (1, 4)
+    assert some.parts == images.parts
     np.testing.assert_array_equal(list(some.read("ids", "left")), ids[[1, 4]])
     whole, part = list(images.read("rgb", "left")), list(some.read("rgb", "left"))
     np.testing.assert_array_equal(part, [whole[1], whole[4]])

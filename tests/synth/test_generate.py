@@ -9,9 +9,12 @@ import pytest
 
 from dmae.clip import Visibility
 from dmae.store import load_clip, read_manifest
+from synth import dataset
 from synth import generate as module
-from synth.generate import CONFIG, GenerateConfig, ImageKinds, attempt_seed, generate, generate_clip
+from synth.dataset import CONFIG, generate
+from synth.generate import GenerateConfig, ImageKinds, attempt_seed, generate_clip
 from synth.mistakes import DetectorConfig
+from synth.motion import SEGMENTS
 from synth.motion.source import MotionConfig, MotionKind
 from synth.quality import FailedSimulation
 from synth.render import Quality
@@ -178,14 +181,14 @@ def test_a_run_of_which_nothing_comes_fails(config, monkeypatch):
 
 
 def test_a_crash_leaves_no_half_clip_and_loses_no_whole_one(config, monkeypatch):
-    save = module.save_clip
+    save = dataset.save_clip
 
     def crash(clip, folder):
         save(clip, folder)
         if clip.id == "000001":
             raise OSError("disk full")
 
-    monkeypatch.setattr(module, "save_clip", crash)
+    monkeypatch.setattr(dataset, "save_clip", crash)
     with pytest.raises(OSError, match="disk full"):
         generate(config)
     out = Path(config.out)
@@ -224,7 +227,9 @@ def test_images_lie_beside_the_labels_and_agree_with_them(config, kinds):
         assert np.shape(rgb) == (10, 72, 96, 3)
         assert np.std(rgb) > 5
     if "ids" not in kinds.value:
+        assert clip.images.parts == ()
         return
+    assert clip.images.parts == SEGMENTS
     seen = np.array([list(clip.images.read("ids", view)) for view in clip.rig.names]).swapaxes(0, 1)
     for person in range(2):
         shown = (seen == 1 + person).any((2, 3))

@@ -9,7 +9,8 @@ import pytest
 from dmae.clip import Visibility
 from dmae.resources import resource_folder
 from dmae.store import load_clip, read_manifest
-from synth.generate import GenerateConfig, ImageKinds, generate, generate_clip
+from synth.dataset import generate
+from synth.generate import GenerateConfig, ImageKinds, generate_clip
 from synth.mistakes import DetectorConfig
 from synth.render import Quality
 from synth.rigs import CameraConfig, ErrorConfig, JitterConfig, RigConfig
@@ -95,7 +96,10 @@ SEES_NOBODY = replace(CameraConfig(**LEFT), cam_from_world=[], position=[3.0, 0,
     ("rig", "complaint"),
     [
         (RigConfig(cameras=[SEES_NOBODY]), "'left'.*sees nobody"),
-        (RigConfig(cameras=[replace(SEES_NOBODY, position=[0.157, 0.195, 0.28], target=[0.0] * 3)]), "'left'.*'shelf'"),
+        (
+            RigConfig(cameras=[replace(SEES_NOBODY, position=[0.618, -0.484, 0.28], target=[0.0] * 3)]),
+            "'left'.*'shelf'",
+        ),
         (RigConfig(cameras=[CameraConfig(**LEFT | {"dist": [-5.0, 0, 0, 0, 0]})]), "'left'.*cannot be rendered"),
         (RigConfig(cameras=[CameraConfig(**LEFT | {"K": [50, 3, 32, 0, 50, 24, 0, 0, 1]})]), "'left'.*no skew"),
         (RigConfig(path="nowhere.toml"), r"nowhere\.toml"),

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from dmae.store import load_clip, read_manifest
-from synth.generate import GenerateConfig, generate
+from synth.dataset import generate
+from synth.generate import GenerateConfig
 from synth.motion.procedural import ProceduralConfig, make_motion
 from synth.motion.smpl import write_npz
 from synth.motion.source import MotionConfig, MotionKind

@@ -7,7 +7,8 @@ import pytest
 
 from dmae.clip import Visibility
 from dmae.rng import Stream, generator
-from synth.generate import GenerateConfig, generate, generate_clip
+from synth.dataset import generate
+from synth.generate import GenerateConfig, generate_clip
 from synth.motion.source import MotionConfig
 from synth.occlusion import OcclusionConfig, histogram, sample_hidden_spec, share, summary
 from synth.props import PropsConfig

@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 
 from dmae.clip import Clip, Detections2D, Poses3D, Visibility
+from dmae.images import FIRST_OBJECT_ID
 from dmae.skeleton import BODY25
 from synth import render
+from synth.motion import SEGMENTS
 from synth.motion.source import MotionConfig
 from synth.pixels import agreement, person_pixels
 from synth.quality import FailedSimulation
 from synth.render import Quality, Renderer, find_backend, render_images
 from synth.simulate import simulate
 from synth.spec import SceneConfig, sample_spec
-from synth.visibility import joint_visibility
+from synth.visibility import _limbs, joint_visibility
 
 from .test_rigs import preset
 from .test_visibility import looking_along_x, scene
@@ -98,6 +100,56 @@ def test_a_label_that_is_wrong_is_not_borne_out(crowds, tmp_path):
     assert after.agreeing.sum() <= before.agreeing.sum() - before.agreeing[0]
 
 
+def test_a_joint_that_shows_lies_under_a_part_of_its_limb(painter, crowds):
+    on_limb, shown = [], np.zeros(1 + len(SEGMENTS), int)
+    for simulation in crowds[:2]:
+        model, xy = simulation.model, RIG.project(simulation.joints)[0]
+        sight = joint_visibility(
+            model, simulation.qpos, simulation.joints, simulation.depth, simulation.geom_ids, RIG, simulation.bodies
+        )
+        limbs = _limbs(model, simulation.bodies, simulation.bodies.shape)
+        persons = range(len(limbs))
+        bodies = np.array([[model.body(f"person{p}/{segment}").id for segment in SEGMENTS] for p in persons])
+        on_body = np.array([not name.endswith("top_head") for name in simulation.skeleton.joints])
+        with Renderer(model, simulation.geom_ids, RIG, Quality.draft) as renderer:
+            for view in range(len(RIG)):
+                picture = renderer.picture(simulation.qpos[0], view, ("ids", "parts"))
+                somebody = (picture.ids > 0) & (picture.ids < FIRST_OBJECT_ID)
+                np.testing.assert_array_equal(picture.parts > 0, somebody)
+                shown += np.bincount(picture.parts.ravel(), minlength=len(shown))
+                person, joint = np.nonzero((sight.visibility[0, view] == Visibility.VISIBLE) & on_body)
+                column, row = np.clip(np.round(xy[0, view, person, joint]).astype(int), 0, RIG.size[view] - 1).T
+                own = picture.ids[row, column] == 1 + person
+                under = bodies[person, picture.parts[row, column].astype(int) - 1]
+                on_limb.append(limbs[person, joint, under][own])
+    assert (shown > 0).all()
+    on_limb = np.concatenate(on_limb)
+    assert len(on_limb) > 200
+    # A hand may lie on a hip.
+    assert on_limb.mean() > 0.97
+
+
+@pytest.mark.gl
+def test_both_painters_see_the_same_parts(crowds):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if find_backend() is None:
+            pytest.skip("no OpenGL works here")
+    simulation, found = crowds[0], []
+    for backend in (find_backend, lambda: None):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(render, "find_backend", backend)
+            with Renderer(simulation.model, simulation.geom_ids, RIG, Quality.standard) as renderer:
+                found.append(renderer.picture(simulation.qpos[0], 0, ("parts",)).parts)
+    drawn, cast = found
+    for part in range(1, 1 + len(SEGMENTS)):
+        both, either = (
+            np.count_nonzero((drawn == part) & (cast == part)),
+            np.count_nonzero((drawn == part) | (cast == part)),
+        )
+        assert both > 0.95 * either - 20, (SEGMENTS[part - 1], both, either)
+
+
 def test_the_share_that_shows_is_that_of_the_half_in_front_of_which_nothing_stands(painter, tmp_path):
     rig = looking_along_x((-4, 0, 1))
     # As wide as half the view, its edge in the plane through the middle of the first man; the second is far to a side.
@@ -138,6 +190,6 @@ def test_only_what_is_asked_for_is_painted(painter, tmp_path, monkeypatch):
             rgb = renderer.picture(model.qpos0, 0, ("rgb",))
             ids_only = renderer.picture(model.qpos0, 0, ("ids",))
             assert reads == [False, True]
-            assert rgb.ids is rgb.depth is ids_only.rgb is None
+            assert rgb.ids is rgb.depth is rgb.parts is ids_only.rgb is None
             np.testing.assert_array_equal(rgb.rgb, whole.rgb)
             np.testing.assert_array_equal(ids_only.ids, whole.ids)

@@ -111,7 +111,7 @@ def test_what_is_no_mesh_is_refused(tmp_path):
         find_meshes(str(tmp_path / "gone"))
     with pytest.raises(ValueError, match=r"props.scale: expected metres per unit"):
         PropsConfig(scale=0.0)
-    with pytest.raises(ValueError, match="props.path names none"):
+    with pytest.raises(ValueError, match=r"props.path names none"):
         PropsConfig(scale=0.001)
 
 

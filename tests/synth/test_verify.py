@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from dmae.clip import OF_DETECTIONS, OF_TRUE_PERSONS, Detections2D, JointError, Poses3D, Visibility
-from dmae.images import write_ids, write_video
+from dmae.images import write_ids, write_parts, write_video
 from dmae.store import load_clip, read_json, read_manifest, save_clip, write_manifest
-from synth.generate import GenerateConfig, ImageKinds, generate
+from synth.dataset import generate
+from synth.generate import GenerateConfig, ImageKinds
 from synth.render import Quality
 from synth.rigs import RigConfig
 from synth.spec import SceneConfig
@@ -224,8 +225,37 @@ def test_ids_that_say_something_else_than_the_labels_are_found(data):
     for view in clip.rig.names:
         for frame in range(5):
             write_ids(data / CLIP / "images" / "ids" / view / f"{frame:06d}.png", np.full_like(ids, 256))
+            write_parts(data / CLIP / "images" / "parts" / view / f"{frame:06d}.png", np.zeros_like(ids))
     changed(data, visible_pixels=None, amodal_pixels=None)
     only(data, "images", "less than 99%")
+
+
+def test_parts_that_are_nobody_s_or_none_are_found(data):
+    clip = load_clip(data / CLIP)
+    path = data / CLIP / "images" / "parts" / "ring0" / "000002.png"
+    parts = list(clip.images.read("parts", "ring0"))[2]
+    for wrong, word in (
+        (np.where(parts == 3, 99, parts), "99 stands for none of the 16 parts"),
+        (np.where(parts == 3, 0, parts), f"{np.count_nonzero(parts == 3)} pixels show a part"),
+        (np.maximum(parts, 1), "a person and no person"),
+    ):
+        write_parts(path, wrong)
+        only(data, "images", "parts of camera ring0, frame 2", word)
+
+
+def test_surplus_images_are_found_unless_another_clip_shows_them(data, tmp_path):
+    whole, images = load_clip(data / CLIP), data / CLIP / "images"
+    some = whole.select([1, 3])
+    save_clip(some, tmp_path / "some")
+    assert verify(tmp_path / "some")[1] == []
+    shutil.copy(images / "ids" / "ring0" / "000004.png", images / "ids" / "ring0" / "000005.png")
+    only(data, "images", "files of images that the clip does not know of: 1, first ids/ring0/000005.png")
+    (images / "ids" / "ring0" / "000005.png").unlink()
+    shutil.copytree(images / "parts" / "ring0", images / "parts" / "ring7")
+    only(data, "images", "files of images that the clip does not know of: 5, first parts/ring7/000000.png")
+    shutil.rmtree(images / "parts" / "ring7")
+    write_video(images / "rgb" / "ring1.mp4", np.zeros((7, 144, 192, 3), np.uint8), 25)
+    only(data, "images", "rgb/ring1.mp4: expected 5 frames, found 7")
 
 
 def test_a_manifest_that_says_something_else_than_the_folders_is_found(data):
