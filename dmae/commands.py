@@ -2,16 +2,18 @@
 
 import json
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 
 from dmae.baselines import METHODS, smooth
 from dmae.capture import CaptureConfig, capture
-from dmae.clip import Poses3D, Source
+from dmae.clip import Clip, Poses3D, Source
 from dmae.data import DataConfig, is_data_set, load
 from dmae.evaluate import EvaluateConfig, evaluate
 from dmae.progress import progress
+from dmae.rng import Stream, generator
 from dmae.store import clip_folders, load_clip, read_json, save_clip, write_atomic, write_manifest
 from dmae.tables import print_tables, tables
 
@@ -33,13 +35,21 @@ class CaptureCommand:
     """What is filled is marked completed in `source`."""
     smooth: float = 0.0
     """Light smoothing after that, s (0.1 suits people); what it moves is marked denoised."""
+    draw: list[int] = field(default_factory=list)
+    """Capture each clip of a data set with cameras drawn at random, as many as one of these, and keep no others: to
+    learn what few cameras measure."""
+    seed: int = 0
+    """Of which cameras are drawn."""
     out: str = "runs/capture"
 
 
 def run_capture(config: CaptureCommand, out: Path) -> None:
     clips, several = load(config.data), is_data_set(config.data)
     frames, spent, manifest = 0, 0.0, []
-    for clip, folder in progress(zip(clips, clips.folders, strict=True), "capturing", len(clips)):
+    numbered = enumerate(zip(clips, clips.folders, strict=True))
+    for number, (clip, folder) in progress(numbered, "capturing", len(clips)):
+        if config.draw:
+            clip = clip.select(views=_drawn(config, len(clip.rig), number))
         for note in clip.provenance.get("notes", ()):
             print(f"{clip.id}: {note}")
         start = time.perf_counter()
@@ -55,6 +65,14 @@ def run_capture(config: CaptureCommand, out: Path) -> None:
     if several:
         write_manifest(out, manifest)
     print(f"{frames / spent:.0f} frames/s")
+
+
+def _drawn(config: CaptureCommand, views: int, number: int) -> list[int]:
+    """The cameras of the clip of that number in its data set."""
+    if not all(2 <= count <= views for count in config.draw):
+        raise ValueError(f"draw={config.draw}: expected numbers from 2 to {views}, the cameras there are")
+    rng = generator(config.seed, number, Stream.CAMERAS)
+    return sorted(rng.choice(views, rng.choice(config.draw), replace=False).tolist())
 
 
 def _shares(poses: Poses3D) -> str:
@@ -99,7 +117,15 @@ def run_complete(config: CompleteCommand, out: Path) -> None:
 def run_train(config, out: Path) -> None:
     from dmae.train import train
 
-    print(train(config, load(config.data), out))
+    print(train(config, _clips_to_learn_from(config), out))
+
+
+def _clips_to_learn_from(config) -> Iterator[Clip]:
+    """Clips called as their folders are, of further data sets after that of the set: each counts from 0."""
+    sets = [(load(config.data), "")] + [(load(DataConfig(path=path)), f"{Path(path).name}/") for path in config.also]
+    for clips, prefix in sets:
+        for clip, folder in zip(clips, clips.folders, strict=True):
+            yield replace(clip, id=prefix + folder.name)
 
 
 def run_evaluate(config: EvaluateConfig, out: Path) -> None:

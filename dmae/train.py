@@ -47,6 +47,8 @@ class TrainConfig:
     """How a model is made."""
 
     data: DataConfig = field(default_factory=DataConfig)
+    also: list[str] = field(default_factory=list)
+    """Further data sets of clips to learn from."""
     model: ModelConfig = field(default_factory=ModelConfig)
     hiding: HidingConfig = field(default_factory=HidingConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)
@@ -99,11 +101,15 @@ def train(config: TrainConfig, clips: Iterable[Clip], out: Path) -> Path:
 
     Raises:
         ValueError: a clip has no truth, there is nothing to learn from, or the folder holds a model that was
-            made, or begun, under another configuration or from other clips.
+            made, or begun, under another configuration or from other clips, or two clips have one id.
     """
     out = Path(out)
     skeleton = get_skeleton(config.skeleton)
-    recordings = {clip.id: record(clip, skeleton, config.model.fps) for clip in progress(clips, "reading")}
+    recordings = {}
+    for clip in progress(clips, "reading"):
+        if clip.id in recordings:
+            raise ValueError(f"two clips are called {clip.id!r}; a model's record names what it learned from")
+        recordings[clip.id] = record(clip, skeleton, config.model.fps)
     recordings = {name: found for name, found in recordings.items() if not np.isnan(found.truth.xyz).all()}
     if not recordings:
         raise ValueError(f"{config.data.path}: nothing to learn from, no clip has a person in it")
@@ -167,7 +173,7 @@ def _held_back(names: list[str], config: TrainConfig) -> list[str]:
 def _claim(out: Path, config: TrainConfig, recordings: dict[str, Recording]) -> None:
     """Write down what this folder's model is made of, or compare with what is written there."""
     wanted = json.loads(json.dumps(asdict(config)))
-    for name in ("out", "data", "workers"):
+    for name in ("out", "data", "also", "workers"):
         del wanted[name]
     wanted["clips"] = {name: _digest(found) for name, found in recordings.items()}
     path = out / "training.json"
