@@ -1,5 +1,6 @@
 """Truth to training batches: vary it, hide some of it, cut windows."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -132,6 +133,13 @@ def validation_batches(recordings: list[Recording], recipe: Recipe, *, seed: int
     return found
 
 
+def as_measured(recordings: list[Recording], recipe: Recipe, *, seed: int) -> Iterator[tuple[Poses3D, Poses3D]]:
+    """Poses as a model will be given them, and their truth: those captured as they are, others with joints hidden."""
+    for number, recording in enumerate(recordings):
+        measured = recording.captured or _hidden(recording, recipe, rng=generator(seed, number, Stream.VALIDATION))
+        yield measured, recording.truth
+
+
 def vary(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> Recording:
     """A recording at another speed, perhaps backwards; its persons turned, mirrored and scaled."""
     augment, fps = recipe.augment, recipe.model.fps
@@ -151,11 +159,15 @@ def vary(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> R
 
 def hidden_rows(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> Rows:
     """A recording as it was captured, or with errors made up, and with more joints hidden."""
-    truth, fps = recording.truth, recipe.model.fps
+    measured = _hidden(recording, recipe, rng=rng)
+    return make_rows(measured, recipe.model.fps, recipe.rest, recipe.model.frames, recording.truth.xyz)
+
+
+def _hidden(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> Poses3D:
+    truth = recording.truth
     measured = recording.captured or _disturb(truth, recipe.augment, rng=rng)
-    hidden = hide(*truth.xyz.shape[:2], truth.skeleton, fps, recipe.hiding, rng=rng)
-    measured = Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, measured.xyz))
-    return make_rows(measured, fps, recipe.rest, recipe.model.frames, truth.xyz)
+    hidden = hide(*truth.xyz.shape[:2], truth.skeleton, recipe.model.fps, recipe.hiding, rng=rng)
+    return Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, measured.xyz))
 
 
 def _disturb(truth: Poses3D, augment: AugmentConfig, *, rng: np.random.Generator) -> Poses3D:

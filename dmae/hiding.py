@@ -23,13 +23,13 @@ _PARTS = (
 class HidingConfig:
     """Which of the known joints the encoder is not shown in training."""
 
-    scattered: float = 0.2
+    scattered: float = 0.05
     """Share of the recordings hidden at random by joint and by frame, as in the paper; the others are in bursts."""
     joints: float = 0.5
     """Share of the joints that are hidden where they are hidden at random."""
     frames: float = 0.5
     """Share of the frames that are hidden whole where joints are hidden at random."""
-    bursts: float = 5.0
+    bursts: float = 2.0
     """Bursts a second and person."""
     longest: int = 60
     """Frames at 25/s of the longest burst; lengths are log-uniform from 2."""

@@ -5,6 +5,7 @@ Shapes: B windows, T frames, J joints, N = T * J tokens, C channels.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -12,6 +13,9 @@ from torch import Tensor, nn
 
 _SPREAD = 0.3
 """m, about how far joints are from the rest pose."""
+
+_SCALE = 0.03
+"""m, the scale of errors that training starts from."""
 
 
 @dataclass(frozen=True)
@@ -22,12 +26,12 @@ class ModelConfig:
     """T, frames in a window."""
     fps: float = 25.0
     """Frames per second of a window; poses at other rates are resampled."""
-    dim: int = 64
-    depth: int = 2
+    dim: int = 96
+    depth: int = 1
     heads: int = 4
-    head_dim: int = 16
-    mlp: int = 128
-    decoder_dim: int = 32
+    head_dim: int = 24
+    mlp: int = 192
+    decoder_dim: int = 96
     decoder_depth: int = 1
     dropout: float = 0.0
     signal_codes: int = 64
@@ -42,6 +46,9 @@ class ModelConfig:
     """Ablation."""
     no_joint_code: bool = False
     """Ablation."""
+    alike: float = 1.7
+    """Attention's keys start as this times its queries, so that a token first looks at those with codes like its own,
+    the same joint at near times; 0: they start at random."""
     residual: bool = True
     """Not in the paper: predict what to add to interpolated joints, which hidden tokens then carry, instead of
     coordinates; and give the network joints relative to the rest pose, coordinates beside their code."""
@@ -95,10 +102,14 @@ class ContextCode(nn.Module):
 class Attention(nn.Module):
     """Multi-head self-attention."""
 
-    def __init__(self, dim: int, heads: int, head_dim: int):
+    def __init__(self, dim: int, heads: int, head_dim: int, alike: float):
         super().__init__()
         self.heads = heads
         self.qkv = nn.Linear(dim, 3 * heads * head_dim, bias=False)
+        if alike:
+            with torch.no_grad():
+                queries, keys, _ = self.qkv.weight.chunk(3)
+                keys.copy_(alike * queries)
         self.out = nn.Linear(heads * head_dim, dim)
 
     def forward(self, x: Tensor, real: Tensor | None) -> Tensor:
@@ -113,10 +124,10 @@ class Attention(nn.Module):
 class Block(nn.Module):
     """Pre-norm transformer layer."""
 
-    def __init__(self, dim: int, heads: int, head_dim: int, mlp: int, dropout: float):
+    def __init__(self, dim: int, heads: int, head_dim: int, mlp: int, dropout: float, alike: float):
         super().__init__()
         self.attention_norm = nn.LayerNorm(dim)
-        self.attention = Attention(dim, heads, head_dim)
+        self.attention = Attention(dim, heads, head_dim, alike)
         self.mlp_norm = nn.LayerNorm(dim)
         self.mlp = nn.Sequential(nn.Linear(dim, mlp), nn.GELU(), nn.Dropout(dropout), nn.Linear(mlp, dim))
         self.dropout = nn.Dropout(dropout)
@@ -124,6 +135,15 @@ class Block(nn.Module):
     def forward(self, x: Tensor, real: Tensor | None = None) -> Tensor:
         x = x + self.dropout(self.attention(self.attention_norm(x), real))
         return x + self.dropout(self.mlp(self.mlp_norm(x)))
+
+
+class Prediction(NamedTuple):
+    """Where joints are, and how sure that is."""
+
+    xyz: Tensor
+    """(B, T, J, 3) m."""
+    log_scale: Tensor
+    """(B, T, J) the logarithm of s in m, the error e having the density exp(-|e| / s) / (8 π s^3)."""
 
 
 class DMAE(nn.Module):
@@ -144,7 +164,9 @@ class DMAE(nn.Module):
         signal = 2 * c.signal_codes + (3 if c.residual else 0)
         self.embed = nn.Linear(signal, c.dim)
         self.encoder_context = ContextCode(c, joints, c.dim)
-        self.encoder = nn.ModuleList(Block(c.dim, c.heads, c.head_dim, c.mlp, c.dropout) for _ in range(c.depth))
+        self.encoder = nn.ModuleList(
+            Block(c.dim, c.heads, c.head_dim, c.mlp, c.dropout, c.alike) for _ in range(c.depth)
+        )
         self.encoder_norm = nn.LayerNorm(c.dim)
 
         self.narrow = nn.Linear(c.dim, c.decoder_dim)
@@ -153,17 +175,20 @@ class DMAE(nn.Module):
         share = c.decoder_dim / c.dim
         head_dim, mlp = max(1, round(c.head_dim * share)), max(1, round(c.mlp * share))
         self.decoder = nn.ModuleList(
-            Block(c.decoder_dim, c.heads, head_dim, mlp, c.dropout) for _ in range(c.decoder_depth)
+            Block(c.decoder_dim, c.heads, head_dim, mlp, c.dropout, c.alike) for _ in range(c.decoder_depth)
         )
         self.decoder_norm = nn.LayerNorm(c.decoder_dim)
         self.head = nn.Linear(c.decoder_dim, 3)
+        self.scale_head = nn.Sequential(nn.Linear(c.decoder_dim, 64), nn.GELU(), nn.Linear(64, 1))
+        nn.init.zeros_(self.scale_head[-1].weight)
+        nn.init.constant_(self.scale_head[-1].bias, math.log(_SCALE))
         if c.residual:
             self.embed_base = nn.Linear(signal + 2, c.decoder_dim)
             # Training starts from the interpolation.
             nn.init.zeros_(self.head.weight)
             nn.init.zeros_(self.head.bias)
 
-    def forward(self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor) -> Tensor:
+    def forward(self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor) -> Prediction:
         """Predict every joint of every frame; the fields of `dmae.windows.Windows`.
 
         Args:
@@ -171,9 +196,6 @@ class DMAE(nn.Module):
             observed: (B, T, J) True where the encoder may look.
             base: (B, T, J, 3) m, interpolated joints; read only by a residual model, as is `gap`.
             gap: (B, T, J, 2) frames since and until the joint was observed.
-
-        Returns:
-            (B, T, J, 3) m.
         """
         seen = observed.flatten(1)  # (B, N)
         encoded, index, real = self._encode(self._signal(x), seen)
@@ -187,8 +209,11 @@ class DMAE(nn.Module):
         tokens = torch.where(seen[..., None], shown, hidden) + self.decoder_context()
         for block in self.decoder:
             tokens = block(tokens)
-        predicted = self.head(self.decoder_norm(tokens)).view_as(base)
-        return base + predicted if self.config.residual else predicted
+        tokens = self.decoder_norm(tokens)
+        predicted = self.head(tokens).view_as(base)
+        # Detached: learning how sure it is cost the network accuracy where the two shared features.
+        log_scale = self.scale_head(tokens.detach()).view_as(base[..., 0])
+        return Prediction(base + predicted if self.config.residual else predicted, log_scale)
 
     def _signal(self, x: Tensor) -> Tensor:
         """The signal code (B, N, C) of joints (B, T, J, 3)."""

@@ -20,17 +20,32 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from torch import Tensor
 from torch.utils.data import DataLoader
 
+from dmae.calibrate import fit_factors
 from dmae.clip import Clip
+from dmae.complete import Completer
 from dmae.data import DataConfig
-from dmae.examples import AugmentConfig, Examples, Recipe, Recording, TrainingBatches, record, validation_batches
+from dmae.examples import (
+    AugmentConfig,
+    Examples,
+    Recipe,
+    Recording,
+    TrainingBatches,
+    as_measured,
+    record,
+    validation_batches,
+)
 from dmae.hiding import HidingConfig
-from dmae.model import DMAE, ModelConfig
+from dmae.metrics import GAPS
+from dmae.model import DMAE, ModelConfig, Prediction
 from dmae.progress import progress
 from dmae.rng import Stream, generator
 from dmae.skeleton import get_skeleton
 from dmae.store import read_json, write_atomic
 from dmae.weights import save_model
 from dmae.windows import rest_pose
+
+_SCALE_WEIGHT = 0.01
+"""Of the loss by which the model learns how large its errors are, beside those errors in m."""
 
 
 class Loss(StrEnum):
@@ -61,8 +76,8 @@ class TrainConfig:
     """Stop earlier after this time; the learning rate then falls with the time."""
     epoch: int = 200
     """Steps between two validations, after which training can be resumed."""
-    batch: int = 32
-    lr: float = 1e-3
+    batch: int = 16
+    lr: float = 2e-3
     warmup: float = 0.05
     """Share of the training over which the learning rate rises; then it falls as a cosine."""
     weight_decay: float = 0.05
@@ -149,7 +164,10 @@ def train(config: TrainConfig, clips: Iterable[Clip], out: Path) -> Path:
         trainer.fit(learner, ckpt_path=begun if begun.is_file() else None, weights_only=True)
         scores = trainer.validate(learner, verbose=False)[0] if validation else {}
     if trainer.is_global_zero:
+        stated = Completer(learner.model.eval(), skeleton, learner.device, factors=(1.0,) * len(GAPS))
+        unseen = as_measured([recordings[name] for name in held_back], recipe, seed=config.seed)
         facts = {
+            "calibration": fit_factors(stated, unseen, config.model.fps),
             "denoises": config.shown_weight > 0,
             "clips": len(training),
             "validation_clips": held_back,
@@ -245,21 +263,25 @@ class Learner(lightning.LightningModule):
         return DataLoader(self.validation, batch_size=None)
 
     def training_step(self, batch: Examples, _: int) -> Tensor:
-        error = self.model(*batch.windows) - batch.truth
-        loss = self._mean(error, batch.hidden)
+        predicted = self.model(*batch.windows)
+        loss = self._loss(predicted, batch.truth, batch.hidden)
         if self.train_config.shown_weight:
-            loss = loss + self.train_config.shown_weight * self._mean(error, batch.shown)
+            loss = loss + self.train_config.shown_weight * self._loss(predicted, batch.truth, batch.shown)
         self.log("train_loss", loss)
         return loss
 
-    def _mean(self, error: Tensor, counted: Tensor) -> Tensor:
-        squared = error.square().sum(-1)
+    def _loss(self, predicted: Prediction, truth: Tensor, counted: Tensor) -> Tensor:
+        squared = (predicted.xyz - truth).square().sum(-1)
         # The gradient of a root is infinite at zero: a hundredth of a millimetre is near enough.
-        value = squared if self.train_config.loss == Loss.mse else (squared + 1e-10).sqrt()
+        distance = (squared + 1e-10).sqrt()
+        value = squared if self.train_config.loss == Loss.mse else distance
+        # The negative log likelihood of the scale; its weight is small beside the norm that gradients are clipped to.
+        surprise = distance.detach() * (-predicted.log_scale).exp() + 3 * predicted.log_scale
+        value = value + _SCALE_WEIGHT * surprise
         return (value * counted).sum() / counted.sum().clamp(min=1)
 
     def validation_step(self, batch: Examples, _: int) -> None:
-        for name, predicted in (("model", self.model(*batch.windows)), ("interpolation", batch.windows.base)):
+        for name, predicted in (("model", self.model(*batch.windows).xyz), ("interpolation", batch.windows.base)):
             distance = torch.linalg.norm(predicted - batch.truth, dim=-1)[batch.hidden]
             if len(distance):
                 self.log(f"hidden_{name}_mm", 1000 * distance.mean(), batch_size=len(distance), sync_dist=True)

@@ -15,7 +15,7 @@ from dmae.model import DMAE, ModelConfig
 from dmae.skeleton import Skeleton, get_skeleton
 from dmae.store import read_json, write_atomic
 
-FORMAT = 1
+FORMAT = 2
 
 
 def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> None:
@@ -51,7 +51,7 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
     meta = read_json(described)
     if not isinstance(meta, dict) or meta.get("format") != FORMAT:
         found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
-        raise ValueError(f"{described}: expected a model of format {FORMAT}, found {found!r}")
+        raise ValueError(f"{described}: expected a model of format {FORMAT}, found {found!r}; train it again")
     data = path.read_bytes()
     if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
         raise ValueError(f"{path}: does not match the checksum in model.json; the weights are damaged, train again")

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dmae.baselines import fill_bodyframe, fill_linear, present
+from dmae.calibrate import RADIUS
 from dmae.clip import Poses3D, Source
 from dmae.complete import Completer, load_completer
 from dmae.examples import AugmentConfig
@@ -36,15 +37,16 @@ def one_thread():
     torch.set_num_threads(threads)
 
 
-def untrained(residual: bool = True, denoise: bool = False) -> Completer:
+def untrained(residual: bool = True, denoise: bool = False, factors: tuple[float, ...] | None = None) -> Completer:
     """A completer whose network adds something everywhere."""
     with torch.random.fork_rng():
         torch.manual_seed(0)
         model = DMAE(replace(SMALL, residual=residual, turn_to_front=residual), len(SHELF14)).eval()
         torch.nn.init.normal_(model.head.weight, std=0.01)
+        torch.nn.init.normal_(model.scale_head[-1].weight, std=0.1)
     truth = convert(strollers(50, 3, rng=np.random.default_rng(9)), SHELF14)
     model.rest.copy_(torch.from_numpy(rest_pose(truth.xyz, SHELF14)))
-    return Completer(model, SHELF14, torch.device("cpu"), denoise)
+    return Completer(model, SHELF14, torch.device("cpu"), denoise, factors)
 
 
 def strolling(seed: int, frames: int = 60, persons: int = 3) -> Poses3D:
@@ -107,6 +109,39 @@ def test_completion_beats_lines_and_the_interpolation_it_builds_on(trained):
     mean = {name: np.concatenate(values).mean() for name, values in errors.items()}
     assert mean["completed"] < 0.9 * mean["interpolated"]
     assert mean["completed"] < 0.5 * mean["linear"]
+
+
+@pytest.mark.parametrize("fps", [FPS, 60.0])
+def test_completed_joints_alone_get_a_covariance_and_it_grows_with_its_factor(fps):
+    poses = with_holes(strolling(8), 8)
+    poses = replace(poses, cov=np.where(poses.measured[..., None, None], 1e-4 * np.eye(3), np.nan))
+    once, twice = (untrained(factors=(factor,) * 4)(poses, fps) for factor in (1.0, 2.0))
+    np.testing.assert_array_equal(once.cov[poses.measured], poses.cov[poses.measured])
+    np.testing.assert_array_equal(np.isnan(once.cov).any((-2, -1)), once.source == Source.ABSENT)
+    invented = once.source == Source.COMPLETED
+    assert (np.linalg.eigvalsh(once.cov[invented]) > 0).all()
+    np.testing.assert_allclose(twice.cov[invented], 4 * once.cov[invented], rtol=1e-5)
+    assert len(np.unique(once.cov[invented][:, 0, 0])) > 100
+
+
+def test_nothing_is_known_about_the_middle_of_an_absence_that_no_window_reaches():
+    xyz = strolling(3).xyz.copy()
+    xyz[20:44] = np.nan
+    done = untrained(factors=(1.0,) * 4)(Poses3D(SHELF14, xyz), FPS)
+    assert (done.source[20:44] == Source.COMPLETED).all()
+    assert np.isfinite(done.cov[[20, 43]]).all() and np.isnan(done.cov[32]).all()
+
+
+def test_regions_of_90_percent_hold_about_as_much_of_clips_never_seen(clips, tmp_path):
+    completer = load_completer(train(replace(LEARNING, validation=0.4), clips, tmp_path))
+    inside = []
+    for seed in range(5):
+        truth = strolling(200 + seed, frames=100)
+        done = completer(with_holes(truth, seed), FPS)
+        invented = done.source == Source.COMPLETED
+        distance = np.linalg.norm(done.xyz - truth.xyz, axis=-1) / np.sqrt(done.cov[..., 0, 0])
+        inside.append((distance <= RADIUS)[invented & np.isfinite(distance)])
+    assert 0.8 < np.concatenate(inside).mean() < 0.97
 
 
 @settings(max_examples=8, deadline=None)
@@ -206,7 +241,8 @@ def test_bad_weights_are_named(trained, tmp_path):
     shutil.copy(trained / "model.json", folder / "model.json")
     shutil.copy(trained / "weights.safetensors", path)
     for change, complaint in (
-        ({"format": 99}, "format 1, found 99"),
+        ({"format": 1}, "format 2, found 1; train it again"),
+        ({"format": 99}, "format 2, found 99"),
         ({"model": {"depht": 3}}, "not a model of this version"),
     ):
         meta = json.loads((trained / "model.json").read_text()) | change
@@ -224,6 +260,6 @@ def test_bad_poses_are_named(trained):
 
 
 def test_denoising_untaught_is_refused(tmp_path):
-    save_model(untrained().model, SHELF14, tmp_path, {"denoises": False})
+    save_model(untrained().model, SHELF14, tmp_path, {"denoises": False, "calibration": None})
     with pytest.raises(ValueError, match="shown_weight"):
         load_completer(tmp_path, denoise=True)

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmae.model import DMAE, ModelConfig
+from dmae.model import DMAE, Attention, ModelConfig
 
 SMALL = ModelConfig(
     frames=4, dim=32, depth=2, heads=2, head_dim=16, mlp=64, decoder_dim=16, decoder_depth=1, signal_codes=16
@@ -41,7 +41,7 @@ def test_hidden_joints_cannot_influence_the_output(seed, share, residual):
     x, observed, base, gap = windows(3, seed, share)
     disturbed = torch.where(observed[..., None], x, 1e3 * torch.randn(x.shape))
     with torch.no_grad():
-        first, second = net(x, observed, base, gap), net(disturbed, observed, base, gap)
+        first, second = net(x, observed, base, gap).xyz, net(disturbed, observed, base, gap).xyz
     assert torch.isfinite(first).all()
     torch.testing.assert_close(first, second, rtol=0, atol=1e-5)
 
@@ -50,7 +50,9 @@ def test_the_paper_s_model_looks_neither_at_interpolation_nor_at_gaps():
     net = model(PAPER)
     x, observed, base, gap = windows(2)
     with torch.no_grad():
-        torch.testing.assert_close(net(x, observed, base, gap), net(x, observed, base + 1, gap + 1), rtol=0, atol=0)
+        torch.testing.assert_close(
+            net(x, observed, base, gap).xyz, net(x, observed, base + 1, gap + 1).xyz, rtol=0, atol=0
+        )
 
 
 def test_an_observed_joint_does_influence_the_others():
@@ -60,7 +62,7 @@ def test_an_observed_joint_does_influence_the_others():
     moved = x.clone()
     moved[0, frame, joint] += 1
     with torch.no_grad():
-        change = (net(moved, observed, base, gap) - net(x, observed, base, gap)).abs().sum(-1)[0]
+        change = (net(moved, observed, base, gap).xyz - net(x, observed, base, gap).xyz).abs().sum(-1)[0]
     assert (change > 1e-6).all()
 
 
@@ -69,8 +71,8 @@ def test_windows_do_not_depend_on_their_neighbours_in_the_batch():
     batch = windows(5)
     order = [3, 0, 4, 2, 1]
     with torch.no_grad():
-        together, shuffled = net(*batch), net(*(part[order] for part in batch))
-        alone = torch.cat([net(*(part[i : i + 1] for part in batch)) for i in range(5)])
+        together, shuffled = net(*batch).xyz, net(*(part[order] for part in batch)).xyz
+        alone = torch.cat([net(*(part[i : i + 1] for part in batch)).xyz for i in range(5)])
     torch.testing.assert_close(shuffled, together[order], rtol=0, atol=1e-5)
     torch.testing.assert_close(alone, together, rtol=0, atol=1e-5)
 
@@ -79,13 +81,13 @@ def test_a_window_without_any_observed_joint_is_finite_and_trains():
     net = DMAE(SMALL, JOINTS)
     x, observed, base, gap = windows(2)
     observed[0] = False
-    net(x * observed[..., None], observed, base, gap).square().mean().backward()
+    net(x * observed[..., None], observed, base, gap).xyz.square().mean().backward()
     assert all(torch.isfinite(parameter.grad).all() for parameter in net.parameters() if parameter.grad is not None)
 
 
 def test_a_residual_model_starts_from_the_interpolation():
     x, observed, base, gap = windows(2)
-    assert torch.equal(DMAE(SMALL, JOINTS)(x, observed, base, gap), base)
+    assert torch.equal(DMAE(SMALL, JOINTS)(x, observed, base, gap).xyz, base)
 
 
 def test_the_fourier_matrices_are_saved_and_are_not_learned():
@@ -94,9 +96,9 @@ def test_the_fourier_matrices_are_saved_and_are_not_learned():
     assert len(matrices) == 5  # signal; joint and time, in the encoder and again in the decoder
     assert not matrices & {name for name, _ in net.named_parameters()}
     batch = windows(2)
-    assert not torch.equal(net(*batch), other(*batch))
+    assert not torch.equal(net(*batch).xyz, other(*batch).xyz)
     other.load_state_dict(net.state_dict())
-    assert torch.equal(net(*batch), other(*batch))
+    assert torch.equal(net(*batch).xyz, other(*batch).xyz)
 
 
 @pytest.mark.parametrize("ablation", ["no_joint_code", "no_time_code"])
@@ -109,8 +111,8 @@ def test_ablated_codes_make_tokens_interchangeable(ablation):
     for config, same in ((PAPER, False), (replace(PAPER, **{ablation: True}), True)):
         net = model(config)
         with torch.no_grad():
-            flipped = net(x.flip(axis), observed.flip(axis), base, gap).flip(axis)
-            assert torch.allclose(flipped, net(x, observed, base, gap), atol=1e-5) == same
+            flipped = net(x.flip(axis), observed.flip(axis), base, gap).xyz.flip(axis)
+            assert torch.allclose(flipped, net(x, observed, base, gap).xyz, atol=1e-5) == same
 
 
 @pytest.mark.parametrize("config", [SMALL, PAPER], ids=["residual", "paper"])
@@ -122,7 +124,7 @@ def test_one_batch_is_overfitted(config):
     optimizer = torch.optim.Adam(net.parameters(), 5e-3)
     errors = []
     for _ in range(300):
-        loss = (net(x, observed, base, gap) - target).square().sum(-1)[~observed].mean()
+        loss = (net(x, observed, base, gap).xyz - target).square().sum(-1)[~observed].mean()
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
@@ -134,3 +136,22 @@ def test_one_batch_is_overfitted(config):
 def test_impossible_networks_are_refused(wrong):
     with pytest.raises(ValueError, match=f"model.{next(iter(wrong))}"):
         replace(SMALL, **wrong)
+
+
+def test_attention_starts_with_tokens_like_oneself():
+    """Keys of the same token as the query score highest."""
+    x = torch.nn.functional.layer_norm(torch.randn(1, 20, 64, generator=torch.Generator().manual_seed(0)), (64,))
+    for alike, same in ((1.7, True), (0.0, False)):
+        with torch.random.fork_rng():
+            torch.manual_seed(0)
+            attention = Attention(64, 2, 16, alike)
+        q, k, _ = attention.qkv(x).view(20, 3, 2, 16).unbind(1)
+        best = torch.einsum("ihc,jhc->hij", q, k).argmax(-1)
+        assert bool((best == torch.arange(20)).float().mean() > 0.9) == same
+
+
+def test_learning_the_scale_moves_nothing_else():
+    net = model(SMALL)
+    x, observed, base, gap = windows(2)
+    net(x, observed, base, gap).log_scale.square().mean().backward()
+    assert all((p.grad is not None) == name.startswith("scale_head") for name, p in net.named_parameters())

@@ -22,7 +22,7 @@ TINY = TrainConfig(
     model=ModelConfig(
         frames=5, dim=16, depth=1, heads=2, head_dim=8, mlp=32, decoder_dim=8, signal_codes=8, dropout=0.1
     ),
-    hiding=HidingConfig(longest=20),
+    hiding=HidingConfig(longest=20, bursts=5.0),
     skeleton="shelf14",
     steps=10,
     epoch=5,
@@ -63,6 +63,7 @@ def test_training_leaves_weights_that_say_what_they_are(trained):
     assert record["skeleton"] == "shelf14" and record["steps"] == 10 and record["clips"] == 3
     assert record["model"]["frames"] == 5
     assert len(record["validation_clips"]) == 1
+    assert len(record["calibration"]) == 4 and min(record["calibration"]) > 0
     assert record["hidden_model_mm"] > 0 and record["hidden_interpolation_mm"] > 0
     assert list((trained / "tensorboard").glob("events*"))
 
@@ -120,6 +121,7 @@ def test_other_recipes_train(clips, tmp_path, change):
 def test_a_single_clip_trains_without_validation(clips, tmp_path):
     record = json.loads((train(replace(TINY, steps=2), clips[:1], tmp_path) / "model.json").read_text())
     assert record["validation_clips"] == [] and "hidden_model_mm" not in record
+    assert record["calibration"] is None
 
 
 def test_clips_without_truth_or_without_people_are_named(clips, tmp_path):
@@ -128,3 +130,5 @@ def test_clips_without_truth_or_without_people_are_named(clips, tmp_path):
     nobody = Poses3D(BODY25, np.full((60, 1, 25, 3), np.nan))
     with pytest.raises(ValueError, match="nothing to learn from"):
         train(TINY, [replace(clips[0], truth=nobody)], tmp_path)
+    with pytest.raises(ValueError, match="two clips are called 'clip0'"):
+        train(TINY, [clips[0], clips[0]], tmp_path)

@@ -232,7 +232,7 @@ def test_hidden_and_shown_are_what_the_truth_knows(rest, rng):
 def test_bursts_take_parts_of_every_skeleton(skeleton, rng):
     skeleton = get_skeleton(skeleton)
     assert all(len(part) for part in body_parts(skeleton))
-    hidden = hide_bursts(500, 2, skeleton, 25.0, HidingConfig(longest=20), rng=rng)
+    hidden = hide_bursts(500, 2, skeleton, 25.0, HidingConfig(longest=20, bursts=5.0), rng=rng)
     assert 0.1 < hidden.mean() < 0.7
     assert hidden.any((0, 1)).all()
 
