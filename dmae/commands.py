@@ -10,7 +10,7 @@ from pathlib import Path
 from dmae.baselines import METHODS, smooth
 from dmae.capture import CaptureConfig, capture
 from dmae.clip import Clip, Poses3D, Source
-from dmae.data import DataConfig, is_data_set, load
+from dmae.data import Clips, DataConfig, is_data_set, load
 from dmae.evaluate import EvaluateConfig, evaluate
 from dmae.progress import progress
 from dmae.rng import Stream, generator
@@ -117,15 +117,16 @@ def run_complete(config: CompleteCommand, out: Path) -> None:
 def run_train(config, out: Path) -> None:
     from dmae.train import train
 
-    print(train(config, _clips_to_learn_from(config), out))
+    learned = [load(config.data), *(load(DataConfig(path=path)) for path in config.also)]
+    unseen = [load(DataConfig(path=path)) for path in config.unseen]
+    print(train(config, _named(learned), out, _named(unseen)))
 
 
-def _clips_to_learn_from(config) -> Iterator[Clip]:
-    """Clips called as their folders are, of further data sets after that of the set: each counts from 0."""
-    sets = [(load(config.data), "")] + [(load(DataConfig(path=path)), f"{Path(path).name}/") for path in config.also]
-    for clips, prefix in sets:
+def _named(sets: list[Clips]) -> Iterator[Clip]:
+    """Clips called as their folders are, after the first set with the set's folder: each counts from 0."""
+    for number, clips in enumerate(sets):
         for clip, folder in zip(clips, clips.folders, strict=True):
-            yield replace(clip, id=prefix + folder.name)
+            yield replace(clip, id=f"{folder.parent.name}/{folder.name}" if number else folder.name)
 
 
 def run_evaluate(config: EvaluateConfig, out: Path) -> None:

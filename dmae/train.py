@@ -2,11 +2,8 @@
 
 import hashlib
 import json
-import logging
 import math
-import warnings
 from collections.abc import Iterable
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import timedelta
 from enum import StrEnum
@@ -15,12 +12,13 @@ from pathlib import Path
 import lightning
 import numpy as np
 import torch
-from lightning.pytorch.callbacks import Callback, ModelCheckpoint, Timer, WeightAveraging
+from lightning.pytorch.callbacks import ModelCheckpoint, Timer
 from lightning.pytorch.loggers import TensorBoardLogger
 from torch import Tensor
 from torch.utils.data import DataLoader
 
 from dmae.calibrate import fit_factors
+from dmae.callbacks import Average, Bar, quiet
 from dmae.clip import Clip
 from dmae.complete import Completer
 from dmae.data import DataConfig
@@ -39,7 +37,7 @@ from dmae.metrics import GAPS
 from dmae.model import DMAE, ModelConfig, Prediction
 from dmae.progress import progress
 from dmae.rng import Stream, generator
-from dmae.skeleton import get_skeleton
+from dmae.skeleton import Skeleton, get_skeleton
 from dmae.store import read_json, write_atomic
 from dmae.weights import save_model
 from dmae.windows import rest_pose
@@ -64,6 +62,9 @@ class TrainConfig:
     data: DataConfig = field(default_factory=DataConfig)
     also: list[str] = field(default_factory=list)
     """Further data sets of clips to learn from."""
+    unseen: list[str] = field(default_factory=list)
+    """Data sets to validate and calibrate on, of motion that is in none of the others; without them clips are held
+    back (`validation`), and stated uncertainty holds for motion like that of the training."""
     model: ModelConfig = field(default_factory=ModelConfig)
     hiding: HidingConfig = field(default_factory=HidingConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)
@@ -99,7 +100,7 @@ class TrainConfig:
             raise ValueError(f"expected validation and average in [0, 1), found {self.validation} and {self.average}")
 
 
-def train(config: TrainConfig, clips: Iterable[Clip], out: Path) -> Path:
+def train(config: TrainConfig, clips: Iterable[Clip], out: Path, unseen: Iterable[Clip] = ()) -> Path:
     """Train a model, or carry on where training stopped.
 
     Leaves `weights.safetensors` and `model.json` (see `dmae.weights`), TensorBoard's logs, and a checkpoint
@@ -110,6 +111,7 @@ def train(config: TrainConfig, clips: Iterable[Clip], out: Path) -> Path:
         clips: Clips with truth, in any skeleton that `dmae.mapping.convert` can turn into the wanted one.
             Those with `poses` are learned from as captured: with their holes and errors, and more holes.
         out: Folder.
+        unseen: Clips to validate and calibrate on; by default some of `clips` are held back.
 
     Returns:
         The folder.
@@ -120,23 +122,20 @@ def train(config: TrainConfig, clips: Iterable[Clip], out: Path) -> Path:
     """
     out = Path(out)
     skeleton = get_skeleton(config.skeleton)
-    recordings = {}
-    for clip in progress(clips, "reading"):
-        if clip.id in recordings:
-            raise ValueError(f"two clips are called {clip.id!r}; a model's record names what it learned from")
-        recordings[clip.id] = record(clip, skeleton, config.model.fps)
-    recordings = {name: found for name, found in recordings.items() if not np.isnan(found.truth.xyz).all()}
+    recordings = _read(clips, skeleton, config.model.fps)
     if not recordings:
         raise ValueError(f"{config.data.path}: nothing to learn from, no clip has a person in it")
-    _claim(out, config, recordings)
+    held_back = {f"unseen {name}": found for name, found in _read(unseen, skeleton, config.model.fps).items()}
+    _claim(out, config, recordings | held_back)
     if (out / "model.json").is_file():
         return out
 
-    held_back = _held_back(list(recordings), config)
-    training = [found for name, found in recordings.items() if name not in held_back]
+    if not held_back:
+        held_back = {name: recordings.pop(name) for name in _held_back(list(recordings), config)}
+    training = list(recordings.values())
     rest = rest_pose(np.concatenate([found.truth.xyz.reshape(-1, len(skeleton), 3) for found in training]), skeleton)
     recipe = Recipe(config.model, rest, config.hiding, config.augment)
-    validation = validation_batches([recordings[name] for name in held_back], recipe, seed=config.seed, batch=256)
+    validation = validation_batches(list(held_back.values()), recipe, seed=config.seed, batch=256)
 
     torch.manual_seed(config.seed)
     model = DMAE(config.model, len(skeleton))
@@ -145,7 +144,7 @@ def train(config: TrainConfig, clips: Iterable[Clip], out: Path) -> Path:
     timer = Timer(limit, interval="step", verbose=False)
     learner = Learner(model, config, training, recipe, validation, timer)
     checkpoint = ModelCheckpoint(out, "checkpoint", every_n_epochs=1, enable_version_counter=False)
-    with _quiet():
+    with quiet():
         trainer = lightning.Trainer(
             max_steps=config.steps,
             max_epochs=-1,
@@ -165,17 +164,27 @@ def train(config: TrainConfig, clips: Iterable[Clip], out: Path) -> Path:
         scores = trainer.validate(learner, verbose=False)[0] if validation else {}
     if trainer.is_global_zero:
         stated = Completer(learner.model.eval(), skeleton, learner.device, factors=(1.0,) * len(GAPS))
-        unseen = as_measured([recordings[name] for name in held_back], recipe, seed=config.seed)
+        measured = as_measured(list(held_back.values()), recipe, seed=config.seed)
         facts = {
-            "calibration": fit_factors(stated, unseen, config.model.fps),
+            "calibration": fit_factors(stated, measured, config.model.fps),
             "denoises": config.shown_weight > 0,
             "clips": len(training),
-            "validation_clips": held_back,
+            "validation_clips": list(held_back),
             "steps": trainer.global_step,
             **scores,
         }
         save_model(learner.model, skeleton, out, facts)
     return out
+
+
+def _read(clips: Iterable[Clip], skeleton: Skeleton, fps: float) -> dict[str, Recording]:
+    """What there is to learn from, by the names of the clips; those without people are left out."""
+    found = {}
+    for clip in progress(clips, "reading"):
+        if clip.id in found:
+            raise ValueError(f"two clips are called {clip.id!r}; a model's record names what it learned from")
+        found[clip.id] = record(clip, skeleton, fps)
+    return {name: recording for name, recording in found.items() if not np.isnan(recording.truth.xyz).all()}
 
 
 def _held_back(names: list[str], config: TrainConfig) -> list[str]:
@@ -191,7 +200,7 @@ def _held_back(names: list[str], config: TrainConfig) -> list[str]:
 def _claim(out: Path, config: TrainConfig, recordings: dict[str, Recording]) -> None:
     """Write down what this folder's model is made of, or compare with what is written there."""
     wanted = json.loads(json.dumps(asdict(config)))
-    for name in ("out", "data", "also", "workers"):
+    for name in ("out", "data", "also", "unseen", "workers"):
         del wanted[name]
     wanted["clips"] = {name: _digest(found) for name, found in recordings.items()}
     path = out / "training.json"
@@ -285,47 +294,3 @@ class Learner(lightning.LightningModule):
             distance = torch.linalg.norm(predicted - batch.truth, dim=-1)[batch.hidden]
             if len(distance):
                 self.log(f"hidden_{name}_mm", 1000 * distance.mean(), batch_size=len(distance), sync_dist=True)
-
-
-class Average(WeightAveraging):
-    """Exponential moving average of the weights, over few steps at first."""
-
-    def __init__(self, decay: float):
-        def blend(average: Tensor, current: Tensor, count: int | Tensor) -> Tensor:
-            return average.lerp(current, 1 - min(decay, (1 + float(count)) / (10 + float(count))))
-
-        super().__init__(avg_fn=blend, use_buffers=False)
-
-
-class Bar(Callback):
-    """The project's progress bar, by the share of the training that is done."""
-
-    def on_train_start(self, trainer, learner):
-        self.ticks = progress(range(1000), "training") if trainer.is_global_zero else iter(())
-        self.shown = 0
-
-    def on_train_batch_end(self, trainer, learner, *_):
-        while self.shown < int(1000 * learner.fraction()):
-            next(self.ticks, None)
-            self.shown += 1
-
-    def on_train_end(self, trainer, learner):
-        self.on_train_batch_end(trainer, learner)
-        for _ in self.ticks:
-            pass
-
-
-@contextmanager
-def _quiet():
-    """Lightning without its advertisements, tips and inventories; its warnings of real trouble stay."""
-    logger = logging.getLogger("lightning.pytorch")
-    level = logger.level
-    logger.setLevel(logging.WARNING)
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", ".*does not have many workers.*")
-            warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)  # its own affair with torch
-            warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
-            yield
-    finally:
-        logger.setLevel(level)

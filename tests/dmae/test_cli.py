@@ -64,10 +64,12 @@ def test_cameras_drawn_for_each_clip_are_kept_and_learned_from_with_other_sets(f
     assert {len(names) for names in first} <= {2, 3}
     dmae(folder, "capture", "data=set", "draw=[2,3]", "out=again")
     assert [load_clip(folder / "again" / name).rig.names for name in "ab"] == first
-    done = dmae(folder, "train", "data=set", "also=[drawn,again]", "steps=1", "epoch=1", "batch=2", "out=learned")
+    done = dmae(
+        folder, "train", "data=set", "also=[drawn]", "unseen=[again]", "steps=1", "epoch=1", "batch=2", "out=learned"
+    )
     assert done.returncode == 0, done.stderr
     learned = json.loads((folder / "learned/model.json").read_text())
-    assert learned["clips"] + len(learned["validation_clips"]) == 6
+    assert learned["clips"] == 4 and learned["validation_clips"] == ["unseen a", "unseen b"]
     done = dmae(folder, "capture", "data=set", "draw=[9]", "out=bad")
     assert done.returncode == 1 and "draw=[9]: expected numbers from 2 to" in done.stderr
 

@@ -124,6 +124,14 @@ def test_a_single_clip_trains_without_validation(clips, tmp_path):
     assert record["calibration"] is None
 
 
+def test_clips_of_unseen_motion_are_validated_and_calibrated_on(clips, tmp_path):
+    record = json.loads((train(TINY, clips[:3], tmp_path, clips[3:]) / "model.json").read_text())
+    assert record["clips"] == 3 and record["validation_clips"] == ["unseen clip3"]
+    assert len(record["calibration"]) == 4
+    with pytest.raises(ValueError, match="differs in clips"):
+        train(TINY, clips[:3], tmp_path)
+
+
 def test_clips_without_truth_or_without_people_are_named(clips, tmp_path):
     with pytest.raises(ValueError, match="'clip0' has no truth"):
         train(TINY, [replace(clips[0], truth=None)], tmp_path)
