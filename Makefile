@@ -37,7 +37,7 @@ twin: setup
 	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf methods=[linear] views=[5,4,3] out=$(TWIN)_shelf_scores
 	$(BIN)/synth compare real=$(DMAE_DATA)/shelf sim=$(TWIN) workers=2 out=$(TWIN)_compare
 
-# The weights that come with the package: walks made up and CMU motion, in rooms with Shelf's cameras and with others, as
+# General weights for BODY_25: walks made up and CMU motion, in rooms with Shelf's cameras and with others, as
 # seen by two to five of them. Some 25 minutes on two cores; what comes of it is in $(WEIGHTS)/model.
 WEIGHTS := runs/weights
 CAPTURED := $(WEIGHTS)/captured
