@@ -18,6 +18,7 @@ class Stream(IntEnum):
     VALIDATION = 7
     LAYOUT = 8
     CALIBRATION = 9
+    INTERACTION = 10
 
 
 def generator(seed: int, clip: int, stream: Stream) -> np.random.Generator:

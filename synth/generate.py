@@ -3,7 +3,7 @@
 import json
 import platform
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from importlib import metadata
 from pathlib import Path
@@ -20,6 +20,7 @@ from dmae.rng import Stream, generator
 from synth.arena import arena_file
 from synth.coverage import Stage
 from synth.detect import DetectorConfig, detect
+from synth.interactions import InteractionConfig
 from synth.lens import add_cameras
 from synth.motion.source import MotionConfig
 from synth.occlusion import OcclusionConfig, confirm, sample_hidden_spec, summary
@@ -53,7 +54,7 @@ class GenerateConfig:
         images: Which images are rendered beside the labels.
         quality: How much is spent on an image.
         retries: How often a clip that fails is begun anew, with another seed (`attempt_seed`).
-        scene, props, motion, rig, detector: What the clips are drawn from.
+        scene, props, motion, interaction, rig, detector: What the clips are drawn from.
         occlusion: How much is to be hidden from how many cameras.
     """
 
@@ -67,6 +68,7 @@ class GenerateConfig:
     scene: SceneConfig = field(default_factory=SceneConfig)
     props: PropsConfig = field(default_factory=PropsConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
+    interaction: InteractionConfig = field(default_factory=InteractionConfig)
     rig: RigConfig = field(default_factory=RigConfig)
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     occlusion: OcclusionConfig = field(default_factory=OcclusionConfig)
@@ -100,7 +102,7 @@ def check(config: GenerateConfig) -> None:
     add_cameras(mujoco.MjSpec(), rig)
     config.occlusion.check(rig)
     with suppress(FailedSimulation):
-        sample_spec(config.scene, config.motion, config.props, seed=config.seed, clip=0)
+        _spec(replace(config, occlusion=OcclusionConfig()), rig, config.seed, 0)
     if config.occlusion.target:
         _check_target(config)
 
@@ -213,9 +215,16 @@ def _attempt(config: GenerateConfig, index: int, attempt: int, images: Path | No
 def _spec(config: GenerateConfig, rig: CameraRig, seed: int, index: int) -> SceneSpec:
     if config.occlusion.target:
         return sample_hidden_spec(
-            config.scene, config.motion, config.props, config.occlusion, rig, seed=seed, clip=index
+            config.scene,
+            config.motion,
+            config.props,
+            config.occlusion,
+            rig,
+            config.interaction,
+            seed=seed,
+            clip=index,
         )
-    return sample_spec(config.scene, config.motion, config.props, seed=seed, clip=index)
+    return sample_spec(config.scene, config.motion, config.props, interaction=config.interaction, seed=seed, clip=index)
 
 
 def _versions() -> dict[str, str]:

@@ -11,6 +11,7 @@ from dmae.clip import Visibility
 from dmae.images import FIRST_OBJECT_ID
 from dmae.rng import Stream, generator
 from synth.control import find_joints, make_reference
+from synth.interactions import InteractionConfig
 from synth.landmarks import landmarks
 from synth.motion.source import MotionConfig
 from synth.props import PropsConfig
@@ -135,6 +136,7 @@ def sample_hidden_spec(
     props: PropsConfig,
     config: OcclusionConfig,
     rig: CameraRig,
+    interaction: InteractionConfig | None = None,
     *,
     seed: int,
     clip: int,
@@ -157,7 +159,7 @@ def sample_hidden_spec(
     for draw in range(config.layouts):
         layout = _layout(scene, closeness, draw, rig)
         try:
-            spec = sample_spec(scene, motion, props, layout, seed=seed, clip=clip)
+            spec = sample_spec(scene, motion, props, layout, interaction, seed=seed, clip=clip)
         except FailedSimulation:
             # No room for people who gather like this; another draw may do.
             continue

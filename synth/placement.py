@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from synth.arena import footprints
+from synth.interactions.script import Script
 from synth.motion import Motion
 from synth.plan import give_way, led_path
-from synth.props import Space
+from synth.props import Space, prop_space
 from synth.quality import FailedSimulation
 
 _TRIES = 60
@@ -68,6 +69,60 @@ def place_persons(
     return placements
 
 
+def place_script(
+    script: Script,
+    motions: list[Motion],
+    arena: Path,
+    *,
+    radius: float,
+    gathering: float,
+    rng: np.random.Generator,
+) -> tuple[list[Placement], list[tuple[str, tuple[float, float], float]]]:
+    """One place for all who do something together, with their furniture.
+
+    Args:
+        script: What they do.
+        motions: Theirs, arranged about the origin.
+        arena: MJCF file of the room.
+        radius: How far hips may stray, m; half a metre farther before the clip is given up.
+        gathering: How near the middle it all takes place, m (standard deviation).
+        rng: Draws places.
+
+    Returns:
+        A placement for each motion; and each piece of furniture's kind, place (m) and yaw (rad).
+
+    Raises:
+        FailedSimulation: there is no room.
+    """
+    furniture = [placed_discs(prop_space(thing.kind).discs, thing.at, thing.yaw) for thing in script.furniture]
+    obstacles = footprints(arena)
+    paths = np.concatenate([motion.root[:, :2] for motion in motions])
+    taken = np.concatenate([np.column_stack([paths, np.full(len(paths), 0.25)]), *furniture])
+    reach = float(np.linalg.norm(paths, axis=1).max())
+    best, least = None, np.inf
+    for attempt in range(_TRIES):
+        at, yaw = rng.normal(0, 0.25 * gathering * (1 + attempt / 10), 2), float(rng.uniform(-np.pi, np.pi))
+        places = placed_discs(taken, at, yaw)[:, :2]
+        gap = np.linalg.norm(places[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - taken[:, 2:]
+        strays = float(np.linalg.norm(places[: len(paths)], axis=1).max())
+        cost = max(0.0, -gap.min(initial=0.0)) + max(0.0, strays - max(radius, reach))
+        if cost < least:
+            best, least = (at, yaw), cost
+        if least == 0:
+            break
+    if reach > radius + 0.5 or least > 0.3:
+        reason = f"it strays {reach:.1f} m from the middle" if least <= 0.3 else "things of the room are in the way"
+        raise FailedSimulation(
+            f"no room for what {len(motions)} people do together: {reason}. "
+            f"Fewer people, shorter clips, another scene or a larger scene.radius (now {radius} m) would help"
+        )
+    yaw = best[1]
+    return (
+        [(_moved(motion.root[0], *best), yaw, 0.0) for motion in motions],
+        [(thing.kind, _moved(thing.at, *best), yaw + thing.yaw) for thing in script.furniture],
+    )
+
+
 def _draw(
     motion: Motion, passing: np.ndarray, radius: float, *, rng: np.random.Generator
 ) -> tuple[Placement, np.ndarray, float]:
@@ -97,6 +152,18 @@ def _crowding(path: np.ndarray, others: np.ndarray, obstacles: np.ndarray, clear
     return float(5 * start + 3 * blocked + 2 * meeting.mean(0).sum() + 0.2 * meeting.max(initial=0.0))
 
 
+def placed_discs(discs: np.ndarray, at: Sequence[float], yaw: float) -> np.ndarray:
+    """(K, 3) discs of a thing that is at a place, m, turned by `yaw`, rad."""
+    turn = np.array([(np.cos(yaw), np.sin(yaw)), (-np.sin(yaw), np.cos(yaw))])
+    return np.column_stack([discs[:, :2] @ turn + at, discs[:, 2]])
+
+
+def _moved(point: np.ndarray, at: Sequence[float], yaw: float) -> tuple[float, float]:
+    """Where a point (2 or more,) about the origin is once all is placed so, m."""
+    x, y, _ = placed_discs(np.array([(point[0], point[1], 0.0)]), at, yaw)[0]
+    return float(x), float(y)
+
+
 def place_props(
     count: int,
     kinds: dict[str, Space],
@@ -108,6 +175,7 @@ def place_props(
     clearance: float,
     rng: np.random.Generator,
     before: Sequence[tuple[float, float]] = (),
+    taken: np.ndarray | None = None,
 ) -> list[tuple[str, tuple[float, float], float]]:
     """Up to `count` things where nobody walks: kind, place (m) and yaw (rad); fewer if there is no room.
 
@@ -122,9 +190,11 @@ def place_props(
         rng: Draws kinds and places.
         before: (x, y) of cameras, m. If there are any, things stand between one of them and somebody, broadside on,
             and up to 1.5 m beyond the radius; and large things are drawn more often.
+        taken: (K, 3) x, y and radius of discs where other things stand, m.
     """
-    taken = footprints(arena)
-    walked = (paths + give_way(paths, fps, clearance=clearance, obstacles=taken)).reshape(-1, 2)
+    obstacles = footprints(arena)
+    walked = (paths + give_way(paths, fps, clearance=clearance, obstacles=obstacles)).reshape(-1, 2)
+    taken = obstacles if taken is None else np.concatenate([obstacles, taken])
     cameras = np.array(before).reshape(-1, 2)
     reach = radius + 1.5 * bool(len(cameras))
     names = sorted(kinds)
@@ -135,9 +205,7 @@ def place_props(
         kind = str(rng.choice(names, p=weights))
         for _ in range(_TRIES):
             at, yaw = _between(walked, cameras, rng=rng) if len(cameras) else _anywhere(radius, rng=rng)
-            turn = np.array([(np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))])
-            discs = kinds[kind].discs.copy()
-            discs[:, :2] = discs[:, :2] @ turn.T + at
+            discs = placed_discs(kinds[kind].discs, at, yaw)
             gaps = [
                 np.linalg.norm(points[:, None] - discs[:, :2], axis=-1) - discs[:, 2]
                 for points in (walked, taken[:, :2], cameras)

@@ -1,7 +1,7 @@
 """Frozen dataclasses back from the JSON of their fields."""
 
 import types
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -26,7 +26,9 @@ def revive(kind: Any, value: Any, name: str = "") -> Any:
         return revive(kind, value, name)
     if is_dataclass(kind):
         names = {f.name for f in fields(kind)}
-        if not isinstance(value, dict) or set(value) != names:
+        # What came to be later is as it was before, where it has a default.
+        needed = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
+        if not isinstance(value, dict) or not needed <= set(value) <= names:
             found = sorted(value) if isinstance(value, dict) else type(value).__name__
             raise ValueError(f"{where}: expected the fields {sorted(names)}, found {found}")
         hints = get_type_hints(kind)

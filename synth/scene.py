@@ -13,6 +13,7 @@ from synth.coverage import check_outside
 from synth.decor import Finish, decorate
 from synth.lens import add_cameras
 from synth.person import HIDDEN_GROUP, add_person
+from synth.placement import placed_discs
 from synth.props import prop_space, prop_spec
 from synth.spec import PropSpec, SceneSpec
 from synth.textures import add_texture, paint
@@ -32,7 +33,7 @@ class Scene:
             0 for the solid parts of people, which only touch.
         geom_persons: (ngeom,) index of the person a geom belongs to, -1 for things.
         objects: Names of all that is no person, at least "floor".
-        obstacles: (K, 3) x, y and radius of discs that cover what stands about, m.
+        obstacles: (K, 3) x, y and radius of discs that cover what stands about, furniture of an interaction apart, m.
     """
 
     model: mujoco.MjModel
@@ -59,6 +60,8 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
     decorate(world, spec.decor)
     for name, finish in (("floor", spec.decor.floor), ("wall", spec.decor.wall)):
         _cover(world, name, finish, spec.arena, rng=rng)
+    for number, prop in enumerate(spec.furniture):
+        add_prop(world, f"furniture{number}/", prop)
     obstacles = [footprints(arena_file(spec.arena))]
     for number, prop in enumerate(spec.props):
         obstacles.append(add_prop(world, f"{number}/", prop))
@@ -102,10 +105,7 @@ def add_prop(world: mujoco.MjSpec, prefix: str, prop: PropSpec) -> np.ndarray:
     half = prop.yaw / 2
     frame = world.worldbody.add_frame(pos=[*prop.at, 0], quat=[np.cos(half), 0, 0, np.sin(half)])
     world.attach(thing, prefix=prefix, frame=frame)
-    cos, sin = np.cos(prop.yaw), np.sin(prop.yaw)
-    discs = prop_space(prop.kind, prop.scale, prop.up).discs.copy()
-    discs[:, :2] = discs[:, :2] @ np.array([(cos, sin), (-sin, cos)]) + prop.at
-    return discs
+    return placed_discs(prop_space(prop.kind, prop.scale, prop.up).discs, prop.at, prop.yaw)
 
 
 def _identify(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:

@@ -10,12 +10,15 @@ from dmae.rng import Stream, generator
 from synth.arena import arena_file
 from synth.body import Body
 from synth.decor import Colour, Decor, sample_decor, sample_tint
+from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
+from synth.interactions.perform import draw_motions
+from synth.interactions.script import Script
 from synth.looks import Looks, sample_looks
 from synth.motion import Motion
-from synth.motion.source import MotionConfig, load_motion
+from synth.motion.source import MotionConfig
 from synth.person import MOST_PERSONS
-from synth.placement import place_persons, place_props
-from synth.plan import fit, lead, led_path
+from synth.placement import place_persons, place_props, place_script, placed_discs
+from synth.plan import lead, led_path
 from synth.props import PropsConfig, Up, find_meshes, prop_space
 from synth.revive import revive
 
@@ -109,7 +112,12 @@ class PropSpec:
 class SceneSpec:
     """A clip's scene, whole: JSON out of `to_json`, and the same scene back out of `from_json`.
 
-    Motions are not held, but drawn again from `motion`, `seed` and `clip`: see `load_motions`.
+    Motions are not held, but drawn again from `motion`, `interaction`, `seed` and `clip`: see `load_motions`.
+
+    Attributes:
+        furniture: Things that belong to the interaction; nobody keeps away from them.
+        props: Things that just stand about.
+        radius: Within which the interaction takes place, m.
     """
 
     seed: int
@@ -122,6 +130,9 @@ class SceneSpec:
     persons: tuple[PersonSpec, ...]
     props: tuple[PropSpec, ...]
     motion: MotionConfig
+    interaction: InteractionConfig = field(default_factory=InteractionConfig)
+    furniture: tuple[PropSpec, ...] = ()
+    radius: float = 1.9
 
     def to_json(self) -> str:
         """The spec as JSON text."""
@@ -160,6 +171,7 @@ def sample_spec(
     motion: MotionConfig,
     props: PropsConfig | None = None,
     layout: Layout | None = None,
+    interaction: InteractionConfig | None = None,
     *,
     seed: int,
     clip: int,
@@ -172,6 +184,7 @@ def sample_spec(
         props: Things of the user's own, in place of `config.prop_kinds`.
         layout: Where things and people go, if that is asked for; who the people are and what they do is the same
             with any.
+        interaction: What people do together.
         seed: Of the data set.
         clip: Number of the clip.
 
@@ -179,28 +192,30 @@ def sample_spec(
         ValueError: the configuration asks for what is not there, or for people whose motions leave no room for
             each other; the message says what to change.
     """
-    props = props or PropsConfig()
+    props, interaction = props or PropsConfig(), interaction or InteractionConfig()
     rng = generator(seed, clip, Stream.SCENE)
     # The first child paints textures: see synth/scene.py.
     colours = rng.spawn(2)[1]
     arena, kinds = arena_file(config.arena), find_meshes(props.path) if props.path else config.prop_kinds
     spaces = {kind: prop_space(kind, props.scale, props.up) for kind in kinds}
     count = int(rng.integers(config.persons[0], config.persons[1], endpoint=True))
+    if interaction.kind is not InteractionKind.none:
+        count = int(np.clip(count, INTERACTIONS[interaction.kind].least, INTERACTIONS[interaction.kind].most))
     clearance = float(rng.uniform(*config.clearance))
     bodies = [sample_body(rng=rng) for _ in range(count)]
     looks = [sample_looks(body.feminine, rng=rng) for body in bodies]
     frames = max(1, round(config.seconds * config.fps))
-    motions = _draw(motion, bodies, frames, config.fps, seed, clip)
+    motions, script = _draw(motion, interaction, bodies, frames, config.fps, config.radius, seed, clip)
     if layout:
         clearance, rng = layout.clearance, generator(seed, clip, Stream.LAYOUT).spawn(layout.draw + 1)[-1]
-    placements = place_persons(
-        motions,
-        arena,
-        radius=config.radius,
-        gathering=layout.gathering if layout else config.gathering,
-        clearance=clearance,
-        rng=rng,
-    )
+    gathering, furniture = layout.gathering if layout else config.gathering, []
+    if script:
+        clearance = min(clearance, script.clearance or clearance)
+        placements, furniture = place_script(script, motions, arena, radius=config.radius, gathering=gathering, rng=rng)
+    else:
+        placements = place_persons(
+            motions, arena, radius=config.radius, gathering=gathering, clearance=clearance, rng=rng
+        )
     paths = np.stack([led_path(m, *placed) for m, placed in zip(motions, placements, strict=True)], axis=1)
     things = place_props(
         layout.props if layout else int(rng.integers(config.props[0], config.props[1], endpoint=True)),
@@ -211,6 +226,9 @@ def sample_spec(
         radius=config.radius,
         clearance=clearance,
         before=layout.before if layout else (),
+        taken=np.concatenate(
+            [np.empty((0, 3)), *(placed_discs(prop_space(kind).discs, *at) for kind, *at in furniture)]
+        ),
         rng=rng,
     )
     return SceneSpec(
@@ -230,6 +248,12 @@ def sample_spec(
             for kind, at, yaw in things
         ),
         motion=motion,
+        interaction=interaction,
+        furniture=tuple(
+            PropSpec(kind, at, yaw, sample_tint(rng=colours) if config.randomize else None)
+            for kind, at, yaw in furniture
+        ),
+        radius=float(config.radius),
     )
 
 
@@ -247,27 +271,26 @@ def sample_body(*, rng: np.random.Generator) -> Body:
 def load_motions(spec: SceneSpec) -> list[Motion]:
     """Each person's motion where the spec puts it, at the size of the person's body, on the floor."""
     bodies = [person.body for person in spec.persons]
-    motions = _draw(spec.motion, bodies, spec.frames, spec.fps, spec.seed, spec.clip)
+    where = spec.frames, spec.fps, spec.radius, spec.seed, spec.clip
+    motions, _ = _draw(spec.motion, spec.interaction, bodies, *where)
     return [lead(m, p.start, p.yaw, p.turn) for m, p in zip(motions, spec.persons, strict=True)]
 
 
-def _draw(config: MotionConfig, bodies: list[Body], frames: int, fps: float, seed: int, clip: int) -> list[Motion]:
+def _draw(
+    config: MotionConfig, interaction: InteractionConfig, bodies: list[Body], *rest
+) -> tuple[list[Motion], Script | None]:
     if config.path is None:
         text = json.dumps(asdict(config), default=lambda kind: kind.value)
-        return list(_draw_made(text, tuple(bodies), frames, fps, seed, clip))
-    return _draw_anew(config, bodies, frames, fps, seed, clip)
+        motions, script = _draw_made(text, interaction, tuple(bodies), *rest)
+        return list(motions), script
+    return draw_motions(config, interaction, bodies, *rest)
 
 
 @lru_cache(maxsize=1)
-def _draw_made(config: str, *rest) -> list[Motion]:
+def _draw_made(config: str, *rest) -> tuple[list[Motion], Script | None]:
     """Motions that depend on no file are kept while a clip's scene is drawn, maybe in several layouts, and built."""
-    motions = _draw_anew(revive(MotionConfig, json.loads(config)), *rest)
+    motions, script = draw_motions(revive(MotionConfig, json.loads(config)), *rest)
     for motion in motions:
         motion.root.setflags(write=False)
         motion.rotations.setflags(write=False)
-    return motions
-
-
-def _draw_anew(config: MotionConfig, bodies, frames: int, fps: float, seed: int, clip: int) -> list[Motion]:
-    rng = generator(seed, clip, Stream.MOTION)
-    return [fit(load_motion(config, seconds=frames / fps, fps=fps, rng=rng), body) for body in bodies]
+    return motions, script

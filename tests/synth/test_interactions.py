@@ -1,0 +1,261 @@
+"""Interactions: people meet as they are to, whatever moves them; the same again; fit for use."""
+
+from dataclasses import replace
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+
+from synth.arena import prop_file
+from synth.generate import GenerateConfig, generate_clip
+from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
+from synth.landmarks import SKELETON
+from synth.motion.limbs import PALM
+from synth.motion.source import MotionConfig, MotionKind
+from synth.quality import FailedSimulation
+from synth.scene import build_scene
+from synth.simulate import Simulation, simulate
+from synth.spec import Layout, SceneConfig, SceneSpec, load_motions, sample_spec
+from tests.synth.people import RIG
+
+KINDS = list(INTERACTIONS)
+SCENE = SceneConfig(seconds=3.0, persons=[4, 4], props=[0, 0])
+MID_HIP = SKELETON.index("body25.mid_hip")[0]
+RECORDED = {MotionKind.bvh: "bvh_cc/005_01.bvh", MotionKind.amc: "asf_amc/02_01.amc", MotionKind.c3d: "c3d/02_01.c3d"}
+
+
+def spec_of(kind: InteractionKind, motion: MotionConfig | None = None, scene: SceneConfig = SCENE) -> SceneSpec:
+    return sample_spec(scene, motion or MotionConfig(), interaction=InteractionConfig(kind), seed=3, clip=0)
+
+
+@cache
+def played(kind: InteractionKind) -> tuple[SceneSpec, Simulation]:
+    spec = spec_of(kind)
+    return spec, simulate(spec, RIG, painted=False)
+
+
+def hips(simulation: Simulation) -> np.ndarray:
+    """(F, P, 2)"""
+    return simulation.joints[:, :, MID_HIP, :2]
+
+
+def apart(points: np.ndarray) -> np.ndarray:
+    """(F, P, P) distances between people's points (F, P, D), large from anybody to themselves."""
+    return np.linalg.norm(points[:, :, None] - points[:, None], axis=-1) + 99 * np.eye(points.shape[1])
+
+
+def palms(spec: SceneSpec, simulation: Simulation, side: str) -> np.ndarray:
+    """(F, P, 3) skin of people's palms in the simulated state."""
+    data, found = mujoco.MjData(simulation.model), []
+    for state in simulation.qpos:
+        data.qpos[:] = state
+        mujoco.mj_kinematics(simulation.model, data)
+        places = []
+        for p, person in enumerate(spec.persons):
+            hand = simulation.model.body(f"person{p}/{side}_hand").id
+            local = PALM * (1, (1 if side == "l" else -1) * person.body.arms, 1) * person.body.stature
+            places.append(data.xpos[hand] + data.xmat[hand].reshape(3, 3) @ local)
+        found.append(places)
+    return np.array(found)
+
+
+def facing(spec: SceneSpec, simulation: Simulation) -> np.ndarray:
+    """(F, P, 2) where people's trunks face: from the shoulders, left over right."""
+    left, right = (simulation.joints[:, :, SKELETON.index(f"body25.{s}_shoulder")[0], :2] for s in "lr")
+    across = left - right
+    ahead = np.stack([across[..., 1], -across[..., 0]], -1)
+    return ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_clips_are_fit_for_use_and_the_same_again(kind):
+    spec, simulation = played(kind)
+    quality = simulation.quality
+    assert INTERACTIONS[kind].least <= len(spec.persons) <= INTERACTIONS[kind].most
+    assert quality["tracking_error_mm"] <= 30
+    # No overlap above 20 mm in any contact frame.
+    assert quality["penetration_mm"] <= 20
+    assert quality["foot_slide"] <= 0.05
+    assert SceneSpec.from_json(spec.to_json()) == spec == spec_of(kind)
+    for one, other in zip(load_motions(spec), load_motions(SceneSpec.from_json(spec.to_json())), strict=True):
+        np.testing.assert_array_equal(one.root, other.root)
+        np.testing.assert_array_equal(one.rotations, other.rotations)
+    assert np.linalg.norm(hips(simulation), axis=-1).max() < SCENE.radius + 0.6
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("source", RECORDED)
+def test_recorded_people_do_it_too(kind, source, data_folder):
+    motion = MotionConfig(kind=source, path=str(data_folder / "cmu" / RECORDED[source]))
+    spec = spec_of(kind, motion, replace(SCENE, seconds=1.2, persons=[2, 2]))
+    simulation = simulate(spec, RIG, painted=False)
+    assert all(RECORDED[source].split("/")[1].split(".")[0] in person.motion for person in spec.persons)
+    assert simulation.quality["tracking_error_mm"] <= 30
+    assert simulation.quality["penetration_mm"] <= 40
+
+
+def test_everybody_comes_through_the_middle():
+    _, simulation = played(InteractionKind.crossing)
+    paths = hips(simulation)
+    middle = paths.mean((0, 1))
+    nearest = np.linalg.norm(paths - middle, axis=-1)
+    assert (nearest.min(0) < 0.6).all()
+    assert np.ptp(nearest.argmin(0)) / 25 < 1.6
+    walked = paths[-1] - paths[0]
+    headings = walked / np.linalg.norm(walked, axis=-1, keepdims=True)
+    assert np.linalg.norm(headings.mean(0)) < 0.5
+
+
+def test_those_who_walk_together_keep_together():
+    _, simulation = played(InteractionKind.walking_together)
+    paths = hips(simulation)
+    assert np.linalg.norm(paths[-1] - paths[0], axis=-1).min() > 1.0
+    nearest = apart(paths).min(-1)
+    assert 0.35 < nearest.min() < nearest.max() < 1.2
+
+
+def test_a_queue_moves_up():
+    _, simulation = played(InteractionKind.queue)
+    paths = hips(simulation)
+    before = np.linalg.norm(np.diff(paths[0], axis=0), axis=-1)
+    assert ((before > 0.5) & (before < 0.9)).all()
+    assert np.linalg.norm(paths[-1, 1] - paths[0, 0]) < 0.15
+    assert np.linalg.norm(paths[-1, 0] - paths[0, 0]) > 0.8
+
+
+def test_who_talks_is_looked_at():
+    spec, simulation = played(InteractionKind.circle_talk)
+    paths = hips(simulation)
+    middle = paths.mean(1, keepdims=True)
+    radius = np.linalg.norm(paths - middle, axis=-1)
+    assert 0.4 < radius.min() < radius.max() < 1.0
+    inward = (middle - paths) / radius[..., None]
+    assert ((facing(spec, simulation) * inward).sum(-1) > 0.7).all()
+    raised = np.maximum(*(palms(spec, simulation, side)[..., 2] for side in "lr"))
+    assert (raised.max(0) > 1.05).any()
+
+
+def test_hands_meet_in_a_handshake_and_part():
+    spec, simulation = played(InteractionKind.handshake)
+    right = palms(spec, simulation, "r")
+    distance = np.linalg.norm(right[:, 0] - right[:, 1], axis=-1)
+    assert (distance < 0.05).sum() / 25 >= 0.3
+    assert distance[0] > 0.6
+    assert distance[-1] > 0.2
+    assert simulation.quality["contact_frames"] > 5
+    ahead = facing(spec, simulation)[40]
+    assert ahead[0] @ ahead[1] < -0.9
+
+
+def test_a_huddle_is_a_ring_with_arms_on_backs():
+    spec, simulation = played(InteractionKind.huddle)
+    paths = hips(simulation)[-1]
+    radius = np.linalg.norm(paths - paths.mean(0), axis=-1)
+    assert len(spec.persons) == 6
+    assert 0.4 < radius.min() < radius.max() < 0.8
+    for side in "lr":
+        hands = palms(spec, simulation, side)[-1]
+        necks = simulation.joints[-1, :, SKELETON.index("body25.neck")[0]]
+        own = np.linalg.norm(hands - necks, axis=-1)
+        others = (np.linalg.norm(hands[:, None] - necks, axis=-1) + 9 * np.eye(6)).min(1)
+        assert (others < own).all()
+        assert np.median(others) < 0.35
+
+
+def test_arms_go_round_the_other_in_a_hug():
+    spec, simulation = played(InteractionKind.hug)
+    assert apart(hips(simulation))[-1].min() < 0.45
+    hands, ahead = palms(spec, simulation, "r")[-1], facing(spec, simulation)[-1]
+    for person, other in ((0, 1), (1, 0)):
+        chest = simulation.joints[-1, other, SKELETON.index("body25.neck")[0]]
+        # Behind the other's front.
+        assert (hands[person] - chest)[:2] @ ahead[other] < 0.12
+        assert np.linalg.norm(hands[person] - chest) < 0.4
+
+
+def test_sparring_partners_punch_at_arms_length():
+    spec, simulation = played(InteractionKind.fight)
+    distance = apart(hips(simulation)).min((1, 2))
+    assert 0.7 < distance.min() < distance.max() < 1.5
+    noses = simulation.joints[:, :, SKELETON.index("body25.nose")[0]]
+    reach = np.min(
+        [np.linalg.norm(palms(spec, simulation, side) - noses[:, ::-1], axis=-1) for side in "lr"], axis=(0, 2)
+    )
+    assert 0.1 < reach.min() < 0.45 < reach.max()
+
+
+def test_the_counter_is_between_them():
+    spec, simulation = played(InteractionKind.counter)
+    (board,) = spec.furniture
+    across = (hips(simulation) - board.at) @ (np.cos(board.yaw), np.sin(board.yaw))
+    behind = -(-len(spec.persons) // 2)
+    assert (across[:, :behind] < -0.3).all()
+    assert (across[:, behind:] > 0.3).all()
+    hands = np.concatenate([palms(spec, simulation, side)[-1] for side in "lr"])
+    assert (np.abs(hands[:, 2] - 1.06) < 0.06).sum() >= len(spec.persons)
+
+
+def test_people_sit_on_their_stools():
+    spec, simulation = played(InteractionKind.table)
+    stools = np.array([thing.at for thing in spec.furniture[1:]])
+    assert np.linalg.norm(hips(simulation) - stools, axis=-1).max() < 0.12
+    height = simulation.joints[:, :, MID_HIP, 2]
+    assert 0.45 < height.min() < height.max() < 0.7
+    knees = simulation.joints[:, :, SKELETON.index("body25.l_knee")[0], 2]
+    assert np.abs(knees - height).max() < 0.16
+
+
+def test_nothing_together_is_as_it_was():
+    with_none = sample_spec(SCENE, MotionConfig(), interaction=InteractionConfig(), seed=3, clip=0)
+    assert with_none == sample_spec(SCENE, MotionConfig(), seed=3, clip=0)
+    assert with_none.furniture == ()
+
+
+def test_furniture_is_an_object_and_stands_in_nobodys_way():
+    spec = spec_of(InteractionKind.table)
+    scene = build_scene(spec, RIG, painted=False)
+    assert {"furniture0/round_table", "furniture1/stool"} <= set(scene.objects)
+    assert len(scene.obstacles) == len(build_scene(replace(spec, furniture=()), RIG, painted=False).obstacles)
+    with_things = sample_spec(
+        replace(SCENE, props=[3, 3]),
+        MotionConfig(),
+        interaction=InteractionConfig(InteractionKind.table),
+        seed=3,
+        clip=0,
+    )
+    for prop in with_things.props:
+        gaps = [np.linalg.norm(np.subtract(prop.at, thing.at)) for thing in with_things.furniture]
+        assert min(gaps) > 0.3
+
+
+def test_layouts_move_it_elsewhere():
+    layouts = [Layout(draw, 0.8, 0.5, 2, ((3.0, 0.0),)) for draw in range(2)]
+    config = InteractionConfig(InteractionKind.handshake)
+    one, other = (sample_spec(SCENE, MotionConfig(), None, layout, config, seed=3, clip=0) for layout in layouts)
+    assert one.persons[0].start != other.persons[0].start
+    gaps = [np.linalg.norm(np.subtract(spec.persons[0].start, spec.persons[1].start)) for spec in (one, other)]
+    assert abs(gaps[0] - gaps[1]) < 1e-9
+
+
+def test_there_must_be_room():
+    with pytest.raises(FailedSimulation, match="no room for what 4 people do together: it strays"):
+        spec_of(InteractionKind.crossing, scene=replace(SCENE, radius=0.3))
+
+
+def test_props_of_interactions_are_there():
+    for kind in ("counter", "round_table", "stool"):
+        assert prop_file(kind).is_file()
+
+
+def test_a_clip_says_what_it_is(tmp_path):
+    config = GenerateConfig(
+        out=str(tmp_path),
+        seed=3,
+        clips=1,
+        scene=replace(SCENE, seconds=0.4),
+        interaction=InteractionConfig(InteractionKind.handshake),
+    )
+    clip = generate_clip(config, 0)
+    assert clip.provenance["spec"]["interaction"] == {"kind": "handshake"}
+    assert clip.truth.xyz.shape[1] == 2
