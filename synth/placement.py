@@ -1,12 +1,13 @@
 """Where people and things go: close enough to hide each other, never inside each other."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from synth.arena import footprints
-from synth.interactions.script import Script
+from synth.interactions.script import Load, Script
 from synth.motion import Motion
 from synth.plan import give_way, led_path
 from synth.props import Space, prop_space
@@ -77,7 +78,7 @@ def place_script(
     radius: float,
     gathering: float,
     rng: np.random.Generator,
-) -> tuple[list[Placement], list[tuple[str, tuple[float, float], float]]]:
+) -> tuple[list[Placement], list[tuple[str, tuple[float, float], float]], list[Load]]:
     """One place for all who do something together, with their furniture.
 
     Args:
@@ -89,7 +90,7 @@ def place_script(
         rng: Draws places.
 
     Returns:
-        A placement for each motion; and each piece of furniture's kind, place (m) and yaw (rad).
+        A placement for each motion; each piece of furniture's kind, place (m) and yaw (rad); and what is carried.
 
     Raises:
         FailedSimulation: there is no room.
@@ -120,6 +121,7 @@ def place_script(
     return (
         [(_moved(motion.root[0], *best), yaw, 0.0) for motion in motions],
         [(thing.kind, _moved(thing.at, *best), yaw + thing.yaw) for thing in script.furniture],
+        [replace(load, at=(*_moved(load.at, *best), load.at[2]), yaw=yaw + load.yaw) for load in script.loads],
     )
 
 

@@ -9,15 +9,20 @@ from dmae.cameras import CameraRig
 from dmae.images import FIRST_OBJECT_ID
 from dmae.rng import Stream, generator
 from synth.arena import arena_file, footprints
+from synth.body import SIDES
 from synth.coverage import check_outside
 from synth.decor import Finish, decorate
+from synth.interactions.script import Load
 from synth.lens import add_cameras
+from synth.motion.limbs import PALM
 from synth.person import HIDDEN_GROUP, add_person
 from synth.placement import placed_discs
 from synth.props import prop_space, prop_spec
-from synth.spec import PropSpec, SceneSpec
+from synth.spec import PersonSpec, PropSpec, SceneSpec
 from synth.textures import add_texture, paint
 
+_GRIP_DAMPING = 1.0
+"""Of a carried thing, N m s / rad, and N s / m."""
 _LONGEST_STEP = 0.0025
 """Of the physics, s: kicks move a few centimetres in twice that."""
 
@@ -34,6 +39,7 @@ class Scene:
         geom_persons: (ngeom,) index of the person a geom belongs to, -1 for things.
         objects: Names of all that is no person, at least "floor".
         obstacles: (K, 3) x, y and radius of discs that cover what stands about, furniture of an interaction apart, m.
+        holds: (H, 3) index of each equality constraint by which a hand holds a thing, when it begins and ends, s.
     """
 
     model: mujoco.MjModel
@@ -42,6 +48,7 @@ class Scene:
     geom_persons: np.ndarray
     objects: tuple[str, ...]
     obstacles: np.ndarray
+    holds: np.ndarray
 
 
 def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Scene:
@@ -68,11 +75,15 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
     for number, person in enumerate(spec.persons):
         at = (*person.start, person.body.hip_height)
         add_person(world, number, person.body, person.looks, position=at, rng=rng)
+    for number, load in enumerate(spec.loads):
+        _add_load(world, f"load{number}/", load, spec.persons)
     add_cameras(world, rig)
     model = world.compile()
     identity = _identify(model)
     check_outside(rig, model, identity[0])
-    return Scene(model, _substeps(spec.fps), *identity, np.concatenate(obstacles))
+    grips = [grip for load in spec.loads for grip in load.grips for _ in SIDES]
+    holds = np.array([(number, grip.begin, grip.end) for number, grip in enumerate(grips)]).reshape(-1, 3)
+    return Scene(model, _substeps(spec.fps), *identity, np.concatenate(obstacles), holds)
 
 
 def _substeps(fps: float) -> int:
@@ -106,6 +117,38 @@ def add_prop(world: mujoco.MjSpec, prefix: str, prop: PropSpec) -> np.ndarray:
     frame = world.worldbody.add_frame(pos=[*prop.at, 0], quat=[np.cos(half), 0, 0, np.sin(half)])
     world.attach(thing, prefix=prefix, frame=frame)
     return placed_discs(prop_space(prop.kind, prop.scale, prop.up).discs, prop.at, prop.yaw)
+
+
+def _add_load(world: mujoco.MjSpec, prefix: str, load: Load, persons: tuple[PersonSpec, ...]) -> None:
+    """Add a thing that moves freely, tied to the palms of those who hold it as long as they do."""
+    thing = prop_spec(load.kind)
+    body = thing.worldbody.first_body()
+    thing_body = body.name
+    # Between palms nothing swings for long.
+    body.add_joint(name="free", type=mujoco.mjtJoint.mjJNT_FREE, damping=_GRIP_DAMPING)
+    for number, grip in enumerate(load.grips):
+        for side, sign in SIDES.items():
+            across = sign * load.half_width * (1 if number % 2 == 0 else -1)
+            body.add_site(name=f"grip{number}{side}", pos=[0, across, grip.height])
+    half = load.yaw / 2
+    frame = world.worldbody.add_frame(pos=load.at, quat=[np.cos(half), 0, 0, np.sin(half)])
+    world.attach(thing, prefix=prefix, frame=frame)
+    for number, grip in enumerate(load.grips):
+        for side, sign in SIDES.items():
+            holder, name = persons[grip.person].body, f"{prefix}grip{number}{side}"
+            palm = PALM * (1, sign * holder.arms, 1) * holder.stature
+            world.body(f"person{grip.person}/{side}_hand").add_site(name=f"{name}/palm", pos=palm)
+            # The grip itself keeps hands at the surface; rubbing against it they would turn the thing.
+            for part in ("forearm", "hand"):
+                world.add_exclude(bodyname1=prefix + thing_body, bodyname2=f"person{grip.person}/{side}_{part}")
+            world.add_equality(
+                type=mujoco.mjtEq.mjEQ_CONNECT,
+                objtype=mujoco.mjtObj.mjOBJ_SITE,
+                name1=name,
+                name2=f"{name}/palm",
+                active=grip.begin <= 0,
+                solref=[0.02, 1.0],
+            )
 
 
 def _identify(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:

@@ -132,7 +132,9 @@ def _run(
     qpos[0] = data.qpos
     contacts = Contacts()
     contacts.watch(data, 0)
+    held, begin, end = scene.holds[:, 0].astype(int), *scene.holds[:, 1:].T
     for frame in range(1, frames):
+        data.eq_active[held] = (begin <= frame / spec.fps) & (frame / spec.fps < end)
         for step in range((frame - 1) * scene.substeps + 1, frame * scene.substeps + 1):
             leading.apply(step)
             mujoco.mj_step(model, data)

@@ -12,7 +12,7 @@ from synth.body import Body
 from synth.decor import Colour, Decor, sample_decor, sample_tint
 from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
 from synth.interactions.perform import draw_motions
-from synth.interactions.script import Script
+from synth.interactions.script import Load, Script
 from synth.looks import Looks, sample_looks
 from synth.motion import Motion
 from synth.motion.source import MotionConfig
@@ -115,8 +115,8 @@ class SceneSpec:
     Motions are not held, but drawn again from `motion`, `interaction`, `seed` and `clip`: see `load_motions`.
 
     Attributes:
-        furniture: Things that belong to the interaction; nobody keeps away from them.
-        props: Things that just stand about.
+        furniture: Things that belong to the interaction; nobody keeps away from them as from `props`.
+        loads: Things that hands carry.
         radius: Within which the interaction takes place, m.
     """
 
@@ -132,6 +132,7 @@ class SceneSpec:
     motion: MotionConfig
     interaction: InteractionConfig = field(default_factory=InteractionConfig)
     furniture: tuple[PropSpec, ...] = ()
+    loads: tuple[Load, ...] = ()
     radius: float = 1.9
 
     def to_json(self) -> str:
@@ -208,10 +209,11 @@ def sample_spec(
     motions, script = _draw(motion, interaction, bodies, frames, config.fps, config.radius, seed, clip)
     if layout:
         clearance, rng = layout.clearance, generator(seed, clip, Stream.LAYOUT).spawn(layout.draw + 1)[-1]
-    gathering, furniture = layout.gathering if layout else config.gathering, []
+    gathering, furniture, loads = (layout or config).gathering, [], []
     if script:
         clearance = min(clearance, script.clearance or clearance)
-        placements, furniture = place_script(script, motions, arena, radius=config.radius, gathering=gathering, rng=rng)
+        where = {"radius": config.radius, "gathering": gathering, "rng": rng}
+        placements, furniture, loads = place_script(script, motions, arena, **where)
     else:
         placements = place_persons(
             motions, arena, radius=config.radius, gathering=gathering, clearance=clearance, rng=rng
@@ -253,6 +255,7 @@ def sample_spec(
             PropSpec(kind, at, yaw, sample_tint(rng=colours) if config.randomize else None)
             for kind, at, yaw in furniture
         ),
+        loads=tuple(loads),
         radius=float(config.radius),
     )
 

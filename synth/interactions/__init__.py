@@ -6,6 +6,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from synth.interactions.around import counter, table
+from synth.interactions.carrying import pass_box
 from synth.interactions.meeting import circle_talk, crossing, queue, walking_together
 from synth.interactions.script import Script
 from synth.interactions.touching import fight, handshake, huddle, hug
@@ -26,6 +27,7 @@ class InteractionKind(Enum):
     hug = "hug"
     fight = "fight"
     table = "table"
+    pass_box = "pass_box"
 
 
 @dataclass(frozen=True)
@@ -58,4 +60,5 @@ INTERACTIONS = {
     InteractionKind.hug: Interaction(2, 2, hug),
     InteractionKind.fight: Interaction(2, 2, fight),
     InteractionKind.table: Interaction(2, 6, table),
+    InteractionKind.pass_box: Interaction(2, 2, pass_box),
 }

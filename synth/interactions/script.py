@@ -111,6 +111,33 @@ class Furniture:
 
 
 @dataclass(frozen=True)
+class Grip:
+    """Both hands of a person hold a thing from one time to another, s, so high above its middle, m."""
+
+    person: int
+    begin: float
+    end: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Load:
+    """A thing that hands carry: kind as in `scenes/props/`.
+
+    Attributes:
+        at, yaw: Its middle in the first frame, m, and heading, rad.
+        half_width: From its middle to the palms that hold it left and right, m.
+        grips: Who holds it when.
+    """
+
+    kind: str
+    at: tuple[float, float, float]
+    yaw: float
+    half_width: float
+    grips: tuple[Grip, ...]
+
+
+@dataclass(frozen=True)
 class Script:
     """An interaction about the origin.
 
@@ -118,12 +145,14 @@ class Script:
         roles: One a person.
         clearance: Distance that people keep between their hips whatever the scene says, m; None for the scene's.
         furniture: What it needs.
+        loads: What is carried.
         reaches: From where people are to what their hands do.
     """
 
     roles: tuple[Role, ...]
     clearance: float | None = None
     furniture: tuple[Furniture, ...] = ()
+    loads: tuple[Load, ...] = ()
     reaches: Callable[[Poses], list[Reach]] = field(default=lambda poses: [])
 
 

@@ -6,6 +6,12 @@ from scipy.ndimage import gaussian_filter1d
 from synth.interactions.script import Cast, Poses, Reach, Role, Script, approach, arm_length, during
 from synth.motion.upper import minimum_jerk
 
+_EMBRACES = {
+    True: ((0.08, 0.09, 0.22), (-0.07, 0.04, 0.135), (0.0, 1.0, 0.1)),
+    False: ((0.04, 0.20, 0.02), (-0.075, 0.02, 0.02), (-0.2, 1.0, -0.8)),
+}
+"""Arms over the other's shoulder (True) and below it: on the way and in the end, in the frame of the other's chest as
+fractions of stature, y to the side of the arm; and where elbows give way to."""
 _SIGN = {"l": 1.0, "r": -1.0}
 
 
@@ -69,15 +75,15 @@ def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
     share = minimum_jerk((cast.seconds - 0.4 * when) / (0.45 * when))
     closed = minimum_jerk((cast.seconds - 0.95 * when) / max(0.6, 0.3 * when))[:, None]
 
+    level = abs(cast.bodies[0].stature - cast.bodies[1].stature) < 0.07
+
     def hold(poses: Poses) -> list[Reach]:
         reaches = []
         for person, other in ((0, 1), (1, 0)):
             stature, girth = cast.bodies[other].stature, max(1.0, cast.bodies[other].girth)
-            # One arm goes over the other's shoulder, one below; the other's left is on one's right.
-            for side, sign, start, end, elbow in (
-                ("r", 1, (0.08, 0.09, 0.22), (-0.07, 0.04, 0.135), (0.0, 1.0, 0.1)),
-                ("l", -1, (0.04, 0.20, 0.02), (-0.075, 0.02, 0.02), (-0.2, 1.0, -0.8)),
-            ):
+            # The other's left is on one's right. Who is taller reaches over both shoulders, who is smaller below.
+            for side, sign in (("r", 1), ("l", -1)):
+                start, end, elbow = _EMBRACES[sign > 0 if level else stature < cast.bodies[person].stature]
                 size = stature * np.array((girth, sign, 1))
                 beside, back = (poses.point(other, "chest", tuple(at * size)) for at in (start, end))
                 normal = poses.axis(other, "chest", (0.4, -sign, 0)) * (1 - closed)

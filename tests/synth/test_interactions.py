@@ -206,6 +206,26 @@ def test_people_sit_on_their_stools():
     assert np.abs(knees - height).max() < 0.16
 
 
+def test_a_box_goes_from_hand_to_hand():
+    spec, simulation = played(InteractionKind.pass_box)
+    (load,), model, data = spec.loads, simulation.model, mujoco.MjData(simulation.model)
+    gaps, tilt = np.empty((len(simulation.qpos), 2)), np.empty(len(simulation.qpos))
+    for frame, state in enumerate(simulation.qpos):
+        data.qpos[:] = state
+        mujoco.mj_kinematics(model, data)
+        tilt[frame] = data.body("load0/box").xmat[8]
+        for number in range(2):
+            sites = [f"load0/grip{number}{side}" for side in "lr"]
+            gaps[frame, number] = max(np.linalg.norm(data.site(s).xpos - data.site(f"{s}/palm").xpos) for s in sites)
+    time = np.arange(len(gaps)) / spec.fps
+    for number, grip in enumerate(load.grips):
+        # Palms are drawn to it within a moment, and let go.
+        assert gaps[(time > grip.begin + 0.15) & (time < grip.end), number].max() < 0.02
+        assert gaps[(time < grip.begin - 0.4) | (time > grip.end + 0.4), number].min() > 0.06
+    assert np.degrees(np.arccos(tilt)).max() < 35
+    assert "load0/box" in simulation.objects
+
+
 def test_nothing_together_is_as_it_was():
     with_none = sample_spec(SCENE, MotionConfig(), interaction=InteractionConfig(), seed=3, clip=0)
     assert with_none == sample_spec(SCENE, MotionConfig(), seed=3, clip=0)
@@ -244,7 +264,7 @@ def test_there_must_be_room():
 
 
 def test_props_of_interactions_are_there():
-    for kind in ("counter", "round_table", "stool"):
+    for kind in ("box", "counter", "round_table", "stool"):
         assert prop_file(kind).is_file()
 
 

@@ -1,0 +1,76 @@
+"""People who carry something, and hand it on."""
+
+import numpy as np
+
+from synth.interactions.script import (
+    Cast,
+    Grip,
+    Load,
+    Poses,
+    Reach,
+    Role,
+    Script,
+    approach,
+    arm_length,
+    arrival,
+    during,
+    standing,
+)
+from synth.motion.upper import minimum_jerk
+
+_HALF_WIDTH = 0.16
+"""Of `scenes/props/box.xml`, m."""
+_CLOTH = 0.013
+"""How far from the box palms feel it, m."""
+_LOW, _HIGH = 0.02, 0.10
+"""How far above the box's middle the first and the second person hold it, m: both above, so that it does not tip."""
+
+
+def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
+    """One carries a box to another, who takes it, turns, and carries it away."""
+    seconds, last = cast.seconds, cast.seconds[-1]
+    yaw = rng.uniform(0, 2 * np.pi)
+    ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
+    held = [0.66 * arm_length(body) for body in cast.bodies]
+    when = min(1.9, 0.36 * last)
+    start = np.array((*(-(held[0] + min(1.1, 0.6 * when)) * ahead), yaw))
+    there = np.array((*(-held[0] * ahead), yaw))
+    bringing = approach(cast, start, there, begin=0.0, speed=(there - start)[:2] @ ahead / max(when, 0.6))
+    taken = float(arrival(start, there, 0.0, (there - start)[:2] @ ahead / max(when, 0.6))) + 0.15
+    waiting = np.array((*(held[1] * ahead), yaw + np.pi))
+    aside = rng.choice((-1, 1))
+    away = waiting[:2] + min(1.2, max(0.0, 0.5 * (last - taken - 1.2))) * (0.5 * ahead + 0.87 * aside * left)
+    going = yaw + aside * np.pi / 3
+    leaving = approach(cast, waiting, np.array((*away, going)), begin=taken + 1.2, speed=0.6)
+    paths = (
+        bringing,
+        leaving if np.linalg.norm(away - waiting[:2]) > 0.3 else standing(cast, waiting[:2], yaw + np.pi),
+    )
+
+    def front(person: int) -> np.ndarray:
+        heading = paths[person][:, 2]
+        return paths[person][:, :2] + held[person] * np.stack([np.cos(heading), np.sin(heading)], 1)
+
+    height = 0.60 * np.mean([body.stature for body in cast.bodies])
+    share = minimum_jerk((seconds - taken) / 0.3)
+    middle = np.column_stack([front(0) + share[:, None] * (front(1) - front(0)), np.full(len(seconds), height)])
+    turned = paths[0][:, 2] + share * (paths[1][:, 2] - np.pi - paths[0][:, 2])
+    across = np.stack([-np.sin(turned), np.cos(turned), 0 * turned], 1)
+    shares = (during(seconds, -1.0, taken + 0.45, 0.5), minimum_jerk((seconds - taken + 0.75) / 0.7))
+
+    def hold(poses: Poses) -> list[Reach]:
+        reaches = []
+        for person, (way, up) in enumerate(((1, _LOW), (-1, _HIGH))):
+            for side, sign in (("l", way), ("r", -way)):
+                # Hands open before they take hold, and after they have let go.
+                grip = _HALF_WIDTH + _CLOTH + 0.06 * (1 - shares[person][:, None])
+                palm = middle + sign * grip * across + (0, 0, up)
+                reaches.append(Reach(person, side, shares[person], palm, -sign * across))
+        return reaches
+
+    grips = (Grip(0, -1.0, taken + 0.4, _LOW), Grip(1, taken, float(last) + 1.0, _HIGH))
+    load = Load("box", tuple(float(x) for x in middle[0]), float(turned[0]), _HALF_WIDTH + _CLOTH, grips)
+    gazes = [np.full(len(seconds), 1 - person) for person in range(2)]
+    gazes[1][seconds > taken + 0.9] = -1
+    roles = tuple(Role(path, gaze=gaze) for path, gaze in zip(paths, gazes, strict=True))
+    return Script(roles, clearance=0.5, loads=(load,), reaches=hold)
