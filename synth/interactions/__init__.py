@@ -9,7 +9,7 @@ from synth.interactions.around import counter, table
 from synth.interactions.carrying import pass_box
 from synth.interactions.meeting import circle_talk, crossing, queue, walking_together
 from synth.interactions.script import Script
-from synth.interactions.touching import fight, handshake, huddle, hug
+from synth.interactions.touching import dance, fight, handshake, huddle, hug
 
 
 class InteractionKind(Enum):
@@ -28,6 +28,7 @@ class InteractionKind(Enum):
     fight = "fight"
     table = "table"
     pass_box = "pass_box"
+    dance = "dance"
 
 
 @dataclass(frozen=True)
@@ -61,4 +62,5 @@ INTERACTIONS = {
     InteractionKind.fight: Interaction(2, 2, fight),
     InteractionKind.table: Interaction(2, 6, table),
     InteractionKind.pass_box: Interaction(2, 2, pass_box),
+    InteractionKind.dance: Interaction(2, 2, dance),
 }

@@ -1,5 +1,7 @@
 """People who meet without touching: they cross, walk together, queue, talk in a circle."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from synth.interactions.script import Cast, Poses, Reach, Role, Script, approach, arm_length, during, standing
@@ -31,12 +33,13 @@ def crossing(cast: Cast, *, rng: np.random.Generator) -> Script:
 def walking_together(cast: Cast, *, rng: np.random.Generator) -> Script:
     """Everybody walks the same way at the same pace, side by side, behind each other from four people on."""
     count = len(cast.bodies)
-    way = _through(cast, rng.uniform(0, 2 * np.pi), rng.uniform(0.8, 1.2), rng.choice((-1, 1)))
+    rows = 1 if count < 4 else 2
+    within = replace(cast, radius=max(0.5, cast.radius - 0.5 * (rows - 1)))
+    way = _through(within, rng.uniform(0, 2 * np.pi), rng.uniform(0.8, 1.2), rng.choice((-1, 1)))
     # Half the way to the other side of where they turn: then nobody strays twice as far as they need to.
     way[:, :2] -= (way[:, :2].min(0) + way[:, :2].max(0)) / 2
     ahead = np.stack([np.cos(way[:, 2]), np.sin(way[:, 2])], 1)
     left = np.stack([-ahead[:, 1], ahead[:, 0]], 1)
-    rows = 1 if count < 4 else 2
     abreast = -(-count // rows)
     roles = []
     for person in range(count):

@@ -13,9 +13,10 @@ from synth.feet import plant, planted
 from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
 from synth.interactions.script import Cast, Reach, Role, Script, poses_of, wrapped
 from synth.motion import SEGMENTS, Motion
+from synth.motion.cmu import partner
 from synth.motion.limbs import reach_with_arm
 from synth.motion.rotations import about
-from synth.motion.source import MotionConfig, MotionKind, load_motion
+from synth.motion.source import MotionConfig, MotionKind, cut, load_motion, read_take, takes
 from synth.motion.steps import step_along
 from synth.plan import fit
 
@@ -69,6 +70,8 @@ def perform(script: Script, cast: Cast, config: MotionConfig, *, rng: np.random.
     other roles, legs follow the path step by step below the trunk, arms and head of the source, as long as these are
     upright; else below those of a person of `synth.motion.procedural` who stands.
 
+    What two people were recorded doing together is played as it is, where the script asks for that.
+
     Args:
         script: The roles, about the origin.
         cast: Who plays them.
@@ -78,6 +81,9 @@ def perform(script: Script, cast: Cast, config: MotionConfig, *, rng: np.random.
     Returns:
         One motion a person, in place, of the person's size.
     """
+    pair = _recorded_pair(cast, config, rng=rng) if script.paired else None
+    if pair:
+        return pair
     motions = [_play(role, body, cast, config, rng=rng) for role, body in zip(script.roles, cast.bodies, strict=True)]
     poses = poses_of(cast.bodies, motions)
     for person, role in enumerate(script.roles):
@@ -85,6 +91,29 @@ def perform(script: Script, cast: Cast, config: MotionConfig, *, rng: np.random.
             motions[person] = _look(motions[person], person, role.gaze, poses.origins[:, :, _HEAD])
     for reach in script.reaches(poses):
         motions[reach.person] = _reach(motions[reach.person], cast.bodies[reach.person], reach)
+    return motions
+
+
+def _recorded_pair(cast: Cast, config: MotionConfig, *, rng: np.random.Generator) -> list[Motion] | None:
+    """The same stretch of a take and of its partner's, about the origin; None if no take has a partner beside it."""
+    if config.kind is MotionKind.procedural:
+        return None
+    pairs = [(path, other) for path in takes(config) if (other := partner(path))]
+    if not pairs:
+        return None
+    pair, start = pairs[rng.integers(len(pairs))], rng.uniform()
+    how = {"unit": config.unit, "up": config.up, "mapping": config.mapping}
+    read = [read_take(path, config.fps, **how) for path in pair]
+    shortest = min(len(take) for take in read)
+    read = [replace(take, root=take.root[:shortest], rotations=take.rotations[:shortest]) for take in read]
+    span = {"start": start, "seconds": len(cast.seconds) / cast.fps, "fps": cast.fps}
+    motions = [fit(cut(take, **span), body) for take, body in zip(read, cast.bodies, strict=True)]
+    # Both grow as much, so that hands still find hands.
+    growth = np.mean([body.hip_height / take.hip_height for take, body in zip(read, cast.bodies, strict=True)])
+    places = [growth * cut(take, **span).root[:, :2] for take in read]
+    middle = np.mean(places, axis=(0, 1))
+    for motion, place in zip(motions, places, strict=True):
+        motion.root[:, :2] = place - middle
     return motions
 
 

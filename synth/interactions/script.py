@@ -146,6 +146,7 @@ class Script:
         clearance: Distance that people keep between their hips whatever the scene says, m; None for the scene's.
         furniture: What it needs.
         loads: What is carried.
+        paired: Whether takes in which two people were recorded together, if there are any, are played as they are.
         reaches: From where people are to what their hands do.
     """
 
@@ -153,6 +154,7 @@ class Script:
     clearance: float | None = None
     furniture: tuple[Furniture, ...] = ()
     loads: tuple[Load, ...] = ()
+    paired: bool = False
     reaches: Callable[[Poses], list[Reach]] = field(default=lambda poses: [])
 
 

@@ -169,3 +169,42 @@ def fight(cast: Cast, *, rng: np.random.Generator) -> Script:
         return reaches
 
     return Script(tuple(roles), clearance=0.6, reaches=strike)
+
+
+def dance(cast: Cast, *, rng: np.random.Generator) -> Script:
+    """A couple in closed hold turns and steps to and fro, unless recordings of a couple are there."""
+    seconds, beat = cast.seconds, rng.uniform(0.42, 0.52)
+    apart = max(0.46, sum(0.064 * body.stature * body.girth for body in cast.bodies) + 0.16)
+    turning = rng.choice((-1, 1)) * rng.uniform(0.5, 0.9)
+    yaw = rng.uniform(0, 2 * np.pi) + turning * seconds + 0.15 * np.sin(np.pi * seconds / (2 * beat))
+    ahead = np.stack([np.cos(yaw), np.sin(yaw)], 1)
+    left = np.stack([-ahead[:, 1], ahead[:, 0]], 1)
+    # Forward and back in four beats, to either side in eight.
+    to_and_fro = 0.12 * np.sin(np.pi * seconds / (2 * beat))[:, None] * ahead
+    middle = to_and_fro + 0.15 * np.sin(np.pi * seconds / (4 * beat))[:, None] * left
+    roles = []
+    for sign in (-1, 1):
+        path = np.column_stack(
+            [middle + sign * apart / 2 * ahead + sign * 0.03 * left, yaw + (np.pi if sign > 0 else 0)]
+        )
+        roles.append(Role(path))
+    always = np.ones(len(seconds))
+
+    def hold(poses: Poses) -> list[Reach]:
+        # The first leads: left hand in right, right hand on the other's back; the other's left on the shoulder.
+        size = np.mean([body.stature for body in cast.bodies])
+        hands = poses.origins[:, :, 0].mean(1) + 0.27 * size * np.column_stack([left, 0 * yaw])
+        hands[:, 2] = 0.76 * size
+        led = cast.bodies[1].stature
+        back = poses.point(1, "chest", (-0.07 * led * max(1.0, cast.bodies[1].girth), 0.05 * led, 0.03 * led))
+        tall = cast.bodies[0].stature
+        shoulder = poses.point(0, "chest", (0.01 * tall, -0.10 * tall, 0.185 * tall))
+        forward = np.column_stack([ahead, 0 * yaw])
+        return [
+            Reach(0, "l", always, hands, forward, (0.0, 0.6, -1.0)),
+            Reach(1, "r", always, hands, -forward, (0.0, 0.6, -1.0)),
+            Reach(0, "r", always, back, poses.axis(1, "chest", (1, 0, 0)), (0.0, 1.0, -0.4)),
+            Reach(1, "l", always, shoulder, np.tile((0.0, 0.0, -1.0), (len(yaw), 1)), (0.0, 1.0, -0.2)),
+        ]
+
+    return Script(tuple(roles), clearance=0.3, paired=True, reaches=hold)

@@ -226,6 +226,27 @@ def test_a_box_goes_from_hand_to_hand():
     assert "load0/box" in simulation.objects
 
 
+def test_a_couple_holds_hands_and_turns():
+    spec, simulation = played(InteractionKind.dance)
+    held = np.linalg.norm(palms(spec, simulation, "l")[:, 0] - palms(spec, simulation, "r")[:, 1], axis=-1)
+    assert np.median(held) < 0.07
+    ahead = facing(spec, simulation)
+    assert ((ahead[:, 0] * ahead[:, 1]).sum(-1) < -0.5).all()
+    assert ahead[0, 0] @ ahead[-1, 0] < 0.7
+
+
+def test_a_recorded_couple_dances_as_it_did(data_folder):
+    motion = MotionConfig(kind=MotionKind.bvh, path=str(data_folder / "cmu" / "bvh_daz"))
+    spec = spec_of(InteractionKind.dance, motion)
+    takes = sorted(person.motion.split(" ")[0] for person in spec.persons)
+    assert takes in (["salsa_05", "salsa_20"], ["salsa_10", "salsa_25"])
+    simulation = simulate(spec, RIG, painted=False)
+    assert simulation.quality["tracking_error_mm"] <= 30
+    distance = apart(hips(simulation)).min((1, 2))
+    assert 0.2 < distance.min() < distance.max() < 1.6
+    assert simulation.quality["penetration_mm"] <= 40
+
+
 def test_nothing_together_is_as_it_was():
     with_none = sample_spec(SCENE, MotionConfig(), interaction=InteractionConfig(), seed=3, clip=0)
     assert with_none == sample_spec(SCENE, MotionConfig(), seed=3, clip=0)
