@@ -100,13 +100,16 @@ def place_script(
     paths = np.concatenate([motion.root[:, :2] for motion in motions])
     taken = np.concatenate([np.column_stack([paths, np.full(len(paths), 0.25)]), *furniture])
     reach = float(np.linalg.norm(paths, axis=1).max())
+    walking = all(role.walks for role in script.roles)
     best, least = None, np.inf
     for attempt in range(_TRIES):
         at, yaw = rng.normal(0, 0.25 * gathering * (1 + attempt / 10), 2), float(rng.uniform(-np.pi, np.pi))
         places = placed_discs(taken, at, yaw)[:, :2]
         gap = np.linalg.norm(places[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - taken[:, 2:]
+        blocked = np.maximum(0, -gap).max(1, initial=0.0)
         strays = float(np.linalg.norm(places[: len(paths)], axis=1).max())
-        cost = max(0.0, -gap.min(initial=0.0)) + max(0.0, strays - max(radius, reach))
+        # Who walks goes round what is in the way.
+        cost = float(blocked.mean() if walking else blocked.max()) + max(0.0, strays - max(radius, reach))
         if cost < least:
             best, least = (at, yaw), cost
         if least == 0:

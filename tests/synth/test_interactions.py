@@ -279,6 +279,12 @@ def test_layouts_move_it_elsewhere():
     assert abs(gaps[0] - gaps[1]) < 1e-9
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_there_is_room_in_the_office(kind):
+    spec = spec_of(kind, scene=replace(SCENE, arena="office", seconds=5.0))
+    assert len(spec.persons) >= INTERACTIONS[kind].least
+
+
 def test_there_must_be_room():
     with pytest.raises(FailedSimulation, match="no room for what 4 people do together: it strays"):
         spec_of(InteractionKind.crossing, scene=replace(SCENE, radius=0.3))
