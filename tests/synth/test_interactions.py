@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from synth.arena import prop_file
 from synth.generate import GenerateConfig, generate_clip
 from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
 from synth.landmarks import SKELETON
@@ -288,11 +287,6 @@ def test_there_is_room_in_the_office(kind):
 def test_there_must_be_room():
     with pytest.raises(FailedSimulation, match="no room for what 4 people do together: it strays"):
         spec_of(InteractionKind.crossing, scene=replace(SCENE, radius=0.3))
-
-
-def test_props_of_interactions_are_there():
-    for kind in ("box", "counter", "round_table", "stool"):
-        assert prop_file(kind).is_file()
 
 
 def test_a_clip_says_what_it_is(tmp_path):
