@@ -33,6 +33,7 @@ def test_numbers_of_streams_never_change():
         "VALIDATION": 7,
         "LAYOUT": 8,
         "CALIBRATION": 9,
+        "INTERACTION": 10,
     }
 
 
