@@ -32,6 +32,7 @@ endif
 # The Shelf recording's digital twin, beside the recording: do detections fail alike, does capture do as well?
 TWIN := runs/twin
 twin: setup
+	@test -n "$(DMAE_DATA)" || { echo "error: make twin DMAE_DATA=<the folder that holds shelf/>"; exit 1; }
 	$(BIN)/synth generate scene=shelf_twin out=$(TWIN) seed=1 workers=2
 	$(BIN)/dmae evaluate data=$(TWIN) methods=[linear] views=[5,4,3] out=$(TWIN)_scores
 	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf methods=[linear] views=[5,4,3] out=$(TWIN)_shelf_scores
