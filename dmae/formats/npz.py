@@ -1,8 +1,8 @@
 """Poses as a NumPy archive, for whoever reads nothing else."""
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -39,21 +39,50 @@ def read_npz(path: Path) -> tuple[Poses3D, float]:
         ValueError: it is no such archive; the message says what it lacks.
     """
     path = Path(path)
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = dict(archive)
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{path}: no such file") from None
-    except (BadZipFile, ValueError, TypeError, EOFError) as error:
-        raise ValueError(f"{path}: expected an .npz archive of poses, {error}") from None
-    lacking = {"joints", "source", "views", "names", "skeleton", "fps"} - set(arrays)
-    if lacking:
-        raise ValueError(f"{path}: expected an .npz archive of poses, it lacks {sorted(lacking)}")
+    needed = ("joints", "source", "views", "names", "skeleton", "fps")
+    arrays = read_arrays(path, "an .npz archive of poses", needed)
     skeleton = _skeleton(path, str(arrays["skeleton"]), tuple(str(name) for name in arrays["names"]))
     try:
         return Poses3D(skeleton, arrays["joints"], arrays["source"], views=arrays["views"]), float(arrays["fps"])
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def read_arrays(path: Path, what: str, needed: Sequence[str], also: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """Some arrays of an .npz archive; nothing in it is run, and nothing else in it is read.
+
+    Args:
+        what: What the archive is expected to be, for messages.
+        needed: Arrays that must be there.
+        also: Arrays that may be.
+
+    Raises:
+        FileNotFoundError: no such file.
+        OSError: the file may not be read.
+        ValueError: it is no such archive, is damaged, holds pickled objects, or lacks arrays.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    # Opened here: what the system says of a file is no fault of the archive. NumPy would leave it open, too.
+    with path.open("rb") as file:
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                names = list(archive.files)
+                arrays = {name: archive[name] for name in names if name in (*needed, *also)}
+        # Of what they raise for damaged archives, from NotImplementedError to SyntaxError and, for lying headers,
+        # MemoryError, zipfile and NumPy make no list. Nothing but their reading stands in here.
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+            if "pickle" in reason.lower():
+                reason = f"it holds pickled Python objects, which are not read as they could run anything ({error})"
+            raise ValueError(f"{path}: expected {what}; {reason}") from error
+    lacking = sorted(set(needed) - set(names))
+    if lacking:
+        raise ValueError(
+            f"{path}: expected arrays {' and '.join(needed)}, found {', '.join(names)}; it lacks {lacking}"
+        )
+    return arrays
 
 
 def _skeleton(path: Path, name: str, joints: tuple[str, ...]) -> Skeleton:

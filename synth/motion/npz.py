@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dmae.formats.npz import read_arrays
 from synth.motion import Motion
 from synth.motion.cmu import true_fps
 from synth.motion.gaps import fill_gaps
@@ -41,7 +42,7 @@ def read_npz(path: Path, *, fps: float | None = None, unit: float | None = None,
         ValueError: the file is no npz file, holds pickled objects, lacks arrays, has them in other shapes, contradicts
             itself or has nothing for most of the time; or as `synth.motion.retarget.retarget`.
     """
-    content = _load(path)
+    content = read_arrays(path, "an npz file of arrays", ("poses", "trans"), (*_RATES, "mocap_time_length", "on_floor"))
     poses, places = _shaped(content, path)
     rate = _rate(content, len(poses), fps, path)
     poses, places, notes = _whole(poses, places, rate, path)
@@ -73,27 +74,6 @@ def read_npz(path: Path, *, fps: float | None = None, unit: float | None = None,
         notes=(*(() if ours else (f"size {size:.2f}",)), *((f"trans in {name}",) if metres != 1 else ()), *notes),
     )
     return retarget(whole, up="y" if up else None, ours=ours)
-
-
-def _load(path: Path) -> dict[str, np.ndarray]:
-    """The arrays that are used."""
-    if not path.is_file():
-        raise FileNotFoundError(f"no motion file {path}")
-    try:
-        # Opened here, since NumPy leaves files open that are no archives.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            names = list(archive.files)
-            wanted = {"poses", "trans", *_RATES, "mocap_time_length", "on_floor"}
-            content = {name: archive[name] for name in names if name in wanted}
-    # Of what they can raise for damaged files, from NotImplementedError to SyntaxError, zipfile and NumPy make no list.
-    except Exception as error:
-        why = "it holds pickled Python objects, which are not read as they could run anything"
-        reason = why if "pickle" in str(error).lower() else f"{type(error).__name__}: {error}"
-        raise ValueError(f"{path}: expected an npz file of arrays; {reason}") from error
-    missing = [name for name in ("poses", "trans") if name not in content]
-    if missing:
-        raise ValueError(f"{path}: expected arrays poses and trans, found {', '.join(names)}")
-    return content
 
 
 def _shaped(content: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.ndarray]:
