@@ -10,23 +10,13 @@ from dmae.skeleton import BODY25
 from synth.chance import in_bursts, unrest, wander
 from synth.mistakes import PartConfig
 
-from .detecting import CLEAN, PRESETS, SKELETON, by_person, everywhere, preset, run, three_persons, what_is_seen
+from .detecting import CLEAN, PRESETS, SKELETON, by_person, everywhere, preset, run
 from .test_rigs import preset as rig_preset
 
 
 @pytest.fixture(scope="module")
 def rig():
     return rig_preset("shelf")
-
-
-@pytest.fixture(scope="module")
-def truth() -> Poses3D:
-    return three_persons()
-
-
-@pytest.fixture(scope="module")
-def seen(truth, rig) -> tuple[np.ndarray, np.ndarray]:
-    return what_is_seen(truth, rig)
 
 
 def test_the_clean_detector_gives_the_projections_of_what_is_visible(truth, seen, rig):

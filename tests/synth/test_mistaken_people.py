@@ -10,29 +10,8 @@ from dmae.skeleton import BODY25
 from synth.mistakes import PartConfig
 
 from .detecting import CLEAN, FPS, PRESETS, by_person, everywhere, preset, run, three_persons, what_is_seen
-from .test_rigs import preset as rig_preset
 
 ALL = PartConfig(miss=[0, 0, 0, 0])
-
-
-@pytest.fixture(scope="module")
-def rig():
-    return rig_preset("shelf")[1:3]
-
-
-@pytest.fixture(scope="module")
-def truth() -> Poses3D:
-    return three_persons()
-
-
-@pytest.fixture(scope="module")
-def seen(truth, rig):
-    return what_is_seen(truth, rig)
-
-
-@pytest.fixture(scope="module")
-def true_xy(truth, rig) -> np.ndarray:
-    return rig.project(truth.xyz[:, :, :25])[0]
 
 
 @pytest.mark.parametrize("name", PRESETS)

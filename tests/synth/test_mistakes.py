@@ -10,32 +10,11 @@ from dmae.skeleton import BODY25, SHELF14
 from synth.mistakes import DetectorConfig, PartConfig
 from synth.mistakes.errors import height
 
-from .detecting import CLEAN, by_person, everywhere, run, three_persons, what_is_seen
-from .test_rigs import preset as rig_preset
+from .detecting import CLEAN, by_person, everywhere, run
 
 NOISY = PartConfig(noise=0.01, tail=3, score=[8, 2], miss=[0.1, 0.5, 0.5, 0.5])
 ALL = PartConfig(miss=[0, 0, 0, 0])
 BUSY = everywhere(NOISY, leg_inversion=0.1, swap=0.2, ghosts=1.0, person_miss=0.05, together=0.5, score_knows=0.4)
-
-
-@pytest.fixture(scope="module")
-def rig():
-    return rig_preset("shelf")[1:3]
-
-
-@pytest.fixture(scope="module")
-def truth() -> Poses3D:
-    return three_persons()
-
-
-@pytest.fixture(scope="module")
-def seen(truth, rig):
-    return what_is_seen(truth, rig)
-
-
-@pytest.fixture(scope="module")
-def true_xy(truth, rig) -> np.ndarray:
-    return rig.project(truth.xyz[:, :, :25])[0]
 
 
 def heights(true_xy) -> np.ndarray:

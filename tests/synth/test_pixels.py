@@ -25,19 +25,6 @@ from .test_visibility import looking_along_x, scene
 RIG = preset("shelf")
 
 
-@pytest.fixture(params=[pytest.param("gl", marks=pytest.mark.gl), "rays"])
-def painter(request, monkeypatch) -> str:
-    """Once by OpenGL, where there is one, and once by ray casting."""
-    if request.param == "rays":
-        monkeypatch.setattr(render, "find_backend", lambda: None)
-        return "rays"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        if find_backend() is None:
-            pytest.skip("no OpenGL works here")
-    return "gl"
-
-
 @pytest.fixture(scope="module")
 def crowds() -> list:
     """The last state of three scenes of three to five people among the office's furniture."""

@@ -27,19 +27,6 @@ RADIUS = 0.06
 APART = np.array([[-0.3, 0.4, 0.4], [0.4, -0.3, 1.6]])
 
 
-@pytest.fixture(params=[pytest.param("gl", marks=pytest.mark.gl), "rays"])
-def painter(request, monkeypatch) -> str:
-    """Once by OpenGL, where there is one, and once by ray casting."""
-    if request.param == "rays":
-        monkeypatch.setattr(render, "find_backend", lambda: None)
-        return "rays"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        if find_backend() is None:
-            pytest.skip("no OpenGL works here")
-    return "gl"
-
-
 def markers(rig: CameraRig, radius: float = RADIUS, points: np.ndarray = MARKERS) -> tuple[mujoco.MjModel, np.ndarray]:
     """White spheres that shine in the dark, and their ids: an object each."""
     spheres = "".join(f'<geom type="sphere" size="{radius}" pos="{x} {y} {z}" material="shine"/>' for x, y, z in points)

@@ -1,0 +1,47 @@
+"""Fixtures that several tests of the generator share."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from dmae.clip import Poses3D
+from synth import render
+from synth.render import find_backend
+
+from .detecting import three_persons, what_is_seen
+from .test_rigs import preset
+
+
+@pytest.fixture(params=[pytest.param("gl", marks=pytest.mark.gl), "rays"])
+def painter(request, monkeypatch) -> str:
+    """Once by OpenGL, where there is one, and once by ray casting."""
+    if request.param == "rays":
+        monkeypatch.setattr(render, "find_backend", lambda: None)
+        return "rays"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if find_backend() is None:
+            pytest.skip("no OpenGL works here")
+    return "gl"
+
+
+@pytest.fixture(scope="module")
+def rig():
+    """Two of Shelf's cameras."""
+    return preset("shelf")[1:3]
+
+
+@pytest.fixture(scope="module")
+def truth() -> Poses3D:
+    return three_persons()
+
+
+@pytest.fixture(scope="module")
+def seen(truth, rig):
+    return what_is_seen(truth, rig)
+
+
+@pytest.fixture(scope="module")
+def true_xy(truth, rig) -> np.ndarray:
+    return rig.project(truth.xyz[:, :, :25])[0]
