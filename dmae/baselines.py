@@ -63,7 +63,7 @@ fill_hold = partial(fill, through=hold)
 fill_linear = partial(fill, through=linear)
 fill_pchip = partial(fill, through=pchip)
 fill_linear_body = partial(fill_body, through=linear)
-fill_bodyframe = partial(fill_body, through=pchip)
+fill_pchip_body = partial(fill_body, through=pchip)
 
 
 def fill_kalman(poses: Poses3D, fps: float) -> Poses3D:
@@ -101,7 +101,7 @@ def fill_reject_pchip(poses: Poses3D, fps: float) -> Poses3D:
     What is dropped and filled again is `COMPLETED`.
     """
     poses = _sound(poses, fps)
-    return fill_bodyframe(_without(poses, poses.measured & contradicted(poses.xyz, fps)), fps)
+    return fill_pchip_body(_without(poses, poses.measured & contradicted(poses.xyz, fps)), fps)
 
 
 def smooth(poses: Poses3D, fps: float, seconds: float) -> Poses3D:
@@ -171,7 +171,7 @@ METHODS: dict[str, Callable[[Poses3D, float], Poses3D]] = {
     "linear": fill_linear,
     "pchip": fill_pchip,
     "linear_body": fill_linear_body,
-    "pchip_body": fill_bodyframe,
+    "pchip_body": fill_pchip_body,
     "kalman": fill_kalman,
     "reject_pchip": fill_reject_pchip,
 }

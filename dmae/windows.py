@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dmae.baselines import fill_bodyframe, present
+from dmae.baselines import fill_pchip_body, present
 from dmae.clip import Poses3D
 from dmae.gaps import neighbours
 from dmae.skeleton import Skeleton
@@ -149,7 +149,7 @@ def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 def make_rows(poses: Poses3D, fps: float, rest: np.ndarray, frames: int, truth: np.ndarray | None = None) -> Rows:
     """Interpolate what is absent over the whole recording and lay the persons out as rows.
 
-    What `fill_bodyframe` leaves open (persons out of the scene, joints never measured) hangs from the
+    What `fill_pchip_body` leaves open (persons out of the scene, joints never measured) hangs from the
     joint's parent as in the rest pose.
 
     Args:
@@ -164,7 +164,7 @@ def make_rows(poses: Poses3D, fps: float, rest: np.ndarray, frames: int, truth: 
     before, after = neighbours(observed)
     index = np.arange(count)[:, None, None]
     gap = np.stack([np.where(before < 0, _FAR, index - before), np.where(after == count, _FAR, after - index)], -1)
-    base = fill_bodyframe(poses, fps).xyz.astype(np.float64)
+    base = fill_pchip_body(poses, fps).xyz.astype(np.float64)
     origin, front = _stance(base, skeleton, rest)
     _hang(base, skeleton, rest, origin, front)
 

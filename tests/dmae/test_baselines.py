@@ -10,10 +10,10 @@ from dmae.baselines import (
     LONGEST_ABSENCE,
     LONGEST_HOLD,
     METHODS,
-    fill_bodyframe,
     fill_hold,
     fill_linear,
     fill_pchip,
+    fill_pchip_body,
     present,
     smooth,
 )
@@ -136,31 +136,31 @@ HIDDEN = [
         if set(hide) & set(skeleton.joints)
     ],
 )
-def test_bodyframe_fills_rigid_motion_exactly(skeleton, hide):
+def test_pchip_body_fills_rigid_motion_exactly(skeleton, hide):
     """However the body turns and speeds up; the world's straight lines are decimetres off."""
     truth = turning(skeleton=skeleton)
     holed = without(truth, slice(15, 45), 0, skeleton.index(*hide))
-    np.testing.assert_allclose(fill_bodyframe(holed, FPS).xyz, truth.xyz, atol=1e-4)
+    np.testing.assert_allclose(fill_pchip_body(holed, FPS).xyz, truth.xyz, atol=1e-4)
     assert np.abs(fill_linear(holed, FPS).xyz - truth.xyz).max() > 0.1
 
 
-def test_bodyframe_works_on_a_fused_skeleton():
+def test_pchip_body_works_on_a_fused_skeleton():
     skeleton = get_skeleton("body25+shelf14")
     truth = turning()
     xyz = np.concatenate([truth.xyz, turning(skeleton=SHELF14).xyz], 2)
     hide = skeleton.index("body25.l_wrist", "shelf14.l_wrist")
     holed = without(Poses3D(skeleton, xyz), slice(15, 45), 0, hide)
-    np.testing.assert_allclose(fill_bodyframe(holed, FPS).xyz, xyz, atol=1e-4)
+    np.testing.assert_allclose(fill_pchip_body(holed, FPS).xyz, xyz, atol=1e-4)
 
 
-def test_bodyframe_without_the_whole_torso_follows_its_root_through_the_world():
+def test_pchip_body_without_the_whole_torso_follows_its_root_through_the_world():
     """Walking straight, all of the body hidden: everything moves with the interpolated root."""
     truth = walkers(frames=40)
-    filled = fill_bodyframe(without(truth, slice(10, 25), 0, slice(None)), FPS)
+    filled = fill_pchip_body(without(truth, slice(10, 25), 0, slice(None)), FPS)
     np.testing.assert_allclose(filled.xyz, truth.xyz, atol=1e-5)
 
 
-@pytest.mark.parametrize("method", [fill_bodyframe, METHODS["linear_body"]])
+@pytest.mark.parametrize("method", [fill_pchip_body, METHODS["linear_body"]])
 def test_body_frame_meets_what_was_measured_though_the_parent_is_hidden_for_longer(method):
     """Within 1 mm of a short hole's line, in a straight walk whose wrist moves aside while its elbow is hidden."""
     truth = walkers(frames=60, persons=1)
@@ -184,7 +184,7 @@ def test_filling_does_not_depend_on_where_the_world_is_or_faces(seed):
     xyz[hidden] = np.nan
     R = Rotation.from_rotvec((0, 0, rng.uniform(-np.pi, np.pi))).as_matrix()
     away = rng.normal(size=3)
-    for method in (fill_hold, fill_linear, fill_bodyframe):
+    for method in (fill_hold, fill_linear, fill_pchip_body):
         here, there = method(Poses3D(BODY25, xyz), FPS), method(Poses3D(BODY25, xyz @ R.T + away), FPS)
         np.testing.assert_array_equal(here.source, there.source)
         np.testing.assert_allclose(here.xyz @ R.T + away, there.xyz, atol=1e-4)
@@ -195,7 +195,7 @@ def test_filling_reversed_is_filling():
     rng = np.random.default_rng(1)
     xyz = turning().xyz.copy()
     xyz[rng.random(xyz.shape[:3]) < 0.4] = np.nan
-    for method in (fill_linear, fill_pchip, fill_bodyframe):
+    for method in (fill_linear, fill_pchip, fill_pchip_body):
         forth, back = method(Poses3D(BODY25, xyz), FPS), method(Poses3D(BODY25, xyz[::-1]), FPS)
         np.testing.assert_allclose(forth.xyz, back.xyz[::-1], atol=1e-5)
 

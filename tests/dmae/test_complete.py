@@ -10,7 +10,7 @@ import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dmae.baselines import fill_bodyframe, fill_linear, present
+from dmae.baselines import fill_linear, fill_pchip_body, present
 from dmae.calibrate import RADIUS
 from dmae.clip import Poses3D, Source
 from dmae.complete import Completer, load_completer
@@ -104,7 +104,7 @@ def test_completion_beats_lines_and_the_interpolation_it_builds_on(trained):
         poses = with_holes(truth, seed)
         lines = fill_linear(poses, FPS)
         scored = lines.source == Source.COMPLETED
-        for name, filled in zip(errors, (completer(poses, FPS), fill_bodyframe(poses, FPS), lines), strict=True):
+        for name, filled in zip(errors, (completer(poses, FPS), fill_pchip_body(poses, FPS), lines), strict=True):
             errors[name].append(np.linalg.norm(filled.xyz - truth.xyz, axis=-1)[scored])
     mean = {name: np.concatenate(values).mean() for name, values in errors.items()}
     assert mean["completed"] < 0.9 * mean["interpolated"]

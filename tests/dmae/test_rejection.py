@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dmae.baselines import fill_bodyframe, fill_reject_pchip
+from dmae.baselines import fill_pchip_body, fill_reject_pchip
 from dmae.clip import Poses3D, Source
 from dmae.hiding import HidingConfig
 from dmae.punch import disturb, punch
@@ -71,6 +71,6 @@ def test_people_measured_badly_come_out_nearer_the_truth():
     off = np.linalg.norm(poses.xyz - truth.xyz, axis=-1)
     assert (off[gone] > 0.05).mean() > 0.6
     assert gone[off > 0.2].mean() > 0.6
-    plain, without_them = fill_bodyframe(poses, FPS), fill_reject_pchip(poses, FPS)
+    plain, without_them = fill_pchip_body(poses, FPS), fill_reject_pchip(poses, FPS)
     errors = [np.linalg.norm(found.xyz - truth.xyz, axis=-1).mean() for found in (plain, without_them)]
     assert errors[1] < errors[0]
