@@ -30,9 +30,8 @@ class CompareConfig:
     """`synth compare`.
 
     Attributes:
-        real: Folder of the recording.
+        real: Folder of the recording: a clip, which `dmae convert` makes of any, or Shelf's text files.
         sim: Folder of the simulated clips.
-        format: What the recording is stored as; by default a clip, or Shelf's text files, whichever is there.
         frames: First frame of the recording, and the one after the last; by default all.
         miss: Greatest difference allowed between shares of missed joints.
         together: The same between shares of joints missed with their neighbour.
@@ -44,7 +43,6 @@ class CompareConfig:
 
     real: str = "???"
     sim: str = "???"
-    format: Format | None = None
     frames: list[int] | None = None
     miss: float = 0.03
     together: float = 0.1
@@ -69,18 +67,17 @@ class Row:
         return self.allowed is not None and not self.off <= self.allowed
 
 
-def read_recording(path: Path, format: Format | None = None, frames: Sequence[int] | None = None) -> Clip:
-    """One recording, or a stretch of it.
-
-    Args:
-        format: What it is stored as; by default a clip, or Shelf's text files, whichever is there.
-        frames: The first, and the one after the last.
+def read_recording(path: Path, frames: Sequence[int] | None = None) -> Clip:
+    """One recording, a clip or Shelf's text files, or the stretch of it from one frame to before another.
 
     Raises:
         FileNotFoundError, ValueError: there is none, or not of one clip, or without such frames.
     """
-    kind = format or (Format.shelf if (path / "detection").is_dir() else Format.clip)
-    clips = load(DataConfig(kind, str(path)))
+    kind = Format.shelf if (path / "detection").is_dir() else Format.clip
+    try:
+        clips = load(DataConfig(kind, str(path)))
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{error}; other recordings are made clips by dmae convert") from None
     if len(clips) != 1:
         raise ValueError(f"{path}: expected one recording, found {len(clips)} clips")
     clip = clips[0]
@@ -255,7 +252,7 @@ def run_compare(config: CompareConfig, out: Path) -> None:
     Raises:
         ValueError: one of them holds nobody to be measured on, or their skeletons differ.
     """
-    real = measure(read_recording(Path(config.real), config.format, config.frames))
+    real = measure(read_recording(Path(config.real), config.frames))
     clips = load(DataConfig(Format.clip, config.sim))
     sim = replace(measure_all(clips, len(clips), config.workers), name=Path(config.sim).name)
     rows = compare(real, sim, config)

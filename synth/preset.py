@@ -25,9 +25,8 @@ class FitDetectorConfig:
     """`synth fit-detector`.
 
     Attributes:
-        detections: Folder of the recording.
+        detections: Folder of the recording: a clip, which `dmae convert` makes of any, or Shelf's text files.
         truth: What its detections are judged against.
-        format: What it is stored as; by default a clip, or Shelf's text files, whichever is there.
         frames: First frame that is used, and the one after the last; by default all.
         clips: Folder of simulated clips of a scene like the recording's; by default some are made, seen by its cameras.
         count: How many are made.
@@ -43,7 +42,6 @@ class FitDetectorConfig:
 
     detections: str = "???"
     truth: Truth = Truth.others
-    format: Format | None = None
     frames: list[int] | None = None
     clips: str | None = None
     count: int = 4
@@ -59,8 +57,8 @@ class FitDetectorConfig:
 
 
 def run_fit_detector(config: FitDetectorConfig, out: Path) -> None:
-    """Fit, write `<name>.yaml` and `compare.html`, and say what could not be determined."""
-    recording = read_recording(Path(config.detections), config.format, config.frames)
+    """Fit, write `detector/<name>.yaml` and `compare.html`, and say what could not be determined."""
+    recording = read_recording(Path(config.detections), config.frames)
     real = measure(recording, config.truth)
     clips = _clips(config, recording, out)
     fitted = fit(real, clips, config.detector, rounds=config.rounds, seed=config.seed, workers=config.workers)
@@ -68,10 +66,12 @@ def run_fit_detector(config: FitDetectorConfig, out: Path) -> None:
     print_tables([table(rows)])
     for name, why in fitted.undetermined.items():
         print(f"undetermined, kept as it was: {name}: {why}")
-    path = out / f"{config.name}.yaml"
+    # As Hydra wants it: with --config-dir=<out> the preset is one of the group.
+    path = out / "detector" / f"{config.name}.yaml"
     write_atomic(path, preset_yaml(fitted, config.name, recording))
     write_page(out / "compare.html", real, replace(fitted.failures, name="simulated"), rows)
     print(f"{path}, {out / 'compare.html'}")
+    print(f"use it by: synth generate --config-dir={out} detector={config.name} ...")
 
 
 def _clips(config: FitDetectorConfig, recording: Clip, out: Path) -> list[Clip]:
@@ -82,11 +82,16 @@ def _clips(config: FitDetectorConfig, recording: Clip, out: Path) -> list[Clip]:
         rig = RigConfig(name=recording.id, cameras=_cameras(recording.rig), origin=config.origin)
         generate(
             GenerateConfig(
-                out=folder, seed=config.seed, clips=config.count, workers=config.workers, scene=scene,
+                out=folder,
+                seed=config.seed,
+                clips=config.count,
+                workers=config.workers,
+                scene=scene,
                 motion=config.motion,
-                rig=rig, detector=config.detector,
+                rig=rig,
+                detector=config.detector,
             )
-        )  # fmt: skip
+        )
     return list(load(DataConfig(Format.clip, folder)))
 
 

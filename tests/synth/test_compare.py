@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import yaml
 
-from dmae.resources import resource_folder
 from dmae.store import save_clip
 from synth.compare import CompareConfig, compare, measure_all, pool, read_recording, run_compare
 from synth.failures import measure
@@ -16,13 +15,8 @@ from synth.mistakes import DetectorConfig, PartConfig, PartsConfig
 from synth.preset import FitDetectorConfig, run_fit_detector
 from synth.spec import SceneConfig
 
+from .detecting import preset
 from .test_rigs import config as rig_config
-
-
-def openpose() -> DetectorConfig:
-    values = yaml.safe_load((resource_folder("dmae", "configs") / "detector" / "shelf_openpose.yaml").read_text())
-    parts = {kind: PartConfig(**part) for kind, part in values.pop("parts").items()}
-    return DetectorConfig(parts=PartsConfig(**parts), **values)
 
 
 def worse(config: DetectorConfig) -> DetectorConfig:
@@ -38,7 +32,9 @@ def worse(config: DetectorConfig) -> DetectorConfig:
 def clips():
     """Two clips of two people in five views, as OpenPose sees them."""
     config = GenerateConfig(
-        scene=SceneConfig(persons=[2, 2], seconds=4.0, radius=1.2), rig=rig_config("shelf"), detector=openpose()
+        scene=SceneConfig(persons=[2, 2], seconds=4.0, radius=1.2),
+        rig=rig_config("shelf"),
+        detector=preset("shelf_openpose"),
     )
     return [generate_clip(config, index) for index in range(2)]
 
@@ -55,7 +51,7 @@ def test_a_recording_is_like_itself(measured):
 
 
 def test_another_detector_is_told_by_what_it_does(clips, measured):
-    other = measure_all([redetect(clip, worse(openpose()), seed=1) for clip in clips], len(clips))
+    other = measure_all([redetect(clip, worse(preset("shelf_openpose")), seed=1) for clip in clips], len(clips))
     exceeded = {row.what for row in compare(measured, other, CompareConfig()) if row.exceeded}
     assert {"distribution of error", "missed: elbow", "missed: knee"} <= exceeded
     assert any(what.startswith("median error at confidence") for what in exceeded)
@@ -73,7 +69,7 @@ def test_pooling_counts_samples_and_weighs_shares(clips):
 def test_a_page_is_written_and_the_exit_status_tells(clips, tmp_path, capsys):
     save_clip(clips[0], tmp_path / "real")
     save_clip(clips[0], tmp_path / "same")
-    save_clip(redetect(clips[0], worse(openpose()), seed=1), tmp_path / "other")
+    save_clip(redetect(clips[0], worse(preset("shelf_openpose")), seed=1), tmp_path / "other")
     config = CompareConfig(real=str(tmp_path / "real"), sim=str(tmp_path / "same"))
     run_compare(config, tmp_path / "out")
     assert "distribution of error" in capsys.readouterr().out
@@ -92,8 +88,8 @@ def test_stretches_of_a_recording(clips, tmp_path):
 @pytest.mark.slow
 def test_a_fit_finds_the_detector_back(clips, measured):
     """Begun from a detector twice as bad, on clips that it shares with the recording but whose luck it does not."""
-    found = fit(measured, clips, worse(openpose()), rounds=5, seed=7)
-    before = measure_all([redetect(clip, worse(openpose()), seed=7) for clip in clips], len(clips))
+    found = fit(measured, clips, worse(preset("shelf_openpose")), rounds=5, seed=7)
+    before = measure_all([redetect(clip, worse(preset("shelf_openpose")), seed=7) for clip in clips], len(clips))
     assert distance(measured, found.failures) < distance(measured, before) / 2
     exceeded = [
         sum(row.exceeded for row in compare(measured, other, CompareConfig())) for other in (before, found.failures)
@@ -103,10 +99,10 @@ def test_a_fit_finds_the_detector_back(clips, measured):
 
 def test_too_little_leaves_parameters_as_they_are(clips):
     short = clips[0].select(frames=slice(0, 8))
-    found = fit(measure(short), [short], openpose(), rounds=1)
+    found = fit(measure(short), [short], preset("shelf_openpose"), rounds=1)
     assert "parts.ear" in found.undetermined
     assert "are needed" in found.undetermined["parts.ear"]
-    assert found.config.parts.ear == openpose().parts.ear
+    assert found.config.parts.ear == preset("shelf_openpose").parts.ear
 
 
 def test_a_preset_is_written_and_read_back(clips, tmp_path, capsys):
@@ -114,11 +110,15 @@ def test_a_preset_is_written_and_read_back(clips, tmp_path, capsys):
     save_clip(clips[1], tmp_path / "sim" / "000001")
     (tmp_path / "sim" / "manifest.jsonl").write_text('{"id": "000001", "status": "ok", "seed": 0}\n')
     config = FitDetectorConfig(
-        detections=str(tmp_path / "real"), clips=str(tmp_path / "sim"), detector=openpose(), rounds=1, name="mine"
+        detections=str(tmp_path / "real"),
+        clips=str(tmp_path / "sim"),
+        detector=preset("shelf_openpose"),
+        rounds=1,
+        name="mine",
     )
     run_fit_detector(config, tmp_path / "out")
-    assert str(tmp_path / "out" / "mine.yaml") in capsys.readouterr().out
-    values = yaml.safe_load((tmp_path / "out" / "mine.yaml").read_text())
+    assert str(tmp_path / "out" / "detector" / "mine.yaml") in capsys.readouterr().out
+    values = yaml.safe_load((tmp_path / "out" / "detector" / "mine.yaml").read_text())
     parts = {kind: PartConfig(**part) for kind, part in values.pop("parts").items()}
     assert DetectorConfig(parts=PartsConfig(**parts), **values).name == "mine"
     assert (tmp_path / "out" / "compare.html").is_file()
@@ -126,4 +126,4 @@ def test_a_preset_is_written_and_read_back(clips, tmp_path, capsys):
 
 def test_a_detector_is_fitted_on_simulated_clips(clips, measured):
     with pytest.raises(ValueError, match="it has no visibility"):
-        fit(measured, [replace(clips[0], visibility=None, hidden_by=None)], openpose())
+        fit(measured, [replace(clips[0], visibility=None, hidden_by=None)], preset("shelf_openpose"))
