@@ -39,7 +39,7 @@ def run_command(program: str, commands: dict[str, Command]) -> None:
     if name in ("-h", "--help"):
         print(f"usage: {program} COMMAND key=value ...   (Hydra overrides; {program} COMMAND --help lists the keys)\n")
         for key, command in commands.items():
-            print(f"  {key:<14}{command.summary}")
+            print(f"  {key:<16}{command.summary}")
         return
     if name not in commands:
         sys.exit(f"{program}: no command {name!r}; there are {', '.join(commands)}")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from dmae.cli import Command, run_command
 from synth.compare import CompareConfig, run_compare
+from synth.compare_motion import CompareMotionConfig, run_compare_motion
 from synth.dataset import generate
 from synth.generate import GenerateConfig
 from synth.preset import FitDetectorConfig, run_fit_detector
@@ -23,6 +24,9 @@ def run_generate(config: GenerateConfig, out: Path) -> None:
 COMMANDS = {
     "generate": Command(lambda: GenerateConfig, run_generate, "simulate clips with exact truth"),
     "compare": Command(lambda: CompareConfig, run_compare, "a recording and its simulation side by side"),
+    "compare-motion": Command(
+        lambda: CompareMotionConfig, run_compare_motion, "how recorded and how generated people move, side by side"
+    ),
     "fit-detector": Command(lambda: FitDetectorConfig, run_fit_detector, "a detector's preset from a recording"),
     "show": Command(lambda: ShowConfig, run_show, "a clip as contact sheet, video and Rerun recording"),
     "verify": Command(lambda: VerifyConfig, run_verify, "check that clips are whole and true"),

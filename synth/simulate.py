@@ -76,7 +76,7 @@ def simulate_motions(spec: SceneSpec, motions: list[Motion], rig: CameraRig, *, 
     holding, leading = (Controller(scene.model, data, r, masses) for r in (reference.still(), reference))
     qpos, shifts, overlaps = _run(scene, data, holding, leading, spec)
     joints = joint_places(scene.model, qpos, bodies)
-    wanted = np.stack([_wanted(body, root[:, p], rotations[:, p]) for p, body in enumerate(bodies)], axis=1)
+    wanted = np.stack([reference_joints(body, root[:, p], rotations[:, p]) for p, body in enumerate(bodies)], axis=1)
     return Simulation(
         model=scene.model,
         fps=spec.fps,
@@ -173,7 +173,7 @@ def moved_with(model: mujoco.MjModel, bodies: list[Body]) -> np.ndarray:
     )
 
 
-def _wanted(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+def reference_joints(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:
     """(F, 39, 3) joints of `SKELETON` where a reference (F, 3), (F, 16, 3, 3) has them, m, world."""
     segments, points, _ = landmarks(body)
     return segment_origins(body, root, rotations)[:, segments] + (rotations[:, segments] @ points[..., None])[..., 0]

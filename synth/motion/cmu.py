@@ -17,13 +17,13 @@ def true_fps(stem: str, stated: float) -> float:
     take of 60 Hz is corrected, anything else believed. Motion itself does not tell. Only who jumps must fall as
     fast as gravity has it, and salsa at twice its rate sinks at no more than 0.6 g.
     """
-    take = _subject_and_trial(stem)
+    take = subject_and_trial(stem)
     return 60.0 if (take[0] in _SIXTY_HZ or take in _SIXTY_HZ_TAKES) and 119 < stated < 121 else stated
 
 
 def partner(path: Path) -> Path | None:
     """The take of the other person of a two-person take, frame for frame and in the same world, if it lies beside."""
-    subject, trial = _subject_and_trial(path.stem)
+    subject, trial = subject_and_trial(path.stem)
     if path.stem.startswith("salsa_"):
         stems = [f"salsa_{trial + 15:02}" if subject == 60 else f"salsa_{trial:02}"]
     else:
@@ -33,7 +33,7 @@ def partner(path: Path) -> Path | None:
     return there[0] if there else None
 
 
-def _subject_and_trial(stem: str) -> tuple[int, int]:
+def subject_and_trial(stem: str) -> tuple[int, int]:
     """Subject and trial that a file's stem names; (0, 0) if it names none."""
     if match := re.fullmatch(r"salsa_(\d+)", stem):
         # 1 to 15 are subject 60, 16 to 30 subject 61.
