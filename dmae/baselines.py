@@ -101,7 +101,7 @@ def fill_reject_pchip(poses: Poses3D, fps: float) -> Poses3D:
     What is dropped and filled again is `COMPLETED`.
     """
     poses = _sound(poses, fps)
-    return fill_pchip_body(_without(poses, poses.measured & contradicted(poses.xyz, fps)), fps)
+    return fill_pchip_body(poses.without(poses.measured & contradicted(poses.xyz, fps)), fps)
 
 
 def smooth(poses: Poses3D, fps: float, seconds: float) -> Poses3D:
@@ -127,19 +127,7 @@ def _sound(poses: Poses3D, fps: float) -> Poses3D:
     """The poses less what is not finite."""
     if not (np.isfinite(fps) and fps > 0):
         raise ValueError(f"fps must be positive, found {fps}")
-    return _without(poses, np.isinf(poses.xyz).any(-1))
-
-
-def _without(poses: Poses3D, dropped: np.ndarray) -> Poses3D:
-    if not dropped.any():
-        return poses
-    return Poses3D(
-        poses.skeleton,
-        np.where(dropped[..., None], np.nan, poses.xyz),
-        np.where(dropped, Source.ABSENT, poses.source),
-        np.where(dropped[..., None, None], np.nan, poses.cov),
-        np.where(dropped, 0, poses.views),
-    )
+    return poses.without(np.isinf(poses.xyz).any(-1))
 
 
 def _take(poses: Poses3D, fps: float, estimate: np.ndarray) -> Poses3D:

@@ -130,6 +130,7 @@ COMMANDS = {
     "complete": Command(
         lambda: commands.CompleteCommand, commands.run_complete, "fill what no camera measured, marked as such"
     ),
+    "card": Command(lambda: commands.CardCommand, commands.run_card, "what trained weights are, made of, and good for"),
     "evaluate": Command(lambda: EvaluateConfig, commands.run_evaluate, "score methods over clips and camera subsets"),
     "export": Command(lambda: export.ExportCommand, export.run_export, "poses to a file that others read"),
     "convert": Command(

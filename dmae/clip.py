@@ -132,6 +132,23 @@ class Poses3D:
         """(F, P, J) True where cameras measured the joint, whether or not it was denoised since."""
         return (self.source == Source.MEASURED) | (self.source == Source.DENOISED)
 
+    def without(self, dropped: np.ndarray) -> "Poses3D":
+        """The poses less the joints where `dropped` (F, P, J) is True, which become absent."""
+        if not dropped.any():
+            return self
+        return replace(
+            self,
+            xyz=np.where(dropped[..., None], np.nan, self.xyz),
+            source=np.where(dropped, Source.ABSENT, self.source),
+            cov=np.where(dropped[..., None, None], np.nan, self.cov),
+            views=np.where(dropped, 0, self.views),
+        )
+
+    def select(self, frames) -> "Poses3D":
+        """The poses of some frames (a slice or a list of indices)."""
+        arrays = {f.name: getattr(self, f.name)[frames] for f in fields(self) if f.name != "skeleton"}
+        return Poses3D(self.skeleton, **arrays)
+
 
 OF_TRUE_PERSONS = {
     "visibility": (np.uint8, 4),
@@ -259,17 +276,10 @@ class Clip:
             self,
             rig=rig,
             detections=Detections2D(self.detections.skeleton, cut(self.detections.xy), cut(self.detections.score)),
-            truth=_cut_frames(self.truth, frames),
-            poses=_cut_frames(self.poses, frames) if len(rig) == len(self.rig) else None,
+            truth=self.truth and self.truth.select(frames),
+            poses=self.poses and self.poses.select(frames) if len(rig) == len(self.rig) else None,
             **{name: cut(getattr(self, name)) for name in OF_TRUE_PERSONS},
             **{name: cut(getattr(self, name)) for name in OF_DETECTIONS},
             images=images,
             true_rig=None if self.true_rig is None else self.true_rig[views],
         )
-
-
-def _cut_frames(poses: Poses3D | None, frames) -> Poses3D | None:
-    if poses is None:
-        return None
-    arrays = {f.name: getattr(poses, f.name)[frames] for f in fields(poses) if f.name != "skeleton"}
-    return Poses3D(poses.skeleton, **arrays)

@@ -15,6 +15,7 @@ from dmae.evaluate import EvaluateConfig, evaluate
 from dmae.progress import progress
 from dmae.rng import Stream, generator
 from dmae.store import clip_folders, load_clip, read_json, save_clip, write_atomic, write_manifest
+from dmae.stream import DELAY, replayed
 from dmae.tables import print_tables, tables
 
 
@@ -90,24 +91,39 @@ class CompleteCommand:
 
     clip: str = "???"
     """A captured clip, or a folder of them."""
-    weights: str = "???"
-    """What `dmae train` wrote."""
+    weights: str | None = None
+    """What `dmae train` wrote; by default the weights that come with the package, for the skeleton of the poses."""
     denoise: bool = False
     """Let the model move measured joints too; they are then marked denoised."""
+    reject: bool = False
+    """Drop joints of two views that the frames around contradict (`dmae.rejection`), and complete them as well."""
+    online: bool = False
+    """As while cameras run: each frame by what is known `delay` after it."""
+    delay: float = DELAY
+    """s"""
     out: str = "runs/complete"
 
 
 def run_complete(config: CompleteCommand, out: Path) -> None:
-    from dmae.complete import load_completer
+    from dmae.complete import completers
 
-    completer = load_completer(Path(config.weights), denoise=config.denoise)
+    completer_for = completers(
+        Path(config.weights) if config.weights else None, denoise=config.denoise, reject=config.reject
+    )
     folders = clip_folders(Path(config.clip))
     several = folders != [Path(config.clip)]
     for folder in progress(folders, "completing"):
         clip = load_clip(folder)
         if clip.poses is None:
             raise ValueError(f"{folder}: has no poses to complete; run dmae capture on it first")
-        poses = completer(clip.poses, clip.fps)
+        completer = completer_for(clip.poses.skeleton)
+        for note in completer.notes(clip.poses, clip.fps):
+            print(f"{clip.id}: {note}")
+        if config.online:
+            print(f"{clip.id}: each frame by what is known {config.delay:g} s after it")
+            poses = replayed(completer, clip.poses, clip.fps, config.delay)
+        else:
+            poses = completer(clip.poses, clip.fps)
         save_clip(replace(clip, poses=poses), out / folder.name if several else out)
         print(f"{clip.id}: {_shares(poses)}")
     if several:
@@ -127,6 +143,27 @@ def _named(sets: list[Clips]) -> Iterator[Clip]:
     for number, clips in enumerate(sets):
         for clip, folder in zip(clips, clips.folders, strict=True):
             yield replace(clip, id=f"{folder.parent.name}/{folder.name}" if number else folder.name)
+
+
+@dataclass(frozen=True)
+class CardCommand:
+    """`dmae card`."""
+
+    weights: str = "???"
+    """What `dmae train` wrote; the card is written there."""
+    scores: list[str] = field(default_factory=list)
+    """Folders that `dmae evaluate` wrote with these weights."""
+    command: str = "???"
+    """What makes these weights, data included."""
+
+
+def run_card(config: CardCommand, _: None) -> None:
+    from dmae.card import model_card
+
+    folder = Path(config.weights)
+    path = folder / "MODEL_CARD.md"
+    write_atomic(path, model_card(folder, [Path(scores) for scores in config.scores], config.command))
+    print(path)
 
 
 def run_evaluate(config: EvaluateConfig, out: Path) -> None:

@@ -1,6 +1,9 @@
 """Weights and Poses3D to completed Poses3D."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +12,24 @@ import torch
 from dmae.baselines import present
 from dmae.calibrate import inflated
 from dmae.clip import Poses3D, Source
+from dmae.gaps import neighbours
+from dmae.mapping import convert
 from dmae.metrics import gap_lengths
 from dmae.model import DMAE
+from dmae.rejection import contradicted
 from dmae.skeleton import Skeleton
-from dmae.weights import load_model, pick_device
+from dmae.weights import find_shipped, load_model, pick_device
 from dmae.windows import Rows, make_rows, resample, turn
 
 _BATCH = 128
 _SAME_RATE = 0.01
 """Rates within this share of each other are taken as equal."""
+_AGILE = 40.0
+"""m/s^2; allowing for less, rejection dropped more of what people who jump and dance truly did than errors."""
+_AGREED = 3
+"""Views; of joints that so many agree on and the frames around contradict, three in four were right."""
+_NEARBY = 0.2
+"""s; farther from any sighting of a person, regions of 90 % were seen to hold less than 80 % of the truth."""
 
 
 @dataclass(frozen=True)
@@ -30,17 +42,25 @@ class Completer:
       at most a second between two sightings) is predicted and marked `COMPLETED`. It used no views; its
       covariance is isotropic and calibrated: 90 % regions held 90 % of the truth of clips that training did
       not see. Nobody is invented before the first or after the last sighting, nor in a longer absence.
+    - Farther than 0.2 s from any sighting of the person covariances are unknown (NaN). A joint that is never
+      measured is as unsure as one in the longest gaps.
     - Windows overlap by two thirds; what they add to the interpolation is blended with weights that fall
       linearly from the middle of a window. A window without a sighting adds nothing: in the middle of an
-      absence, and however long a gap is, the interpolation over the whole recording is what stands, of
-      unknown covariance.
+      absence, and however long a gap is, the interpolation over the whole recording is what stands.
     - Measured joints are returned to the bit as they were; with `denoise` they are moved to where the model
-      puts them and marked `DENOISED`; their covariances then are upper bounds.
+      puts them and marked `DENOISED`; their covariances then are upper bounds. With `reject` those of fewer than
+      three views (or unknown) that the frames around contradict (`dmae.rejection`) are dropped first, and
+      completed like others.
     - What was `COMPLETED` before is no evidence: the model does not see it, and it is completed anew.
+      Neither is what is not finite, which becomes absent.
     - Poses at another rate than the model's are resampled, and what the model adds is resampled back.
+    - Poses of another skeleton are completed by way of the joints that it has in common with the model's
+      (`dmae.mapping.convert`); other joints stay as they are. `notes` tells of either.
+
+    With `frames`, those alone are completed and returned, with all the others to go by.
 
     Raises (when called):
-        ValueError: the poses are of another skeleton than the weights, or fps is not positive.
+        ValueError: the skeletons have no joint in common, or fps is not positive and finite.
     """
 
     model: DMAE
@@ -49,57 +69,119 @@ class Completer:
     denoise: bool = False
     factors: tuple[float, ...] | None = None
     """See `dmae.calibrate.inflated`; without them completed joints have no covariance."""
+    reject: bool = False
+    """Brings real recordings nearer the truth, and people who jump and dance no nearer."""
 
-    def __call__(self, poses: Poses3D, fps: float) -> Poses3D:
-        if poses.skeleton.name != self.skeleton.name:
-            raise ValueError(
-                f"the weights are for skeleton {self.skeleton.name!r}, the poses are {poses.skeleton.name!r}; "
-                "convert the poses (dmae.mapping.convert), or train on their skeleton"
-            )
-        if not fps > 0:
+    def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
+        if not (np.isfinite(fps) and fps > 0):
             raise ValueError(f"fps must be positive, found {fps}")
-        poses = _forget_completed(poses)
-        absent = (poses.source == Source.ABSENT) & present(poses, fps)[..., None]
-        moved = poses.measured & self.denoise
+        poses = poses.without(np.isinf(poses.xyz).any(-1))
+        if poses.skeleton != self.skeleton:
+            return self._by_common_joints(poses, fps, frames)
+        poses = self._evidence(poses, fps)
+        absent = ((poses.source == Source.ABSENT) & present(poses, fps)[..., None])[frames]
+        moved = poses.measured[frames] & self.denoise
         if not (absent | moved).any():
-            return poses
-        predicted, scale = self._predict(poses, fps)
-        xyz = np.where((absent | moved)[..., None], predicted, poses.xyz)
-        source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, poses.source))
+            return poses.select(frames)
+        predicted, scale = (part[frames] for part in self._predict(poses, fps, range(len(poses.xyz))[frames]))
+        given = poses.select(frames)
+        xyz = np.where((absent | moved)[..., None], predicted, given.xyz)
+        source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))
         if self.factors is None:
-            return replace(poses, xyz=xyz, source=source)
-        lengths = gap_lengths(poses.measured) * (self.model.config.fps / fps)
-        variance = inflated(scale, lengths, self.factors)[..., None, None] ** 2 * np.eye(3)
-        return replace(poses, xyz=xyz, source=source, cov=np.where(absent[..., None, None], variance, poses.cov))
+            return replace(given, xyz=xyz, source=source)
+        deviation = self._deviation(poses, fps, scale, frames)
+        variance = deviation[..., None, None] ** 2 * np.eye(3)
+        return replace(given, xyz=xyz, source=source, cov=np.where(absent[..., None, None], variance, given.cov))
 
-    def _predict(self, poses: Poses3D, fps: float) -> tuple[np.ndarray, np.ndarray]:
-        """Where every joint is, (F, P, J, 3), meaningful while its person is present; and the scale of its error
-        (F, P, J), m, NaN where the model was not asked."""
+    @property
+    def stride(self) -> float:
+        """s from one window to the next: what a recording may be cut at without a change in what follows."""
+        return max(1, self.model.config.frames // 3) / self.model.config.fps
+
+    def notes(self, poses: Poses3D, fps: float) -> list[str]:
+        """What whoever reads the result should know of how poses like these are completed."""
+        notes, config = [], self.model.config
+        if not self._same_rate(fps):
+            notes.append(f"{fps:g} frames/s, resampled to the {config.fps:g} of the weights and back")
+        if poses.skeleton != self.skeleton:
+            others = [joint for joint in poses.skeleton.joints if joint not in self.skeleton.joints]
+            left = f"; not completed: {', '.join(others)}" if others else ""
+            notes.append(f"poses are {poses.skeleton.name}, completed with weights for {self.skeleton.name}{left}")
+        return notes
+
+    def _same_rate(self, fps: float) -> bool:
+        return abs(self.model.config.fps / fps - 1) < _SAME_RATE
+
+    def _evidence(self, poses: Poses3D, fps: float) -> Poses3D:
+        """The poses less what is no evidence."""
+        poses = poses.without(poses.source == Source.COMPLETED)
+        if not self.reject:
+            return poses
+        doubtful = poses.measured & (poses.views < _AGREED)
+        return poses.without(doubtful & contradicted(poses.xyz, fps, _AGILE))
+
+    def _by_common_joints(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+        try:
+            theirs = convert(poses, self.skeleton)
+            common = np.isin(poses.skeleton.joints, self.skeleton.joints)
+            done = convert(self(theirs, fps, frames), poses.skeleton)
+        except KeyError as error:
+            raise ValueError(
+                f"the weights are for skeleton {self.skeleton.name!r}, the poses are {poses.skeleton.name!r}, and "
+                f"{error.args[0]}; convert the poses (dmae.mapping.convert), or train on their skeleton"
+            ) from None
+        poses = poses.select(frames)
+        taken = common | ((done.source != Source.ABSENT) & ~poses.measured)
+        joints = {}
+        for name in (field.name for field in fields(Poses3D) if field.name != "skeleton"):
+            new, old = getattr(done, name), getattr(poses, name)
+            joints[name] = np.where(taken.reshape(*taken.shape, *(1,) * (new.ndim - 3)), new, old)
+        return Poses3D(poses.skeleton, **joints)
+
+    def _deviation(self, poses: Poses3D, fps: float, scale: np.ndarray, frames: slice) -> np.ndarray:
+        """Standard deviations along each axis, m, of what is completed in those frames, where their scales are given;
+        NaN where unknown."""
+        lengths = np.where(poses.measured.any(0), gap_lengths(poses.measured), np.inf)[frames]
+        before, after = neighbours(poses.measured.any(-1))
+        index = np.arange(len(before))[:, None]
+        away = np.minimum(
+            np.where(before < 0, np.inf, index - before), np.where(after == len(after), np.inf, after - index)
+        )
+        known = np.where(away <= _NEARBY * fps, 1, np.nan)[frames, :, None]
+        return known * inflated(scale, lengths * (self.model.config.fps / fps), self.factors)
+
+    def _predict(self, poses: Poses3D, fps: float, wanted: range) -> tuple[np.ndarray, np.ndarray]:
+        """Where every joint is, (F, P, J, 3), meaningful in the wanted frames while its person is present; and the
+        scale of its error (F, P, J), m, NaN where the model was not asked."""
         config = self.model.config
         rest = self.model.rest.cpu().numpy()
         frames, persons = poses.xyz.shape[:2]
         rows = make_rows(poses, fps, rest, config.frames)
         base = _frames(rows.base, persons)[:frames]
-        if abs(config.fps / fps - 1) < _SAME_RATE:
-            added = _frames(self._correct(rows, persons), persons)[:frames]
+        if self._same_rate(fps):
+            added = _frames(self._correct(rows, persons, wanted), persons)[:frames]
         else:
             rows = make_rows(resample(poses, fps, config.fps), config.fps, rest, config.frames)
-            correction = _frames(self._correct(rows, persons), persons)
-            time = np.arange(frames) * (config.fps / fps)
+            ratio = config.fps / fps
+            around = range(int(wanted.start * ratio), ceil(wanted.stop * ratio) + 1)
+            correction = _frames(self._correct(rows, persons, around), persons)
+            time = np.arange(frames) * ratio
             first = np.minimum(time.astype(int), len(correction) - 1)
             share = (time - first).clip(0, 1)[:, None, None, None]
             second = np.minimum(first + 1, len(correction) - 1)
             added = correction[first] * (1 - share) + correction[second] * share
         return base + np.nan_to_num(added[..., :3]), np.exp(added[..., 3])
 
-    def _correct(self, rows: Rows, persons: int) -> np.ndarray:
+    def _correct(self, rows: Rows, persons: int, asked: range) -> np.ndarray:
         """(S, J, 4): what the model adds to the interpolation, m, world, and the logarithm of its scale; blended over
         windows, NaN where there are none."""
         config = self.model.config
         frames = config.frames
         length = len(rows.base) // persons
         start = rows.starts % length
-        wanted = rows.present[:, None] & (~rows.observed | self.denoise)
+        time = np.arange(len(rows.base)) % length
+        here = rows.present & (time >= asked.start) & (time < asked.stop)
+        wanted = here[:, None] & (~rows.observed | self.denoise)
         held = wanted.any(1)[rows.starts[:, None] + np.arange(frames)].any(1)
         starts = rows.starts[held & ((start % max(1, frames // 3) == 0) | (start == length - frames))]
         weight = np.minimum(np.arange(1, frames + 1), np.arange(frames, 0, -1)).astype(float)
@@ -118,12 +200,13 @@ class Completer:
         return total / np.where(weights > 0, weights, np.nan)[:, None, None]
 
 
-def load_completer(weights: Path, device: str = "auto", denoise: bool = False) -> Completer:
+def load_completer(weights: Path, device: str = "auto", denoise: bool = False, reject: bool = False) -> Completer:
     """The completer of a folder that `dmae train` wrote.
 
     Args:
         device: As torch names it; `auto` is a GPU if there is one.
         denoise: Move measured joints too.
+        reject: Drop measured joints of few views that the frames around contradict.
 
     Raises:
         FileNotFoundError: there is no model in the folder.
@@ -135,19 +218,17 @@ def load_completer(weights: Path, device: str = "auto", denoise: bool = False) -
         raise ValueError(f"{weights}: this model was not trained to denoise; train with shown_weight above 0")
     where = pick_device(device)
     factors = record["calibration"] and tuple(record["calibration"])
-    return Completer(model.to(where), skeleton, where, denoise, factors)
+    return Completer(model.to(where), skeleton, where, denoise, factors, reject)
 
 
-def _forget_completed(poses: Poses3D) -> Poses3D:
-    invented = poses.source == Source.COMPLETED
-    xyz = np.where(invented[..., None], np.nan, poses.xyz)
-    return replace(
-        poses,
-        xyz=xyz,
-        source=np.where(invented, Source.ABSENT, poses.source),
-        cov=np.where(invented[..., None, None], np.nan, poses.cov),
-        views=np.where(invented, 0, poses.views),
-    )
+def completers(weights: Path | None, **options) -> Callable[[Skeleton], Completer]:
+    """The completer for poses of a skeleton: that of a folder, or without one, of the weights that come with the
+    package (`dmae.weights.find_shipped`). The options and errors are those of `load_completer`.
+    """
+    if weights is None:
+        return cache(lambda skeleton: load_completer(find_shipped(skeleton), **options))
+    completer = load_completer(weights, **options)
+    return lambda skeleton: completer
 
 
 def _frames(rows: np.ndarray, persons: int) -> np.ndarray:

@@ -20,12 +20,16 @@ from dmae.punch import disturb, punch
 from dmae.rng import Stream, generator
 from dmae.scores import score, summary
 from dmae.skeleton import get_skeleton
+from dmae.stream import replayed
 
 PUBLISHED_ACTORS = (0, 1, 2)
 """Of Shelf's four actors the three that published averages are over."""
 
 _SURE_VIEWS = 3
 """A joint that all cameras measured from so many views is taken for true where there is no truth."""
+
+LEARNED = ("dmae", "dmae_reject", "dmae_online")
+"""Methods that take weights: `dmae complete` as it is by default, with `reject=true`, and with `online=true`."""
 
 
 class Hide(StrEnum):
@@ -54,9 +58,9 @@ class EvaluateConfig:
     data: DataConfig = field(default_factory=DataConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     methods: list[str] = field(default_factory=lambda: [*METHODS])
-    """What is done about joints that no camera measured: names of `dmae.baselines.METHODS`, or `dmae`."""
+    """What is done about joints that no camera measured: names of `dmae.baselines.METHODS` and `LEARNED`."""
     weights: str | None = None
-    """For the method `dmae`: what `dmae train` wrote."""
+    """For `LEARNED` methods: what `dmae train` wrote; by default the weights that come with the package."""
     views: list[int] = field(default_factory=list)
     """With how many cameras: all subsets of each size; by default all cameras only."""
     hide: Hide = Hide.none
@@ -199,17 +203,22 @@ def _subsets(clip: Clip, sizes: list[int]) -> list[list[int]]:
 def _methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
     """The methods asked for."""
     if not config.methods:
-        raise ValueError(f"methods=[]: expected some of {[*METHODS, 'dmae']}")
+        raise ValueError(f"methods=[]: expected some of {[*METHODS, *LEARNED]}")
     methods = {}
     for name in config.methods:
-        if name == "dmae":
-            if config.weights is None:
-                raise ValueError("method 'dmae' needs weights: weights=<folder that dmae train wrote>")
-            from dmae.complete import load_completer
-
-            methods[name] = load_completer(Path(config.weights))
-        elif name not in METHODS:
-            raise KeyError(f"no method {name!r}; there are {[*METHODS, 'dmae']}")
-        else:
+        if name in LEARNED:
+            methods[name] = _learned(name, Path(config.weights) if config.weights else None)
+        elif name in METHODS:
             methods[name] = METHODS[name]
+        else:
+            raise KeyError(f"no method {name!r}; there are {[*METHODS, *LEARNED]}")
     return methods
+
+
+def _learned(name: str, weights: Path | None) -> Callable[[Poses3D, float], Poses3D]:
+    from dmae.complete import completers
+
+    completer_for = completers(weights, reject=name == "dmae_reject")
+    if name == "dmae_online":
+        return lambda poses, fps: replayed(completer_for(poses.skeleton), poses, fps)
+    return lambda poses, fps: completer_for(poses.skeleton)(poses, fps)

@@ -1,7 +1,9 @@
 """Capture while it happens: frame by frame, with a bounded delay."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
 from math import ceil
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,26 +14,13 @@ from dmae.identify import Tracked, Tracker, stack
 from dmae.prune import LONGEST_JUMP, by_chance, merge, same_person
 from dmae.seen import Seen
 from dmae.skeleton import Skeleton
+from dmae.stream import BATCH, FinishedFrame, OnlineCompleter
 
-_BATCH = 0.2
-"""s of frames that are finished together."""
+if TYPE_CHECKING:
+    from dmae.complete import Completer
+
 _MEMORY = 2.0
 """s that are remembered, at least: bones are measured over them."""
-
-
-@dataclass(frozen=True)
-class FinishedFrame:
-    """One frame, of which nothing will change any more.
-
-    Attributes:
-        number: Of the frame, from 0 on.
-        people: (P,) who is there; a number stands for the same person in all frames.
-        poses: (1, P, J, ...) with joints, sources, covariances and views.
-    """
-
-    number: int
-    people: np.ndarray
-    poses: Poses3D
 
 
 class OnlineCapture:
@@ -43,17 +32,27 @@ class OnlineCapture:
     what is known within the delay, and bones are measured over the last seconds.
     Looks are not compared: there are no images.
 
+    With `complete`, frames are completed as well (`dmae.stream.OnlineCompleter`), which adds to the delay.
+
     Attributes:
         delay: Frames pushed after one until it is finished, at most.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, fps: float, config: CaptureConfig):
+    def __init__(
+        self,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        fps: float,
+        config: CaptureConfig,
+        complete: Completer | None = None,
+    ):
         """
         Args:
             rig: V cameras.
             skeleton: Of the detections.
             fps: Frames per second at which they come.
             config: As for `capture`.
+            complete: What completes them, see `dmae.complete.completers`.
 
         Raises:
             ValueError: fewer than two cameras.
@@ -62,10 +61,12 @@ class OnlineCapture:
             raise ValueError(f"capture needs at least 2 cameras, found {len(rig)}")
         self._rig, self._skeleton, self._fps, self._config = rig, skeleton, fps, config
         self._tracker = Tracker(skeleton, fps, config)
-        self._batch = max(round(_BATCH * fps), 1)
+        self._batch = max(round(BATCH * fps), 1)
         self._jump = ceil(LONGEST_JUMP * fps) if config.prune else 0
         bridged = config.bridge if config.reach > 0 else 0
-        self.delay = max(ceil(max(bridged, config.least_life) * fps), self._jump) + self._batch - 1
+        self._looks_ahead = max(ceil(max(bridged, config.least_life) * fps), self._jump) + self._batch - 1
+        self._completing = OnlineCompleter(complete, fps) if complete else None
+        self.delay = self._looks_ahead + (self._completing.delay if self._completing else 0)
         self._memory = ceil(max(_MEMORY, 2 * config.rejoin) * fps)
         self._tracked: list[Tracked] = []
         self._finished: list[tuple[np.ndarray, np.ndarray]] = []
@@ -87,11 +88,13 @@ class OnlineCapture:
         seen = self._seen([detections], self._config.th_p)
         self._tracked.append(self._tracker.step(seen, 0))
         self._waiting.append(detections)
-        return self._finish(self._batch) if len(self._waiting) > self.delay else []
+        captured = self._finish(self._batch) if len(self._waiting) > self._looks_ahead else []
+        return self._completing.push(captured) if self._completing else captured
 
     def flush(self) -> list[FinishedFrame]:
         """The frames that are still waiting: there will be no more."""
-        return self._finish(len(self._waiting)) if self._waiting else []
+        captured = self._finish(len(self._waiting)) if self._waiting else []
+        return self._completing.push(captured) + self._completing.flush() if self._completing else captured
 
     def _seen(self, frames: list[Detections2D], least: float) -> Seen:
         most = max(frame.xy.shape[2] for frame in frames)

@@ -14,11 +14,11 @@ _LONGEST = 0.6
 """s; over a longer stretch the frames around prove nothing."""
 _ERROR = 0.05
 """m; a deviation that noise explains."""
-_ACCELERATION = 20.0
+ACCELERATION = 20.0
 """m/s^2; motion that does explains a deviation, too."""
 
 
-def contradicted(xyz: np.ndarray, fps: float) -> np.ndarray:
+def contradicted(xyz: np.ndarray, fps: float, acceleration: float = ACCELERATION) -> np.ndarray:
     """Samples that monotone cubics through the other frames contradict.
 
     A sample is foretold from the two before and the two after it, those nearest to it left out. It is
@@ -29,6 +29,7 @@ def contradicted(xyz: np.ndarray, fps: float) -> np.ndarray:
 
     Args:
         xyz: (F, ..., 3) m, NaN where not measured.
+        acceleration: m/s^2, what people are thought able to do.
 
     Returns:
         (F, ...) True where a sample is contradicted.
@@ -39,14 +40,14 @@ def contradicted(xyz: np.ndarray, fps: float) -> np.ndarray:
     unsettled = np.arange(flat.shape[1])
     while len(unsettled):
         paths = np.where(found[:, unsettled, None], np.nan, flat[:, unsettled])
-        worst = np.max([_deviation(paths, fps, max(round(reach * fps), 1)) for reach in _REACHES], axis=0)
+        worst = np.max([_deviation(paths, fps, max(round(reach * fps), 1), acceleration) for reach in _REACHES], axis=0)
         bad = (worst > 1) & (worst == maximum_filter1d(worst, near, axis=0, mode="constant"))
         found[:, unsettled] |= bad
         unsettled = unsettled[bad.any(0)]
     return found.reshape(xyz.shape[:-1])
 
 
-def _deviation(paths: np.ndarray, fps: float, reach: int) -> np.ndarray:
+def _deviation(paths: np.ndarray, fps: float, reach: int, acceleration: float) -> np.ndarray:
     """(F, n) how far samples of paths (F, n, 3) are off, as a multiple of what is allowed; 0 where nobody can tell."""
     known = ~np.isnan(paths).any(-1)
     before, after = neighbours(known)
@@ -56,5 +57,6 @@ def _deviation(paths: np.ndarray, fps: float, reach: int) -> np.ndarray:
     frame, column, times = frame[told], column[told], times[:, told]
     off = np.linalg.norm(paths[frame, column] - pchip_between(times, take_at(paths, times, column), frame), axis=-1)
     deviation = np.zeros(known.shape)
-    deviation[frame, column] = off / (_ERROR + _ACCELERATION / 2 * (frame - times[1]) * (times[2] - frame) / fps**2)
+    explained = _ERROR + acceleration / 2 * (frame - times[1]) * (times[2] - frame) / fps**2
+    deviation[frame, column] = off / explained
     return deviation

@@ -1,4 +1,7 @@
-"""A trained model on disk: `weights.safetensors`, and `model.json` which says what it is and how it came about."""
+"""A trained model on disk: `weights.safetensors`, and `model.json` which says what it is and how it came about.
+
+Those that come with the package are in `dmae/models`, a folder each, named as the skeleton that it is for.
+"""
 
 import hashlib
 import json
@@ -16,6 +19,8 @@ from dmae.skeleton import Skeleton, get_skeleton
 from dmae.store import read_json, write_atomic
 
 FORMAT = 2
+
+SHIPPED = Path(__file__).parent / "models"
 
 
 def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> None:
@@ -62,6 +67,28 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
     except (KeyError, TypeError, RuntimeError, SafetensorError) as error:
         raise ValueError(f"{folder}: not a model of this version of dmae: {error}") from None
     return model.eval(), skeleton, meta
+
+
+def shipped() -> list[str]:
+    """The skeletons for which weights come with the package."""
+    return sorted(path.parent.name for path in SHIPPED.glob("*/model.json"))
+
+
+def find_shipped(skeleton: Skeleton) -> Path:
+    """The folder of the shipped weights for a skeleton, or else for the one that shares most joints with it.
+
+    Raises:
+        ValueError: no weights are shipped for a skeleton with a joint of the same name.
+    """
+    common = {name: len(set(get_skeleton(name).joints) & set(skeleton.joints)) for name in shipped()}
+    best = max(common, key=lambda name: (name == skeleton.name, common[name]), default=None)
+    if best is None or not common[best]:
+        raise ValueError(
+            f"no weights for skeleton {skeleton.name!r} come with this package, which has those for "
+            f"{', '.join(common) or 'no skeleton'}; convert the poses (dmae.mapping.convert), or train on that "
+            "skeleton (dmae train) and name the folder by weights=..."
+        )
+    return SHIPPED / best
 
 
 def pick_device(device: str) -> torch.device:

@@ -4,9 +4,17 @@ import os
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from dmae.clip import Source
+from dmae.store import load_clip, save_clip
+from dmae.weights import shipped
+
+from .dmae.strollers import clip_of, strollers
 
 ROOT = Path(__file__).parent.parent
 
@@ -41,6 +49,18 @@ def test_it_generates_and_captures(site, tmp_path):
     done = run(site, f"import sys; sys.argv = [{arguments}]; from dmae.cli import main; main()", tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "captured/000000/clip.json").is_file()
+
+
+@pytest.mark.skipif(not shipped(), reason="no weights are in this checkout")
+def test_it_brings_weights_and_completes_with_them(site, tmp_path):
+    poses = strollers(20, 1, rng=np.random.default_rng(0))
+    hidden = np.zeros(poses.source.shape, bool)
+    hidden[8:12, :, 4] = True
+    save_clip(replace(clip_of(poses, "walk"), poses=poses.without(hidden)), tmp_path / "captured")
+    arguments = "'dmae', 'complete', 'clip=captured', 'out=completed'"
+    done = run(site, f"import sys; sys.argv = [{arguments}]; from dmae.cli import main; main()", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert ((load_clip(tmp_path / "completed").poses.source == Source.COMPLETED) == hidden).all()
 
 
 def test_it_checks_a_solver_and_lends_pytest_its_cases(site, tmp_path):

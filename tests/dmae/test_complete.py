@@ -13,20 +13,17 @@ from hypothesis import strategies as st
 from dmae.baselines import fill_linear, fill_pchip_body, present
 from dmae.calibrate import RADIUS
 from dmae.clip import Poses3D, Source
-from dmae.complete import Completer, load_completer
+from dmae.complete import load_completer
 from dmae.examples import AugmentConfig
-from dmae.hiding import HidingConfig, hide_bursts
+from dmae.hiding import HidingConfig
 from dmae.mapping import convert
-from dmae.model import DMAE, ModelConfig
-from dmae.skeleton import BODY25, SHELF14
+from dmae.model import ModelConfig
+from dmae.skeleton import SHELF14
 from dmae.train import TrainConfig, train
 from dmae.weights import save_model
-from dmae.windows import rest_pose
 
+from .completing import FPS, strolling, untrained, with_holes
 from .strollers import clip_of, strollers
-
-FPS = 25.0
-SMALL = ModelConfig(frames=9, dim=16, depth=1, heads=2, head_dim=8, mlp=32, decoder_dim=8, signal_codes=8)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -35,28 +32,6 @@ def one_thread():
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
-
-
-def untrained(residual: bool = True, denoise: bool = False, factors: tuple[float, ...] | None = None) -> Completer:
-    """A completer whose network adds something everywhere."""
-    with torch.random.fork_rng():
-        torch.manual_seed(0)
-        model = DMAE(replace(SMALL, residual=residual, turn_to_front=residual), len(SHELF14)).eval()
-        torch.nn.init.normal_(model.head.weight, std=0.01)
-        torch.nn.init.normal_(model.scale_head[-1].weight, std=0.1)
-    truth = convert(strollers(50, 3, rng=np.random.default_rng(9)), SHELF14)
-    model.rest.copy_(torch.from_numpy(rest_pose(truth.xyz, SHELF14)))
-    return Completer(model, SHELF14, torch.device("cpu"), denoise, factors)
-
-
-def strolling(seed: int, frames: int = 60, persons: int = 3) -> Poses3D:
-    return convert(strollers(frames, persons, rng=np.random.default_rng(seed)), SHELF14)
-
-
-def with_holes(truth: Poses3D, seed: int) -> Poses3D:
-    rng = np.random.default_rng(seed)
-    hidden = hide_bursts(*truth.xyz.shape[:2], truth.skeleton, FPS, HidingConfig(longest=20), rng=rng)
-    return Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, truth.xyz))
 
 
 LEARNING = TrainConfig(
@@ -122,14 +97,6 @@ def test_completed_joints_alone_get_a_covariance_and_it_grows_with_its_factor(fp
     assert (np.linalg.eigvalsh(once.cov[invented]) > 0).all()
     np.testing.assert_allclose(twice.cov[invented], 4 * once.cov[invented], rtol=1e-5)
     assert len(np.unique(once.cov[invented][:, 0, 0])) > 100
-
-
-def test_nothing_is_known_about_the_middle_of_an_absence_that_no_window_reaches():
-    xyz = strolling(3).xyz.copy()
-    xyz[20:44] = np.nan
-    done = untrained(factors=(1.0,) * 4)(Poses3D(SHELF14, xyz), FPS)
-    assert (done.source[20:44] == Source.COMPLETED).all()
-    assert np.isfinite(done.cov[[20, 43]]).all() and np.isnan(done.cov[32]).all()
 
 
 def test_regions_of_90_percent_hold_about_as_much_of_clips_never_seen(clips, tmp_path):
@@ -249,14 +216,6 @@ def test_bad_weights_are_named(trained, tmp_path):
         (folder / "model.json").write_text(json.dumps(meta))
         with pytest.raises(ValueError, match=complaint):
             load_completer(folder)
-
-
-def test_bad_poses_are_named(trained):
-    completer = load_completer(trained)
-    with pytest.raises(ValueError, match=r"'shelf14', the poses are 'body25'; convert"):
-        completer(Poses3D(BODY25, np.zeros((3, 1, 25, 3))), FPS)
-    with pytest.raises(ValueError, match="fps must be positive"):
-        completer(strolling(0), 0.0)
 
 
 def test_denoising_untaught_is_refused(tmp_path):

@@ -64,7 +64,11 @@ class TestEvaluate:
         ("changes", "kind", "message"),
         [
             ({"methods": ["magic"]}, KeyError, "no method 'magic'.*linear.*dmae"),
-            ({"methods": ["dmae"]}, ValueError, "needs weights"),
+            (
+                {"methods": ["dmae"], "weights": "nowhere"},
+                FileNotFoundError,
+                "nowhere: expected a folder that `dmae train`",
+            ),
             ({"methods": []}, ValueError, "expected some of"),
             ({"views": [5]}, ValueError, "expected numbers from 2 to 4"),
             ({"views": [1]}, ValueError, "expected numbers from 2 to 4"),
