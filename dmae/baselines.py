@@ -53,10 +53,16 @@ def fill(poses: Poses3D, fps: float, through: Interpolation) -> Poses3D:
     return _take(poses, fps, through(poses.xyz.astype(np.float64)))
 
 
-def fill_body(poses: Poses3D, fps: float, through: Interpolation) -> Poses3D:
-    """Fill by interpolating offsets between joints in a frame that turns with the body, see `dmae.bodyframe`."""
+def fill_body(poses: Poses3D, fps: float, through: Interpolation, by_rays: bool = False) -> Poses3D:
+    """Fill by interpolating offsets between joints in a frame that turns with the body, see `dmae.bodyframe`.
+
+    Args:
+        by_rays: Put joints that a single camera saw on its ray.
+    """
     poses = _sound(poses, fps)
-    return _take(poses, fps, bodyframe.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, through))
+    rays = poses.rays if by_rays else None
+    xyz = poses.xyz.astype(np.float64)
+    return _take(poses, fps, bodyframe.interpolate(xyz, poses.skeleton, fps, through, rays))
 
 
 fill_hold = partial(fill, through=hold)
@@ -64,6 +70,7 @@ fill_linear = partial(fill, through=linear)
 fill_pchip = partial(fill, through=pchip)
 fill_linear_body = partial(fill_body, through=linear)
 fill_pchip_body = partial(fill_body, through=pchip)
+fill_rays = partial(fill_body, through=pchip, by_rays=True)
 
 
 def fill_kalman(poses: Poses3D, fps: float) -> Poses3D:
@@ -95,13 +102,20 @@ def fill_kalman(poses: Poses3D, fps: float) -> Poses3D:
     )
 
 
-def fill_reject_pchip(poses: Poses3D, fps: float) -> Poses3D:
-    """Drop the measured joints that the frames around contradict (`dmae.rejection`), then fill as `pchip_body`.
-
-    What is dropped and filled again is `COMPLETED`.
-    """
+def reject(poses: Poses3D, fps: float) -> Poses3D:
+    """The poses less those measured joints that the frames around contradict (`dmae.rejection`)."""
     poses = _sound(poses, fps)
-    return fill_pchip_body(poses.without(poses.measured & contradicted(poses.xyz, fps)), fps)
+    return poses.without(poses.measured & contradicted(poses.xyz, fps))
+
+
+def fill_reject_pchip(poses: Poses3D, fps: float) -> Poses3D:
+    """`reject`, then fill as `pchip_body`. What was rejected and filled again is `COMPLETED`."""
+    return fill_pchip_body(reject(poses, fps), fps)
+
+
+def fill_reject_rays(poses: Poses3D, fps: float) -> Poses3D:
+    """`reject`, then fill as `rays`."""
+    return fill_rays(reject(poses, fps), fps)
 
 
 def smooth(poses: Poses3D, fps: float, seconds: float) -> Poses3D:
@@ -160,7 +174,9 @@ METHODS: dict[str, Callable[[Poses3D, float], Poses3D]] = {
     "pchip": fill_pchip,
     "linear_body": fill_linear_body,
     "pchip_body": fill_pchip_body,
+    "rays": fill_rays,
     "kalman": fill_kalman,
     "reject_pchip": fill_reject_pchip,
+    "reject_rays": fill_reject_rays,
 }
 """What is done about joints that no camera measured, by name; each takes poses and frames per second."""

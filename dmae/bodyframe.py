@@ -9,10 +9,19 @@ from dmae.skeleton import Skeleton
 HEADING = 0.2
 """s over which the direction that a body faces is smoothed: hips are a narrow base to tell it from."""
 
+FARTHEST = 0.5
+"""m from where a joint is expected to its ray; beyond, the ray is somebody else's."""
+_ALONG, _BONE = 0.1, 0.08
+"""m; how far from where it is expected a joint is along its ray, and by how much bones change as they are measured."""
+_STEPS = 8
+"""Of Gauss-Newton."""
+
 _TORSO = {"mid_hip", "neck", "l_hip", "r_hip", "l_shoulder", "r_shoulder", "bottom_head"}
 
 
-def interpolate(xyz: np.ndarray, skeleton: Skeleton, fps: float, through: Interpolation) -> np.ndarray:
+def interpolate(
+    xyz: np.ndarray, skeleton: Skeleton, fps: float, through: Interpolation, rays: np.ndarray | None = None
+) -> np.ndarray:
     """(F, P, J, 3) with holes filled wherever there is something to go by.
 
     The frame is turned about the vertical as hips and shoulders are, smoothed. A hidden joint of the torso is
@@ -23,6 +32,8 @@ def interpolate(xyz: np.ndarray, skeleton: Skeleton, fps: float, through: Interp
     Args:
         xyz: (F, P, J, 3) m, world; NaN where hidden.
         through: How offsets are interpolated over time.
+        rays: (F, P, J, 2, 3) on which hidden joints are known to be, see `Poses3D.rays`; they are moved there, and
+            what hangs from them with them.
     """
     world_from_body = _heading(xyz, skeleton, HEADING * fps)
     filled = xyz.copy()
@@ -32,10 +43,21 @@ def interpolate(xyz: np.ndarray, skeleton: Skeleton, fps: float, through: Interp
         in_body = np.einsum("fpji,fpnj->fpni", world_from_body, xyz[:, :, joints] - xyz[:, :, anchors])
         return np.einsum("fpij,fpnj->fpni", world_from_body, through(in_body))
 
-    def fill(joint: int, estimate: np.ndarray):
+    def lengths(joint: int, parent: int) -> np.ndarray:
+        """(P,) m, median; NaN if never measured."""
+        length = np.linalg.norm(xyz[:, :, joint] - xyz[:, :, parent], axis=-1)
+        known = ~np.isnan(length).all(0)
+        return np.where(known, np.nanmedian(np.where(known, length, 0), 0), np.nan)
+
+    def fill(joint: int, estimate: np.ndarray, parent: int | None = None):
         # What misses the samples on both sides of a hole misses what is in it by about as much.
-        missed = linear(xyz[:, :, joint] - estimate)
-        estimate = estimate + np.where(np.isnan(missed), 0, missed)
+        estimate = estimate + np.nan_to_num(linear(xyz[:, :, joint] - estimate))
+        if rays is not None and len(rays):
+            held = (np.nan, np.nan) if parent is None else (filled[:, :, parent], lengths(joint, parent))
+            moved = _onto(estimate, rays[:, :, joint], *held) - estimate
+            moved[~np.isnan(xyz[:, :, joint, 0])] = 0
+            # A joint does not jump back when nobody sees it any more.
+            estimate = estimate + np.nan_to_num(linear(moved))
         filled[:, :, joint] = np.where(np.isnan(filled[:, :, joint]), estimate, filled[:, :, joint])
 
     order = _from_root(skeleton)
@@ -49,10 +71,31 @@ def interpolate(xyz: np.ndarray, skeleton: Skeleton, fps: float, through: Interp
     placed = dict(zip(hanging, np.moveaxis(offsets(hanging, [parents[j] for j in hanging]), 2, 0), strict=True))
     for joint in order:
         if joint in placed:
-            fill(joint, filled[:, :, parents[joint]] + placed[joint])
+            fill(joint, filled[:, :, parents[joint]] + placed[joint], None if joint in torso else parents[joint])
         # The root, or a joint never measured together with its parent.
         fill(joint, through(filled[:, :, joint]))
     return filled
+
+
+def _onto(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Points (F, P, 3) moved onto their rays (F, P, 2, 3), to where on it their bones are about as long as ever.
+
+    Along the ray the squares of two distances are weighed, in units of `_ALONG` and `_BONE`: from the point on it
+    nearest to the estimate, and from the sphere about the parent (F, P, 3) of radius `length` (P,), m; NaN where
+    either is unknown. Points without a ray, or too far from it, are NaN.
+    """
+    centre, direction = rays[..., 0, :].astype(np.float64), rays[..., 1, :].astype(np.float64)
+    depth = ((estimate - centre) * direction).sum(-1, keepdims=True)
+    point = centre + depth * direction
+    far = ~((depth[..., 0] > 0) & (np.linalg.norm(point - estimate, axis=-1) < FARTHEST))
+    along = np.zeros(estimate.shape[:-1])
+    for _ in range(_STEPS):
+        bone = point + along[..., None] * direction - parent
+        now = np.maximum(np.linalg.norm(bone, axis=-1), 1e-6)
+        slope = (bone * direction).sum(-1) / now
+        gradient = along / _ALONG**2 + (now - length) * slope / _BONE**2
+        along = along - np.nan_to_num(gradient / (1 / _ALONG**2 + slope**2 / _BONE**2)).clip(-_ALONG, _ALONG)
+    return np.where(far[..., None], np.nan, point + along[..., None] * direction)
 
 
 def _part(skeleton: Skeleton, joint: int) -> str:

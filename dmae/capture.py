@@ -1,12 +1,13 @@
 """Adaptive Triangulation (Algorithm 1 of the paper): from the detections of a clip to its people in 3D."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from dmae.appearance import strangers
 from dmae.associate import NONE
+from dmae.baselines import fill_pchip_body
 from dmae.clip import Clip, Poses3D, Source
 from dmae.gaps import neighbours
 from dmae.identify import Joints, identify, looks_matter
@@ -15,6 +16,8 @@ from dmae.seen import Seen, Unit
 from dmae.skeleton import Skeleton
 from dmae.triangulate import Noise
 
+_NEAR = 0.3
+"""m from where a joint is expected within which a single camera is believed to see it."""
 _CHUNK = 16
 """Frames compared at once: some 50 MB for six people in five views."""
 
@@ -83,7 +86,8 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     (identity propagation); those left over are matched between views by rays and looks, and become new
     people or old ones come back (identity matching); joints are triangulated from the views that agree.
     Then tracks of one person are merged, ghosts dropped, and with the whole path of each person known,
-    each joint chooses its detections again. (`dmae.online` is the same for frames as they come.)
+    each joint chooses its detections again, of which the surest is handed on as its ray. (`dmae.online` is the
+    same for frames as they come.)
 
     Detections need not be sound. Joints with coordinates that are not finite are absent; confidences below
     0 and above 1 count as 0 and 1; of doubles in a view the nearer counts, joint by joint. Cameras that see
@@ -106,19 +110,21 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     chosen, xyz = merge(chosen, xyz, same_person(xyz, skeleton, fps, config.rejoin, differ))
     alive = ~ghosts(xyz, fps, config.birth_joints, config.least_life) & ~by_chance(xyz, chosen, config.th_v)
     chosen, xyz = chosen[:, alive], xyz[:, alive]
+    first = chosen
     if config.reach > 0:
         seen = Seen.of(clip, config.th_p_again, config)
         chosen = choose_again(seen, chosen, paths(xyz, skeleton, fps, config), config.reach)
     points = seen.triangulate(np.arange(len(clip))[:, None, None, None], chosen)
     xyz = prune(points.xyz, skeleton, fps) if config.prune else points.xyz
     absent = np.isnan(xyz[..., 0])
-    return Poses3D(
+    poses = Poses3D(
         skeleton,
         xyz,
         np.where(absent, Source.ABSENT, Source.MEASURED),
         np.where(absent[..., None, None], np.nan, points.cov),
         np.where(absent, 0, points.views),
     )
+    return replace(poses, rays=sightings(seen, absent, fill_pchip_body(poses, fps).xyz, chosen, first))
 
 
 def prune(xyz: np.ndarray, skeleton: Skeleton, fps: float) -> np.ndarray:
@@ -171,3 +177,30 @@ def choose_again(seen: Seen, chosen: np.ndarray, path: np.ndarray, reach: float)
         has_path = ~np.isnan(path[frames, :, None, :, 0])
         again[frames] = np.where(has_path, best, chosen[frames])
     return again
+
+
+def sightings(
+    seen: Seen, absent: np.ndarray, expected: np.ndarray, chosen: np.ndarray, first: np.ndarray
+) -> np.ndarray:
+    """The surest sighting of each joint, (F, P, J, 2, 3), see `Poses3D.rays`.
+
+    An absent joint is looked for where it is expected; where no camera saw it near there, the detections that its
+    person was given say where they saw it.
+
+    Args:
+        seen: What the joints were measured from.
+        absent: (F, P, J) True for those that were not measured.
+        expected: (F, P, J, 3) m, where joints are, by interpolation if need be.
+        chosen: (F, P, V, J) detections that they were measured from, or `NONE`.
+        first: (F, P, V, J) those that their people were given.
+    """
+    near = choose_again(seen, chosen, expected.astype(np.float64), _NEAR)
+    near = np.where((near == NONE).all(2, keepdims=True), first, near)
+    near = np.where(absent[:, :, None], near, chosen).swapaxes(2, 3)
+    frame, person, joint, views = np.ogrid[tuple(slice(n) for n in near.shape)]
+    sure = np.where(near == NONE, np.nan, seen.confidence[frame, views, near, joint])
+    view = np.nan_to_num(sure, nan=-1).argmax(-1)
+    frame, person, joint = frame[..., 0], person[..., 0], joint[..., 0]
+    directions = seen.rig.rays(seen.xy)[frame, view, near[frame, person, joint, view], joint]
+    unknown = np.isnan(sure).all(-1)[..., None, None]
+    return np.where(unknown, np.nan, np.stack([seen.rig.centers[view], directions], -2))

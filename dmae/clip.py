@@ -107,6 +107,9 @@ class Poses3D:
         source: (F, P, J) `Source`; by default measured where `xyz` is known.
         cov: (F, P, J, 3, 3) covariance, m^2; NaN where unknown.
         views: (F, P, J) how many views were used; 0 where none or unknown.
+        rays: (F, P, J, 2, 3) where a camera stands, m, world, and the unit direction in which it saw the joint; of
+            those that saw it the surest. NaN where none did, or that is unknown. A joint that one camera saw is absent,
+            and yet it is on that ray.
     """
 
     skeleton: Skeleton
@@ -114,6 +117,7 @@ class Poses3D:
     source: np.ndarray = None
     cov: np.ndarray = None
     views: np.ndarray = None
+    rays: np.ndarray = None
 
     def __post_init__(self):
         _as_array(self, "xyz", np.float32, (-1, -1, len(self.skeleton), 3))
@@ -124,6 +128,7 @@ class Poses3D:
         _as_array(self, "source", np.uint8, joints)
         _as_array(self, "cov", np.float32, (*joints, 3, 3), np.nan)
         _as_array(self, "views", np.uint8, joints, 0)
+        _as_array(self, "rays", np.float32, (*joints, 2, 3), np.nan)
         if not np.array_equal(absent, self.source == Source.ABSENT):
             raise ValueError("Poses3D: source must be ABSENT exactly where xyz is NaN")
 

@@ -23,6 +23,10 @@ _LASTING = 0.75
 """How errors of neighbouring frames at 25 frames/s correlate, about as those of OpenPose do."""
 
 
+_SEEN = 0.5
+"""Share of the joints that are hidden for the sake of the example and yet keep their rays."""
+
+
 class Examples(NamedTuple):
     """Windows and what is true in them."""
 
@@ -91,7 +95,8 @@ def record(clip: Clip, skeleton: Skeleton, fps: float) -> Recording:
         return Recording(resample(truth, clip.fps, fps))
     poses = convert(clip.poses, skeleton)
     measured = np.where(poses.measured[..., None], poses.xyz, np.nan)
-    captured = Poses3D(skeleton, take_matched(measured, match(measured, truth.xyz)))
+    matches = match(measured, truth.xyz)
+    captured = Poses3D(skeleton, take_matched(measured, matches), rays=take_matched(poses.rays, matches))
     return Recording(resample(truth, clip.fps, fps), resample(captured, clip.fps, fps))
 
 
@@ -150,9 +155,15 @@ def vary(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> R
     angle = rng.uniform(-augment.turn, augment.turn, (persons, 1))
 
     def varied(poses: Poses3D) -> Poses3D:
-        xyz = resample(poses, fps, fps * faster).xyz.astype(np.float64)[:: -1 if backwards else 1]
-        swapped = xyz[:, :, list(poses.skeleton.mirror)] * (1, -1, 1)
-        return Poses3D(poses.skeleton, turn(np.where(mirrored[:, None, None], swapped, xyz) * size, angle))
+        new = resample(poses, fps, fps * faster)
+
+        def move(points: np.ndarray, size: np.ndarray) -> np.ndarray:
+            points = points.astype(np.float64)[:: -1 if backwards else 1]
+            swapped = points[:, :, list(poses.skeleton.mirror)] * (1, -1, 1)
+            return turn(np.where(mirrored[:, None, None], swapped, points) * size, angle)
+
+        rays = np.stack([move(new.rays[..., 0, :], size), move(new.rays[..., 1, :], 1)], -2)
+        return Poses3D(poses.skeleton, move(new.xyz, size), rays=rays)
 
     return Recording(varied(recording.truth), recording.captured and varied(recording.captured))
 
@@ -167,7 +178,10 @@ def _hidden(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -
     truth = recording.truth
     measured = recording.captured or _disturb(truth, recipe.augment, rng=rng)
     hidden = hide(*truth.xyz.shape[:2], truth.skeleton, recipe.model.fps, recipe.hiding, rng=rng)
-    return Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, measured.xyz))
+    # Of the joints hidden some are still seen by a camera, as many as of those that capture leaves open.
+    seen = rng.random((1, *truth.xyz.shape[1:3])) < _SEEN
+    rays = np.where((hidden & ~seen)[..., None, None], np.nan, measured.rays)
+    return Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, measured.xyz), rays=rays)
 
 
 def _disturb(truth: Poses3D, augment: AugmentConfig, *, rng: np.random.Generator) -> Poses3D:

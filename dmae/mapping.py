@@ -23,7 +23,7 @@ def convert(poses: Poses3D, target: Skeleton) -> Poses3D:
     the first part. What the source skeleton lacks is derived where it can be: `neck` and `mid_hip` as
     midpoints, `bottom_head` and `top_head` by `head_ends`. All else is absent. A derived joint has the
     weakest source and the fewest views of the joints it is made of; midpoints propagate covariance as of
-    independent joints, the head formula leaves it NaN.
+    independent joints, the head formula leaves it NaN. No camera saw it: it has no ray.
 
     Raises:
         KeyError: not one joint of the target can be had from the source.
@@ -53,7 +53,7 @@ def _take(poses: Poses3D, joints: Sequence[str]) -> dict[str, np.ndarray]:
     """The fields of poses on some joints, those the poses lack absent."""
     known = poses.skeleton.joints
     index = np.array([known.index(joint) if joint in known else -1 for joint in joints])
-    absent = {"xyz": np.nan, "source": Source.ABSENT, "cov": np.nan, "views": 0}
+    absent = {"xyz": np.nan, "source": Source.ABSENT, "cov": np.nan, "views": 0, "rays": np.nan}
     arrays = {name: getattr(poses, name)[:, :, index] for name in absent}
     for name, value in absent.items():
         arrays[name][:, :, index < 0] = value

@@ -178,24 +178,25 @@ class DMAE(nn.Module):
             Block(c.decoder_dim, c.heads, head_dim, mlp, c.dropout, c.alike) for _ in range(c.decoder_depth)
         )
         self.decoder_norm = nn.LayerNorm(c.decoder_dim)
-        self.head = nn.Linear(c.decoder_dim, 3)
+        self.head = nn.Linear(c.decoder_dim, 4 if c.residual else 3)
         self.scale_head = nn.Sequential(nn.Linear(c.decoder_dim, 64), nn.GELU(), nn.Linear(64, 1))
         nn.init.zeros_(self.scale_head[-1].weight)
         nn.init.constant_(self.scale_head[-1].bias, math.log(_SCALE))
         if c.residual:
-            self.embed_base = nn.Linear(signal + 2, c.decoder_dim)
+            self.embed_base = nn.Linear(signal + 5, c.decoder_dim)
             # Training starts from the interpolation.
             nn.init.zeros_(self.head.weight)
             nn.init.zeros_(self.head.bias)
 
-    def forward(self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor) -> Prediction:
+    def forward(self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor, ray: Tensor) -> Prediction:
         """Predict every joint of every frame; the fields of `dmae.windows.Windows`.
 
         Args:
             x: (B, T, J, 3) m; what stands where `observed` is False is not read.
             observed: (B, T, J) True where the encoder may look.
-            base: (B, T, J, 3) m, interpolated joints; read only by a residual model, as is `gap`.
+            base: (B, T, J, 3) m, interpolated joints; read only by a residual model, as are `gap` and `ray`.
             gap: (B, T, J, 2) frames since and until the joint was observed.
+            ray: (B, T, J, 3) direction along which `base` is all that one camera tells; zero where none does.
         """
         seen = observed.flatten(1)  # (B, N)
         encoded, index, real = self._encode(self._signal(x), seen)
@@ -203,17 +204,20 @@ class DMAE(nn.Module):
         hidden = self.mask_token.expand(*seen.shape, -1)  # (B, N, C)
         if self.config.residual:
             far = torch.log1p(gap.flatten(1, 2)) / math.log(1000)
-            hidden = hidden + self.embed_base(torch.cat([self._signal(base), far], -1))
+            hidden = hidden + self.embed_base(torch.cat([self._signal(base), far, ray.flatten(1, 2)], -1))
         encoded = torch.where(real[..., None], encoded, 0)
         shown = torch.zeros_like(hidden).scatter_add(1, index[..., None].expand_as(encoded), encoded)
         tokens = torch.where(seen[..., None], shown, hidden) + self.decoder_context()
         for block in self.decoder:
             tokens = block(tokens)
         tokens = self.decoder_norm(tokens)
-        predicted = self.head(tokens).view_as(base)
+        predicted = self.head(tokens).unflatten(1, base.shape[1:3])
+        if self.config.residual:
+            # The fourth number is how much farther along the ray.
+            predicted = base + predicted[..., :3] + predicted[..., 3:] * ray
         # Detached: learning how sure it is cost the network accuracy where the two shared features.
         log_scale = self.scale_head(tokens.detach()).view_as(base[..., 0])
-        return Prediction(base + predicted if self.config.residual else predicted, log_scale)
+        return Prediction(predicted, log_scale)
 
     def _signal(self, x: Tensor) -> Tensor:
         """The signal code (B, N, C) of joints (B, T, J, 3)."""

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmae.baselines import fill_pchip_body
 from dmae.cameras import CameraRig
-from dmae.capture import CaptureConfig, choose_again, paths, prune
+from dmae.capture import CaptureConfig, choose_again, paths, prune, sightings
 from dmae.clip import Clip, Detections2D, Poses3D, Source
 from dmae.identify import Tracked, Tracker, stack
 from dmae.prune import LONGEST_JUMP, by_chance, merge, same_person
@@ -116,28 +117,32 @@ class OnlineCapture:
         ahead = min(count + self._jump, len(self._waiting))
         now = slice(past, past + ahead)
         seen = self._seen(self._waiting[:ahead], config.th_p if config.reach == 0 else config.th_p_again)
-        chosen = chosen[now]
+        first = chosen = chosen[now]
         if config.reach > 0:
-            chosen = choose_again(seen, chosen, paths(xyz, skeleton, fps, config)[now], config.reach)
+            chosen = choose_again(seen, first, paths(xyz, skeleton, fps, config)[now], config.reach)
         points = seen.triangulate(np.arange(ahead)[:, None, None, None], chosen)
         before = np.full((past, *xyz.shape[1:]), np.nan)
         for frame, (who, joints) in zip(before, self._finished, strict=True):
             both = np.isin(who, people)
             frame[np.searchsorted(people, who[both])] = joints[both]
         final = np.concatenate([before, points.xyz])
-        final = (prune(final, skeleton, fps) if config.prune else final)[past:]
+        final = prune(final, skeleton, fps) if config.prune else final
+        everything = Poses3D(skeleton, np.concatenate([final, xyz[now.stop :]]))
+        final = final[past:]
+        absent = np.isnan(final[..., 0])
+        rays = sightings(seen, absent, fill_pchip_body(everything, fps).xyz[now], chosen, first)
 
         finished = []
         for i in range(count):
-            here = np.flatnonzero(~np.isnan(final[i, :, :, 0]).all(-1))
-            joints = final[i : i + 1, here]
-            absent = np.isnan(joints[..., 0])
+            here = np.flatnonzero(~absent[i].all(-1))
+            now, lacking = np.s_[i : i + 1, here], absent[i : i + 1, here]
             poses = Poses3D(
                 skeleton,
-                joints,
-                np.where(absent, Source.ABSENT, Source.MEASURED),
-                np.where(absent[..., None, None], np.nan, points.cov[i : i + 1, here]),
-                np.where(absent, 0, points.views[i : i + 1, here]),
+                final[now],
+                np.where(lacking, Source.ABSENT, Source.MEASURED),
+                np.where(lacking[..., None, None], np.nan, points.cov[now]),
+                np.where(lacking, 0, points.views[now]),
+                rays[now],
             )
             finished.append(FinishedFrame(self._number + i, people[here], poses))
             self._finished.append((people, points.xyz[i]))

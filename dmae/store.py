@@ -91,6 +91,7 @@ def _arrays(clip: Clip) -> dict[str, np.ndarray]:
         part = getattr(clip, name)
         if part is not None:
             arrays |= {f"{name}.{f.name}": getattr(part, f.name) for f in fields(part) if f.name != "skeleton"}
+    arrays = {name: array for name, array in arrays.items() if not (name.endswith(".rays") and np.isnan(array).all())}
     return arrays | {name: getattr(clip, name) for name in _OPTIONAL if getattr(clip, name) is not None}
 
 
@@ -155,7 +156,10 @@ def _rig(name: str, meta: dict, arrays: dict[str, np.ndarray]) -> CameraRig:
 
 def _part(name: str, skeleton: str, arrays: dict[str, np.ndarray]) -> Detections2D | Poses3D:
     kind = Detections2D if name == "detections" else Poses3D
-    values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(kind) if f.name != "skeleton"}
+    values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(kind) if f.name not in ("skeleton", "rays")}
+    if kind is Poses3D:
+        # Poses that no camera is known to have seen are written without.
+        values["rays"] = arrays.get(f"{name}.rays")
     return kind(get_skeleton(skeleton), **values)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dmae.baselines import fill_pchip_body, present
-from dmae.clip import Poses3D
+from dmae.baselines import fill_rays, present
+from dmae.clip import Poses3D, Source
 from dmae.gaps import neighbours
 from dmae.skeleton import Skeleton
 
@@ -31,6 +31,8 @@ class Windows(NamedTuple):
     """(..., 3) m; `x` where observed, what interpolation makes of the whole recording elsewhere."""
     gap: Tensor
     """(..., 2) frames since the joint was last observed and until it is next."""
+    ray: Tensor
+    """(..., 3) unit direction in which the one camera that sees a joint does, on whose ray `base` is; else zero."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,7 @@ class Rows:
         base: (S, J, 3) m, world: measured where observed, interpolated elsewhere; never NaN.
         observed: (S, J)
         gap: (S, J, 2) frames since and until the joint was observed, at most 1000.
+        ray: (S, J, 3) world, unit direction of the ray that a joint that is not observed is on; else zero.
         truth: (S, J, 3) NaN where unknown; all NaN when there is none.
         origin: (S, 3) m, front: (S,) rad: where the body is and faces.
         present: (S,) True while the person is there, `dmae.baselines.present`.
@@ -75,6 +78,7 @@ class Rows:
     base: np.ndarray
     observed: np.ndarray
     gap: np.ndarray
+    ray: np.ndarray
     truth: np.ndarray
     origin: np.ndarray
     front: np.ndarray
@@ -89,7 +93,8 @@ class Rows:
         where = Normalisation(self.origin[middle], front)
         observed, base = self.observed[index], where.apply(self.base[index]).astype(np.float32)
         x = np.where(observed[..., None], base, np.float32(0))
-        windows = Windows(*map(torch.from_numpy, (x, observed, base, self.gap[index])))
+        ray = turn(self.ray[index], -front[:, None, None]).astype(np.float32)
+        windows = Windows(*map(torch.from_numpy, (x, observed, base, self.gap[index], ray)))
         return windows, where.apply(self.truth[index]).astype(np.float32), where
 
 
@@ -149,7 +154,7 @@ def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 def make_rows(poses: Poses3D, fps: float, rest: np.ndarray, frames: int, truth: np.ndarray | None = None) -> Rows:
     """Interpolate what is absent over the whole recording and lay the persons out as rows.
 
-    What `fill_pchip_body` leaves open (persons out of the scene, joints never measured) hangs from the
+    What `fill_rays` leaves open (persons out of the scene, joints never measured) hangs from the
     joint's parent as in the rest pose.
 
     Args:
@@ -164,7 +169,9 @@ def make_rows(poses: Poses3D, fps: float, rest: np.ndarray, frames: int, truth: 
     before, after = neighbours(observed)
     index = np.arange(count)[:, None, None]
     gap = np.stack([np.where(before < 0, _FAR, index - before), np.where(after == count, _FAR, after - index)], -1)
-    base = fill_pchip_body(poses, fps).xyz.astype(np.float64)
+    filled = fill_rays(poses, fps)
+    base = filled.xyz.astype(np.float64)
+    ray = np.where((filled.source == Source.COMPLETED)[..., None], np.nan_to_num(poses.rays[..., 1, :]), 0)
     origin, front = _stance(base, skeleton, rest)
     _hang(base, skeleton, rest, origin, front)
 
@@ -181,6 +188,7 @@ def make_rows(poses: Poses3D, fps: float, rest: np.ndarray, frames: int, truth: 
         base=lay(base),
         observed=shown,
         gap=np.minimum(lay(gap), _FAR).astype(np.float32),
+        ray=lay(ray),
         truth=np.where(np.tile(inside, persons)[:, None, None], lay(nowhere), np.nan),
         origin=lay(origin),
         front=lay(front),
@@ -239,8 +247,8 @@ def _starts(seen: np.ndarray, frames: int) -> np.ndarray:
 def resample(poses: Poses3D, fps: float, to_fps: float) -> Poses3D:
     """The same motion at another rate, by straight lines between neighbouring frames.
 
-    A joint is there at a time if it is in both frames around it, and takes the weaker source of the two;
-    covariances and numbers of views are dropped.
+    A joint is there at a time if it is in both frames around it, and takes the weaker source of the two; so has it a
+    ray, if both have one of the same camera. Covariances and numbers of views are dropped.
     """
     count = len(poses.xyz)
     time = np.arange(int((count - 1) / fps * to_fps + 1e-6) + 1) * (fps / to_fps)
@@ -249,4 +257,7 @@ def resample(poses: Poses3D, fps: float, to_fps: float) -> Poses3D:
     share = np.where(second > first, time - first, 0)[:, None, None, None]
     xyz = poses.xyz[first] * (1 - share) + poses.xyz[second] * share
     source = np.maximum(poses.source[first], poses.source[second])
-    return Poses3D(poses.skeleton, xyz, np.where(np.isnan(xyz).any(-1), 0, source))
+    rays = poses.rays[first] * (1 - share[..., None]) + poses.rays[second] * share[..., None]
+    same = (poses.rays[first, ..., :1, :] == poses.rays[second, ..., :1, :]).all(-1, keepdims=True)
+    rays[..., 1, :] /= np.linalg.norm(rays[..., 1, :], axis=-1, keepdims=True)
+    return Poses3D(poses.skeleton, xyz, np.where(np.isnan(xyz).any(-1), 0, source), rays=np.where(same, rays, np.nan))

@@ -31,7 +31,9 @@ def assert_same(found, want):
 
 def test_load_after_save_is_equal(tmp_path):
     clip = full_clip()
-    poses = replace(walkers(), source=np.full((12, 2, 25), Source.COMPLETED), views=np.full((12, 2, 25), 3))
+    rays = np.random.default_rng(0).normal(size=(12, 2, 25, 2, 3))
+    rays[3, 1, 4] = np.nan
+    poses = replace(walkers(), source=np.full((12, 2, 25), Source.COMPLETED), views=np.full((12, 2, 25), 3), rays=rays)
     save_clip(replace(clip, poses=poses), tmp_path / "a" / "clip")
     assert_same(load_clip(tmp_path / "a" / "clip"), replace(clip, poses=poses))
 
