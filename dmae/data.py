@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,8 @@ class DataConfig:
     """Folder of the recording, of a clip, or of a data set of clips."""
     cameras: list[int] | None = None
     """Use these views only, counted from 0; by default all."""
+    frames: list[int] | None = None
+    """First frame that is used, and the one after the last; by default all."""
     calibration: str | None = None
     """Calibration file, or folder of them; by default the one found in `path`."""
     detections: str | None = None
@@ -76,18 +79,18 @@ class Clips(Sequence):
 
     def __getitem__(self, index: int) -> Clip:
         clip = _READERS[self.config.name](self.config, self.folders[index])
-        return _restrict(_shift(clip, self.config.offsets), self.config.cameras)
+        return _restrict(_cut(_shift(clip, self.config.offsets), self.config.frames), self.config.cameras)
 
 
 def load(config: DataConfig) -> Clips:
-    """The clips that a configuration names, restricted to its cameras.
+    """The clips that a configuration names, restricted to its frames and cameras.
 
     Of what was absent or had to be guessed in reading a clip, its `provenance["notes"]` tell.
 
     Raises:
         FileNotFoundError: nothing of the kind is there.
         ValueError: a file is malformed, an option that the files make necessary is missing, or a clip lacks one
-            of the cameras; raised when the clip is read.
+            of the cameras or frames; raised when the clip is read.
     """
     return Clips(config)
 
@@ -240,6 +243,31 @@ def _shift(clip: Clip, offsets: list[int] | None) -> Clip:
         images=None,
         provenance=clip.provenance | {"offsets": list(offsets)},
     )
+
+
+def _cut(clip: Clip, frames: list[int] | None) -> Clip:
+    if frames is None:
+        return clip
+    if len(frames) != 2 or not 0 <= frames[0] < frames[1] <= len(clip):
+        raise ValueError(
+            f"data.frames={list(frames)}: expected [first, end] within the {len(clip)} frames of clip {clip.id!r}"
+        )
+    first = clip.provenance.get("first_frame", 0) + frames[0]
+    cut = clip.select(frames=slice(*frames))
+    return replace(cut, provenance=clip.provenance | {"first_frame": first, "frames": list(frames)})
+
+
+def subsets(clip: Clip, sizes: Sequence[int]) -> list[list[int]]:
+    """All choices of so many of a clip's cameras, for each size; without sizes, all cameras.
+
+    Raises:
+        ValueError: there are not so many cameras, or fewer than two are asked for.
+    """
+    views = len(clip.rig)
+    sizes = list(dict.fromkeys(sizes)) or [views]
+    if not all(2 <= size <= views for size in sizes):
+        raise ValueError(f"views={sizes}: expected numbers from 2 to {views}, the cameras of clip {clip.id!r}")
+    return [list(cameras) for size in sizes for cameras in combinations(range(views), size)]
 
 
 def _restrict(clip: Clip, cameras: list[int] | None) -> Clip:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from dmae import metrics
 from dmae.baselines import METHODS, smooth
 from dmae.capture import CaptureConfig, capture
 from dmae.clip import Clip, Poses3D
-from dmae.data import DataConfig, Format, load
+from dmae.data import DataConfig, Format, load, subsets
 from dmae.hiding import HidingConfig
 from dmae.mapping import convert
 from dmae.progress import progress
@@ -117,7 +116,7 @@ def evaluate(config: EvaluateConfig) -> dict:
     clips = load(config.data)
     if not clips:
         raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to score")
-    total = len(clips) * (1 if config.hide != Hide.none else len(_subsets(clips[0], config.views)))
+    total = len(clips) * (1 if config.hide != Hide.none else len(subsets(clips[0], config.views)))
     runs: dict[tuple[str, int], list[dict]] = {}
     for trial in progress(_trials(clips, config), "evaluating", total):
         skeleton = trial.truth.skeleton
@@ -158,7 +157,7 @@ def _trials(clips: Iterable[Clip], config: EvaluateConfig) -> Iterator[Trial]:
         else:
             truth = convert(_truth(clip), get_skeleton(clip.truth.skeleton.name.split("+")[-1]))
         shelf = config.reference == Reference.truth and clip.provenance.get("format") == Format.shelf
-        for cameras in _subsets(clip, config.views):
+        for cameras in subsets(clip, config.views):
             captured = capture(clip.select(views=cameras), config.capture)
             yield Trial(clip.id, cameras, clip.fps, captured, truth, PUBLISHED_ACTORS if shelf else None)
 
@@ -190,14 +189,6 @@ def _filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
     for poses, match in zip(filled, matches, strict=True):
         there &= ~np.isnan(metrics.take_matched(poses.xyz, match)).any(-1) & (match == matches[0])[..., None]
     return there
-
-
-def _subsets(clip: Clip, sizes: list[int]) -> list[list[int]]:
-    views = len(clip.rig)
-    sizes = list(dict.fromkeys(sizes)) or [views]
-    if not all(2 <= size <= views for size in sizes):
-        raise ValueError(f"views={sizes}: expected numbers from 2 to {views}, the cameras of clip {clip.id!r}")
-    return [list(cameras) for size in sizes for cameras in combinations(range(views), size)]
 
 
 def _methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Poses3D]]:

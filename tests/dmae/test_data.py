@@ -60,6 +60,20 @@ def test_cameras_restrict_the_views(data_set):
     np.testing.assert_array_equal(clip.detections.xy, full_clip().detections.xy[:, [2, 0]])
 
 
+def test_frames_restrict_the_clip_and_keep_their_numbers(data_set):
+    whole = full_clip()
+    clip = load(DataConfig(path=str(data_set), frames=[1, len(whole)]))[0]
+    assert len(clip) == len(whole) - 1
+    np.testing.assert_array_equal(clip.detections.xy, whole.detections.xy[1:])
+    assert clip.provenance["first_frame"] == whole.provenance.get("first_frame", 0) + 1
+
+
+@pytest.mark.parametrize("frames", [[0, 10**6], [-1, 2], [2, 2], [1]])
+def test_frames_that_are_not_there_are_refused(data_set, frames):
+    with pytest.raises(ValueError, match=r"data\.frames=\[.*expected \[first, end\] within the \d+ frames of clip 'a'"):
+        load(DataConfig(path=str(data_set), frames=frames))[0]
+
+
 @pytest.mark.parametrize("cameras", [[0, 4], [-1], [], [1, 1]])
 def test_cameras_that_are_not_there_are_refused_with_those_that_are(data_set, cameras):
     with pytest.raises(ValueError, match=r"data\.cameras=\[.*'a', which has 0 \(cam0\), 1 \(cam1\)"):
