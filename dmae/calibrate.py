@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from dmae.clip import Poses3D, Source
+from dmae.clip import Poses3D
 from dmae.metrics import GAPS, gap_lengths
 
 SHARE = 0.9
@@ -44,9 +44,9 @@ def fit_factors(
         done = complete(measured, fps)
         deviation = np.sqrt(done.cov[..., 0, 0].astype(np.float64))
         ratio = np.linalg.norm(done.xyz.astype(np.float64) - truth.xyz, axis=-1) / deviation
-        known = (done.source == Source.COMPLETED) & np.isfinite(ratio)
+        known = np.isfinite(ratio)
         ratios.append(ratio[known])
-        classes.append(_classes(gap_lengths(measured.measured))[known])
+        classes.append(_classes(gap_lengths(done.measured))[known])
     ratio, found = np.concatenate(ratios or [[]]), np.concatenate(classes or [[]])
     if len(ratio) < _FEWEST:
         return None

@@ -119,7 +119,7 @@ def _expand_data(overrides: list[str]) -> list[str]:
 
 
 def _train_schema() -> type:
-    from dmae.train import TrainConfig
+    from dmae.learner import TrainConfig
 
     return TrainConfig
 

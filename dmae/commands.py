@@ -133,14 +133,13 @@ def run_complete(config: CompleteCommand, out: Path) -> None:
 def run_train(config, out: Path) -> None:
     from dmae.train import train
 
-    learned = [load(config.data), *(load(DataConfig(path=path)) for path in config.also)]
-    unseen = [load(DataConfig(path=path)) for path in config.unseen]
-    print(train(config, _named(learned), out, _named(unseen)))
+    also, unseen = ([load(DataConfig(path=path)) for path in paths] for paths in (config.also, config.unseen))
+    print(train(config, _named([load(config.data)]), out, _named(unseen), _named(also, first=1)))
 
 
-def _named(sets: list[Clips]) -> Iterator[Clip]:
-    """Clips called as their folders are, after the first set with the set's folder: each counts from 0."""
-    for number, clips in enumerate(sets):
+def _named(sets: list[Clips], first: int = 0) -> Iterator[Clip]:
+    """Clips called as their folders are, but for set 0 with the set's folder: each counts from 0."""
+    for number, clips in enumerate(sets, first):
         for clip, folder in zip(clips, clips.folders, strict=True):
             yield replace(clip, id=f"{folder.parent.name}/{folder.name}" if number else folder.name)
 

@@ -12,6 +12,7 @@ import torch
 from dmae.baselines import present
 from dmae.calibrate import inflated
 from dmae.clip import Poses3D, Source
+from dmae.fusion import answer, derive, nobody
 from dmae.gaps import neighbours
 from dmae.mapping import convert
 from dmae.metrics import gap_lengths
@@ -56,6 +57,8 @@ class Completer:
     - Poses at another rate than the model's are resampled, and what the model adds is resampled back.
     - Poses of another skeleton are completed by way of the joints that it has in common with the model's
       (`dmae.mapping.convert`); other joints stay as they are. `notes` tells of either.
+    - Weights of two skeletons side by side (`dmae.fusion`) take poses of the first, or of one that has all its joints,
+      and return poses of the second, see `dmae.fusion.answer`; no joint of theirs is `MEASURED`.
 
     With `frames`, those alone are completed and returned, with all the others to go by.
 
@@ -76,22 +79,48 @@ class Completer:
         if not (np.isfinite(fps) and fps > 0):
             raise ValueError(f"fps must be positive, found {fps}")
         poses = poses.without(np.isinf(poses.xyz).any(-1))
-        if poses.skeleton != self.skeleton:
-            return self._by_common_joints(poses, fps, frames)
+        if poses.skeleton != self.skeleton.parts[0]:
+            if not self.target:
+                return self._by_common_joints(poses, fps, frames)
+            poses = self._as_source(poses)
         poses = self._evidence(poses, fps)
+        if self.target:
+            return self._fuse(poses, fps, frames)
         absent = ((poses.source == Source.ABSENT) & present(poses, fps)[..., None])[frames]
         moved = poses.measured[frames] & self.denoise
         if not (absent | moved).any():
             return poses.select(frames)
-        predicted, scale = (part[frames] for part in self._predict(poses, fps, range(len(poses.xyz))[frames]))
+        predicted, scale = self._predict(poses, fps, frames)
         given = poses.select(frames)
         xyz = np.where((absent | moved)[..., None], predicted, given.xyz)
         source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))
-        if self.factors is None:
-            return replace(given, xyz=xyz, source=source)
-        deviation = self._deviation(poses, fps, scale, frames)
-        variance = deviation[..., None, None] ** 2 * np.eye(3)
-        return replace(given, xyz=xyz, source=source, cov=np.where(absent[..., None, None], variance, given.cov))
+        deviation = self._deviation(poses.measured, poses.measured, fps, scale, frames)
+        return _state(replace(given, xyz=xyz, source=source), absent, deviation)
+
+    @property
+    def target(self) -> Skeleton | None:
+        """What poses are turned into; None where they stay on their skeleton."""
+        return self.skeleton.parts[1] if len(self.skeleton.parts) > 1 else None
+
+    def _as_source(self, poses: Poses3D) -> Poses3D:
+        """Poses that have all the joints of the first of two skeletons, on it."""
+        wanted, found = self.skeleton.parts[0], poses.skeleton
+        if not set(wanted.joints) <= set(found.joints):
+            raise ValueError(
+                f"the weights turn {wanted.name!r} into {self.target.name!r}, the poses are {found.name!r}; convert "
+                "them (dmae.mapping.convert), or train on their skeleton"
+            )
+        return convert(poses, wanted)
+
+    def _fuse(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+        """The poses of the source turned into those of the target."""
+        there, count = present(poses, fps)[frames], len(self.target)
+        if not there.any():
+            return nobody(self.target, *there.shape)
+        predicted, scale = (part[:, :, -count:] for part in self._predict(poses, fps, frames))
+        done = answer(poses.select(frames), self.target, predicted, there)
+        rests_on = derive(poses, self.target).measured
+        return _state(done, there[..., None], self._deviation(rests_on, poses.measured, fps, scale, frames))
 
     @property
     def stride(self) -> float:
@@ -103,7 +132,9 @@ class Completer:
         notes, config = [], self.model.config
         if not self._same_rate(fps):
             notes.append(f"{fps:g} frames/s, resampled to the {config.fps:g} of the weights and back")
-        if poses.skeleton != self.skeleton:
+        if self.target:
+            notes.append(f"poses are {poses.skeleton.name}, returned as {self.target.name}")
+        elif poses.skeleton != self.skeleton:
             others = [joint for joint in poses.skeleton.joints if joint not in self.skeleton.joints]
             left = f"; not completed: {', '.join(others)}" if others else ""
             notes.append(f"poses are {poses.skeleton.name}, completed with weights for {self.skeleton.name}{left}")
@@ -138,11 +169,20 @@ class Completer:
             joints[name] = np.where(taken.reshape(*taken.shape, *(1,) * (new.ndim - 3)), new, old)
         return Poses3D(poses.skeleton, **joints)
 
-    def _deviation(self, poses: Poses3D, fps: float, scale: np.ndarray, frames: slice) -> np.ndarray:
-        """Standard deviations along each axis, m, of what is completed in those frames, where their scales are given;
-        NaN where unknown."""
-        lengths = np.where(poses.measured.any(0), gap_lengths(poses.measured), np.inf)[frames]
-        before, after = neighbours(poses.measured.any(-1))
+    def _deviation(
+        self, rests_on: np.ndarray, measured: np.ndarray, fps: float, scale: np.ndarray, frames: slice
+    ) -> np.ndarray | None:
+        """Standard deviations along each axis, m, of what is predicted in those frames, where their scales are given;
+        NaN where unknown, None where it is of every joint.
+
+        Args:
+            rests_on: (F, P, J) True where what the predicted joints rest on was measured.
+            measured: (F, P, any) True where a joint of the person was.
+        """
+        if self.factors is None:
+            return None
+        lengths = np.where(rests_on.any(0), gap_lengths(rests_on), np.inf)[frames]
+        before, after = neighbours(measured.any(-1))
         index = np.arange(len(before))[:, None]
         away = np.minimum(
             np.where(before < 0, np.inf, index - before), np.where(after == len(after), np.inf, after - index)
@@ -150,18 +190,19 @@ class Completer:
         known = np.where(away <= _NEARBY * fps, 1, np.nan)[frames, :, None]
         return known * inflated(scale, lengths * (self.model.config.fps / fps), self.factors)
 
-    def _predict(self, poses: Poses3D, fps: float, wanted: range) -> tuple[np.ndarray, np.ndarray]:
-        """Where every joint is, (F, P, J, 3), meaningful in the wanted frames while its person is present; and the
-        scale of its error (F, P, J), m, NaN where the model was not asked."""
+    def _predict(self, poses: Poses3D, fps: float, asked: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Where every joint is in those frames, (F, P, J, 3), meaningful while its person is present; and the scale of
+        its error (F, P, J), m, NaN where the model was not asked."""
         config = self.model.config
         rest = self.model.rest.cpu().numpy()
         frames, persons = poses.xyz.shape[:2]
-        rows = make_rows(poses, fps, rest, config.frames)
+        wanted = range(frames)[asked]
+        rows = make_rows(poses, fps, rest, config.frames, target=self.target)
         base = _frames(rows.base, persons)[:frames]
         if self._same_rate(fps):
             added = _frames(self._correct(rows, persons, wanted), persons)[:frames]
         else:
-            rows = make_rows(resample(poses, fps, config.fps), config.fps, rest, config.frames)
+            rows = make_rows(resample(poses, fps, config.fps), config.fps, rest, config.frames, target=self.target)
             ratio = config.fps / fps
             around = range(int(wanted.start * ratio), ceil(wanted.stop * ratio) + 1)
             correction = _frames(self._correct(rows, persons, around), persons)
@@ -170,7 +211,7 @@ class Completer:
             share = (time - first).clip(0, 1)[:, None, None, None]
             second = np.minimum(first + 1, len(correction) - 1)
             added = correction[first] * (1 - share) + correction[second] * share
-        return base + np.nan_to_num(added[..., :3]), np.exp(added[..., 3])
+        return (base + np.nan_to_num(added[..., :3]))[asked], np.exp(added[..., 3])[asked]
 
     def _correct(self, rows: Rows, persons: int, asked: range) -> np.ndarray:
         """(S, J, 4): what the model adds to the interpolation, m, world, and the logarithm of its scale; blended over
@@ -211,9 +252,14 @@ def load_completer(weights: Path, device: str = "auto", denoise: bool = False, r
     Raises:
         FileNotFoundError: there is no model in the folder.
         ValueError: its files are malformed, damaged, or of another version; or `denoise` is asked of a model
-            that was not taught to.
+            that was not taught to, or that poses do not stay on their skeleton with.
     """
     model, skeleton, record = load_model(weights)
+    if denoise and len(skeleton.parts) > 1:
+        raise ValueError(
+            f"{weights}: this model turns {skeleton.parts[0].name!r} into {skeleton.parts[1].name!r}, and "
+            "all joints are where it puts them; leave out denoise"
+        )
     if denoise and not record["denoises"]:
         raise ValueError(f"{weights}: this model was not trained to denoise; train with shown_weight above 0")
     where = pick_device(device)
@@ -229,6 +275,14 @@ def completers(weights: Path | None, **options) -> Callable[[Skeleton], Complete
         return cache(lambda skeleton: load_completer(find_shipped(skeleton), **options))
     completer = load_completer(weights, **options)
     return lambda skeleton: completer
+
+
+def _state(done: Poses3D, predicted: np.ndarray, deviation: np.ndarray | None) -> Poses3D:
+    """The poses with the covariances of the joints that were predicted."""
+    if deviation is None:
+        return done
+    variance = deviation[..., None, None] ** 2 * np.eye(3)
+    return replace(done, cov=np.where(predicted[..., None, None], variance, done.cov))
 
 
 def _frames(rows: np.ndarray, persons: int) -> np.ndarray:

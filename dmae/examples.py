@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from dmae.clip import Clip, Poses3D
+from dmae.fusion import true_pair
 from dmae.hiding import HidingConfig, hide
 from dmae.mapping import convert
 from dmae.metrics import match, take_matched
@@ -64,7 +65,7 @@ class Recording:
     Attributes:
         truth: F frames, P persons, J joints.
         captured: The same persons in the same order as cameras measured them, holes and errors included;
-            None where nobody captured them.
+            None where nobody captured them. On the skeleton of the truth, of two side by side on the first.
     """
 
     truth: Poses3D
@@ -85,18 +86,19 @@ def record(clip: Clip, skeleton: Skeleton, fps: float) -> Recording:
     """What there is to learn from a clip: its truth, and its `poses` as measurements of it, where it has any.
 
     Raises:
-        ValueError: the clip has no truth.
+        ValueError: the clip has no truth, or for two skeletons side by side (`dmae.fusion`) no truth on the second.
         KeyError: the skeleton cannot be had from those of the clip.
     """
     if clip.truth is None:
         raise ValueError(f"clip {clip.id!r} has no truth to learn from")
-    truth = convert(clip.truth, skeleton)
+    source, target = skeleton.parts[0], skeleton.parts[-1]
+    truth = convert(clip.truth, skeleton) if source is target else true_pair(clip.truth, skeleton)
     if clip.poses is None:
         return Recording(resample(truth, clip.fps, fps))
-    poses = convert(clip.poses, skeleton)
-    measured = np.where(poses.measured[..., None], poses.xyz, np.nan)
-    matches = match(measured, truth.xyz)
-    captured = Poses3D(skeleton, take_matched(measured, matches), rays=take_matched(poses.rays, matches))
+    poses = convert(clip.poses, source)
+    measured = Poses3D(source, np.where(poses.measured[..., None], poses.xyz, np.nan), rays=poses.rays)
+    matches = match(convert(measured, target).xyz, convert(truth, target).xyz)
+    captured = Poses3D(source, take_matched(measured.xyz, matches), rays=take_matched(measured.rays, matches))
     return Recording(resample(truth, clip.fps, fps), resample(captured, clip.fps, fps))
 
 
@@ -107,15 +109,32 @@ class TrainingBatches(Dataset):
     than windows; then windows are drawn from all of them.
     """
 
-    def __init__(self, recordings: list[Recording], recipe: Recipe, *, seed: int, epoch: int, steps: int, batch: int):
+    def __init__(
+        self,
+        recordings: list[Recording],
+        recipe: Recipe,
+        *,
+        seed: int,
+        epoch: int,
+        steps: int,
+        batch: int,
+        replayed: list[Recording] | None = None,
+        replay: float = 0.0,
+    ):
+        """
+        Args:
+            replayed: Recordings that a share `replay` of the windows is drawn from.
+        """
         self.recipe, self.seed, self.first, self.steps, self.batch = recipe, seed, epoch * steps, steps, batch
         rng = generator(seed, epoch, Stream.HIDING)
-        pool, size, order = [], 0, []
-        # Twice as many rows as windows are drawn: neighbouring windows differ little.
-        while size < 2 * steps * batch:
-            order = order or list(rng.permutation(len(recordings)))
-            pool.append(hidden_rows(vary(recordings[order.pop()], recipe, rng=rng), recipe, rng=rng))
-            size += len(pool[-1].base)
+        pool = []
+        for group, share in ((recordings, 1 - replay), (replayed, replay)):
+            size, order = 0, []
+            # Twice as many rows as windows are drawn: neighbouring windows differ little.
+            while size < 2 * steps * batch * share:
+                order = order or list(rng.permutation(len(group)))
+                pool.append(hidden_rows(vary(group[order.pop()], recipe, rng=rng), recipe, rng=rng))
+                size += max(len(pool[-1].starts), 1)
         self.rows = join_rows(pool)
 
     def __len__(self) -> int:
@@ -139,10 +158,11 @@ def validation_batches(recordings: list[Recording], recipe: Recipe, *, seed: int
 
 
 def as_measured(recordings: list[Recording], recipe: Recipe, *, seed: int) -> Iterator[tuple[Poses3D, Poses3D]]:
-    """Poses as a model will be given them, and their truth: those captured as they are, others with joints hidden."""
+    """Poses as a model will be given them, and what is true of those it returns: those captured as they are, others
+    with joints hidden."""
     for number, recording in enumerate(recordings):
         measured = recording.captured or _hidden(recording, recipe, rng=generator(seed, number, Stream.VALIDATION))
-        yield measured, recording.truth
+        yield measured, convert(recording.truth, recording.truth.skeleton.parts[-1])
 
 
 def vary(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> Recording:
@@ -171,17 +191,21 @@ def vary(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> R
 def hidden_rows(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> Rows:
     """A recording as it was captured, or with errors made up, and with more joints hidden."""
     measured = _hidden(recording, recipe, rng=rng)
-    return make_rows(measured, recipe.model.fps, recipe.rest, recipe.model.frames, recording.truth.xyz)
+    truth, target = recording.truth.xyz, None
+    if recording.truth.skeleton != measured.skeleton:
+        target = recording.truth.skeleton.parts[-1]
+        truth = np.where(np.arange(truth.shape[2])[:, None] < len(measured.skeleton), np.nan, truth)
+    return make_rows(measured, recipe.model.fps, recipe.rest, recipe.model.frames, truth, target)
 
 
 def _hidden(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> Poses3D:
-    truth = recording.truth
-    measured = recording.captured or _disturb(truth, recipe.augment, rng=rng)
-    hidden = hide(*truth.xyz.shape[:2], truth.skeleton, recipe.model.fps, recipe.hiding, rng=rng)
-    # Of the joints hidden some are still seen by a camera, as many as of those that capture leaves open.
-    seen = rng.random((1, *truth.xyz.shape[1:3])) < _SEEN
+    source = recording.truth.skeleton.parts[0]
+    measured = recording.captured or _disturb(convert(recording.truth, source), recipe.augment, rng=rng)
+    hidden = hide(*measured.xyz.shape[:2], source, recipe.model.fps, recipe.hiding, rng=rng)
+    # Of the joints hidden some are still seen by a camera, as are many of those that capture leaves open.
+    seen = rng.random((1, *measured.xyz.shape[1:3])) < _SEEN
     rays = np.where((hidden & ~seen)[..., None, None], np.nan, measured.rays)
-    return Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, measured.xyz), rays=rays)
+    return Poses3D(source, np.where(hidden[..., None], np.nan, measured.xyz), rays=rays)
 
 
 def _disturb(truth: Poses3D, augment: AugmentConfig, *, rng: np.random.Generator) -> Poses3D:

@@ -52,6 +52,11 @@ class Skeleton:
         return {joint: i for i, joint in enumerate(self.joints)}
 
     @cached_property
+    def parts(self) -> tuple["Skeleton", ...]:
+        """The two that `fuse` put side by side; else this one alone."""
+        return tuple(SKELETONS[name] for name in self.name.split("+")) if "+" in self.name else (self,)
+
+    @cached_property
     def bones(self) -> tuple[tuple[int, int], ...]:
         """(parent, child) index pairs, one for each joint that has a parent."""
         return tuple((parent, child) for child, parent in enumerate(self.parents) if parent >= 0)

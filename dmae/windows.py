@@ -13,6 +13,7 @@ from torch import Tensor
 
 from dmae.baselines import fill_rays, present
 from dmae.clip import Poses3D, Source
+from dmae.fusion import derive
 from dmae.gaps import neighbours
 from dmae.skeleton import Skeleton
 
@@ -139,11 +140,14 @@ def hips(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     """(J, 3) m, the mean of bodies (..., J, 3) about their mid hip, facing +x; stands in for what is never seen.
 
+    Of two skeletons side by side the hips and the facing are the first's.
+
     Raises:
         ValueError: a joint is never known together with the hips and a pair of hips or shoulders.
     """
     flat = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64)
-    upright = Normalisation(hips(flat, skeleton), body_front(flat, skeleton)).apply(flat)
+    first = skeleton.parts[0]
+    upright = Normalisation(hips(flat, first), body_front(flat, first)).apply(flat)
     known = ~np.isnan(upright).any(-1)
     never = [joint for joint, count in zip(skeleton.joints, known.sum(0), strict=True) if not count]
     if never:
@@ -151,7 +155,14 @@ def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     return np.where(known[..., None], upright, 0).sum(0) / known.sum(0)[:, None]
 
 
-def make_rows(poses: Poses3D, fps: float, rest: np.ndarray, frames: int, truth: np.ndarray | None = None) -> Rows:
+def make_rows(
+    poses: Poses3D,
+    fps: float,
+    rest: np.ndarray,
+    frames: int,
+    truth: np.ndarray | None = None,
+    target: Skeleton | None = None,
+) -> Rows:
     """Interpolate what is absent over the whole recording and lay the persons out as rows.
 
     What `fill_rays` leaves open (persons out of the scene, joints never measured) hangs from the
@@ -162,18 +173,27 @@ def make_rows(poses: Poses3D, fps: float, rest: np.ndarray, frames: int, truth: 
         rest: (J, 3) m, see `rest_pose`.
         frames: Length of the windows.
         truth: (F, P, J, 3) m, world.
+        target: Skeleton whose joints come after those of the poses in all of these and in the rows, never observed;
+            interpolated means derived from the other joints, its gaps are those of the joints that it is derived from.
     """
-    skeleton = poses.skeleton
+    skeleton, hanging = poses.skeleton, rest[len(poses.skeleton) :]
+    rest = rest[: len(skeleton)]
     count, persons = poses.xyz.shape[:2]
     observed = ~np.isnan(poses.xyz).any(-1)
-    before, after = neighbours(observed)
-    index = np.arange(count)[:, None, None]
-    gap = np.stack([np.where(before < 0, _FAR, index - before), np.where(after == count, _FAR, after - index)], -1)
+    gap = _gap(observed)
     filled = fill_rays(poses, fps)
     base = filled.xyz.astype(np.float64)
     ray = np.where((filled.source == Source.COMPLETED)[..., None], np.nan_to_num(poses.rays[..., 1, :]), 0)
     origin, front = _stance(base, skeleton, rest)
     _hang(base, skeleton, rest, origin, front)
+    if target is not None:
+        derived = derive(Poses3D(skeleton, base, np.where(observed, Source.MEASURED, Source.COMPLETED)), target)
+        start = derived.xyz.astype(np.float64)
+        _hang(start, target, hanging, origin, front)
+        base, gap = np.concatenate([base, start], 2), np.concatenate([gap, _gap(derived.measured)], 2)
+        observed = np.concatenate([observed, np.zeros_like(derived.measured)], 2)
+        # The target's joints are not quite where the source's are: not on their rays.
+        ray = np.concatenate([ray, np.zeros_like(start)], 2)
 
     length = max(count, frames)
     inside = np.arange(length) < count
@@ -194,6 +214,15 @@ def make_rows(poses: Poses3D, fps: float, rest: np.ndarray, frames: int, truth: 
         front=lay(front),
         present=lay(present(poses, fps)) & np.tile(inside, persons),
         starts=_starts(shown.any(-1).reshape(persons, length), frames),
+    )
+
+
+def _gap(observed: np.ndarray) -> np.ndarray:
+    """Of (F, P, J): frames since and until each was observed, (F, P, J, 2)."""
+    before, after = neighbours(observed)
+    index = np.arange(len(observed))[:, None, None]
+    return np.stack(
+        [np.where(before < 0, _FAR, index - before), np.where(after == len(observed), _FAR, after - index)], -1
     )
 
 

@@ -16,10 +16,11 @@ from dmae.clip import Poses3D, Source
 from dmae.complete import load_completer
 from dmae.examples import AugmentConfig
 from dmae.hiding import HidingConfig
+from dmae.learner import TrainConfig
 from dmae.mapping import convert
 from dmae.model import ModelConfig
 from dmae.skeleton import SHELF14
-from dmae.train import TrainConfig, train
+from dmae.train import train
 from dmae.weights import save_model
 
 from .completing import FPS, strolling, untrained, with_holes

@@ -12,9 +12,10 @@ from safetensors.torch import load_file
 from dmae.clip import Poses3D
 from dmae.examples import AugmentConfig
 from dmae.hiding import HidingConfig
+from dmae.learner import Learner, Loss, TrainConfig
 from dmae.model import ModelConfig
 from dmae.skeleton import BODY25
-from dmae.train import Learner, Loss, TrainConfig, train
+from dmae.train import train
 
 from .strollers import clip_of, strollers
 
