@@ -92,7 +92,7 @@ class TrainConfig:
     @property
     def peak(self) -> float:
         """The greatest learning rate."""
-        return self.lr or (2e-4 if self.init else 2e-3)
+        return self.lr if self.lr is not None else 2e-4 if self.init else 2e-3
 
 
 class Learner(lightning.LightningModule):

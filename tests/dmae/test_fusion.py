@@ -206,6 +206,13 @@ def test_it_learns_where_annotators_put_joints(trained, fps):
     assert errors(load_completer(trained)(given, fps), truth) < 0.7 * errors(by_hand, truth)
 
 
+def test_the_paper_s_network_fuses_too(tmp_path):
+    network = replace(SMALL, residual=False, turn_to_front=False)
+    folder = train(replace(LEARNING, model=network, steps=2), [simulated(0)], tmp_path)
+    done = load_completer(folder)(walk(1), FPS)
+    assert done.skeleton == SHELF14 and (done.source == Source.DENOISED).all()
+
+
 def test_few_annotated_frames_teach_another_annotator_s_mind_without_forgetting_the_first_s(trained, tmp_path):
     config = replace(LEARNING, init=str(trained), skeleton=None, steps=60, lr=1e-3, replay=0.25, also=["sim"])
     tuned = train(config, [recorded(20, "real")], tmp_path, also=[simulated(seed) for seed in range(4)])
