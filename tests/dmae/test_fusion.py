@@ -194,7 +194,7 @@ def test_nobody_is_nobody_on_the_target_too(shape):
 
 
 def test_poses_that_lack_joints_of_the_source_are_refused():
-    with pytest.raises(ValueError, match=r"for skeleton 'body21', the poses are 'coco17'; convert"):
+    with pytest.raises(ValueError, match=r"turn 'body21' into 'shelf14', the poses are 'coco17'; convert"):
         untrained()(convert(walk(0), COCO17), FPS)
 
 
