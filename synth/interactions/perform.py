@@ -132,7 +132,7 @@ def _draw(role: Role, body: Body, cast: Cast, config: MotionConfig, *, rng: np.r
     ways = replace(
         config.procedural, standing=0.0 if role.walks else 1.0, straight=1.0, gesture=0.0, speed=[speed, speed]
     )
-    made = replace(config, kind=MotionKind.procedural, path=None, procedural=ways)
+    made = replace(config, kind=MotionKind.procedural, path=None, actions=[], procedural=ways)
     if config.kind is MotionKind.procedural:
         return fit(load_motion(made, **span), body), True
     found = None

@@ -28,6 +28,7 @@ class Motion:
         rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`, world from segment.
         hip_height: Height of the hip joints above the soles when the source's body stands
             straight, m; a body of other proportions scales `root` by the ratio of the two.
+        seats: Frames in each of which it has sat down on a stool that is its own.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Motion:
     root: np.ndarray
     rotations: np.ndarray
     hip_height: float
+    seats: tuple[int, ...] = ()
 
     def __post_init__(self):
         for field, shape in (("root", (3,)), ("rotations", (len(SEGMENTS), 3, 3))):

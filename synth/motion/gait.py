@@ -63,7 +63,7 @@ class Path:
         return along + np.stack([-np.sin(heading), np.cos(heading)], axis=-1) * np.asarray(left)[..., None]
 
 
-_LEGS = ((1.0, 0.5), (-1.0, 0.0))
+LEGS = ((1.0, 0.5), (-1.0, 0.0))
 """Left and right leg: which side is left, and by how much each is ahead of the walk's phase."""
 _HEEL_OFF = 0.30
 """Phase at which the heel may leave the floor."""
@@ -114,26 +114,26 @@ class Walk:
         Returns:
             root (F, 3), pelvis (F, 3, 3), ankles (F, 2, 3) left and right, feet (F, 2, 3, 3).
         """
-        ahead, up, left, turn, tilt = self._pelvis(phase)
+        ahead, up, left, turn, tilt = self.pelvis(phase)
         ahead = ahead + self.stride * phase
         root = np.concatenate([self.path.at(ahead, left), (self._fit.height + up)[:, None]], axis=1)
         pelvis = about("z", self.path.heading_at(ahead) + turn) @ about("x", tilt)
         ankles, feet = np.zeros((len(phase), 2, 3)), np.zeros((len(phase), 2, 3, 3))
         spare = np.inf
-        for leg, (_, early) in enumerate(_LEGS):
+        for leg, (_, early) in enumerate(LEGS):
             strides, own = np.divmod(phase + early, 1)
             swinging = own >= self.stance
-            ankles[:, leg] = self._planted(leg, strides, own)
+            ankles[:, leg] = self.planted(leg, strides, own)
             spare = min(spare, headroom(root, pelvis, ankles)[~swinging, leg].min(initial=np.inf))
             ankles[swinging, leg] = self._swung(leg, strides[swinging], own[swinging], self._lift)
             change = smoothstep((own - self.stance) / (1 - self.stance))
-            yaw = self._footprint(leg, strides)[1] * (1 - change) + self._footprint(leg, strides + 1)[1] * change
-            feet[:, leg] = about("z", yaw) @ about("y", -self._pitch(own))
+            yaw = self.footprint(leg, strides)[1] * (1 - change) + self.footprint(leg, strides + 1)[1] * change
+            feet[:, leg] = about("z", yaw) @ about("y", -self.pitch(own))
         # On a tight curve legs reach the floor from a little lower than straight ahead.
         root[:, 2] += min(spare, 0)
         return root, pelvis, ankles, feet
 
-    def _pelvis(self, phase: np.ndarray) -> tuple[np.ndarray, ...]:
+    def pelvis(self, phase: np.ndarray) -> tuple[np.ndarray, ...]:
         """How far the pelvis is ahead of, above and left of its steady course, m, turned and tilted left up, rad."""
         # From end to end at 0.7 and 1.6 m/s: Orendurff et al., J. Rehabil. Res. Dev. 41 (2004).
         height, sway = (np.interp(self.speed, (0.7, 1.6), ends) / 2 for ends in ((0.027, 0.048), (0.070, 0.039)))
@@ -149,7 +149,7 @@ class Walk:
 
     def _hip(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A hip at its leg's own phase: ahead on the path, above the hips' mean height, outward of its foot, m."""
-        ahead, up, left, turn, tilt = self._pelvis(own)
+        ahead, up, left, turn, tilt = self.pelvis(own)
         return (
             self.stride * own + ahead + HALF_HIPS * np.sin(turn),
             up - HALF_HIPS * np.sin(tilt),
@@ -174,7 +174,7 @@ class Walk:
         # Before the heel leaves the floor: the farther ahead a foot is planted, the lower must the hips be at heel
         # strike and the higher may they be at mid stance. They ride highest in between.
         pitch = published * (1 - smoothstep((own - 0.03) / 0.06))
-        forward, up = _roll(pitch)
+        forward, up = rolled(pitch)
         early = own < _HEEL_OFF
         leads = np.linspace(0.1, 0.5, 401)[:, None]
         level = np.hypot((ahead - forward)[early] - leads, outward[early])
@@ -184,7 +184,7 @@ class Walk:
         # After that it rises so that the knee does as published.
         late = (own >= _HEEL_OFF) & (own <= self.stance)
         rises = -np.radians(np.linspace(0, 80, 801))
-        forward, up = _roll(rises)
+        forward, up = rolled(rises)
         leg = np.hypot((ahead[late] - lead)[:, None] - forward, (height + above[late])[:, None] - up)
         leg = np.hypot(leg, outward[late][:, None])
         wanted = leg_length(np.maximum(knee_angle(own[late]), STRAIGHTEST))
@@ -195,25 +195,25 @@ class Walk:
         pitch[swing] = (published + (pitch[last] - published[last]) * fading)[swing]
         return _Fit(lead, height, pitch)
 
-    def _pitch(self, own: np.ndarray) -> np.ndarray:
+    def pitch(self, own: np.ndarray) -> np.ndarray:
         """Pitch of the foot, toes up, rad, at the leg's own phase."""
         return np.interp(own % 1, np.linspace(0, 1, len(self._fit.pitch)), self._fit.pitch)
 
-    def _footprint(self, leg: int, stride: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def footprint(self, leg: int, stride: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the ankle is over the flat foot in its n-th stride, (F, 2) m, and the foot's heading, (F,) rad."""
-        side, early = _LEGS[leg]
+        side, early = LEGS[leg]
         ahead = self.stride * (stride - early) + self._fit.lead
         return self.path.at(ahead, side * self.width / 2), self.path.heading_at(ahead) + side * self.toe_out
 
-    def _planted(self, leg: int, stride: np.ndarray, own: np.ndarray) -> np.ndarray:
+    def planted(self, leg: int, stride: np.ndarray, own: np.ndarray) -> np.ndarray:
         """(F, 3) ankle of a foot on the floor in its n-th stride, at its own phase within it."""
-        xy, yaw = self._footprint(leg, stride)
-        forward, up = _roll(self._pitch(own))
+        xy, yaw = self.footprint(leg, stride)
+        forward, up = rolled(self.pitch(own))
         return np.concatenate([xy + forward[:, None] * np.stack([np.cos(yaw), np.sin(yaw)], 1), up[:, None]], axis=1)
 
     def _swung(self, leg: int, stride: np.ndarray, own: np.ndarray, lift: float) -> np.ndarray:
         """(F, 3) ankle of a foot in the air after its n-th stride's stance, at its own phase within it."""
-        side, early = _LEGS[leg]
+        side, early = LEGS[leg]
 
         def published(own: np.ndarray) -> np.ndarray:
             hip, up, _ = self._hip(own)
@@ -222,7 +222,7 @@ class Walk:
             return np.concatenate([xy, (self._fit.height + up + above)[:, None]], axis=1)
 
         def off(stride: np.ndarray, own: float) -> np.ndarray:
-            return self._planted(leg, stride, np.full(len(stride), own)) - published(stride + own)
+            return self.planted(leg, stride, np.full(len(stride), own)) - published(stride + own)
 
         # How far it is off, and how fast that changes, where foot and floor part and where they meet again.
         parting, meeting = off(stride, self.stance), off(stride + 1, 0)
@@ -241,7 +241,7 @@ class Walk:
         """How much higher than so a swinging foot must go at mid swing for its tip to clear the floor, m."""
         u = np.linspace(0.1, 0.9, 81)
         own = self.stance + (1 - self.stance) * u
-        pitch = self._pitch(own)
+        pitch = self.pitch(own)
         tip = self._swung(1, np.zeros(len(u)), own, lift=0)[:, 2] + TIP * np.sin(pitch) - ANKLE * np.cos(pitch)
         return float(np.max(_CLEARANCE - tip / _arch(u)))
 
@@ -260,7 +260,7 @@ def _arch(u: np.ndarray) -> np.ndarray:
     return 16 * u**2 * (1 - u) ** 2
 
 
-def _roll(pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def rolled(pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Ankle ahead of where it is over the flat foot, and above the floor, m, of a foot rolled onto its heel or tip."""
     pivot = np.where(pitch > 0, HEEL, TIP)
     cosine, sine = np.cos(pitch), np.sin(pitch)

@@ -3,15 +3,13 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from synth.motion import SEGMENTS, Motion
+from synth.motion import Motion
+from synth.motion.course import SIDES, Course, over_feet
 from synth.motion.gait import Path, Walk
-from synth.motion.legs import ANKLE, HIP_HEIGHT, headroom, solve_legs
+from synth.motion.legs import ANKLE, headroom
 from synth.motion.rotations import about
-from synth.motion.upper import HANGING, arm, gesture, wander
-
-_SIDES = (("l", 1.0), ("r", -1.0))
+from synth.motion.upper import gesture, hang, swing_width, wander
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ class ProceduralConfig:
 
 
 @dataclass(frozen=True)
-class _Course:
+class _Gait:
     """What the lower body does over F frames, and what the rest of it makes of that.
 
     Attributes:
@@ -76,36 +74,32 @@ def make_motion(config: ProceduralConfig, *, seconds: float, fps: float, rng: np
         round(seconds * fps) frames.
     """
     times = np.arange(max(round(seconds * fps), 1)) / fps
-    course = _stand(rng, times) if rng.uniform() < config.standing else _walk(config, rng, times)
-    name, rotations = course.name, {"pelvis": course.pelvis, "l_foot": course.feet[:, 0], "r_foot": course.feet[:, 1]}
-    arms = {side: _hang(rng, times, course.swing * sign) for side, sign in _SIDES}
-    turn = -0.3 * course.swing
+    gait = _stand(rng, times) if rng.uniform() < config.standing else _walk(config, rng, times)
+    name, arms = gait.name, [hang(rng, times, gait.swing * sign) for _, sign in SIDES]
+    turn = -0.3 * gait.swing
     if rng.uniform() < config.gesture:
-        (side, sign), kind = _SIDES[rng.integers(2)], str(rng.choice(("reach", "wave")))
+        arm, kind = rng.integers(2), str(rng.choice(("reach", "wave")))
+        side, sign = SIDES[arm]
         share, angles = gesture(rng, kind, times)
-        arms[side] += share[:, None] * (angles - arms[side])
+        arms[arm] += share[:, None] * (angles - arms[arm])
         # The shoulder comes along.
         turn = turn - sign * np.radians(8) * share
         name += f", {kind} {side}"
-    forward, right = course.lean.T
-    rotations["chest"] = chest = about("z", course.heading + turn) @ about("y", forward) @ about("x", right)
-    bend = Rotation.from_matrix(course.pelvis.swapaxes(1, 2) @ chest).as_rotvec()
-    rotations["spine"] = course.pelvis @ Rotation.from_rotvec(bend / 2).as_matrix()
     look, nod = (wander(rng, times, np.radians(rms), 0.3) for rms in (15, 5))
-    rotations["head"] = about("z", course.heading + look) @ about("y", nod) @ about("x", right / 3)
-    ahead = course.feet[..., 0] * (1, 1, 0)
-    ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
-    legs = solve_legs(course.root, course.pelvis, course.ankles, ahead + course.pelvis[:, None, :, 0])
-    for leg, (side, sign) in enumerate(_SIDES):
-        rotations[f"{side}_thigh"], rotations[f"{side}_shin"] = legs[0][:, leg], legs[1][:, leg]
-        parts = arm(chest, sign, arms[side])
-        rotations |= {
-            f"{side}_{part}": value for part, value in zip(("upper_arm", "forearm", "hand"), parts, strict=True)
-        }
-    return Motion(name, fps, course.root, np.stack([rotations[part] for part in SEGMENTS], axis=1), HIP_HEIGHT)
+    course = Course(
+        root=gait.root,
+        pelvis=gait.pelvis,
+        ankles=gait.ankles,
+        feet=gait.feet,
+        knees=over_feet(gait.pelvis, gait.feet),
+        chest=np.stack([gait.heading + turn, *gait.lean.T], axis=1),
+        head=np.stack([gait.heading + look, nod], axis=1),
+        arms=np.stack(arms, axis=1),
+    )
+    return course.motion(name, fps)
 
 
-def _walk(config: ProceduralConfig, rng: np.random.Generator, times: np.ndarray) -> _Course:
+def _walk(config: ProceduralConfig, rng: np.random.Generator, times: np.ndarray) -> _Gait:
     speed, radius = rng.uniform(*config.speed), rng.uniform(*config.radius) * rng.choice((-1, 1))
     distance = np.arange(-3, speed * times[-1] + 5, 0.01)
     way = rng.uniform()
@@ -123,9 +117,8 @@ def _walk(config: ProceduralConfig, rng: np.random.Generator, times: np.ndarray)
     root, pelvis, ankles, feet = walk.lower_body(phase)
     # Leaning into a turn, as far as balance asks of a body that is stiff.
     inward = np.arctan(speed**2 * np.interp(walk.stride * phase, distance, curvature) / 9.81)
-    # Arms go with the opposite legs, the wider the faster: Murray, Sepic and Barnard, Physical Therapy 47 (1967).
-    width = np.radians(np.interp(speed, (0.7, 1.6), (8, 20))) * rng.uniform(0.6, 1.3)
-    return _Course(
+    width = swing_width(speed) * rng.uniform(0.6, 1.3)
+    return _Gait(
         name=f"walk at {speed:.1f} m/s, {way}",
         root=root,
         pelvis=pelvis,
@@ -137,7 +130,7 @@ def _walk(config: ProceduralConfig, rng: np.random.Generator, times: np.ndarray)
     )
 
 
-def _stand(rng: np.random.Generator, times: np.ndarray) -> _Course:
+def _stand(rng: np.random.Generator, times: np.ndarray) -> _Gait:
     width, stagger, toe_out = rng.uniform(0.14, 0.30), rng.uniform(-0.06, 0.06), np.radians(rng.uniform(3, 15))
     frames = len(times)
     ankles = np.tile([(stagger, width / 2, ANKLE), (-stagger, -width / 2, ANKLE)], (frames, 1, 1))
@@ -152,7 +145,7 @@ def _stand(rng: np.random.Generator, times: np.ndarray) -> _Course:
     root = np.stack([forward, left, np.zeros(frames)], axis=1)
     # As high as both legs reach throughout, less what makes the knees' ease.
     root[:, 2] = headroom(root, pelvis, ankles).min() - rng.uniform(0.002, 0.012)
-    return _Course(
+    return _Gait(
         name="stand",
         root=root,
         pelvis=pelvis,
@@ -162,13 +155,3 @@ def _stand(rng: np.random.Generator, times: np.ndarray) -> _Course:
         lean=np.stack([np.radians(rng.uniform(-2, 5)) + wander(rng, times, np.radians(1), 0.3), -tilt], axis=1),
         swing=wander(rng, times, np.radians(1), 0.3),
     )
-
-
-def _hang(rng: np.random.Generator, times: np.ndarray, swing: np.ndarray) -> np.ndarray:
-    """(F, 5) angles, as `upper.HANGING`, of an arm at ease that swings (F,) to the front, rad."""
-    angles = HANGING + np.radians(rng.uniform((-8, -3, -15, -10, -15), (3, 6, 15, 15, 20)))
-    angles = angles + np.stack([wander(rng, times, np.radians(1.5), 0.5) for _ in range(5)], axis=1)
-    angles[:, 0] += swing
-    # The elbow bends as the arm comes forward.
-    angles[:, 3] += 0.5 * (np.abs(swing).max() + swing)
-    return angles

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from synth.motion import Motion
+from synth.motion.agenda import ACTIONS
 from synth.motion.amc import read_amc
 from synth.motion.bvh import read_bvh
 from synth.motion.c3d import read_c3d
@@ -19,6 +20,7 @@ from synth.motion.npz import read_npz
 from synth.motion.procedural import ProceduralConfig, make_motion
 from synth.motion.retarget import retarget
 from synth.motion.rotations import about
+from synth.motion.sequence import WEIGHTS, check_actions, make_sequence
 
 _TURN_TIME = 0.3
 """Seconds in which a take that is played to and fro comes to rest at its ends."""
@@ -58,6 +60,9 @@ class MotionConfig:
         mapping: YAML file of lines `their name: our name`, of joints, or of markers, that recordings call otherwise.
             Ours are those of any skeleton that is known, or `pelvis spine chest head`, and `l_` and `r_` before
             `upper_arm forearm hand knuckle thigh shin foot`.
+        actions: What people do, one thing after the other, who follow no recording. Of none, they walk or stand
+            throughout, as `procedural` says, which else only tells how fast they walk.
+        weights: How often each action is done relative to the others, where that is not 1.
         procedural: How people move who follow no recording.
     """
 
@@ -67,9 +72,12 @@ class MotionConfig:
     unit: float | None = None
     up: Up = Up.auto
     mapping: str | None = None
+    actions: list[str] = field(default_factory=lambda: list(ACTIONS))
+    weights: dict[str, float] = field(default_factory=lambda: dict(WEIGHTS))
     procedural: ProceduralConfig = field(default_factory=ProceduralConfig)
 
     def __post_init__(self):
+        check_actions(self.actions, self.weights)
         for name in ("fps", "unit"):
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
@@ -89,7 +97,10 @@ def load_motion(config: MotionConfig, *, seconds: float, fps: float, rng: np.ran
         ValueError: a file is malformed, or of a skeleton that is not known.
     """
     if config.kind is MotionKind.procedural:
-        return make_motion(config.procedural, seconds=seconds, fps=fps, rng=rng)
+        span = {"seconds": seconds, "fps": fps, "rng": rng}
+        if not config.actions:
+            return make_motion(config.procedural, **span)
+        return make_sequence(config.actions, config.weights, speed=config.procedural.speed, **span)
     paths = takes(config)
     path = paths[rng.integers(len(paths))]
     take = read_take(path, config.fps, unit=config.unit, up=config.up, mapping=config.mapping)

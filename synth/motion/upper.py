@@ -29,10 +29,28 @@ def wander(rng: np.random.Generator, times: np.ndarray, rms: float, fastest: flo
     return rms * 0.5 * np.sin(2 * np.pi * frequencies * times[:, None] + phases).sum(1)
 
 
+def swing_width(speed: float) -> float:
+    """By how much arms swing, with the opposite legs, at a walking speed, m/s; rad.
+
+    The wider the faster: Murray, Sepic and Barnard, Physical Therapy 47 (1967).
+    """
+    return float(np.radians(np.interp(speed, (0.7, 1.6), (8, 20))))
+
+
 def minimum_jerk(x: np.ndarray) -> np.ndarray:
     """From 0 to 1 the way hands go from rest to rest: Flash and Hogan, Journal of Neuroscience 5 (1985)."""
     x = np.clip(x, 0, 1)
     return x**3 * (10 - 15 * x + 6 * x**2)
+
+
+def hang(rng: np.random.Generator, times: np.ndarray, swing: np.ndarray) -> np.ndarray:
+    """(F, 5) angles, as `HANGING`, of an arm at ease that swings (F,) to the front, rad."""
+    angles = HANGING + np.radians(rng.uniform((-8, -3, -15, -10, -15), (3, 6, 15, 15, 20)))
+    angles = angles + np.stack([wander(rng, times, np.radians(1.5), 0.5) for _ in range(5)], axis=1)
+    angles[:, 0] += swing
+    # The elbow bends as the arm comes forward.
+    angles[:, 3] += 0.5 * (np.abs(swing).max() + swing)
+    return angles
 
 
 def gesture(rng: np.random.Generator, kind: str, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
