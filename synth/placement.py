@@ -19,6 +19,8 @@ _TURNS = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.15, 1.6, 2.2)
 _APART = 0.8
 """Least distance of two people's hips in the first frame, m."""
 
+_STOOL = 0.17
+"""Radius of `scenes/props/stool.xml`, m."""
 _ROOM = (0.3, 0.05, 0.6)
 """Between a thing and who walks by, other things, and cameras, m."""
 
@@ -37,7 +39,8 @@ def place_persons(
 ) -> list[Placement]:
     """A place for each motion: it passes near a common meeting point at some time, and stays within the radius.
 
-    Of several draws for a person the one that needs the fewest sidesteps is taken.
+    Of several draws for a person the one that needs the fewest sidesteps is taken. Nobody passes where another's stool
+    stands, see `stools`.
 
     Raises:
         FailedSimulation: somebody's motion does not fit; the message says whose and what to change.
@@ -45,14 +48,18 @@ def place_persons(
     obstacles = footprints(arena)
     meeting = rng.normal(0, 0.25 * gathering, 2)
     placements: list[Placement] = []
-    paths = np.empty((len(motions[0]), 0, 2))
+    paths, seats = np.empty((len(motions[0]), 0, 2)), np.empty((0, 3))
     for number, motion in enumerate(motions):
         best, least = None, np.inf
         for attempt in range(_TRIES):
             # The longer nothing fits, the farther from the middle.
             spread = gathering * (1 + attempt / 15)
             placed, path, outside = _draw(motion, meeting + rng.normal(0, spread, 2), radius, rng=rng)
-            cost = 10 * outside + _crowding(path, paths, obstacles, clearance)
+            cost = 10 * outside + _crowding(path, paths, np.concatenate([obstacles, seats]), clearance)
+            own = stools(motion, path)
+            if len(own):
+                gap = np.linalg.norm(paths[:, :, None] - own[:, :2], axis=-1) - own[:, 2] - 0.3
+                cost += 3 * np.maximum(0, -gap).max(initial=0.0)
             if cost < least:
                 best, least, kept = placed, cost, path
             if least < 0.02:
@@ -67,7 +74,18 @@ def place_persons(
             )
         placements.append(best)
         paths = np.concatenate([paths, kept[:, None]], axis=1)
+        seats = np.concatenate([seats, stools(motion, kept)])
     return placements
+
+
+def stools(motion: Motion, path: np.ndarray) -> np.ndarray:
+    """(K, 3) x, y and radius of the stools on which somebody sits whose hips go along a path (F, 2), m."""
+    places: list[np.ndarray] = []
+    for frame in motion.seats:
+        # Who sits down once more where they did has the same stool.
+        if all(np.linalg.norm(path[frame] - place) > 2 * _STOOL for place in places):
+            places.append(path[frame])
+    return np.column_stack([np.reshape(places, (-1, 2)), np.full(len(places), _STOOL)])
 
 
 def place_script(

@@ -17,7 +17,7 @@ from synth.looks import Looks, sample_looks
 from synth.motion import Motion
 from synth.motion.source import MotionConfig
 from synth.person import MOST_PERSONS
-from synth.placement import place_persons, place_props, place_script, placed_discs
+from synth.placement import place_persons, place_props, place_script, placed_discs, stools
 from synth.plan import lead, led_path
 from synth.props import PropsConfig, Up, find_meshes, prop_space
 from synth.revive import revive
@@ -219,6 +219,8 @@ def sample_spec(
             motions, arena, radius=config.radius, gathering=gathering, clearance=clearance, rng=rng
         )
     paths = np.stack([led_path(m, *placed) for m, placed in zip(motions, placements, strict=True)], axis=1)
+    for person, made in enumerate(motions):
+        furniture += [("stool", (x, y), 0.0) for x, y, _ in stools(made, paths[:, person]).tolist()]
     things = place_props(
         layout.props if layout else int(rng.integers(config.props[0], config.props[1], endpoint=True)),
         spaces,

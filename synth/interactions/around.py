@@ -12,12 +12,13 @@ from synth.interactions.script import (
     approach,
     arm_length,
     during,
+    seated,
     standing,
 )
 
 _COUNTER_TOP, _COUNTER_HALF_DEPTH, _COUNTER_HALF_LENGTH = 1.04, 0.25, 1.2
-_TABLE_TOP, _TABLE_RADIUS, _SEAT = 0.755, 0.60, 0.45
-"""Of `scenes/props/counter.xml`, `round_table.xml` and `stool.xml`, m."""
+_TABLE_TOP, _TABLE_RADIUS = 0.755, 0.60
+"""Of `scenes/props/counter.xml` and `round_table.xml`, m."""
 _HAND = 0.012
 """How far above a board the palm of a hand at rest is, m."""
 
@@ -83,7 +84,7 @@ def table(cast: Cast, *, rng: np.random.Generator) -> Script:
         at = (_TABLE_RADIUS + 0.16 * body.stature * max(1.0, body.girth)) * out
         stools.append(Furniture("stool", (float(at[0]), float(at[1])), angle))
         gaze = np.where(speakers[now] == person, (person + 1) % count, speakers[now])
-        hips = np.full(len(seconds), _SEAT + 0.060 * body.stature * body.girth)
+        hips = np.full(len(seconds), seated(body))
         roles.append(
             Role(standing(cast, at, angle + np.pi), hips=hips, ahead=0.22 * body.stature * body.legs, gaze=gaze)
         )

@@ -11,7 +11,7 @@ from dmae.rng import Stream, generator
 from synth.body import Body
 from synth.feet import plant, planted
 from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
-from synth.interactions.script import Cast, Reach, Role, Script, poses_of, wrapped
+from synth.interactions.script import Cast, Reach, Role, Script, poses_of, seated, wrapped
 from synth.motion import SEGMENTS, Motion
 from synth.motion.cmu import partner
 from synth.motion.limbs import reach_with_arm
@@ -57,7 +57,10 @@ def draw_motions(
     """
     rng = generator(seed, clip, Stream.MOTION)
     if interaction.kind is InteractionKind.none:
-        return [fit(load_motion(config, seconds=frames / fps, fps=fps, rng=rng), body) for body in bodies], None
+        span = {"seconds": frames / fps, "fps": fps, "rng": rng}
+        # Seats are of one height for all, so that the short sit higher.
+        seats = [seated(body) / body.hip_height for body in bodies]
+        return [fit(load_motion(config, seated=s, **span), b) for s, b in zip(seats, bodies, strict=True)], None
     cast = Cast(tuple(bodies), np.arange(frames) / fps, fps, radius)
     script = INTERACTIONS[interaction.kind].write(cast, rng=generator(seed, clip, Stream.INTERACTION))
     return perform(script, cast, config, rng=rng), script

@@ -10,6 +10,9 @@ from synth.motion import SEGMENTS, Motion
 from synth.motion.limbs import PALM
 from synth.motion.upper import minimum_jerk
 
+_SEAT = 0.45
+"""Height of `scenes/props/stool.xml`, m."""
+
 
 @dataclass(frozen=True)
 class Cast:
@@ -201,6 +204,11 @@ def during(seconds: np.ndarray, begin: float, end: float, move: float = 0.7) -> 
 def wrapped(angle: np.ndarray | float) -> np.ndarray | float:
     """The same angle in -pi..pi."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def seated(body: Body) -> float:
+    """Height of the hips of who sits on a stool, m."""
+    return _SEAT + 0.074 * body.stature * body.girth
 
 
 def arm_length(body: Body) -> float:

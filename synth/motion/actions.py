@@ -159,7 +159,7 @@ def lift(manner: Manner, *, rng: np.random.Generator) -> Action:
         share = through(times, *low)
         act.hips[:, 2] = -deep * share
         act.feet[..., 4] = -np.radians(40 * max(deep - 0.28, 0) / 0.1) * (share**2)[:, None]
-        act.pelvis[:] = np.radians(scaled(share, (0, 0.62 * lean, 0)))
+        act.pelvis[:] = np.radians(scaled(share, (0, 0.42 * lean, 0)))
         act.chest[:] = np.radians(scaled(share, (0, lean, 0)))
         act.head[:, 1] = np.radians(0.6 * lean * share)
         act.arms[:] = np.radians(through(times, *keys))[:, None]
@@ -175,7 +175,7 @@ def lift(manner: Manner, *, rng: np.random.Generator) -> Action:
 
 def sit(manner: Manner, *, rng: np.random.Generator) -> Action:
     """Sit down on a seat behind, stay, and get up: the trunk leans forward until the feet bear the weight."""
-    down, hold, up = rng.uniform(1.1, 1.5) / manner.pace, rng.uniform(1.5, 4.0), rng.uniform(1.1, 1.5) / manner.pace
+    down, hold, up = rng.uniform((1.4, 1.5, 1.4), (1.9, 3.5, 1.9)) / (manner.pace, 1, manner.pace)
     last, back, rest = down + hold + up, rng.uniform(0.36, 0.42), rng.uniform(-6, 10)
     lean, drop = rng.uniform(34, 46), HIP_HEIGHT - manner.seat
     look, hands = rng.uniform(-30, 30), rng.uniform((18, 4, 15, 24, 40), (30, 10, 30, 40, 70))

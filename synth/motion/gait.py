@@ -5,7 +5,7 @@ Phases are counted in strides: a leg's phase is whole when its heel strikes, the
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -165,8 +165,11 @@ class Walk:
         above = -THIGH * np.cos(thigh) - SHIN * np.cos(shin)
         return ahead, above, shin + ankle_angle(own)
 
-    @cached_property
+    @property
     def _fit(self) -> "_Fit":
+        return _fitted(self.speed, self.width)
+
+    def _agreement(self) -> "_Fit":
         """What makes the published leg, the hips' motion and a foot that rolls on the floor agree best."""
         own = np.linspace(0, 1, 1001)
         published = self._published(own)[2]
@@ -236,8 +239,11 @@ class Walk:
         correction[:, 2:] += lift * _arch(u)
         return published(stride + own) + correction
 
-    @cached_property
+    @property
     def _lift(self) -> float:
+        return _lifted(self.speed, self.width)
+
+    def _clearing(self) -> float:
         """How much higher than so a swinging foot must go at mid swing for its tip to clear the floor, m."""
         u = np.linspace(0.1, 0.9, 81)
         own = self.stance + (1 - self.stance) * u
@@ -253,6 +259,23 @@ class _Fit:
     lead: float
     height: float
     pitch: np.ndarray
+
+
+def _straight(speed: float, width: float) -> Walk:
+    return Walk(Path.bent(np.arange(-3.0, 6.0), np.zeros(9)), speed, width, toe_out=0.0)
+
+
+# These hold wherever a walk leads, and take longer than the rest of it.
+
+
+@lru_cache(maxsize=64)
+def _fitted(speed: float, width: float) -> _Fit:
+    return _straight(speed, width)._agreement()
+
+
+@lru_cache(maxsize=64)
+def _lifted(speed: float, width: float) -> float:
+    return _straight(speed, width)._clearing()
 
 
 def _arch(u: np.ndarray) -> np.ndarray:

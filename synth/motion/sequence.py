@@ -12,12 +12,13 @@ from synth.motion.actions import Manner
 from synth.motion.agenda import ACTIONS, plan
 from synth.motion.course import SIDES, Course, joined, lowered, over_feet
 from synth.motion.journey import Passage
+from synth.motion.legs import HIP_HEIGHT
 from synth.motion.upper import hang, swing_width, wander
 
 WEIGHTS = {"walk": 8.0, "stand": 2.0, "crouch": 0.5}
 """How often each action is done relative to the others, where that is not 1."""
-SEATED = 0.552
-"""Height of the hips of who sits on a stool of 0.45 m, where standing ones are at `legs.HIP_HEIGHT`, m."""
+SEATED = 0.64
+"""Height of the hips in sitting on a stool of 0.45 m over that in standing, of somebody of average stature."""
 
 
 def check_actions(actions: Sequence[str], weights: Mapping[str, float]) -> None:
@@ -56,7 +57,7 @@ def make_sequence(
         seconds: Length wanted.
         fps: Frames per second.
         rng: Draws everything.
-        seated: Height of the hips in sitting, where standing ones are at `legs.HIP_HEIGHT`, m.
+        seated: Height of the hips in sitting over that in standing.
 
     Returns:
         round(seconds * fps) frames.
@@ -69,7 +70,7 @@ def make_sequence(
         apart=rng.uniform(0.14, 0.26),
         swing=swing_width(pace) * rng.uniform(0.6, 1.3),
         lean=np.radians(rng.uniform(0, 6)),
-        seat=seated,
+        seat=seated * HIP_HEIGHT,
     )
     times = np.arange(max(round(seconds * fps), 1)) / fps
     parts, start = plan(actions, weights, manner, seconds=times[-1] + 1 / fps, rng=rng)

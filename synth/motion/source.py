@@ -20,7 +20,7 @@ from synth.motion.npz import read_npz
 from synth.motion.procedural import ProceduralConfig, make_motion
 from synth.motion.retarget import retarget
 from synth.motion.rotations import about
-from synth.motion.sequence import WEIGHTS, check_actions, make_sequence
+from synth.motion.sequence import SEATED, WEIGHTS, check_actions, make_sequence
 
 _TURN_TIME = 0.3
 """Seconds in which a take that is played to and fro comes to rest at its ends."""
@@ -84,10 +84,19 @@ class MotionConfig:
                 raise ValueError(f"motion.{name}: expected more than 0, got {value}")
 
 
-def load_motion(config: MotionConfig, *, seconds: float, fps: float, rng: np.random.Generator) -> Motion:
+def load_motion(
+    config: MotionConfig, *, seconds: float, fps: float, rng: np.random.Generator, seated: float = SEATED
+) -> Motion:
     """A stretch of motion, drawn at random.
 
     Of recorded kinds, a take is drawn from `takes(config)`, each as likely, and of that a start (`cut`).
+
+    Args:
+        config: Where it comes from.
+        seconds: Length wanted.
+        fps: Frames per second.
+        rng: Draws it.
+        seated: Height of the hips in sitting on a stool over that in standing, for motion that is made.
 
     Returns:
         round(seconds * fps) frames, wherever on the floor the source has them; `place` moves them.
@@ -100,7 +109,7 @@ def load_motion(config: MotionConfig, *, seconds: float, fps: float, rng: np.ran
         span = {"seconds": seconds, "fps": fps, "rng": rng}
         if not config.actions:
             return make_motion(config.procedural, **span)
-        return make_sequence(config.actions, config.weights, speed=config.procedural.speed, **span)
+        return make_sequence(config.actions, config.weights, speed=config.procedural.speed, seated=seated, **span)
     paths = takes(config)
     path = paths[rng.integers(len(paths))]
     take = read_take(path, config.fps, unit=config.unit, up=config.up, mapping=config.mapping)
