@@ -68,7 +68,7 @@ LEGS = ((1.0, 0.5), (-1.0, 0.0))
 _HEEL_OFF = 0.30
 """Phase at which the heel may leave the floor."""
 _CLEARANCE = 0.015
-"""Height of the toes over the floor at mid swing, m; Winter, Physical Therapy 72 (1992), measured 13 mm."""
+"""Height of the toes over the floor at mid swing, m; Winter, Physical Therapy 72 (1992), measured 12.9 mm."""
 _STEP = 1e-3
 """Phase over which slopes are taken."""
 
@@ -97,7 +97,10 @@ class Walk:
 
     @property
     def stride(self) -> float:
-        """m. Step length over cadence is 0.0064 m per step a minute (Sekiya and Nagasaki, Gait & Posture 7, 1998)."""
+        """m. Step length over cadence is 0.0064 m per step a minute (Sekiya and Nagasaki, Gait & Posture 7, 1998; 0.0068
+        in Terrier and Schutz, Eur. J. Appl. Physiol. 90, 2003). It is so at speeds above 1.03 m/s, below which steps are
+        somewhat longer and fewer than here (Murakami and Otaka, J. Phys. Ther. Sci. 29, 2017).
+        """
         return float(2 * np.sqrt(60 * self.speed * 0.0064))
 
     @property
@@ -135,7 +138,7 @@ class Walk:
 
     def pelvis(self, phase: np.ndarray) -> tuple[np.ndarray, ...]:
         """How far the pelvis is ahead of, above and left of its steady course, m, turned and tilted left up, rad."""
-        # From end to end at 0.7 and 1.6 m/s: Orendurff et al., J. Rehabil. Res. Dev. 41 (2004).
+        # From end to end at 0.7 and 1.6 m/s: Orendurff et al., J. Rehabil. Res. Dev. 41 (6A), 2004.
         height, sway = (np.interp(self.speed, (0.7, 1.6), ends) / 2 for ends in ((0.027, 0.048), (0.070, 0.039)))
         return (
             # Fastest while lowest, in double support.

@@ -15,8 +15,8 @@ from synth.motion.journey import Passage
 from synth.motion.legs import HIP_HEIGHT
 from synth.motion.upper import hang, swing_width, wander
 
-WEIGHTS = {"walk": 8.0, "stand": 2.0, "crouch": 0.5}
-"""How often each action is done relative to the others, where that is not 1."""
+WEIGHTS = dict.fromkeys(ACTIONS, 1.0) | {"walk": 8.0, "stand": 2.0, "crouch": 0.5}
+"""How often each action is done relative to the others."""
 SEATED = 0.64
 """Height of the hips in sitting on a stool of 0.45 m over that in standing, of somebody of average stature."""
 

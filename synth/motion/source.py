@@ -62,7 +62,7 @@ class MotionConfig:
             `upper_arm forearm hand knuckle thigh shin foot`.
         actions: What people do, one thing after the other, who follow no recording. Of none, they walk or stand
             throughout, as `procedural` says, which else only tells how fast they walk.
-        weights: How often each action is done relative to the others, where that is not 1.
+        weights: How often each action is done relative to the others, 1 if it is not named.
         procedural: How people move who follow no recording.
     """
 

@@ -78,5 +78,5 @@ class TurnTo:
             feet=about("z", places[..., 2]),
             heading=heading + 0.6 * (ahead - heading),
             going=0.5 * smoothstep(times / 0.4) * smoothstep((self.seconds - times) / 0.4),
-            swing=np.zeros(len(times)),
+            swing=0.5 * (aside[:, 0] - aside[:, 1]),
         )
