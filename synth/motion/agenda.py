@@ -1,7 +1,7 @@
 """What somebody does when, and where: actions drawn from a list, with the turns and ways between them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,18 +27,30 @@ _TIGHTEST = 0.8
 """Radius of the sharpest bow of a walk, m."""
 _FREE, _ROOMILY = 0.34, 0.75
 """Between a seat and the hips of who passes, or does something roomy, m."""
+_GESTURES = 0.4
+"""Share of the walks in which people would reach out or wave."""
 _TRIES = 12
 
 
 @dataclass(frozen=True)
 class Part:
-    """Something done from one time to another, s, and the stance it begins in."""
+    """Something done from one time to another, s.
+
+    Attributes:
+        stance: That it begins in.
+        doing: What.
+        name: For people to read.
+        gesture: What the arms do meanwhile.
+        late: How long after `begin` they begin, s.
+    """
 
     begin: float
     end: float
     stance: Stance
     doing: Action | WalkTo | TurnTo
     name: str
+    gesture: Action | None = None
+    late: float = 0.0
 
 
 class _Ground:
@@ -95,12 +107,27 @@ def plan(
                 break
         for doing, name in found or [(stand(manner, rng=rng), "stand")]:
             begin = parts[-1].end if parts else 0.0
-            parts.append(Part(begin, begin + doing.seconds, stance, doing, name))
+            part = Part(begin, begin + doing.seconds, stance, doing, name)
+            walks = isinstance(doing, WalkTo)
+            parts.append(_gesturing(part, names, manner, rng=rng) if walks else part)
             stance = stance if isinstance(doing, Action) else doing.stop
         if not start:
             # No clip begins with the end of the first thing done, as with somebody who gets up from nowhere.
             start = rng.uniform(0, 0.6) * parts[0].end
     return parts, start
+
+
+def _gesturing(walk: Part, names: Sequence[str], manner: Manner, *, rng: np.random.Generator) -> Part:
+    """The walk, maybe with a gesture on the way, if there is one among the actions for which it lasts long enough."""
+    gestures = [name for name in ("reach", "wave") if name in names]
+    if not gestures or rng.uniform() > _GESTURES:
+        return walk
+    action, side = _ON_THE_SPOT[str(rng.choice(gestures))](manner, rng=rng), int(rng.integers(2))
+    spare = walk.doing.seconds - action.seconds
+    if spare < 0:
+        return walk
+    name = f"{walk.name} with {action.name} {'lr'[side]}"
+    return replace(walk, name=name, gesture=action.mirrored() if side else action, late=rng.uniform(0, spare))
 
 
 def _draw(

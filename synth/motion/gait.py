@@ -97,9 +97,10 @@ class Walk:
 
     @property
     def stride(self) -> float:
-        """m. Step length over cadence is 0.0064 m per step a minute (Sekiya and Nagasaki, Gait & Posture 7, 1998; 0.0068
-        in Terrier and Schutz, Eur. J. Appl. Physiol. 90, 2003). It is so at speeds above 1.03 m/s, below which steps are
-        somewhat longer and fewer than here (Murakami and Otaka, J. Phys. Ther. Sci. 29, 2017).
+        """m. Step length over cadence is 0.0064 m per step a minute (Sekiya and Nagasaki, Gait & Posture 7, 1998).
+
+        Terrier and Schutz, Eur. J. Appl. Physiol. 90 (2003), found 0.0068. Below 1.03 m/s steps are somewhat longer and
+        fewer than here: Murakami and Otaka, J. Phys. Ther. Sci. 29 (2017).
         """
         return float(2 * np.sqrt(60 * self.speed * 0.0064))
 

@@ -75,7 +75,8 @@ def make_sequence(
     times = np.arange(max(round(seconds * fps), 1)) / fps
     parts, start = plan(actions, weights, manner, seconds=times[-1] + 1 / fps, rng=rng)
     ease = np.stack([hang(rng, times, np.zeros(len(times))) for _ in SIDES], axis=1)
-    courses, going, swing, names, seats = [], np.zeros(len(times)), np.zeros(len(times)), [], []
+    courses, names, seats = [], [], []
+    going, swing, swung = np.zeros(len(times)), np.zeros(len(times)), np.ones((len(times), 2))
     for part in parts:
         frames = np.flatnonzero((times + start >= part.begin) & (times + start < part.end))
         if not len(frames):
@@ -87,16 +88,21 @@ def make_sequence(
             seats += frames[part.doing.seated(since)][:1].tolist()
         else:
             passage = part.doing.passage(since)
-            courses.append(_upright(passage, ease[frames], manner))
+            arms = ease[frames]
+            if part.gesture:
+                act = part.gesture.act(since - part.late)
+                arms = arms + act.raised[..., None] * (act.arms - arms)
+                swung[frames] = 1 - act.raised
+            courses.append(_upright(passage, arms, manner))
             going[frames], swing[frames] = passage.going, manner.swing * passage.swing
-    course = _alive(joined(courses), going, swing, times, fps, rng=rng)
+    course = _alive(joined(courses), going, swing, swung, times, fps, rng=rng)
     motion = replace(course, root=lowered(course, fps)).motion(", ".join(names), fps)
     return replace(motion, seats=tuple(seats))
 
 
-def _upright(passage: Passage, ease: np.ndarray, manner: Manner) -> Course:
+def _upright(passage: Passage, arms: np.ndarray, manner: Manner) -> Course:
     """Trunk and head over a lower body that is on its way."""
-    level = np.zeros(len(ease))
+    level = np.zeros(len(arms))
     return Course(
         root=passage.root,
         pelvis=passage.pelvis,
@@ -105,14 +111,21 @@ def _upright(passage: Passage, ease: np.ndarray, manner: Manner) -> Course:
         knees=over_feet(passage.pelvis, passage.feet),
         chest=np.stack([passage.heading, manner.lean * passage.going, level], axis=1),
         head=np.stack([passage.heading, level], axis=1),
-        arms=ease,
+        arms=arms,
     )
 
 
 def _alive(
-    course: Course, going: np.ndarray, swing: np.ndarray, times: np.ndarray, fps: float, *, rng: np.random.Generator
+    course: Course,
+    going: np.ndarray,
+    swing: np.ndarray,
+    swung: np.ndarray,
+    times: np.ndarray,
+    fps: float,
+    *,
+    rng: np.random.Generator,
 ) -> Course:
-    """With arms that swing in walking, and the sway of standing; nobody holds quite still."""
+    """With arms that swing in walking, each by its share (F, 2), and the sway of standing; nobody holds quite still."""
     still = gaussian_filter1d(1 - np.minimum(1, 2 * going), 0.2 * fps, mode="nearest")
     root, chest, head, arms = course.root.copy(), course.chest.copy(), course.head.copy(), course.arms.copy()
     # As in standing: Prieto et al., IEEE Trans. Biomed. Eng. 43 (1996).
@@ -122,7 +135,8 @@ def _alive(
     head[:, 0] += wander(rng, times, np.radians(10), 0.3)
     head[:, 1] += wander(rng, times, np.radians(4), 0.3)
     for arm, (_, sign) in enumerate(SIDES):
-        arms[:, arm, 0] += sign * swing
+        ahead = sign * swing * swung[:, arm]
+        arms[:, arm, 0] += ahead
         # The elbow bends as the arm comes forward.
-        arms[:, arm, 3] += 0.5 * (np.abs(swing) + sign * swing)
+        arms[:, arm, 3] += 0.5 * (np.abs(ahead) + ahead)
     return replace(course, root=root, chest=chest, head=head, arms=arms)
