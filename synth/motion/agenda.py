@@ -59,7 +59,7 @@ class _Ground:
     def __init__(self):
         self._trail, self._seats = np.empty((2, 0, 2))
 
-    def seats(self, place: np.ndarray) -> bool:
+    def admits(self, place: np.ndarray) -> bool:
         """Whether a seat may stand at a place (2,): nobody has passed there."""
         return bool((np.linalg.norm(self._trail - place, axis=1) > _FREE).all())
 
@@ -84,8 +84,7 @@ def plan(
 ) -> tuple[list[Part], float]:
     """What is done one after the other, and when in that a clip of a given length begins, s.
 
-    What there is no room for where somebody is, as a kick beside one's seat, is left for something else; what is not
-    in the list, standing, fills gaps.
+    What there is no room for, as a kick beside one's seat, is left for something else; if nothing fits, people stand.
 
     Args:
         actions: Names of `ACTIONS`, at least one that weighs.
@@ -112,8 +111,8 @@ def plan(
             parts.append(_gesturing(part, names, manner, rng=rng) if walks else part)
             stance = stance if isinstance(doing, Action) else doing.stop
         if not start:
-            # No clip begins with the end of the first thing done, as with somebody who gets up from nowhere.
-            start = rng.uniform(0, 0.6) * parts[0].end
+            # Not so late that somebody would get up from a seat that the clip has not seen.
+            start = rng.uniform(0, 0.55) * parts[0].end
     return parts, start
 
 
@@ -155,7 +154,7 @@ def _draw(
         turned = _turn(stance, angle, manner)
         before = turned[0].stop if angle else stance
         seat = _behind(before, np.array([action.seat.behind]))[0]
-        if ground.seats(seat) and (not angle or turned[0].seconds + action.seat.begin + 0.3 < left):
+        if ground.admits(seat) and (not angle or turned[0].seconds + action.seat.begin + 0.3 < left):
             ground.take(here[None], seat)
             return [turned, *done] if angle else done
     return None
@@ -201,7 +200,6 @@ def _walk(
         apart=manner.apart,
     )
     passed = walk.passage(np.linspace(0, walk.seconds, 40)).root[:, :2]
-    # On from the seat they rose from, people come no nearer to it.
     if not ground.passes(passed):
         return None
     ground.take(passed)

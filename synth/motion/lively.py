@@ -56,7 +56,7 @@ def punch(manner: Manner, *, rng: np.random.Generator) -> Action:
     hands = rng.integers(2, size=count)
     last = float(hits[-1]) + 0.45 + 0.6 / manner.pace
     out, crouched, bladed = rng.uniform(0.16, 0.24), rng.uniform(0.03, 0.09), rng.uniform(15, 32)
-    guard = rng.uniform((35, 8, 25, 105, 40), (55, 18, 40, 125, 60))
+    guard = rng.uniform((38, 8, -5, 112, 20), (55, 20, 14, 128, 50))
     height = rng.uniform(75, 100, count)
 
     def pose(times: np.ndarray) -> Act:

@@ -14,7 +14,7 @@ from synth.motion.upper import gesture, hang, swing_width, wander
 
 @dataclass(frozen=True)
 class ProceduralConfig:
-    """What people do.
+    """How people move who walk or stand throughout; of those who do one thing after another only the speed.
 
     Attributes:
         standing: Share who stand; the others walk.
