@@ -149,8 +149,6 @@ class Action:
 _NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(5)
 _SOFT = 0.03
 """By how much curves through keys are rounded, s (standard deviation)."""
-
-
 _ROUND = float(np.sqrt(2) * _SOFT * _NODES.max())
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from synth.motion.act import Action, Stance
 from synth.motion.actions import Manner, bend, crouch, lift, reach, sit, stand, wave
 from synth.motion.journey import WalkTo, walk_to
+from synth.motion.legs import HIP_HEIGHT
 from synth.motion.lively import dance, kick, punch
 from synth.motion.turning import TurnTo
 
@@ -29,6 +30,8 @@ _FREE, _ROOMILY = 0.34, 0.75
 """Between a seat and the hips of who passes, or does something roomy, m."""
 _GESTURES = 0.4
 """Share of the walks in which people would reach out or wave."""
+_HIGHEST = 0.8
+"""Greatest height of the hips in sitting over that in standing."""
 _TRIES = 12
 
 
@@ -148,7 +151,8 @@ def _draw(
         behind = _behind(stance, np.array((0.0, 0.25, 0.5))) if name in _ROOMY else here[None]
         ground.take(behind)
         return done
-    if action.seat.begin + 0.3 > left:
+    # Nor do those sit whose feet would hang.
+    if action.seat.begin + 0.3 > left or manner.seat > _HIGHEST * HIP_HEIGHT:
         return None
     for angle in (0.0, *np.radians(rng.permutation((-150, -110, 110, 150))), np.pi):
         turned = _turn(stance, angle, manner)

@@ -153,6 +153,12 @@ def test_who_sits_has_a_seat_and_walks_round_it():
     assert found > 4
 
 
+def test_who_is_too_small_for_a_stool_stands():
+    motion = make_sequence(["sit"], {}, speed=(1, 1), seconds=6, fps=25, rng=np.random.default_rng(0), seated=0.95)
+    assert not motion.seats
+    assert motion.root[:, 2].min() > 0.95 * HIP_HEIGHT
+
+
 def test_scenes_have_stools_where_people_sit():
     config = SceneConfig(persons=[2, 2], seconds=5.0, props=[0, 0])
     motion = MotionConfig(actions=["sit"])
