@@ -29,6 +29,29 @@ ANKLE_HEIGHT = 0.039
 """Height of the ankle above the sole as a fraction of stature (Winter, fig. 4.1)."""
 
 _LEG = -_OFFSETS["shin"][2] - _OFFSETS["foot"][2]
+_TRUNK = sum(_OFFSETS[name][2] for name in ("spine", "chest", "head"))
+_HEAD = 0.155
+"""Height of the crown above the joint of the head as a fraction of stature; that of the chin is in Winter's figure."""
+
+GROWN = 18.0
+"""Age from which proportions are an adult's, years."""
+# Of children, by age, relative to adults of their stature, as the means of boys and girls. Heads after circumferences
+# (Roche et al., Pediatrics 79, 1987) and faces, which grow for longer than skulls (Farkas et al., Cleft Palate-
+# Craniofacial Journal 29, 1992); legs after sitting heights (Snyder et al., UM-HSRI-77-17, 1977; Hawkes et al., Journal
+# of Pediatrics, 2020); sections of limbs and trunk such that they hold what of the mass is not the head's.
+_AGES = (4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, GROWN)
+_HEADS = (1.45, 1.31, 1.205, 1.135, 1.06, 1.01, 1.0, 1.0)
+_LEGS = (0.921, 0.951, 0.972, 0.992, 1.008, 1.014, 1.006, 1.0)
+_SECTIONS = (1.57, 1.39, 1.26, 1.19, 1.11, 1.04, 1.01, 1.0)
+_PUBERTY = (9.0, 16.0)
+"""Ages between which builds of women and men come apart, years."""
+_CHILD = 0.5
+"""Build of children, as `Body.figure`: shoulders half way between those of men and of women."""
+_HEAD_LOSS = 0.0114
+"""Share of the mass that a head loses a year until `_HEAD_LOST` (Jensen, Journal of Biomechanics 19, 1986)."""
+_HEAD_LOST = 15.0
+_ADULT_HIPS = 0.897
+"""Height of the hips of adults, m, the mean of men and women of average stature."""
 
 # Fractions of body mass, Winter, table 4.1.
 _MASSES = {
@@ -61,6 +84,7 @@ class Body:
         feminine: 0 for a masculine build of shoulders, waist and hips, 1 for a feminine one.
         legs: Length of the legs relative to the average for the stature; the trunk takes up the rest.
         arms: Length of the arms relative to the average for the stature.
+        age: Years; below 18 proportions are those of children.
     """
 
     stature: float = 1.75
@@ -68,9 +92,11 @@ class Body:
     feminine: float = 0.0
     legs: float = 1.0
     arms: float = 1.0
+    age: float = 30.0
 
     def __post_init__(self):
-        limits = {"stature": (1.2, 2.2), "mass": (30, 160), "feminine": (0, 1), "legs": (0.9, 1.1), "arms": (0.9, 1.1)}
+        limits = {"stature": (0.85, 2.2), "mass": (10, 160), "feminine": (0, 1), "legs": (0.9, 1.1), "arms": (0.9, 1.1)}
+        limits["age"] = (_AGES[0], 110)
         for name, (low, high) in limits.items():
             if not low <= getattr(self, name) <= high:
                 raise ValueError(f"body: {name} must lie in {low}..{high}, got {getattr(self, name)}")
@@ -78,36 +104,68 @@ class Body:
     @property
     def girth(self) -> float:
         """Breadth of limbs and trunk relative to a body mass index of 22.5 kg/m^2."""
-        return float(np.sqrt(self.mass / self.stature**2 / 22.5))
+        return float(np.sqrt(self.mass / self.stature**2 / 22.5 * np.interp(self.age, _AGES, _SECTIONS)))
+
+    @property
+    def figure(self) -> float:
+        """Build of shoulders, waist and hips: 0 a man's, 1 a woman's; those of boys and girls are between."""
+        grown = float(np.interp(self.age, _PUBERTY, (0, 1)))
+        return self.feminine * grown + _CHILD * (1 - grown)
+
+    @property
+    def head(self) -> float:
+        """Size of the head relative to that of an adult of the stature."""
+        return float(np.interp(self.age, _AGES, _HEADS))
+
+    @property
+    def leg(self) -> float:
+        """Length of the legs relative to that of an average adult of the stature."""
+        return self.legs * float(np.interp(self.age, _AGES, _LEGS))
+
+    @property
+    def tempo(self) -> float:
+        """How much faster than an adult's movements the same ones are; 1 for adults.
+
+        Speed goes with the root of the legs' length, and so does the time of a stride (Hof, Gait & Posture 4, 1996).
+        """
+        return float(np.sqrt(_ADULT_HIPS / self.hip_height)) if self.age < GROWN else 1.0
 
     @property
     def hip_height(self) -> float:
         """Height of the hip joints above the soles when standing straight, m."""
-        return self.stature * (_LEG * self.legs + ANKLE_HEIGHT)
+        return self.stature * (_LEG * self.leg + ANKLE_HEIGHT)
 
     @cached_property
     def trunk(self) -> float:
         """Length of the trunk relative to the average for the stature."""
-        return 1 - _LEG * (self.legs - 1) / sum(_OFFSETS[name][2] for name in ("spine", "chest", "head"))
+        return 1 - (_LEG * (self.leg - 1) + _HEAD * (self.head - 1)) / _TRUNK
 
     @cached_property
     def offsets(self) -> np.ndarray:
         """(16, 3) each segment's joint in its parent's frame, m; zero for the pelvis."""
-        scale = {"spine": self.trunk, "chest": self.trunk, "head": self.trunk, "shin": self.legs, "foot": self.legs}
+        scale = {"spine": self.trunk, "chest": self.trunk, "head": self.trunk, "shin": self.leg, "foot": self.leg}
         scale |= {"forearm": self.arms, "hand": self.arms}
         offsets = np.zeros((len(SEGMENTS), 3))
         for i, segment in enumerate(SEGMENTS):
             side, name = part(segment)
             offsets[i] = np.array(_OFFSETS[name]) * self.stature * scale.get(name, 1.0)
             if name == "upper_arm":
-                offsets[i] *= (1, 1 - 0.1 * self.feminine, self.trunk)
+                offsets[i] *= (1, 1 - 0.1 * self.figure, self.trunk)
             offsets[i, 1] *= SIDES.get(side, 1.0)
         return offsets
 
     @cached_property
     def masses(self) -> np.ndarray:
         """(16,) mass of each segment, kg."""
-        return self.mass * np.array([_MASSES[part(segment)[1]] for segment in SEGMENTS])
+        names = [part(segment)[1] for segment in SEGMENTS]
+        shares = np.array([_MASSES[name] for name in names])
+        if self.age < GROWN:
+            head = SEGMENTS.index("head")
+            shares *= [self.leg if name in ("thigh", "shin") else 1.0 for name in names]
+            shares[head] = _MASSES["head"] + _HEAD_LOSS * max(0.0, _HEAD_LOST - self.age)
+            rest = np.arange(len(shares)) != head
+            shares[rest] *= (1 - shares[head]) / shares[rest].sum()
+        return self.mass * shares
 
 
 def segment_origins(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:

@@ -15,6 +15,8 @@ SKELETON = get_skeleton("body25+shelf14")
 class _Landmark(NamedTuple):
     """A point that moves with a segment: from a joint of the T-pose, in fractions of stature, on the left side.
 
+    From the joint of the head it is farther away, the larger the head is for the stature.
+
     `radius` is how deep it lies in its limb, clothes and all, from three quarters of the directions from which that
     can be looked at; stoutness widens it. What lies on the skin of the head has none: the head itself hides it.
     """
@@ -75,10 +77,11 @@ def landmarks(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         skeleton, _, joint = name.partition(".")
         side, kind = part(joint)
         landmark = (_BODY25 if skeleton == "body25" else _SHELF14)[kind]
-        place = np.array((landmark.x, landmark.y * SIDES.get(side, 1.0), landmark.z)) * body.stature
+        size = body.stature * (body.head if landmark.joint == "head" else 1.0)
+        place = np.array((landmark.x, landmark.y * SIDES.get(side, 1.0), landmark.z)) * size
         places.append(place + np.mean([at[s] for s in _sided(landmark.joint, side)], axis=0))
         segments.append(_sided(landmark.segment, side)[0])
-        depth.append(_SKIN + landmark.radius * body.stature * body.girth)
+        depth.append(_SKIN + landmark.radius * size * body.girth)
     places = np.array(places)
     head = SKELETON.index("shelf14.bottom_head", "shelf14.top_head")
     sources = SKELETON.index(*(f"body25.{side}_{point}" for side in SIDES for point in ("shoulder", "ear")))

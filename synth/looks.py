@@ -48,7 +48,7 @@ class Looks:
 _SKINS = ((0.96, 0.80, 0.69), (0.90, 0.71, 0.57), (0.80, 0.60, 0.45), (0.64, 0.45, 0.32), (0.46, 0.31, 0.22),
           (0.34, 0.22, 0.16))  # fmt: skip
 _HAIRS = ((0.07, 0.06, 0.05), (0.17, 0.11, 0.07), (0.33, 0.21, 0.12), (0.52, 0.36, 0.20), (0.72, 0.57, 0.36),
-          (0.55, 0.55, 0.55), (0.45, 0.20, 0.10))  # fmt: skip
+          (0.45, 0.20, 0.10), (0.55, 0.55, 0.55))  # fmt: skip
 _TOPS = ((0.85, 0.85, 0.83), (0.12, 0.13, 0.16), (0.62, 0.14, 0.15), (0.16, 0.28, 0.50), (0.20, 0.42, 0.28),
          (0.83, 0.66, 0.22), (0.50, 0.55, 0.60), (0.52, 0.30, 0.46), (0.80, 0.45, 0.25),
          (0.36, 0.60, 0.66))  # fmt: skip
@@ -57,18 +57,19 @@ _BOTTOMS = ((0.15, 0.20, 0.33), (0.24, 0.33, 0.48), (0.11, 0.11, 0.12), (0.45, 0
 _SHOES = ((0.10, 0.10, 0.10), (0.85, 0.85, 0.85), (0.35, 0.22, 0.14), (0.55, 0.14, 0.14), (0.18, 0.24, 0.40))
 
 
-def sample_looks(feminine: float, *, rng: np.random.Generator) -> Looks:
-    """Somebody's looks; hair goes with the build."""
+def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generator) -> Looks:
+    """Somebody's looks; hair goes with sex and age."""
     weights = np.array((0.1, 0.0, 0.3, 0.35, 0.25)) if feminine > 0.5 else np.array((0.8, 0.12, 0.05, 0.03, 0.0))
     pattern = str(rng.choice(PATTERNS, p=(0.4, 0.22, 0.16, 0.17, 0.05)))
     first, second = _shade(_TOPS, rng=rng), _shade(_TOPS, rng=rng)
     top = Garment(bool(rng.random() < 0.5), pattern, (first, _darker(first) if pattern == "melange" else second))
     first = _shade(_BOTTOMS, rng=rng)
     bottom = Garment(bool(rng.random() < 0.75), str(rng.choice(("plain", "melange"))), (first, _darker(first)))
+    skin, hair = _shade(_SKINS, rng=rng), str(rng.choice(HAIRSTYLES, p=weights))
     return Looks(
-        skin=_shade(_SKINS, rng=rng),
-        hair=str(rng.choice(HAIRSTYLES, p=weights)),
-        hair_colour=_shade(_HAIRS, rng=rng),
+        skin=skin,
+        hair="short" if child and hair == "bald" else hair,
+        hair_colour=_shade(_HAIRS[:-1] if child else _HAIRS, rng=rng),
         top=top,
         bottom=bottom,
         shoes=_shade(_SHOES, rng=rng),

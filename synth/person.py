@@ -35,6 +35,8 @@ _CAPSULES = {
 _CLOTH = 0.012
 """How far before the solid parts of people others are felt, m."""
 _STOUT = ("pelvis", "spine", "chest", "upper_arm", "forearm", "thigh", "shin")
+_SKULL = ("head", 1)
+"""The capsule that is as large as the head; the one before it is the neck."""
 _ARMS = ("forearm", "hand")
 _TORSO = ("pelvis", "spine", "chest", "head", "thigh")
 HIDDEN_GROUP = 3
@@ -66,12 +68,15 @@ def capsules(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if name in ("upper_arm", "forearm", "hand"):
             stretch[1] *= body.arms
         elif name in ("thigh", "shin"):
-            stretch[2] *= body.legs
+            stretch[2] *= body.leg
+        elif name == "head":
+            stretch *= body.head
         stretch[1] *= SIDES.get(side, 1.0)
-        for start, stop, radius in _CAPSULES[name]:
+        for number, (start, stop, radius) in enumerate(_CAPSULES[name]):
             segments.append(i)
             ends.append(np.array((start, stop)) * stretch)
-            radii.append(radius * body.stature * (body.girth if name in _STOUT else 1.0))
+            wide = body.girth if name in _STOUT else body.head if (name, number) == _SKULL else 1.0
+            radii.append(radius * body.stature * wide)
     return np.array(segments), np.array(ends), np.array(radii)
 
 

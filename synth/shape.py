@@ -75,8 +75,8 @@ def _limb(body: Body, looks: Looks, segment: str, side: str, name: str) -> Itera
     arm = name in ("upper_arm", "forearm")
     rows = {"upper_arm": _UPPER_ARM, "forearm": _FOREARM, "thigh": _THIGH, "shin": _SHIN}[name]
     stations = np.array(rows) * body.stature
-    stations[:, 0] *= body.arms if arm else body.legs
-    slim = 1 - 0.1 * body.feminine if arm else 1 - 0.03 * body.feminine
+    stations[:, 0] *= body.arms if arm else body.leg
+    slim = 1 - 0.1 * body.figure if arm else 1 - 0.03 * body.figure
     stations[:, 3:] *= body.girth * slim
     axes = _ALONG[side if arm else "down"]
     garment, material = (looks.top, "top") if arm else (looks.bottom, "bottom")
@@ -106,7 +106,7 @@ def _cloth(stations: np.ndarray, stop: float, *, loose: bool) -> np.ndarray:
 
 
 def _hand(body: Body, side: str) -> Mesh:
-    size = body.stature * body.arms * (1 - 0.05 * body.feminine)
+    size = body.stature * body.arms * (1 - 0.05 * body.figure)
     axes = _ALONG[side]
     fingers = [loft(np.array(_PALM) * size, axes, ends=(0.6, 0.6), rings=5, sides=12, squareness=2.6)]
     for across, length in _FINGERS:
@@ -136,7 +136,7 @@ def _foot(body: Body, segment: str) -> Iterator[Part]:
 
 def _trunk(body: Body, looks: Looks) -> Iterator[Part]:
     rows = np.array(_TRUNK)
-    low, high, female = rows[:, :4], rows[:, 4:], body.feminine
+    low, high, female = rows[:, :4], rows[:, 4:], body.figure
     stations = np.insert(low, 2, 0.0, axis=1)
     stations[:, 3:] = (1 - female) * low[:, 2:] + female * high
     # Weight goes to the belly first.
@@ -168,7 +168,7 @@ def _trunk(body: Body, looks: Looks) -> Iterator[Part]:
         yield "pelvis", "top", piece("pelvis", 0.06, 0.12, (0.003, 0.008))
         yield "spine", "top", piece("spine", 0.06, 0.21, (0.003, 0.008))
     chest = [piece("chest", 0.13, 0.33, (0.008, 0.004))]
-    if body.feminine > 0.5:
+    if body.figure > 0.5:
         bust = 0.030 * body.stature * body.girth**0.8
         z = (0.222 * body.stature) * body.trunk - heights[2, 0]
         for sign in SIDES.values():
@@ -178,10 +178,12 @@ def _trunk(body: Body, looks: Looks) -> Iterator[Part]:
 
 
 def _head(body: Body, looks: Looks) -> Iterator[Part]:
-    size = body.stature
+    size = body.stature * body.head
     head = loft(np.array(_HEAD), _ALONG["up"], ends=(0.9, 0.42), rings=14, sides=24, squareness=2.15)
     neck = np.array(_NECK)
-    neck[:, 3:] *= body.girth**0.7 * (1 - 0.14 * body.feminine)
+    # What is below the head does not grow with it.
+    neck[:, 3:] *= body.girth**0.7 * (1 - 0.14 * body.figure) / body.head
+    neck[neck[:, 0] < 0, 0] /= body.head
     flesh = [head, loft(neck, _ALONG["up"], ends=(None, None), rings=5)]
     flesh.append(_ball((0.0085, 0.0055, 0.0135), (0.0655, 0, 0.0775)))
     flesh.append(_ball((0.0085, 0.0085, 0.0060), (0.0680, 0, 0.0685)))

@@ -7,8 +7,9 @@ from functools import lru_cache
 import numpy as np
 
 from dmae.rng import Stream, generator
+from synth.anthropometry import sample_body
 from synth.arena import arena_file
-from synth.body import Body
+from synth.body import GROWN, Body
 from synth.decor import Colour, Decor, sample_decor, sample_tint
 from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
 from synth.interactions.perform import draw_motions
@@ -30,6 +31,7 @@ class SceneConfig:
     Attributes:
         arena: Room in `scenes/`, or the path of an MJCF file.
         persons: How many people.
+        children: Share of children, 4 to 17 years old, among them.
         seconds: Length of a clip.
         fps: Frames per second of a clip.
         radius: How far from the vertical through the origin people's hips stray, m; a motion that cannot be bent to
@@ -44,6 +46,7 @@ class SceneConfig:
 
     arena: str = "studio"
     persons: list[int] = field(default_factory=lambda: [2, 4])
+    children: float = 0.0
     seconds: float = 5.0
     fps: float = 25.0
     radius: float = 1.9
@@ -63,6 +66,8 @@ class SceneConfig:
         for name in ("seconds", "fps", "radius", "gathering"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"scene.{name}: expected more than 0, got {getattr(self, name)}")
+        if not 0 <= self.children <= 1:
+            raise ValueError(f"scene.children: expected a share from 0 to 1, got {self.children}")
         if self.props[1] and not self.prop_kinds:
             raise ValueError(f"scene.prop_kinds is empty, but scene.props asks for up to {self.props[1]}")
 
@@ -203,8 +208,8 @@ def sample_spec(
     if interaction.kind is not InteractionKind.none:
         count = int(np.clip(count, INTERACTIONS[interaction.kind].least, INTERACTIONS[interaction.kind].most))
     clearance = float(rng.uniform(*config.clearance))
-    bodies = [sample_body(rng=rng) for _ in range(count)]
-    looks = [sample_looks(body.feminine, rng=rng) for body in bodies]
+    bodies = [sample_body(config.children, rng=rng) for _ in range(count)]
+    looks = [sample_looks(body.feminine, child=body.age < GROWN, rng=rng) for body in bodies]
     frames = max(1, round(config.seconds * config.fps))
     motions, script = _draw(motion, interaction, bodies, frames, config.fps, config.radius, seed, clip)
     if layout:
@@ -260,17 +265,6 @@ def sample_spec(
         loads=tuple(loads),
         radius=float(config.radius),
     )
-
-
-def sample_body(*, rng: np.random.Generator) -> Body:
-    """Somebody: statures and body mass indices of adults (NCD-RisC 2016, roughly, over the world)."""
-    feminine = float(rng.random() < 0.5)
-    stature = rng.normal(1.75 - 0.12 * feminine, 0.065)
-    index = rng.normal(24 - feminine, 3.0)
-    stature, index = np.clip(stature, 1.48, 2.02), np.clip(index, 18, 33)
-    legs, arms = np.clip(rng.normal(1, 0.02, 2), 0.95, 1.05)
-    mass = index * stature**2
-    return Body(*(round(float(value), 4) for value in (stature, mass, feminine, legs, arms)))
 
 
 def load_motions(spec: SceneSpec) -> list[Motion]:

@@ -15,12 +15,16 @@ from synth.interactions.script import (
     seated,
     standing,
 )
+from synth.motion import SEGMENTS
 
 _COUNTER_TOP, _COUNTER_HALF_DEPTH, _COUNTER_HALF_LENGTH = 1.04, 0.25, 1.2
 _TABLE_TOP, _TABLE_RADIUS = 0.755, 0.60
 """Of `scenes/props/counter.xml` and `round_table.xml`, m."""
 _HAND = 0.012
 """How far above a board the palm of a hand at rest is, m."""
+
+_LOW, _OUT = 0.15, (-0.1, 1.0, 0.35)
+"""How far above a table shoulders are low, m, and where elbows then give way to, so that they do not meet its edge."""
 
 
 def counter(cast: Cast, *, rng: np.random.Generator) -> Script:
@@ -59,6 +63,8 @@ def counter(cast: Cast, *, rng: np.random.Generator) -> Script:
         reaches = []
         for person, side in resting:
             sign, arm = (1 if side == "l" else -1), arm_length(cast.bodies[person])
+            if poses.origins[:, person, SEGMENTS.index(f"{side}_upper_arm"), 2].min() < _COUNTER_TOP:
+                continue
             hips, heading = poses.origins[:, person, 0], roles[person].path[:, 2]
             ahead = np.stack([np.cos(heading), np.sin(heading)], 1)
             left = np.stack([-ahead[:, 1], ahead[:, 0]], 1)
@@ -86,7 +92,7 @@ def table(cast: Cast, *, rng: np.random.Generator) -> Script:
         gaze = np.where(speakers[now] == person, (person + 1) % count, speakers[now])
         hips = np.full(len(seconds), seated(body))
         roles.append(
-            Role(standing(cast, at, angle + np.pi), hips=hips, ahead=0.22 * body.stature * body.legs, gaze=gaze)
+            Role(standing(cast, at, angle + np.pi), hips=hips, ahead=0.22 * body.stature * body.leg, gaze=gaze)
         )
     length, hands = seconds[-1] / turns, rng.choice(("l", "r"), turns)
     normal = np.tile((0.0, 0.0, -1.0), (len(seconds), 1))
@@ -104,7 +110,9 @@ def table(cast: Cast, *, rng: np.random.Generator) -> Script:
                     beat = np.sin(2 * np.pi * 1.3 * seconds)[:, None]
                     lifted = np.array((*(0.06 * ahead + 0.05 * sign * left), 0.22)) + 0.04 * beat * (0, 0, 1)
                     palm = palm + share * lifted
-                reaches.append(Reach(person, side, np.ones(len(seconds)), palm, normal))
+                shoulder = poses.origins[:, person, SEGMENTS.index(f"{side}_upper_arm"), 2].min()
+                elbow = {"elbow": _OUT} if shoulder < _TABLE_TOP + _LOW else {}
+                reaches.append(Reach(person, side, np.ones(len(seconds)), palm, normal, **elbow))
         return reaches
 
     furniture = (Furniture("round_table", (0.0, 0.0), first), *stools)

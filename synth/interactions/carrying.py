@@ -15,6 +15,7 @@ from synth.interactions.script import (
     arrival,
     during,
     standing,
+    within_reach,
 )
 from synth.motion.upper import minimum_jerk
 
@@ -31,7 +32,13 @@ def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
     seconds, last = cast.seconds, cast.seconds[-1]
     yaw = rng.uniform(0, 2 * np.pi)
     ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
-    held = [0.66 * arm_length(body) for body in cast.bodies]
+    arms = [arm_length(body) for body in cast.bodies]
+    # The nearer the box, the lower or higher it can be; small ones take it from tall ones close by.
+    for share in (0.66, 0.58, 0.50, 0.44):
+        held = [share * arm for arm in arms]
+        low, high = within_reach(cast.bodies, held)
+        if low - _LOW <= high - _HIGH:
+            break
     when = min(1.9, 0.36 * last)
     start = np.array((*(-(held[0] + min(1.1, 0.6 * when)) * ahead), yaw))
     there = np.array((*(-held[0] * ahead), yaw))
@@ -51,7 +58,7 @@ def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
         heading = paths[person][:, 2]
         return paths[person][:, :2] + held[person] * np.stack([np.cos(heading), np.sin(heading)], 1)
 
-    height = 0.60 * np.mean([body.stature for body in cast.bodies])
+    height = float(np.clip(0.60 * np.mean([body.stature for body in cast.bodies]), low - _LOW, high - _HIGH))
     share = minimum_jerk((seconds - taken) / 0.3)
     middle = np.column_stack([front(0) + share[:, None] * (front(1) - front(0)), np.full(len(seconds), height)])
     turned = paths[0][:, 2] + share * (paths[1][:, 2] - np.pi - paths[0][:, 2])

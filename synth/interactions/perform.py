@@ -57,13 +57,18 @@ def draw_motions(
     """
     rng = generator(seed, clip, Stream.MOTION)
     if interaction.kind is InteractionKind.none:
-        span = {"seconds": frames / fps, "fps": fps, "rng": rng}
-        # Seats are of one height for all, so that the short sit higher.
-        seats = [seated(body) / body.hip_height for body in bodies]
-        return [fit(load_motion(config, seated=s, **span), b) for s, b in zip(seats, bodies, strict=True)], None
+        return [_at_size(config, body, seconds=frames / fps, fps=fps, rng=rng) for body in bodies], None
     cast = Cast(tuple(bodies), np.arange(frames) / fps, fps, radius)
     script = INTERACTIONS[interaction.kind].write(cast, rng=generator(seed, clip, Stream.INTERACTION))
     return perform(script, cast, config, rng=rng), script
+
+
+def _at_size(config: MotionConfig, body: Body, *, seconds: float, fps: float, rng: np.random.Generator) -> Motion:
+    """A motion of the body's size; an adult's is played faster for a child, whose steps are shorter."""
+    # Seats are of one height for all, so that the short sit higher.
+    seat = seated(body) / body.hip_height
+    motion = load_motion(config, seconds=seconds * body.tempo, fps=fps / body.tempo, rng=rng, seated=seat)
+    return fit(replace(motion, fps=fps), body)
 
 
 def perform(script: Script, cast: Cast, config: MotionConfig, *, rng: np.random.Generator) -> list[Motion]:
@@ -131,22 +136,22 @@ def _draw(role: Role, body: Body, cast: Cast, config: MotionConfig, *, rng: np.r
     """A motion at the body's size, the first of a few that fits the role, and whether it does."""
     span = {"seconds": len(cast.seconds) / cast.fps, "fps": cast.fps, "rng": rng}
     length = np.linalg.norm(np.diff(role.path[:, :2], axis=0), axis=1).sum()
-    speed = float(np.clip(length / max(cast.seconds[-1], 1e-9), *_WALKED))
+    speed = float(np.clip(length / max(cast.seconds[-1], 1e-9) * body.tempo, *_WALKED))
     ways = replace(
         config.procedural, standing=0.0 if role.walks else 1.0, straight=1.0, gesture=0.0, speed=[speed, speed]
     )
     made = replace(config, kind=MotionKind.procedural, path=None, actions=[], procedural=ways)
     if config.kind is MotionKind.procedural:
-        return fit(load_motion(made, **span), body), True
+        return _at_size(made, body, **span), True
     found = None
     for _ in range(_DRAWS):
-        base = fit(load_motion(config, **span), body)
+        base = _at_size(config, body, **span)
         if (base.rotations[:, _CHEST, 2, 2] > _UPRIGHT).all():
             found = base
             if not role.walks or _is_walk(base):
                 return base, True
     if found is None:
-        found = fit(load_motion(replace(made, procedural=replace(made.procedural, standing=1.0)), **span), body)
+        found = _at_size(replace(made, procedural=replace(made.procedural, standing=1.0)), body, **span)
     return found, False
 
 

@@ -1,6 +1,6 @@
 """What an interaction consists of: who is where when, facing what, and what hands reach for."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +12,8 @@ from synth.motion.upper import minimum_jerk
 
 _SEAT = 0.45
 """Height of `scenes/props/stool.xml`, m."""
+_STRETCH = 0.94
+"""How far arms stretch at ease, as a share of their length."""
 
 
 @dataclass(frozen=True)
@@ -215,3 +217,17 @@ def arm_length(body: Body) -> float:
     """From the shoulder to the palm of a straight arm, m."""
     lengths = sum(float(np.linalg.norm(body.offsets[SEGMENTS.index(f"l_{part}")])) for part in ("forearm", "hand"))
     return lengths + float(PALM[1]) * body.stature * body.arms
+
+
+def within_reach(bodies: Sequence[Body], away: Sequence[float]) -> tuple[float, float]:
+    """Least and greatest height of palms that all who stand upright can have so far from their shoulders, level, m.
+
+    The least exceeds the greatest where there is no such height.
+    """
+    low, high = 0.0, np.inf
+    for body, far in zip(bodies, away, strict=True):
+        up = [body.offsets[SEGMENTS.index(segment)][2] for segment in ("spine", "chest", "l_upper_arm")]
+        shoulder, span = body.hip_height + sum(up), _STRETCH * arm_length(body)
+        rise = np.sqrt(max(span**2 - far**2, 0.0))
+        low, high = max(low, shoulder - rise), min(high, shoulder + rise)
+    return float(low), float(high)

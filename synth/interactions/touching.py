@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from synth.interactions.script import Cast, Poses, Reach, Role, Script, approach, arm_length, during
+from synth.interactions.script import Cast, Poses, Reach, Role, Script, approach, arm_length, during, within_reach
 from synth.motion.upper import minimum_jerk
 
 _EMBRACES = {
@@ -192,9 +192,10 @@ def dance(cast: Cast, *, rng: np.random.Generator) -> Script:
 
     def hold(poses: Poses) -> list[Reach]:
         # The first leads: left hand in right, right hand on the other's back; the other's left on the shoulder.
-        size = np.mean([body.stature for body in cast.bodies])
-        hands = poses.origins[:, :, 0].mean(1) + 0.27 * size * np.column_stack([left, 0 * yaw])
-        hands[:, 2] = 0.76 * size
+        sizes = [body.stature for body in cast.bodies]
+        hands = poses.origins[:, :, 0].mean(1) + 0.27 * min(sizes) * np.column_stack([left, 0 * yaw])
+        aside = [0.27 * min(sizes) - 0.1 * size for size in sizes]
+        hands[:, 2] = np.clip(0.76 * np.mean(sizes), *within_reach(cast.bodies, np.hypot(aside, apart / 2)))
         led = cast.bodies[1].stature
         back = poses.point(1, "chest", (-0.07 * led * max(1.0, cast.bodies[1].girth), 0.05 * led, 0.03 * led))
         tall = cast.bodies[0].stature

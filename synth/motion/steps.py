@@ -26,8 +26,9 @@ _ROLL_OFF, _STRIKE = np.radians(40), np.radians(18)
 """Pitch of a foot that leaves the floor and of one that meets it, rad, a metre of step."""
 _HEEL, _BALL = -0.037, 0.085
 """Where soles roll, ahead of the ankle, fractions of stature."""
-_EASE = 0.985
-"""Length of the straightest leg, as a share of its bones."""
+_EASE, _RESTING, _HANGING = 0.985, 0.80, 0.68
+"""Length of the straightest leg, of the straightest that rests on the floor before a seat, and of one that hangs from
+a seat, as shares of its bones."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,16 @@ def step_along(
     lengths = tuple(float(np.linalg.norm(body.offsets[SEGMENTS.index(f"l_{part}")])) for part in ("shin", "foot"))
     sockets = pelvis[:, None] @ offsets[..., None]
     level = np.linalg.norm(root[:, None, :2] + sockets[..., :2, 0] - ankles[..., :2], axis=-1)
-    height = ankles[..., 2] + np.sqrt(np.maximum((_EASE * sum(lengths)) ** 2 - level**2, 0.04)) - sockets[..., 2, 0]
-    lowest = minimum_filter1d(height.min(1), max(1, round(0.12 * fps)), mode="nearest")
+
+    def reach(share: float) -> np.ndarray:
+        up = np.sqrt(np.maximum((share * sum(lengths)) ** 2 - level**2, 0.04))
+        return ankles[..., 2] + up - sockets[..., 2, 0]
+
+    if ahead > 0:
+        # Feet that do not rest on the floor hang above it.
+        hanging = hips[:, None] > reach(_RESTING)
+        ankles[..., 2] += np.where(hanging, hips[:, None] - reach(_HANGING), 0)
+    lowest = minimum_filter1d(reach(_EASE).min(1), max(1, round(0.12 * fps)), mode="nearest")
     root[:, 2] = gaussian_filter1d(lowest, 0.06 * fps, mode="nearest")
     if hips is not None:
         root[:, 2] = np.minimum(root[:, 2], hips)

@@ -6,10 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from synth.anthropometry import body_at
 from synth.arena import arena_file, footprints, prop_file
+from synth.interactions import InteractionConfig
+from synth.interactions.perform import draw_motions
+from synth.motion import SEGMENTS
+from synth.motion.procedural import ProceduralConfig
 from synth.motion.source import MotionConfig, MotionKind
 from synth.revive import revive
-from synth.spec import PropSpec, SceneConfig, SceneSpec, load_motions, sample_body, sample_spec
+from synth.spec import PropSpec, SceneConfig, SceneSpec, load_motions, sample_spec
 
 MOTION = MotionConfig()
 SHORT = SceneConfig(seconds=1.0)
@@ -63,6 +68,28 @@ def test_revive_knows_optionals_dicts_and_enums():
     assert revive(MotionKind, "bvh") is MotionKind.bvh
 
 
+def test_children_come_when_asked_for_and_else_nothing_changes():
+    grown, mixed = (replace(SHORT, persons=[4, 4], children=share) for share in (0.0, 0.5))
+    ages = [[person.body.age for person in spec.persons] for spec in specs(mixed).values()]
+    assert 4 < np.sum(np.array(ages) < 18) < 20
+    assert specs(grown) == specs(replace(SHORT, persons=[4, 4]))
+
+
+def test_a_child_takes_shorter_and_quicker_steps():
+    child, adult = body_at(0, 6), body_at(0)
+    walking = replace(MOTION, procedural=ProceduralConfig(standing=0, straight=1, gesture=0, speed=[1.2, 1.2]))
+    alike = [
+        draw_motions(walking, InteractionConfig(), [body], 400, 25.0, 1.9, seed=0, clip=0)[0][0]
+        for body in (child, adult)
+    ]
+    ways = [float(np.linalg.norm(motion.root[-1, :2] - motion.root[0, :2])) for motion in alike]
+    thighs = [motion.rotations[:, SEGMENTS.index("l_thigh"), 0, 2] for motion in alike]
+    strides = [np.abs(np.fft.rfft(thigh))[1:].argmax() + 1 for thigh in thighs]
+    assert ways[0] / strides[0] == pytest.approx(child.hip_height / adult.hip_height * ways[1] / strides[1], rel=0.07)
+    # Froude numbers, speed over the root of the legs' length, are equal.
+    assert ways[0] / ways[1] == pytest.approx(np.sqrt(child.hip_height / adult.hip_height), rel=0.04)
+
+
 @pytest.mark.parametrize("arena", ARENAS)
 def test_people_start_apart_stay_within_the_radius_and_come_close(arena):
     config = SceneConfig(arena=arena, persons=[3, 4], seconds=4.0, radius=2.0)
@@ -88,22 +115,13 @@ def test_things_stand_where_nobody_walks():
     assert count > 8
 
 
-def test_bodies_are_varied_adults():
-    rng = np.random.default_rng(0)
-    bodies = [sample_body(rng=rng) for _ in range(300)]
-    statures = np.array([body.stature for body in bodies])
-    women = np.array([body.feminine > 0.5 for body in bodies])
-    assert 0.4 < women.mean() < 0.6
-    assert 0.08 < statures[~women].mean() - statures[women].mean() < 0.16
-    assert statures.std() > 0.06
-
-
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
         ({"persons": [4, 2]}, "scene.persons: expected .least, greatest."),
         ({"persons": [0, 2]}, "expected 1 to 30 people"),
         ({"persons": [1, 31]}, "expected 1 to 30 people"),
+        ({"children": 1.5}, "scene.children: expected a share from 0 to 1, got 1.5"),
         ({"seconds": 0.0}, "scene.seconds: expected more than 0"),
         ({"clearance": [0.4]}, "scene.clearance"),
         ({"props": [0, 1], "prop_kinds": []}, "scene.prop_kinds is empty"),

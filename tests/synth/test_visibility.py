@@ -6,6 +6,7 @@ import pytest
 
 from dmae.cameras import CameraRig
 from dmae.clip import Visibility
+from synth.anthropometry import body_at
 from synth.body import Body
 from synth.lens import add_cameras
 from synth.rigs import RigConfig, make_rig
@@ -278,7 +279,7 @@ def test_views_do_not_depend_on_each_other(view):
         np.testing.assert_array_equal(a[:, view : view + 1], b)
 
 
-@pytest.mark.parametrize("body", [Body(), Body(1.65, 60, 1.0), Body(1.85, 100)])
+@pytest.mark.parametrize("body", [Body(), Body(1.65, 60, 1.0), Body(1.85, 100), body_at(0, 5), body_at(1, 9)])
 def test_the_joints_of_somebody_upright_are_seen_through_the_skin_they_lie_under(body):
     rig = make_rig(RigConfig(ring=RingConfig(views=16, radius=[4, 4], height=[1.6, 1.6])), rng=np.random.default_rng(0))
     simulation = simulate_motions(people.scene([body], 2), [people.gliding(body, 2, (0, 0), (1, 0))], rig)

@@ -1,0 +1,74 @@
+"""Children among the people: they do what adults do, and physics carries them as well."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from synth import spec as specs
+from synth.anthropometry import body_at
+from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
+from synth.landmarks import SKELETON
+from synth.motion.source import MotionConfig
+from synth.simulate import Simulation, simulate
+from synth.spec import SceneConfig, SceneSpec, sample_spec
+from tests.synth.people import RIG
+from tests.synth.test_interactions import RECORDED, palms
+
+SCENE = SceneConfig(seconds=3.0, persons=[4, 4], props=[0, 0], children=0.8)
+
+
+def played(kind: InteractionKind, motion: MotionConfig, scene: SceneConfig = SCENE) -> tuple[SceneSpec, Simulation]:
+    spec = sample_spec(scene, motion, interaction=InteractionConfig(kind), seed=4, clip=0)
+    return spec, simulate(spec, RIG, painted=False)
+
+
+def check(spec: SceneSpec, simulation: Simulation) -> None:
+    assert min(person.body.age for person in spec.persons) < 11
+    quality = simulation.quality
+    assert quality["tracking_error_mm"] <= 30
+    assert quality["penetration_mm"] <= 20
+    assert quality["object_penetration_mm"] <= 25
+    assert quality["shift_m"] <= 0.3
+    assert quality["foot_slide"] <= 0.15
+
+
+@pytest.mark.parametrize("kind", [InteractionKind.none, *INTERACTIONS])
+def test_children_do_together_what_adults_do(kind):
+    check(*played(kind, MotionConfig()))
+
+
+@pytest.mark.parametrize("source", RECORDED)
+@pytest.mark.parametrize("kind", [InteractionKind.none, InteractionKind.crossing, InteractionKind.table])
+def test_children_move_as_adults_were_recorded(kind, source, data_folder):
+    motion = MotionConfig(kind=source, path=str(data_folder / "cmu" / RECORDED[source]))
+    check(*played(kind, motion, replace(SCENE, seconds=2.0)))
+
+
+@pytest.mark.parametrize("kind", [InteractionKind.handshake, InteractionKind.pass_box, InteractionKind.dance])
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_small_child_reaches_a_tall_man(kind, order, monkeypatch):
+    bodies = iter((body_at(0, stature=1.6), body_at(1, 6))[::order])
+    monkeypatch.setattr(specs, "sample_body", lambda *args, **kwargs: next(bodies))
+    spec, simulation = played(kind, MotionConfig(), replace(SCENE, persons=[2, 2], children=0.0))
+    check(spec, simulation)
+    right, left = palms(spec, simulation, "r"), palms(spec, simulation, "l")
+    if kind is InteractionKind.handshake:
+        assert np.linalg.norm(right[:, 0] - right[:, 1], axis=-1).min() < 0.05
+    elif kind is InteractionKind.dance:
+        assert np.median(np.linalg.norm(left[:, 0] - right[:, 1], axis=-1)) < 0.11
+    else:
+        # The box comes to the second's hands, and stays there.
+        apart = np.linalg.norm(left - right, axis=-1)
+        assert apart[-1, 1] == pytest.approx(2 * spec.loads[0].half_width, abs=0.08)
+
+
+def test_short_legs_hang_from_a_stool():
+    spec, simulation = played(InteractionKind.table, MotionConfig())
+    ankles = simulation.joints[-1, :, SKELETON.index("body25.l_ankle")[0], 2]
+    hips = simulation.joints[-1, :, SKELETON.index("body25.mid_hip")[0], 2]
+    for person, ankle, hip in zip(spec.persons, ankles, hips, strict=True):
+        assert person.body.stature > 1.3 or ankle > 0.15
+        assert person.body.stature < 1.5 or ankle < 0.10
+        assert 0.47 < hip < 0.62
+    assert ankles.max() > 0.15 > 0.10 > ankles.min()
