@@ -45,7 +45,7 @@ _LEGS = (0.921, 0.951, 0.972, 0.992, 1.008, 1.014, 1.006, 1.0)
 _SECTIONS = (1.57, 1.39, 1.26, 1.19, 1.11, 1.04, 1.01, 1.0)
 _PUBERTY = (9.0, 16.0)
 """Ages between which builds of women and men come apart, years."""
-_CHILD = 0.5
+CHILD = 0.5
 """Build of children, as `Body.figure`: shoulders half way between those of men and of women."""
 _HEAD_LOSS = 0.0114
 """Share of the mass that a head loses a year until `_HEAD_LOST` (Jensen, Journal of Biomechanics 19, 1986)."""
@@ -110,7 +110,7 @@ class Body:
     def figure(self) -> float:
         """Build of shoulders, waist and hips: 0 a man's, 1 a woman's; those of boys and girls are between."""
         grown = float(np.interp(self.age, _PUBERTY, (0, 1)))
-        return self.feminine * grown + _CHILD * (1 - grown)
+        return self.feminine * grown + CHILD * (1 - grown)
 
     @property
     def head(self) -> float:

@@ -54,6 +54,8 @@ _TOPS = ((0.85, 0.85, 0.83), (0.12, 0.13, 0.16), (0.62, 0.14, 0.15), (0.16, 0.28
          (0.36, 0.60, 0.66))  # fmt: skip
 _BOTTOMS = ((0.15, 0.20, 0.33), (0.24, 0.33, 0.48), (0.11, 0.11, 0.12), (0.45, 0.40, 0.31), (0.33, 0.33, 0.35),
             (0.25, 0.27, 0.20))  # fmt: skip
+_DARK, _GREY = 1.3, 0.08
+"""Sum of a skin's colour below which hair is dark unless it is grey, that is of less contrast."""
 _SHOES = ((0.10, 0.10, 0.10), (0.85, 0.85, 0.85), (0.35, 0.22, 0.14), (0.55, 0.14, 0.14), (0.18, 0.24, 0.40))
 
 
@@ -66,10 +68,13 @@ def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generat
     first = _shade(_BOTTOMS, rng=rng)
     bottom = Garment(bool(rng.random() < 0.75), str(rng.choice(("plain", "melange"))), (first, _darker(first)))
     skin, hair = _shade(_SKINS, rng=rng), str(rng.choice(HAIRSTYLES, p=weights))
+    colour = _shade(_HAIRS[:-1] if child else _HAIRS, rng=rng)
+    if sum(skin) < _DARK and max(colour) - min(colour) > _GREY:
+        colour = tuple(round(0.3 * c, 3) for c in colour)
     return Looks(
         skin=skin,
         hair="short" if child and hair == "bald" else hair,
-        hair_colour=_shade(_HAIRS[:-1] if child else _HAIRS, rng=rng),
+        hair_colour=colour,
         top=top,
         bottom=bottom,
         shoes=_shade(_SHOES, rng=rng),

@@ -38,6 +38,11 @@ class Mesh:
         """The mesh elsewhere, by (3,) m."""
         return replace(self, vertices=self.vertices + offset)
 
+    def pushed(self, offsets: np.ndarray) -> "Mesh":
+        """The mesh with each vertex elsewhere, by (N, 3) m, and light falling on it there."""
+        swept = self.swept + np.concatenate([np.zeros((len(offsets), 1)), offsets], axis=1)
+        return replace(self, vertices=self.vertices + offsets, swept=swept)
+
     def scaled(self, factor: float) -> "Mesh":
         """The mesh larger or smaller, about the origin."""
         return replace(self, vertices=self.vertices * factor)

@@ -7,20 +7,17 @@ from synth.body import SIDES, Body, part
 from synth.looks import Looks
 from synth.mesh import Mesh
 from synth.motion import PARENTS, SEGMENTS
-from synth.shape import parts
+from synth.shape import parts, trunk_sections
 from synth.textures import add_texture, paint
 
 MOST_PERSONS = 30
 """Contact filters are bits of a signed 32-bit number, one a person."""
 
+# Across the trunk: height above the hips, as `trunk_sections` takes it, and the share of the depth there that the
+# capsule takes; it is as wide as the trunk.
+_ACROSS = {"pelvis": [(0.0, 1.0)], "spine": [(0.105, 1.0)], "chest": [(0.21, 1.0), (0.283, 0.75)]}
 # Segment: (from, to, radius) in fractions of stature; left side. Radii widen with the body's girth.
 _CAPSULES = {
-    "pelvis": [((-0.006, -0.042, 0.005), (-0.006, 0.042, 0.005), 0.058)],
-    "spine": [((0.004, -0.030, 0.050), (0.004, 0.030, 0.050), 0.056)],
-    "chest": [
-        ((0.002, -0.034, 0.060), (0.002, 0.034, 0.060), 0.060),
-        ((-0.002, -0.056, 0.128), (-0.002, 0.056, 0.128), 0.042),
-    ],
     "head": [((0, 0, 0), (0.010, 0, 0.050), 0.031), ((0.008, 0, 0.075), (0.004, 0, 0.100), 0.052)],
     "upper_arm": [((0, 0, 0), (0, 0.178, 0), 0.028)],
     "forearm": [((0, 0, 0), (0, 0.148, 0), 0.021)],
@@ -34,7 +31,7 @@ _CAPSULES = {
 }
 _CLOTH = 0.012
 """How far before the solid parts of people others are felt, m."""
-_STOUT = ("pelvis", "spine", "chest", "upper_arm", "forearm", "thigh", "shin")
+_STOUT = ("upper_arm", "forearm", "thigh", "shin")
 _SKULL = ("head", 1)
 """The capsule that is as large as the head; the one before it is the neck."""
 _ARMS = ("forearm", "hand")
@@ -62,8 +59,15 @@ def capsules(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         radii: (C,) m.
     """
     segments, ends, radii = [], [], []
+    origins = np.cumsum(body.offsets[:3], axis=0)
     for i, segment in enumerate(SEGMENTS):
         side, name = part(segment)
+        for height, share in _ACROSS.get(name, ()):
+            ahead, up, depth, breadth = trunk_sections(body, np.array([height]))[0]
+            aside = np.array((0, breadth - share * depth, 0))
+            segments.append(i)
+            ends.append(np.array((ahead, 0, up)) - origins[i] + np.array((-aside, aside)))
+            radii.append(share * depth)
         stretch = np.full(3, body.stature)
         if name in ("upper_arm", "forearm", "hand"):
             stretch[1] *= body.arms
@@ -72,7 +76,7 @@ def capsules(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         elif name == "head":
             stretch *= body.head
         stretch[1] *= SIDES.get(side, 1.0)
-        for number, (start, stop, radius) in enumerate(_CAPSULES[name]):
+        for number, (start, stop, radius) in enumerate(_CAPSULES.get(name, ())):
             segments.append(i)
             ends.append(np.array((start, stop)) * stretch)
             wide = body.girth if name in _STOUT else body.head if (name, number) == _SKULL else 1.0
@@ -153,7 +157,8 @@ def _add_capsules(bodies: list, prefix: str, person: int, body: Body) -> None:
 
 def _solids() -> list[str]:
     """Names of the capsules, in the order of `capsules`."""
-    return [f"{segment}/solid{i}" for segment in SEGMENTS for i in range(len(_CAPSULES[part(segment)[1]]))]
+    count = {name: len(solids) for name, solids in (_ACROSS | _CAPSULES).items()}
+    return [f"{segment}/solid{i}" for segment in SEGMENTS for i in range(count[part(segment)[1]])]
 
 
 def _add_touch(spec: mujoco.MjSpec, prefix: str) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from synth.body import SIDES, Body, part
+from synth.body import CHILD, SIDES, Body, part
 from synth.looks import Looks
 from synth.mesh import Mesh, dome, loft, merge
 from synth.motion import SEGMENTS
@@ -18,8 +18,9 @@ _UPPER_ARM = [(0, 0, -0.004, 0.031, 0.029), (0.03, 0, -0.004, 0.0325, 0.031), (0
               (0.14, 0, 0, 0.0245, 0.0245), (0.178, 0, 0, 0.0235, 0.0235)]  # fmt: skip
 _FOREARM = [(0, 0, 0, 0.0235, 0.0235), (0.035, 0.002, 0, 0.026, 0.0245), (0.08, 0.001, 0, 0.022, 0.021),
             (0.125, 0, 0, 0.0175, 0.0145), (0.148, 0, 0, 0.0165, 0.0125)]  # fmt: skip
-_THIGH = [(-0.005, -0.003, -0.003, 0.049, 0.041), (0.03, 0.000, -0.002, 0.050, 0.044), (0.10, 0.004, 0, 0.047, 0.043),
-          (0.18, 0.003, 0, 0.037, 0.036), (0.245, 0, 0, 0.033, 0.033)]  # fmt: skip
+_THIGH = [(-0.005, -0.004, -0.006, 0.048, 0.041), (0.03, -0.002, -0.005, 0.0525, 0.0455),
+          (0.07, 0.001, -0.003, 0.053, 0.046), (0.10, 0.004, -0.001, 0.050, 0.045), (0.18, 0.003, 0, 0.0385, 0.0375),
+          (0.245, 0, 0, 0.033, 0.033)]  # fmt: skip
 _SHIN = [(0, 0, 0, 0.033, 0.033), (0.03, -0.002, 0, 0.0315, 0.032), (0.075, -0.008, 0, 0.034, 0.033),
          (0.15, -0.006, 0, 0.025, 0.025), (0.21, -0.003, 0, 0.019, 0.018),
          (0.246, -0.002, 0, 0.020, 0.018)]  # fmt: skip
@@ -76,7 +77,7 @@ def _limb(body: Body, looks: Looks, segment: str, side: str, name: str) -> Itera
     rows = {"upper_arm": _UPPER_ARM, "forearm": _FOREARM, "thigh": _THIGH, "shin": _SHIN}[name]
     stations = np.array(rows) * body.stature
     stations[:, 0] *= body.arms if arm else body.leg
-    slim = 1 - 0.1 * body.figure if arm else 1 - 0.03 * body.figure
+    slim = 1 - 0.05 * body.figure if arm else 1 + 0.05 * body.figure
     stations[:, 3:] *= body.girth * slim
     axes = _ALONG[side if arm else "down"]
     garment, material = (looks.top, "top") if arm else (looks.bottom, "bottom")
@@ -134,47 +135,66 @@ def _foot(body: Body, segment: str) -> Iterator[Part]:
     yield segment, "sole", flat
 
 
-def _trunk(body: Body, looks: Looks) -> Iterator[Part]:
+def trunk_sections(body: Body, heights: np.ndarray) -> np.ndarray:
+    """Ellipses across the bare trunk.
+
+    Args:
+        body: Whose.
+        heights: (N,) above the hip joints, as fractions of the stature of somebody with an average trunk.
+
+    Returns:
+        (N, 4) how far ahead of the hip joints they are and how far above, half depth and half breadth, m.
+    """
     rows = np.array(_TRUNK)
     low, high, female = rows[:, :4], rows[:, 4:], body.figure
-    stations = np.insert(low, 2, 0.0, axis=1)
-    stations[:, 3:] = (1 - female) * low[:, 2:] + female * high
+    stations = low.copy()
+    stations[:, 2:] = (1 - female) * low[:, 2:] + female * high
     # Weight goes to the belly first.
     belly = np.exp(-(((rows[:, 0] - 0.1) / 0.08) ** 2))
     neck = np.clip((rows[:, 0] - 0.29) / 0.03, 0, 1)
-    stations[:, 3] *= body.girth ** (1 + belly - 0.6 * neck)
-    stations[:, 4] *= body.girth ** (1 + 0.4 * belly - 0.6 * neck)
+    stations[:, 2] *= body.girth ** (1 + belly - 0.6 * neck)
+    stations[:, 3] *= body.girth ** (1 + 0.4 * belly - 0.6 * neck)
     stations[:, 1] += belly * 0.04 * (body.girth - 1)
     stations *= body.stature
-    stations[:, 0] *= np.where(rows[:, 0] > 0, body.trunk, 1.0)
-    grid = np.linspace(stations[0, 0], stations[-1, 0], 80)
-    dense = np.stack([grid, *(np.interp(grid, stations[:, 0], column) for column in stations[:, 1:].T)], -1)
+    up = stations[:, 0] * np.where(rows[:, 0] > 0, body.trunk, 1.0)
+    columns = (stations[:, 1], up, stations[:, 2], stations[:, 3])
+    return np.stack([np.interp(heights, rows[:, 0], column) for column in columns], -1)
+
+
+def _trunk(body: Body, looks: Looks) -> Iterator[Part]:
+    grid = np.linspace(_TRUNK[0][0], _TRUNK[-1][0], 80)
+    ahead, up, depth, breadth = trunk_sections(body, grid).T
+    dense = np.stack([up, ahead, 0 * up, depth, breadth], -1)
     heights = np.cumsum(body.offsets[:4], axis=0)[:, [2, 0]]
 
     def piece(segment: str, start: float, stop: float, cloth, *, hem: bool = False) -> Mesh:
         z, x = heights[SEGMENTS.index(segment)]
-        rows = dense[(grid >= start * body.stature) & (grid <= stop * body.stature)]
+        rows = dense[(up >= start * body.stature) & (up <= stop * body.stature)]
         rows = rows - np.array((z, x, 0, 0, 0))
         rows[:, 3:] += np.linspace(*cloth, len(rows))[:, None]
-        return loft(rows, _ALONG["up"], ends=(0 if hem else None, None), rings=12, sides=24, squareness=2.3, phase=z)
+        return loft(rows, _ALONG["up"], ends=(0 if hem else None, None), rings=12, sides=32, squareness=2.3, phase=z)
 
     if looks.untucked:
         yield "pelvis", "bottom", piece("pelvis", -0.06, 0.04, (_CLOTH, _CLOTH), hem=True)
-        yield "pelvis", "top", piece("pelvis", -0.022, 0.12, (0.016, 0.008), hem=True)
+        yield "pelvis", "top", piece("pelvis", -0.022, 0.12, (0.020, 0.008), hem=True)
         yield "spine", "top", piece("spine", 0.05, 0.21, (0.009, 0.008))
     else:
         yield "pelvis", "bottom", piece("pelvis", -0.06, 0.075, (_CLOTH, 0.007), hem=True)
         yield "pelvis", "shoe", piece("pelvis", 0.058, 0.074, (0.010, 0.010), hem=True)
         yield "pelvis", "top", piece("pelvis", 0.06, 0.12, (0.003, 0.008))
         yield "spine", "top", piece("spine", 0.06, 0.21, (0.003, 0.008))
-    chest = [piece("chest", 0.13, 0.33, (0.008, 0.004))]
-    if body.figure > 0.5:
-        bust = 0.030 * body.stature * body.girth**0.8
-        z = (0.222 * body.stature) * body.trunk - heights[2, 0]
-        for sign in SIDES.values():
-            centre = (0.045 * body.stature * body.girth, sign * 0.036 * body.stature, z)
-            chest.append(dome((bust, bust * 1.05, bust * 0.95), (0, 0, 1), -1).moved(centre))
-    yield "chest", "top", merge(*chest)
+    chest = piece("chest", 0.13, 0.33, (0.008, 0.004))
+    yield "chest", "top", chest.pushed(_bust(body, chest.vertices, heights[2, 0])) if body.figure > CHILD else chest
+
+
+def _bust(body: Body, points: np.ndarray, origin: float) -> np.ndarray:
+    """(N, 3) by how much a bust moves points (N, 3) on a chest that is so far above the hips, m."""
+    size = body.stature * body.girth**0.8
+    up = (points[:, 2] - 0.222 * body.stature * body.trunk + origin) / (0.036 * size)
+    aside = (np.abs(points[:, 1]) - 0.036 * body.stature) / (0.028 * size)
+    bulge = np.exp(-(aside**2) - up**2) * (points[:, 0] > 0)
+    share = (body.figure - CHILD) / (1 - CHILD)
+    return np.outer(0.019 * size * share * bulge, (1, 0, 0))
 
 
 def _head(body: Body, looks: Looks) -> Iterator[Part]:

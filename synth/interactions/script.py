@@ -9,9 +9,13 @@ from synth.body import Body, segment_origins
 from synth.motion import SEGMENTS, Motion
 from synth.motion.limbs import PALM
 from synth.motion.upper import minimum_jerk
+from synth.shape import trunk_sections
+from synth.shape import trunk_sections
 
 _SEAT = 0.45
 """Height of `scenes/props/stool.xml`, m."""
+_CLOTH = 0.012
+"""How far from a seat people feel it, m."""
 _STRETCH = 0.94
 """How far arms stretch at ease, as a share of their length."""
 
@@ -210,13 +214,18 @@ def wrapped(angle: np.ndarray | float) -> np.ndarray | float:
 
 def seated(body: Body) -> float:
     """Height of the hips of who sits on a stool, m."""
-    return _SEAT + 0.074 * body.stature * body.girth
+    return _SEAT + _CLOTH + trunk_sections(body, np.zeros(1))[0, 2]
 
 
 def arm_length(body: Body) -> float:
     """From the shoulder to the palm of a straight arm, m."""
     lengths = sum(float(np.linalg.norm(body.offsets[SEGMENTS.index(f"l_{part}")])) for part in ("forearm", "hand"))
     return lengths + float(PALM[1]) * body.stature * body.arms
+
+
+def thickness(body: Body) -> float:
+    """Half the depth of the trunk where it is deepest, at the belly or at the chest, m."""
+    return float(trunk_sections(body, np.array((0.105, 0.21)))[:, 2].max())
 
 
 def within_reach(bodies: Sequence[Body], away: Sequence[float]) -> tuple[float, float]:

@@ -3,7 +3,18 @@
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from synth.interactions.script import Cast, Poses, Reach, Role, Script, approach, arm_length, during, within_reach
+from synth.interactions.script import (
+    Cast,
+    Poses,
+    Reach,
+    Role,
+    Script,
+    approach,
+    arm_length,
+    during,
+    thickness,
+    within_reach,
+)
 from synth.motion.upper import minimum_jerk
 
 _EMBRACES = {
@@ -69,7 +80,7 @@ def handshake(cast: Cast, *, rng: np.random.Generator) -> Script:
 def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
     """Two come up to each other and put their arms round each other."""
     come, when, _ = _meeting(cast, 0.7)
-    apart = sum(0.064 * body.stature * body.girth for body in cast.bodies) + 0.05
+    apart = sum(thickness(body) for body in cast.bodies) + 0.04
     roles, _ = _face_to_face(cast, apart, 0.11, come=come, when=when, rng=rng)
     # Arms open on the way, and close once the other is between them.
     share = minimum_jerk((cast.seconds - 0.4 * when) / (0.45 * when))
@@ -174,7 +185,7 @@ def fight(cast: Cast, *, rng: np.random.Generator) -> Script:
 def dance(cast: Cast, *, rng: np.random.Generator) -> Script:
     """A couple in closed hold turns and steps to and fro, unless recordings of a couple are there."""
     seconds, beat = cast.seconds, rng.uniform(0.42, 0.52)
-    apart = max(0.46, sum(0.064 * body.stature * body.girth for body in cast.bodies) + 0.16)
+    apart = max(0.46, sum(thickness(body) for body in cast.bodies) + 0.15)
     turning = rng.choice((-1, 1)) * rng.uniform(0.5, 0.9)
     yaw = rng.uniform(0, 2 * np.pi) + turning * seconds + 0.15 * np.sin(np.pi * seconds / (2 * beat))
     ahead = np.stack([np.cos(yaw), np.sin(yaw)], 1)
