@@ -176,13 +176,13 @@ def _trunk(body: Body, looks: Looks) -> Iterator[Part]:
 
     if looks.untucked:
         yield "pelvis", "bottom", piece("pelvis", -0.06, 0.04, (_CLOTH, _CLOTH), hem=True)
-        yield "pelvis", "top", piece("pelvis", -0.022, 0.12, (0.020, 0.008), hem=True)
-        yield "spine", "top", piece("spine", 0.05, 0.21, (0.009, 0.008))
+        yield "pelvis", "top", piece("pelvis", -0.022, 0.12, (0.020, 0.003), hem=True)
+        yield "spine", "top", piece("spine", 0.05, 0.21, (0.007, 0.002))
     else:
         yield "pelvis", "bottom", piece("pelvis", -0.06, 0.075, (_CLOTH, 0.007), hem=True)
         yield "pelvis", "shoe", piece("pelvis", 0.058, 0.074, (0.010, 0.010), hem=True)
-        yield "pelvis", "top", piece("pelvis", 0.06, 0.12, (0.003, 0.008))
-        yield "spine", "top", piece("spine", 0.06, 0.21, (0.003, 0.008))
+        yield "pelvis", "top", piece("pelvis", 0.06, 0.12, (0.007, 0.001))
+        yield "spine", "top", piece("spine", 0.06, 0.21, (0.006, 0.002))
     chest = piece("chest", 0.13, 0.33, (0.008, 0.004))
     yield "chest", "top", chest.pushed(_bust(body, chest.vertices, heights[2, 0])) if body.figure > CHILD else chest
 
