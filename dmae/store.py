@@ -22,8 +22,11 @@ MANIFEST = "manifest.jsonl"
 _OPTIONAL = (*OF_TRUE_PERSONS, *OF_DETECTIONS)
 
 
-def write_atomic(path: Path, data: bytes | str) -> None:
-    """Write a file whole or not at all: temporary name, fsync, rename."""
+def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None:
+    """Write a file whole or not at all: temporary name, fsync, rename.
+
+    What is checked on reading and can be made anew need not be `lasting`: then a loss of power may spoil it.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     data = data.encode() if isinstance(data, str) else data
@@ -32,7 +35,8 @@ def write_atomic(path: Path, data: bytes | str) -> None:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            if lasting:
+                os.fsync(file.fileno())
         Path(temporary).chmod(0o644)
         Path(temporary).replace(path)
     except BaseException:

@@ -5,9 +5,9 @@ import numpy as np
 
 from synth.body import SIDES, Body, part
 from synth.looks import Looks
-from synth.mesh import Mesh
 from synth.motion import PARENTS, SEGMENTS
-from synth.shape import parts, trunk_sections
+from synth.shape import trunk_sections
+from synth.surfaces import Surface, surfaces
 from synth.textures import add_texture, paint
 
 MOST_PERSONS = 30
@@ -104,14 +104,14 @@ def add_person(
     bodies = _add_segments(spec, prefix, body, position)
     _add_capsules(bodies, prefix, person, body)
     _add_touch(spec, prefix)
-    for number, (segment, material, mesh) in enumerate(parts(body, looks)):
-        name = f"{prefix}{segment}/{material}{number}"
-        _add_mesh(spec, name, mesh, shaded=rng is not None)
-        bodies[SEGMENTS.index(segment)].add_geom(
+    for number, surface in enumerate(surfaces(body, looks, shaded=rng is not None)):
+        name = f"{prefix}{surface.segment}/{surface.material}{number}"
+        _add_mesh(spec, name, surface)
+        bodies[SEGMENTS.index(surface.segment)].add_geom(
             name=name,
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=name,
-            material=prefix + material,
+            material=prefix + surface.material,
             contype=0,
             conaffinity=0,
             mass=0,
@@ -196,15 +196,15 @@ def _add_materials(spec: mujoco.MjSpec, prefix: str, looks: Looks, *, rng: np.ra
             add_texture(spec, added, paint(garment.pattern, garment.colours, 128, rng=rng))
 
 
-def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: Mesh, *, shaded: bool) -> None:
-    faces = mesh.faces.ravel()
+def _add_mesh(spec: mujoco.MjSpec, name: str, surface: Surface) -> None:
+    faces = surface.faces.ravel()
     shading = {}
-    if shaded:
-        shading = {"usernormal": mesh.normals.ravel(), "usertexcoord": mesh.uv.ravel()}
+    if surface.normals is not None:
+        shading = {"usernormal": surface.normals.ravel(), "usertexcoord": surface.uv.ravel()}
         shading |= {"userfacenormal": faces, "userfacetexcoord": faces}
     spec.add_mesh(
         name=name,
-        uservert=mesh.vertices.ravel(),
+        uservert=surface.vertices.ravel(),
         userface=faces,
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         **shading,

@@ -1,6 +1,7 @@
 """Fixtures that several tests of the generator share."""
 
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -11,6 +12,14 @@ from synth.render import find_backend
 
 from .detecting import three_persons, what_is_seen
 from .test_rigs import preset
+
+
+@pytest.fixture(autouse=True, scope="session")
+def surfaces_of_tests(tmp_path_factory) -> Iterator[None]:
+    """What tests make of people is kept for them alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DMAE_CACHE", str(tmp_path_factory.mktemp("kept")))
+        yield
 
 
 @pytest.fixture(params=[pytest.param("gl", marks=pytest.mark.gl), "rays"])
