@@ -15,6 +15,7 @@ from synth.interactions.script import (
     thickness,
     within_reach,
 )
+from synth.motion import SEGMENTS
 from synth.motion.upper import minimum_jerk
 
 _EMBRACES = {
@@ -23,6 +24,8 @@ _EMBRACES = {
 }
 """Arms over the other's shoulder (True) and below it: on the way and in the end, in the frame of the other's chest as
 fractions of stature, y to the side of the arm; and where elbows give way to."""
+_HIGH = 0.18
+"""How far above their shoulders people still put their arms round somebody, m; who is smaller does at that height."""
 _SIGN = {"l": 1.0, "r": -1.0}
 
 
@@ -99,7 +102,11 @@ def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
                 beside, back = (poses.point(other, "chest", tuple(at * size)) for at in (start, end))
                 normal = poses.axis(other, "chest", (0.4, -sign, 0)) * (1 - closed)
                 normal = normal + closed * poses.axis(other, "chest", (1, 0, 0))
-                reaches.append(Reach(person, side, share, beside + closed * (back - beside), normal, elbow))
+                palm = beside + closed * (back - beside)
+                shoulder = poses.origins[:, person, SEGMENTS.index(f"{side}_upper_arm"), 2]
+                if (palm[:, 2] - shoulder).max() > _HIGH:
+                    palm[:, 2] = np.minimum(palm[:, 2], shoulder)
+                reaches.append(Reach(person, side, share, palm, normal, elbow))
         return reaches
 
     return Script(tuple(Role(role.path) for role in roles), clearance=0.9 * apart, reaches=hold)

@@ -45,7 +45,9 @@ def test_children_move_as_adults_were_recorded(kind, source, data_folder):
     check(*played(kind, motion, replace(SCENE, seconds=2.0)))
 
 
-@pytest.mark.parametrize("kind", [InteractionKind.handshake, InteractionKind.pass_box, InteractionKind.dance])
+@pytest.mark.parametrize(
+    "kind", [InteractionKind.handshake, InteractionKind.hug, InteractionKind.pass_box, InteractionKind.dance]
+)
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_small_child_reaches_a_tall_man(kind, order, monkeypatch):
     bodies = iter((body_at(0, stature=1.6), body_at(1, 6))[::order])
@@ -55,6 +57,11 @@ def test_a_small_child_reaches_a_tall_man(kind, order, monkeypatch):
     right, left = palms(spec, simulation, "r"), palms(spec, simulation, "l")
     if kind is InteractionKind.handshake:
         assert np.linalg.norm(right[:, 0] - right[:, 1], axis=-1).min() < 0.05
+    elif kind is InteractionKind.hug:
+        child = 1 if order == 1 else 0
+        shoulder = simulation.joints[-1, child, SKELETON.index("body25.l_shoulder")[0], 2]
+        assert max(left[-1, child, 2], right[-1, child, 2]) < shoulder + 0.1
+        assert simulation.quality["contact_frames"] > 30
     elif kind is InteractionKind.dance:
         assert np.median(np.linalg.norm(left[:, 0] - right[:, 1], axis=-1)) < 0.11
     else:
