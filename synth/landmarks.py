@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dmae.skeleton import get_skeleton
+from dmae.skeleton import Skeleton, get_skeleton
 from synth.body import ANKLE_HEIGHT, SIDES, Body, part, segment_origins
 from synth.motion import SEGMENTS
 
@@ -58,36 +58,55 @@ _SHELF14 = _LIMBS | {
     # 125 mm ahead of that and 145 mm above, on a body of 1.75 m.
     "top_head": _Landmark("head", "head", 0.0714, 0, 0.0829),
 }
+_HEADS = ("bottom_head", "top_head")
+# MPII's annotators, whose joints BODY_25B and Halpe have: the crown, and where the neck meets the head.
+_CROWN = {"head_top": _Landmark("head", "head", 0.005, 0, 0.155)}
+_PLACES = {
+    "shelf14": _SHELF14,
+    "body25b": _BODY25 | _CROWN | {"neck": _Landmark("head", "head", 0.006, 0, 0.022, 0.060)},
+    "halpe26": _BODY25 | _CROWN,
+}
+"""Of skeletons whose joints are not all where BODY_25 has those of the same name."""
 _SKIN = 0.025
 
 
-@lru_cache(maxsize=256)
-def landmarks(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The joints of `SKELETON` on a body.
+@lru_cache(maxsize=512)
+def landmarks(body: Body, skeleton: Skeleton = SKELETON) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The joints of a skeleton on a body, each where that skeleton's annotators or detector put it.
+
+    Args:
+        body: Whose.
+        skeleton: Any of `dmae.skeleton.SKELETONS`, or two of them side by side.
 
     Returns:
-        segments: (39,) index into `SEGMENTS` of the segment each joint moves with.
-        points: (39, 3) the joint in that segment's frame, m.
-        depth: (39,) how far before the joint a ray may first meet the body and still count as seeing
+        segments: (J,) index into `SEGMENTS` of the segment each joint moves with.
+        points: (J, 3) the joint in that segment's frame, m.
+        depth: (J,) how far before the joint a ray may first meet the body and still count as seeing
             the joint, m: through the limb it lies in, or through little more than skin.
     """
     at = dict(zip(SEGMENTS, segment_origins(body, np.zeros((1, 3)), np.tile(np.eye(3), (1, 16, 1, 1)))[0], strict=True))
     segments, places, depth = [], [], []
-    for name in SKELETON.joints:
-        skeleton, _, joint = name.partition(".")
+
+    def place(landmark: _Landmark, side: str) -> np.ndarray:
+        local = np.array((landmark.x, landmark.y * SIDES.get(side, 1.0), landmark.z)) * _size(body, landmark)
+        return local + np.mean([at[s] for s in _sided(landmark.joint, side)], axis=0)
+
+    # Half way between the shoulders and the ears, from where Shelf's heads are counted.
+    middle = np.mean([place(_BODY25[point], side) for side in SIDES for point in ("shoulder", "ear")], axis=0)
+    for name in skeleton.joints:
+        family, _, joint = name.rpartition(".")
         side, kind = part(joint)
-        landmark = (_BODY25 if skeleton == "body25" else _SHELF14)[kind]
-        size = body.stature * (body.head if landmark.joint == "head" else 1.0)
-        place = np.array((landmark.x, landmark.y * SIDES.get(side, 1.0), landmark.z)) * size
-        places.append(place + np.mean([at[s] for s in _sided(landmark.joint, side)], axis=0))
+        landmark = _PLACES.get(family or skeleton.name, _BODY25)[kind]
+        counted = middle - at["head"] if kind in _HEADS else 0.0
+        places.append(place(landmark, side) + counted)
         segments.append(_sided(landmark.segment, side)[0])
-        depth.append(_SKIN + landmark.radius * size * body.girth)
-    places = np.array(places)
-    head = SKELETON.index("shelf14.bottom_head", "shelf14.top_head")
-    sources = SKELETON.index(*(f"body25.{side}_{point}" for side in SIDES for point in ("shoulder", "ear")))
-    places[head] += places[sources].mean(0) - at["head"]
-    points = places - np.array([at[segment] for segment in segments])
+        depth.append(_SKIN + landmark.radius * _size(body, landmark) * body.girth)
+    points = np.array(places) - np.array([at[segment] for segment in segments])
     return np.array([SEGMENTS.index(segment) for segment in segments]), points, np.array(depth)
+
+
+def _size(body: Body, landmark: _Landmark) -> float:
+    return body.stature * (body.head if landmark.joint == "head" else 1.0)
 
 
 def _sided(name: str, side: str) -> list[str]:

@@ -3,7 +3,9 @@
 import mujoco
 import numpy as np
 
+from dmae.skeleton import SKELETONS
 from synth.body import SIDES, Body, part
+from synth.landmarks import landmarks
 from synth.looks import Looks
 from synth.motion import PARENTS, SEGMENTS
 from synth.shape import trunk_sections
@@ -97,13 +99,16 @@ def add_person(
         body: Proportions.
         looks: Colours and clothes.
         position: (3,) of the mid point of the hip joints, m.
-        rng: Draws the texture of the cloth; None leaves out all that only shows in pictures.
+        rng: Draws the texture of the cloth; None leaves out all that only shows in pictures, and the sites of joints,
+            `person<p>/<skeleton>.<joint>` for every skeleton that is known.
     """
     prefix = f"person{person}/"
     _add_materials(spec, prefix, looks, rng=rng)
     bodies = _add_segments(spec, prefix, body, position)
     _add_capsules(bodies, prefix, person, body)
     _add_touch(spec, prefix)
+    if rng:
+        _add_joints(bodies, prefix, body)
     for number, surface in enumerate(surfaces(body, looks, shaded=rng is not None)):
         name = f"{prefix}{surface.segment}/{surface.material}{number}"
         _add_mesh(spec, name, surface)
@@ -168,6 +173,14 @@ def _add_touch(spec: mujoco.MjSpec, prefix: str) -> None:
         for other in solids[:i]:
             if _touch(one.partition("/")[0], other.partition("/")[0]):
                 spec.add_pair(geomname1=prefix + other, geomname2=prefix + one)
+
+
+def _add_joints(bodies: list, prefix: str, body: Body) -> None:
+    """Mark where each skeleton's annotators or detector put its joints, for users of the model."""
+    for name, skeleton in SKELETONS.items():
+        segments, points, _ = landmarks(body, skeleton)
+        for joint, segment, point in zip(skeleton.joints, segments, points, strict=True):
+            bodies[segment].add_site(name=f"{prefix}{name}.{joint}", pos=point, group=HIDDEN_GROUP)
 
 
 def _touch(one: str, other: str) -> bool:

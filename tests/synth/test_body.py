@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dmae.skeleton import SKELETONS
 from synth.anthropometry import body_at
 from synth.body import Body, segment_origins
 from synth.landmarks import SKELETON, landmarks
@@ -109,6 +110,27 @@ def test_face_and_feet_landmarks_lie_on_the_surface(body):
     joints = t_pose(body)[1]
     for name in ("nose", "l_eye", "r_ear", "l_big_toe", "r_small_toe", "l_heel"):
         assert np.linalg.norm(skin - joint(joints, f"body25.{name}"), axis=1).min() < 0.025, name
+
+
+@given(BODIES)
+@settings(max_examples=10, deadline=None)
+def test_every_skeleton_has_its_joints(body):
+    origins, joints = t_pose(body)
+    for name, skeleton in SKELETONS.items():
+        segments, points, depth = landmarks(body, skeleton)
+        places = origins[segments] + points
+        assert places.shape == (len(skeleton), 3)
+        assert (depth > 0).all()
+        np.testing.assert_allclose(places[list(skeleton.mirror)] * (1, -1, 1), places, atol=1e-12)
+        for theirs, place in zip(skeleton.joints, places, strict=True):
+            twin = f"shelf14.{theirs}" if name == "shelf14" else f"body25.{theirs}"
+            if twin in SKELETON.joints and (name, theirs) != ("body25b", "neck"):
+                np.testing.assert_allclose(place, joint(joints, twin), atol=1e-9)
+    for name in ("body25b", "halpe26"):
+        segments, points, _ = landmarks(body, SKELETONS[name])
+        places = dict(zip(SKELETONS[name].joints, origins[segments] + points, strict=True))
+        assert places["head_top"][2] == pytest.approx(body.stature, rel=0.01)
+        assert (places["neck"][2] > places["l_shoulder"][2] + 0.02) == (name == "body25b")
 
 
 def test_depth_reaches_the_skin_of_limbs_and_little_more():

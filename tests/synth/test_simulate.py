@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from dmae.skeleton import SKELETONS
 from synth.body import Body
 from synth.landmarks import SKELETON, landmarks
 from synth.motion import SEGMENTS
@@ -69,6 +70,18 @@ def test_who_stands_stays():
     assert simulation.quality["tracking_error_mm"] < 10
     assert simulation.quality["contact_frames"] == 0
     assert simulation.joints[-1, 0, :, 2].min() > 0.0
+
+
+def test_sites_mark_the_joints_of_every_skeleton(crowd):
+    _, simulation = crowd
+    data = mujoco.MjData(simulation.model)
+    data.qpos[:] = simulation.qpos[20]
+    mujoco.mj_forward(simulation.model, data)
+    for name in ("body25.nose", "shelf14.l_hip"):
+        marked = data.site(f"person2/{name}").xpos
+        np.testing.assert_allclose(marked, simulation.joints[20, 2, SKELETON.index(name)[0]], atol=1e-9)
+    names = {simulation.model.site(i).name for i in range(simulation.model.nsite)}
+    assert {f"person0/{name}.{joint}" for name, skeleton in SKELETONS.items() for joint in skeleton.joints} <= names
 
 
 def test_labels_are_read_from_the_state(crowd):
