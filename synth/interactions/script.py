@@ -10,7 +10,6 @@ from synth.motion import SEGMENTS, Motion
 from synth.motion.limbs import PALM
 from synth.motion.upper import minimum_jerk
 from synth.shape import trunk_sections
-from synth.shape import trunk_sections
 
 _SEAT = 0.45
 """Height of `scenes/props/stool.xml`, m."""
