@@ -1,5 +1,6 @@
 """Make people follow a reference motion by joint torques and a bounded push at the pelvis."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -7,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from synth.body import part
+from synth.body import SIDES, part
 from synth.motion import PARENTS, SEGMENTS
 
 # Stiffness, damping and greatest torque of each segment's joint for a person of 70 kg: N m / rad, N m s / rad, N m.
@@ -26,6 +27,13 @@ _GAINS = {
 _ROOT = (20000.0, 1500.0, 1500.0)
 """The same for the push at the pelvis, N / m, N s / m, N."""
 
+_FOOT = (20000.0, 250.0)
+"""Stiffness and damping of what holds a foot that bears in its place, N / m, N s / m."""
+_FRICTION = 0.9
+"""Greatest force of that, as a share of the weight that is on the foot."""
+_EVERY = 4
+"""Steps from one working out of the forces to the next."""
+
 _LEASH, _RETURN = 0.06, 1.0
 """How far a pelvis may lag behind its path before the path gives way, m, and the time in which that is made up, s."""
 
@@ -39,24 +47,29 @@ class Reference:
         velocity: (S, P, 3) theirs, m / s.
         quats: (S, P, 16, 4) orientation (w first) of each segment in its parent, of the pelvis in the world.
         spin: (S, P, 16, 3) angular velocity of each segment relative to its parent, in its own axes, rad / s.
+        bearing: (S, P, 2) share of the weight that is on the left and the right foot.
     """
 
     root: np.ndarray
     velocity: np.ndarray
     quats: np.ndarray
     spin: np.ndarray
+    bearing: np.ndarray
 
     def still(self) -> "Reference":
         """One step: the first pose, at rest."""
-        return Reference(self.root[:1], 0 * self.velocity[:1], self.quats[:1], 0 * self.spin[:1])
+        return Reference(self.root[:1], 0 * self.velocity[:1], self.quats[:1], 0 * self.spin[:1], self.bearing[:1])
 
 
-def make_reference(root: np.ndarray, rotations: np.ndarray, fps: float, substeps: int) -> Reference:
+def make_reference(
+    root: np.ndarray, rotations: np.ndarray, bearing: np.ndarray, fps: float, substeps: int
+) -> Reference:
     """Fill in `substeps` steps a frame, smoothly, from the first frame to the last.
 
     Args:
         root: (F, P, 3) m, world.
         rotations: (F, P, 16, 3, 3) world orientation of each of `SEGMENTS`.
+        bearing: (F, P, 2) as in `Reference`.
         fps: Frames per second.
         substeps: Steps a frame.
     """
@@ -72,14 +85,21 @@ def make_reference(root: np.ndarray, rotations: np.ndarray, fps: float, substeps
     dt = 1 / (fps * substeps)
     times, steps = np.arange(frames) / fps, np.arange((frames - 1) * substeps + 1) * dt
     if frames == 1:
-        return Reference(root, np.zeros_like(root), quats, np.zeros((1, persons, len(SEGMENTS), 3)))
+        return Reference(root, np.zeros_like(root), quats, np.zeros((1, persons, len(SEGMENTS), 3)), bearing)
     path = CubicSpline(times, root)
     quats = CubicSpline(times, quats)(steps)
     quats /= np.linalg.norm(quats, axis=-1, keepdims=True)
     spin = np.empty((*quats.shape[:-1], 3))
     spin[:-1] = 2 / dt * _turn(quats[:-1], quats[1:])
     spin[-1] = spin[-2]
-    return Reference(path(steps), path(steps, 1), quats, spin)
+    return Reference(path(steps), path(steps, 1), quats, spin, _filled(bearing, substeps))
+
+
+def _filled(values: np.ndarray, between: int) -> np.ndarray:
+    """(K, ...) values, each `between` steps from the next, at every step: (between (K - 1) + 1, ...)."""
+    share = np.arange(between).reshape(-1, *[1] * (values.ndim - 1)) / between
+    steps = values[:-1, None] * (1 - share) + values[1:, None] * share
+    return np.concatenate([steps.reshape(-1, *values.shape[1:]), values[-1:]])
 
 
 def _turn(start: np.ndarray, stop: np.ndarray) -> np.ndarray:
@@ -119,6 +139,12 @@ class Addresses:
 
     def _people(self, qpos: np.ndarray) -> np.ndarray:
         return qpos[..., self.qpos].reshape(*qpos.shape[:-1], self.persons, -1)
+
+
+def _feet(model: mujoco.MjModel, person: int) -> slice:
+    """Which of the model's bodies are a person's left and right foot."""
+    left, right = (model.body(f"person{person}/{side}_foot").id for side in SIDES)
+    return slice(left, right + 1, right - left)
 
 
 def find_joints(model: mujoco.MjModel, persons: int) -> Addresses:
@@ -163,17 +189,29 @@ class Controller:
         gains = np.array([_ROOT] + [_GAINS[part(name)[1]] for name in SEGMENTS])
         gains = np.repeat(gains * (masses / 70)[:, None, None], 3, axis=1).reshape(len(masses), -1, 3, 3)
         # The error of a turn is half a rotation vector.
-        self._stiffness, self._damping, self._strength = np.moveaxis(gains, -1, 0).copy()
+        self._stiffness, self._damping, strength = np.moveaxis(gains, -1, 0).copy()
         self._stiffness[:, 1:] *= 2
-        self._weakness = -self._strength
         self._leverage = _SIGNS[..., None, None, None] * self._stiffness[:, 1:, 0]
         joints.moves(model.dof_damping)[:] = self._damping
         self._reference = reference
-        self._forward = joints.moves(_inverse_dynamics(model, joints, reference))
+        feet = [_feet(model, person) for person in range(len(masses))]
+        forces, self._stands = _inverse_dynamics(model, joints, reference, feet)
+        forces = joints.moves(forces)
+        self._weakest, self._strongest = forces - strength, forces + strength
+        moves = np.concatenate([reference.velocity[:, :, None], reference.spin], axis=2)
+        self._forward = forces + self._damping * moves
         self._decay = float(np.exp(-model.opt.timestep / _RETURN))
         self.shift = np.zeros((len(masses), 2))
         """(P, 2) how far each person's path has been shifted by what is in its way, m."""
         self._shifted = False
+        self._stiff = (
+            _FOOT[0] * (masses / 70)[:, None, None],
+            _FOOT[1] * (masses / 70)[:, None, None] / model.opt.timestep,
+        )
+        self._grip = _FRICTION * -model.opt.gravity[2] * masses[:, None] * reference.bearing
+        self._feet = [(data.xipos[own], data.xfrc_applied[own, :3]) for own in feet]
+        self._off = np.zeros((2, len(masses), 2, 3))
+        self._stood = np.zeros((len(masses), 2, 2))
 
         self._root, self._quats = joints.root(data.qpos), joints.quats(data.qpos)
         self._velocity, self._force = joints.moves(data.qvel), joints.moves(data.qfrc_applied)
@@ -204,8 +242,27 @@ class Controller:
         np.multiply(self._damping, self._velocity, out=damped)
         wanted += self._forward[step]
         wanted -= damped
-        np.minimum(np.maximum(wanted, self._weakness, out=wanted), self._strength, out=wanted)
+        np.minimum(np.maximum(wanted, self._weakest[step], out=wanted), self._strongest[step], out=wanted)
         np.add(wanted, damped, out=self._force)
+        self._hold_feet(max(step - 2, 0))
+
+    def _hold_feet(self, step: int) -> None:
+        """Hold the feet that bear where they are to stand; who is pushed aside does not take them along.
+
+        The engine has places of bodies as of the step before.
+        """
+        off, before, grip = self._off[step % 2], self._off[1 - step % 2], self._grip[step]
+        for person, (place, _) in enumerate(self._feet):
+            np.subtract(self._stands[step, person], place, out=off[person])
+        if step == 0:
+            np.copyto(before, off)
+        if self._shifted:
+            np.copyto(self._stood, self.shift[:, None], where=grip[..., None] < 1.0)
+            off[..., :2] += self._stood
+        force = self._stiff[0] * off + self._stiff[1] * (off - before)
+        force *= np.minimum(1, grip / np.sqrt(np.einsum("pfi,pfi->pf", force, force) + 1e-9))[..., None]
+        for person, (_, push) in enumerate(self._feet):
+            push[:] = force[person]
 
     def _lay_out(self, step: int) -> None:
         """Prepare the torques of the steps from this one on, linear in the orientations; turns go the short way."""
@@ -227,23 +284,39 @@ class Controller:
         lag += self.shift
 
 
-def _inverse_dynamics(model: mujoco.MjModel, joints: Addresses, reference: Reference) -> np.ndarray:
-    """(S, nv) forces that move the people along the reference where nothing touches them, damping included."""
-    dt = model.opt.timestep
+def _inverse_dynamics(
+    model: mujoco.MjModel, joints: Addresses, reference: Reference, feet: Sequence[slice]
+) -> tuple[np.ndarray, np.ndarray]:
+    """What moves the people along the reference where nothing touches them, and where their feet then are.
+
+    Both are worked out every few steps, and between these taken to change evenly.
+
+    Args:
+        model: The scene.
+        joints: Of the people.
+        reference: Of S steps.
+        feet: Where feet are in `xipos`, a person each.
+
+    Returns:
+        Forces (S, nv) and centres of mass of the feet (S, P, 2, 3), m.
+    """
+    dt, steps = model.opt.timestep, len(reference.root)
     data = mujoco.MjData(model)
-    steps = len(reference.root)
-    qpos, qvel = np.tile(data.qpos, (steps, 1)), np.zeros((steps, model.nv))
-    joints.root(qpos)[:], joints.quats(qpos)[:] = reference.root, reference.quats
+    qvel = np.zeros((steps, model.nv))
     moves = joints.moves(qvel)
     moves[:, :, 0], moves[:, :, 1:] = reference.velocity, reference.spin
-    qacc = np.zeros_like(qvel)
-    qacc[:-1] = np.diff(qvel, axis=0) / dt
-    forces = np.empty_like(qvel)
+    some = np.arange(0, steps + _EVERY - 1, _EVERY).clip(max=steps - 1)
+    later = np.minimum(some + 1, steps - 1)
+    qpos, velocities, accelerations = np.tile(data.qpos, (len(some), 1)), qvel[some], (qvel[later] - qvel[some]) / dt
+    joints.root(qpos)[:], joints.quats(qpos)[:] = reference.root[some], reference.quats[some]
+    forces, places = np.empty_like(velocities), np.empty((len(some), len(feet), 2, 3))
     # What mj_inverse does, but for the contacts and the constraints, which are left out.
-    for place, velocity, acceleration, force in zip(qpos, qvel, qacc, forces, strict=True):
-        data.qpos[:], data.qvel[:], data.qacc[:] = place, velocity, acceleration
+    for k in range(len(some)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = qpos[k], velocities[k], accelerations[k]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
-        mujoco.mj_rne(model, data, 1, force)
-    return forces + model.dof_damping * qvel
+        mujoco.mj_rne(model, data, 1, forces[k])
+        for person, own in enumerate(feet):
+            places[k, person] = data.xipos[own]
+    return tuple(_filled(values, _EVERY)[:steps] for values in (forces, places))

@@ -3,29 +3,39 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+from scipy.ndimage import gaussian_filter1d, minimum_filter1d, percentile_filter
 from scipy.spatial.transform import Rotation
 
-from synth.body import Body, segment_origins
+from synth.body import ANKLE_HEIGHT, Body, segment_origins
+from synth.feet import FEET, soles
 from synth.motion import Motion
 from synth.person import capsules
 
 _FLIGHT = 1.0
 """Time in which even a jumper is on the floor once, s."""
+_TREAD = np.array(((-0.038, 0, -ANKLE_HEIGHT), (0.070, 0, -ANKLE_HEIGHT)))
+"""Heel and ball of a foot in its own frame, fractions of stature."""
 
 
 def fit(motion: Motion, body: Body) -> Motion:
-    """The motion as a body of its own size makes it, with its lowest point on the floor.
+    """The motion as a body of its own size makes it, on the floor.
 
-    Steps lengthen with the legs. The floor under the body is where its lowest point has been within half a
-    second, smoothed, so that it is felt by those who stand and not by those who jump.
+    Steps lengthen with the legs. The floor under the body is where the lower foot mostly has been within half a
+    second, or anything else that was lower, smoothed: it is felt by those who stand and not by those who jump. Feet
+    count from heel to ball; toes, which bend, may be lower.
     """
     root = motion.root * (body.hip_height / motion.hip_height)
     segments, ends, radii = capsules(body)
+    others = ~np.isin(segments, FEET)
+    segments, ends, radii = segments[others], ends[others], radii[others]
     origins = segment_origins(body, root, motion.rotations)[:, segments, 2]
     heights = np.einsum("fcj,cej->fce", motion.rotations[:, segments, 2], ends)
-    lowest = (origins[..., None] + heights).min(2) - radii
-    floor = minimum_filter1d(lowest.min(1), max(1, round(_FLIGHT * motion.fps)), mode="nearest")
+    lowest = ((origins[..., None] + heights).min(2) - radii).min(1)
+    feet = soles(body, root, motion.rotations, _TREAD)[..., 2].min((1, 2))
+    window = max(1, round(_FLIGHT * motion.fps))
+    floor = np.minimum(
+        percentile_filter(feet, 25, window, mode="nearest"), minimum_filter1d(lowest, window, mode="nearest")
+    )
     floor = gaussian_filter1d(floor, 0.15 * motion.fps, mode="nearest")
     root[:, 2] -= floor
     return replace(motion, root=root, hip_height=body.hip_height)

@@ -9,7 +9,7 @@ from dmae.cameras import CameraRig
 from dmae.skeleton import Skeleton
 from synth.body import Body, segment_origins
 from synth.control import Controller, make_reference
-from synth.feet import plant, planted
+from synth.feet import bearing, plant, planted
 from synth.landmarks import SKELETON, landmarks
 from synth.motion import SEGMENTS, Motion
 from synth.plan import give_way
@@ -70,9 +70,9 @@ def simulate_motions(spec: SceneSpec, motions: list[Motion], rig: CameraRig, *, 
         )
     scene = build_scene(spec, rig, painted=painted)
     bodies = [person.body for person in spec.persons]
-    root, rotations = plan_motions(spec, motions, scene.obstacles)
+    root, rotations, weight = plan_motions(spec, motions, scene.obstacles)
     data, masses = mujoco.MjData(scene.model), np.array([body.mass for body in bodies])
-    reference = make_reference(root, rotations, spec.fps, scene.substeps)
+    reference = make_reference(root, rotations, weight, spec.fps, scene.substeps)
     holding, leading = (Controller(scene.model, data, r, masses) for r in (reference.still(), reference))
     qpos, shifts, overlaps = _run(scene, data, holding, leading, spec)
     joints = joint_places(scene.model, qpos, bodies)
@@ -91,7 +91,9 @@ def simulate_motions(spec: SceneSpec, motions: list[Motion], rig: CameraRig, *, 
     )
 
 
-def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def plan_motions(
+    spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What people mean to do once they have made room for each other and for things.
 
     Args:
@@ -100,7 +102,8 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
         obstacles: (K, 3) x, y and radius of what stands about, m.
 
     Returns:
-        Hips (F, P, 3) m, and orientations (F, P, 16, 3, 3) of `SEGMENTS`, world.
+        Hips (F, P, 3) m, orientations (F, P, 16, 3, 3) of `SEGMENTS`, world, and shares of the weight (F, P, 2) as
+         `synth.feet.bearing` has them.
     """
     root = np.stack([motion.root for motion in motions], axis=1)
     rotations = np.stack([motion.rotations for motion in motions], axis=1)
@@ -109,9 +112,11 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
         for p, person in enumerate(spec.persons)
     ]
     root[..., :2] += give_way(root[..., :2], spec.fps, clearance=spec.clearance, obstacles=obstacles)
+    weight = np.empty((*root.shape[:2], 2))
     for p, person in enumerate(spec.persons):
-        rotations[:, p] = plant(person.body, root[:, p], rotations[:, p], standing[p])
-    return root, rotations
+        root[:, p], rotations[:, p] = plant(person.body, root[:, p], rotations[:, p], standing[p], spec.fps)
+        weight[:, p] = bearing(person.body, root[:, p], rotations[:, p], standing[p], spec.fps)
+    return root, rotations, weight
 
 
 def _run(

@@ -202,7 +202,8 @@ def _along(base: Motion, path: np.ndarray, body: Body) -> Motion:
     root = base.root.copy()
     root[:, :2] = line[:, :2] + np.einsum("fij,fj->fi", turn[:, :2, :2], base.root[:, :2] - way)
     standing = planted(body, base.root, base.rotations, base.fps, turn=0.0)
-    return replace(base, root=root, rotations=plant(body, root, turn[:, None] @ base.rotations, standing))
+    root, rotations = plant(body, root, turn[:, None] @ base.rotations, standing, base.fps)
+    return replace(base, root=root, rotations=rotations)
 
 
 def _over_steps(base: Motion, role: Role, body: Body, *, rng: np.random.Generator) -> Motion:

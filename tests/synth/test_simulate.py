@@ -26,7 +26,10 @@ HIPS = SKELETON.index("body25.mid_hip")[0]
 def head_on():
     """Two people who glide straight at each other at 1 m/s and meet half way through, neither stepping aside."""
     motions = [gliding(BODY, 30, (-0.7, 0), (1, 0)), gliding(OTHER, 30, (0.7, 0.05), (-1, 0))]
-    return motions, simulate_motions(scene([BODY, OTHER], 30), motions, RIG)
+    with pytest.MonkeyPatch.context() as patch:
+        # Whoever glides has no feet to stand on.
+        patch.setattr("synth.quality._MOST_SLIDE", 1.0)
+        return motions, simulate_motions(scene([BODY, OTHER], 30), motions, RIG)
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +127,7 @@ def test_walls_stop_people():
     motions = [gliding(BODY, 35, (4.6, 0), (1, 0))]
     assert motions[0].root[-1, 0] > 5.9, "through the wall at 5.5 m"
     simulation = simulate_motions(scene([BODY], 35), motions, RIG)
-    assert simulation.joints[..., 0].max() < 5.52
+    assert simulation.joints[..., 0].max() < 5.53
     assert simulation.quality["object_penetration_mm"] < 40
     assert 0.3 < simulation.quality["shift_m"] < 0.8
 
@@ -160,12 +163,18 @@ def test_overlaps_are_the_deepest_contacts_of_all_steps_to_a_frame():
     assert (nobody.persons == -np.inf).all()
 
 
-def summary(*, moved: float = 0.0, overlap: float = -np.inf, shift: float = 0.0):
-    """Quality of a made-up clip of ten frames and two people."""
+SOLES = SKELETON.index(*(f"body25.{side}_{point}" for side in "lr" for point in ("big_toe", "heel")))
+
+
+def summary(*, moved: float = 0.0, overlap: float = -np.inf, shift: float = 0.0, slides=(), floor=SOLES):
+    """Quality of a made-up clip of ten frames and two people; of the first some soles slide, 0.3 m/s, in half of it."""
     joints = np.zeros((10, 2, 39, 3))
     joints[..., 2] = 1.0
+    joints[:, 0, floor, 2] = 0.016
+    wanted = joints.copy()
+    joints[5:, 0, slides, 0] = 0.012 * np.arange(1, 6)[:, None]
     overlaps = Overlaps(np.full(10, overlap), np.full(10, -np.inf))
-    return assess(joints + moved, joints, overlaps, np.full((10, 2, 2), shift / np.sqrt(2)), 25.0)
+    return assess(joints + moved, wanted, overlaps, np.full((10, 2, 2), shift / np.sqrt(2)), 25.0)
 
 
 def test_quality_reports_what_happened():
@@ -183,6 +192,7 @@ def test_quality_reports_what_happened():
         ({"shift": 2.0}, "push off the planned path, m: 2,"),
         ({"moved": -0.4}, "median tracking error, mm: 693"),
         ({"moved": np.nan}, "median tracking error, mm: nan"),
+        ({"slides": SOLES}, "share of the time in which feet slide that were to stand: 0.278, at most 0.05"),
     ],
 )
 def test_unfit_clips_are_refused(happened, message):
@@ -197,3 +207,30 @@ def test_a_solver_that_fails_is_reported(monkeypatch):
     monkeypatch.setattr("synth.simulate.mujoco.mj_step", explode)
     with pytest.raises(FailedSimulation, match="the solver failed at 0"):
         simulate_motions(scene([BODY], 5), [gliding(BODY, 5, (0, 0), (1, 0))], RIG)
+
+
+@pytest.mark.parametrize(
+    ("slides", "floor", "share"),
+    [
+        (SOLES, SOLES, 5 / 18),
+        (SOLES[:2], SOLES, 5 / 18),
+        (SOLES[:1], SOLES, 0),
+        (SOLES[:1], SOLES[:1], 5 / 18),
+        (SOLES[:1], SOLES[1:], 0),
+        ((), SOLES, 0),
+    ],
+    ids=["both feet", "one flat foot", "a toe of a foot that stands", "the only toe", "a foot in the air", "nothing"],
+)
+def test_what_is_called_a_slide(slides, floor, share, monkeypatch):
+    monkeypatch.setattr("synth.quality._MOST_SLIDE", 1.0)
+    assert summary(slides=list(slides), floor=list(floor)).foot_slide == pytest.approx(share, abs=1e-4)
+
+
+def test_who_is_pushed_aside_keeps_the_feet_where_they_stand():
+    """Somebody glides into the back of one who stands: hips give way by more than a foot does."""
+    motions = [gliding(BODY, 25, (0, 0), (0, 0)), gliding(OTHER, 25, (-0.5, 0.25), (0.45, 0))]
+    simulation = simulate_motions(scene([BODY, OTHER], 25), motions, RIG)
+    moved = np.linalg.norm(simulation.joints[:, 0, :, :2] - simulation.joints[:1, 0, :, :2], axis=-1).max(0)
+    assert simulation.quality["contact_frames"] > 3
+    assert moved[SKELETON.index("body25.neck")[0]] > 0.02
+    assert moved[SOLES].max() < 0.015

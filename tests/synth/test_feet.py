@@ -1,0 +1,151 @@
+"""Feet: they stand or are on their way, never skate; legs follow them, and the weight is on what stands."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dmae.rng import Stream, generator
+from synth.body import Body, segment_origins
+from synth.feet import FEET, SOLE, bearing, plant, planted, soles
+from synth.motion import SEGMENTS
+from synth.motion.legs import HEEL, HIP_HEIGHT, TIP
+from synth.motion.procedural import ProceduralConfig
+from synth.motion.source import MotionConfig, MotionKind, cut, load_motion, read_take, takes
+from synth.plan import fit, lead
+
+from .people import BODY, gliding
+
+FPS = 25.0
+LEGS = [i for i, name in enumerate(SEGMENTS) if name.endswith(("thigh", "shin", "foot"))]
+
+
+def walk(seed: int = 1, body: Body = BODY, **config):
+    ways = {"standing": 0, "straight": 1, "gesture": 0} | config
+    config = MotionConfig(procedural=ProceduralConfig(**ways))
+    return fit(load_motion(config, seconds=3.0, fps=FPS, rng=generator(seed, 0, Stream.MOTION)), body)
+
+
+def speeds(points: np.ndarray) -> np.ndarray:
+    """(F - 1, ...) of points (F, ..., 3) over the floor, m/s."""
+    return np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1) * FPS
+
+
+def skates(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+    """(F - 1,) whether somebody is on the floor with nothing that stays in place."""
+    points = soles(body, root, rotations)
+    low = (points[1:, ..., 2] < 0.015) & (points[:-1, ..., 2] < 0.015)
+    return low.any((1, 2)) & (np.where(low, speeds(points), np.inf).min((1, 2)) > 0.25)
+
+
+def test_soles_are_where_a_flat_foot_meets_the_floor():
+    motion = gliding(BODY, 3, (1, 2), (0, 0))
+    points = soles(BODY, motion.root, motion.rotations)
+    assert points.shape == (3, 2, 2, 3)
+    np.testing.assert_allclose(points[..., 2], 0, atol=1e-9)
+    assert points[0, 0, 0, 1] > 2 > points[0, 1, 0, 1]
+    np.testing.assert_allclose(points[0, :, 1, 0] - points[0, :, 0, 0], 0.144 * BODY.stature)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5, 2.2])
+def test_a_bent_walk_is_stood_on_as_a_straight_one(turn):
+    motion = walk()
+    straight = planted(BODY, motion.root, motion.rotations, FPS, turn=0.0)
+    bent = lead(motion, (0.0, 0.0), 0.0, turn)
+    found = planted(BODY, bent.root, bent.rotations, FPS, turn=turn)
+    assert 0.5 < straight.mean() < 0.8
+    assert (found == straight).mean() > 0.95
+
+
+def test_planted_feet_stay_in_place_when_a_walk_is_bent_and_shifted():
+    turn = 0.5
+    motion = lead(walk(), (0.0, 0.0), 0.0, turn)
+    standing = planted(BODY, motion.root, motion.rotations, FPS, turn=turn)
+    pushed = motion.root.copy()
+    pushed[:, 1] += 0.3 * np.sin(np.linspace(0, np.pi, len(pushed)))
+    root, firm = plant(BODY, pushed, motion.rotations, standing, FPS)
+    both = standing[1:] & standing[:-1]
+
+    def slide(root, rotations):
+        return speeds(soles(BODY, root, rotations)).min(2)[both].max()
+
+    assert slide(root, firm) < 0.05 < slide(pushed, motion.rotations)
+    np.testing.assert_allclose(firm @ firm.swapaxes(-1, -2), np.tile(np.eye(3), (*firm.shape[:2], 1, 1)), atol=1e-9)
+    upper = [i for i in range(len(SEGMENTS)) if i not in LEGS]
+    np.testing.assert_array_equal(firm[:, upper], motion.rotations[:, upper])
+    np.testing.assert_array_equal(root[:, :2], pushed[:, :2])
+
+
+def test_a_walk_that_does_not_slide_is_hardly_changed():
+    motion = walk()
+    standing = planted(BODY, motion.root, motion.rotations, FPS, turn=0.0)
+    root, firm = plant(BODY, motion.root, motion.rotations, standing, FPS)
+    moved = soles(BODY, root, firm) - soles(BODY, motion.root, motion.rotations)
+    assert np.median(np.linalg.norm(moved, axis=-1)) < 0.005
+    sunk = motion.root[:, 2] - root[:, 2]
+    assert np.median(sunk) < 0.002
+    assert sunk.max() < 0.02
+
+
+def test_toes_below_the_floor_bend_up_and_leave_the_ankle_where_it_is():
+    motion = gliding(BODY, 10, (0, 0), (0, 0))
+    rotations, foot = motion.rotations.copy(), FEET[0]
+    rotations[:, foot] = Rotation.from_euler("y", np.linspace(0, 0.5, 10)[:, None]).as_matrix()
+    root = motion.root + (0, 0, 0.03)
+    assert soles(BODY, root, rotations)[-1, 0, :, 2].min() < -0.05
+    standing = np.zeros((10, 2), bool)
+    standing[:, 1] = True
+    root, firm = plant(BODY, root, rotations, standing, FPS)
+    assert soles(BODY, root, firm)[..., 2].min() > -1e-6
+    ankles = segment_origins(BODY, root, firm)[:, foot]
+    np.testing.assert_allclose(ankles[-1, :2], segment_origins(BODY, root, rotations)[-1, foot, :2], atol=0.01)
+
+
+def test_hips_sink_until_legs_reach_the_floor():
+    motion = gliding(BODY, 25, (0, 0), (0, 0))
+    root, firm = plant(BODY, motion.root + (0, 0, 0.02), motion.rotations, np.ones((25, 2), bool), FPS)
+    np.testing.assert_allclose(soles(BODY, root, firm)[..., 2], 0, atol=0.002)
+    np.testing.assert_allclose(root[:, 2], BODY.hip_height, atol=0.003)
+
+
+def test_the_weight_goes_from_foot_to_foot():
+    motion = walk()
+    standing = planted(BODY, motion.root, motion.rotations, FPS, turn=0.0)
+    share = bearing(BODY, motion.root, motion.rotations, standing, FPS)
+    assert share.shape == (len(motion), 2)
+    assert (share >= 0).all()
+    assert share.sum(1).max() <= 1 + 1e-9
+    assert np.median(share.sum(1)) > 0.9
+    alone = standing & ~standing[:, ::-1]
+    assert np.median(share[alone]) > 0.9
+    assert share[~standing].max() < 0.5
+    assert np.abs(np.diff(share, axis=0)).max() < 0.7
+
+
+def test_who_flies_bears_nothing():
+    motion = gliding(BODY, 20, (0, 0), (0, 0))
+    root = motion.root + (0, 0, 0.3)
+    standing = planted(BODY, root, motion.rotations, FPS, turn=0.0)
+    assert not standing.any()
+    assert not bearing(BODY, root, motion.rotations, standing, FPS).any()
+    assert planted(BODY, motion.root[:1], motion.rotations[:1], FPS, turn=0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "folder", "limit"), [("bvh", "bvh_daz", 0.02), ("bvh", "bvh_cc", 0.02), ("amc", "asf_amc", 0.01)]
+)
+def test_recorded_people_do_not_skate(kind, folder, limit, data_folder):
+    """Salsa, karate, dance and walks, of which a tenth of the frames skate as they are recorded."""
+    as_recorded, ours = [], []
+    for take in takes(MotionConfig(kind=MotionKind[kind], path=str(data_folder / "cmu" / folder))):
+        motion = fit(cut(read_take(take), start=0.4, seconds=4.0, fps=FPS), BODY)
+        standing = planted(BODY, motion.root, motion.rotations, FPS, turn=0.0)
+        root, rotations = plant(BODY, motion.root, motion.rotations, standing, FPS)
+        as_recorded.append(skates(BODY, motion.root, motion.rotations))
+        ours.append(skates(BODY, root, rotations))
+        assert soles(BODY, root, rotations)[..., 2].min() > -0.02
+    assert np.concatenate(ours).mean() < min(limit, np.concatenate(as_recorded).mean() / 2)
+
+
+def test_sole_is_as_long_as_procedural_feet_are():
+    stature = HIP_HEIGHT / 0.530
+    np.testing.assert_allclose(SOLE[:, 0] * stature, (HEEL, TIP), atol=0.001)
