@@ -1,6 +1,5 @@
 """Make people follow a reference motion by joint torques and a bounded push at the pelvis."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -8,7 +7,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from synth.body import SIDES, part
+from synth.body import part
+from synth.feet import FEET
 from synth.motion import PARENTS, SEGMENTS
 
 # Stiffness, damping and greatest torque of each segment's joint for a person of 70 kg: N m / rad, N m s / rad, N m.
@@ -31,7 +31,9 @@ _FOOT = (20000.0, 250.0)
 """Stiffness and damping of what holds a foot that bears in its place, N / m, N s / m."""
 _FRICTION = 0.9
 """Greatest force of that, as a share of the weight that is on the foot."""
-_EVERY = 4
+HELD = 2
+"""Steps of the physics for which forces are held. All other steps that are spoken of here are so many of these."""
+_EVERY = 2
 """Steps from one working out of the forces to the next."""
 
 _LEASH, _RETURN = 0.06, 1.0
@@ -119,11 +121,13 @@ class Addresses:
     Attributes:
         qpos: Of P people, each 3 places of the pelvis and 16 quaternions.
         dofs: In qvel and the forces, each 3 of the pelvis' places and 3 of each of 16 turns.
+        bodies: Of the model, each 16.
     """
 
     persons: int
     qpos: slice
     dofs: slice
+    bodies: slice
 
     def root(self, qpos: np.ndarray) -> np.ndarray:
         """(..., P, 3) view of the pelvis' places in states (..., nq)."""
@@ -137,14 +141,12 @@ class Addresses:
         """(..., P, 17, 3) view of velocities or forces (..., nv): the pelvis' places, then each segment's turn."""
         return qvel[..., self.dofs].reshape(*qvel.shape[:-1], self.persons, 1 + len(SEGMENTS), 3)
 
+    def feet(self, values: np.ndarray) -> np.ndarray:
+        """(P, 2, n) view of the left and the right foot's values, of those of all bodies (nbody, n)."""
+        return values[self.bodies].reshape(self.persons, len(SEGMENTS), -1)[:, FEET[0] :: FEET[1] - FEET[0]]
+
     def _people(self, qpos: np.ndarray) -> np.ndarray:
         return qpos[..., self.qpos].reshape(*qpos.shape[:-1], self.persons, -1)
-
-
-def _feet(model: mujoco.MjModel, person: int) -> slice:
-    """Which of the model's bodies are a person's left and right foot."""
-    left, right = (model.body(f"person{person}/{side}_foot").id for side in SIDES)
-    return slice(left, right + 1, right - left)
 
 
 def find_joints(model: mujoco.MjModel, persons: int) -> Addresses:
@@ -157,6 +159,7 @@ def find_joints(model: mujoco.MjModel, persons: int) -> Addresses:
         persons,
         slice(qpos, qpos + persons * (3 + 4 * len(SEGMENTS))),
         slice(dof, dof + persons * (3 + 3 * len(SEGMENTS))),
+        slice(model.jnt_bodyid[first], model.jnt_bodyid[first] + persons * len(SEGMENTS)),
     )
 
 
@@ -194,27 +197,24 @@ class Controller:
         self._leverage = _SIGNS[..., None, None, None] * self._stiffness[:, 1:, 0]
         joints.moves(model.dof_damping)[:] = self._damping
         self._reference = reference
-        feet = [_feet(model, person) for person in range(len(masses))]
-        forces, self._stands = _inverse_dynamics(model, joints, reference, feet)
+        forces, self._stands = _inverse_dynamics(model, joints, reference)
         forces = joints.moves(forces)
         self._weakest, self._strongest = forces - strength, forces + strength
         moves = np.concatenate([reference.velocity[:, :, None], reference.spin], axis=2)
         self._forward = forces + self._damping * moves
-        self._decay = float(np.exp(-model.opt.timestep / _RETURN))
+        self._decay = float(np.exp(-HELD * model.opt.timestep / _RETURN))
         self.shift = np.zeros((len(masses), 2))
         """(P, 2) how far each person's path has been shifted by what is in its way, m."""
         self._shifted = False
-        self._stiff = (
-            _FOOT[0] * (masses / 70)[:, None, None],
-            _FOOT[1] * (masses / 70)[:, None, None] / model.opt.timestep,
-        )
+        dt, heft = HELD * model.opt.timestep, (masses / 70)[:, None, None]
+        self._hold = heft * (_FOOT[0] + _FOOT[1] / dt), heft * (_FOOT[1] / dt)
         self._grip = _FRICTION * -model.opt.gravity[2] * masses[:, None] * reference.bearing
-        self._feet = [(data.xipos[own], data.xfrc_applied[own, :3]) for own in feet]
         self._off = np.zeros((2, len(masses), 2, 3))
         self._stood = np.zeros((len(masses), 2, 2))
 
         self._root, self._quats = joints.root(data.qpos), joints.quats(data.qpos)
         self._velocity, self._force = joints.moves(data.qvel), joints.moves(data.qfrc_applied)
+        self._places, self._push = joints.feet(data.xipos), joints.feet(data.xfrc_applied)[..., :3]
         # Steps are short, so that making arrays would take longer than filling them.
         self._pull, self._damped, self._wanted = (np.empty(a.shape) for a in (self._root, self._force, self._force))
         self._planes = np.empty((4, *self._quats.shape[:2]))
@@ -244,7 +244,7 @@ class Controller:
         wanted -= damped
         np.minimum(np.maximum(wanted, self._weakest[step], out=wanted), self._strongest[step], out=wanted)
         np.add(wanted, damped, out=self._force)
-        self._hold_feet(max(step - 2, 0))
+        self._hold_feet(step)
 
     def _hold_feet(self, step: int) -> None:
         """Hold the feet that bear where they are to stand; who is pushed aside does not take them along.
@@ -252,17 +252,16 @@ class Controller:
         The engine has places of bodies as of the step before.
         """
         off, before, grip = self._off[step % 2], self._off[1 - step % 2], self._grip[step]
-        for person, (place, _) in enumerate(self._feet):
-            np.subtract(self._stands[step, person], place, out=off[person])
+        np.subtract(self._stands[step], self._places, out=off)
         if step == 0:
             np.copyto(before, off)
         if self._shifted:
             np.copyto(self._stood, self.shift[:, None], where=grip[..., None] < 1.0)
             off[..., :2] += self._stood
-        force = self._stiff[0] * off + self._stiff[1] * (off - before)
-        force *= np.minimum(1, grip / np.sqrt(np.einsum("pfi,pfi->pf", force, force) + 1e-9))[..., None]
-        for person, (_, push) in enumerate(self._feet):
-            push[:] = force[person]
+        force = self._hold[0] * off
+        force -= self._hold[1] * before
+        strength = np.sqrt(np.einsum("pfi,pfi->pf", force, force))
+        np.multiply(force, (grip / np.maximum(strength, grip + 1e-9))[..., None], out=self._push)
 
     def _lay_out(self, step: int) -> None:
         """Prepare the torques of the steps from this one on, linear in the orientations; turns go the short way."""
@@ -284,9 +283,7 @@ class Controller:
         lag += self.shift
 
 
-def _inverse_dynamics(
-    model: mujoco.MjModel, joints: Addresses, reference: Reference, feet: Sequence[slice]
-) -> tuple[np.ndarray, np.ndarray]:
+def _inverse_dynamics(model: mujoco.MjModel, joints: Addresses, reference: Reference) -> tuple[np.ndarray, np.ndarray]:
     """What moves the people along the reference where nothing touches them, and where their feet then are.
 
     Both are worked out every few steps, and between these taken to change evenly.
@@ -295,12 +292,11 @@ def _inverse_dynamics(
         model: The scene.
         joints: Of the people.
         reference: Of S steps.
-        feet: Where feet are in `xipos`, a person each.
 
     Returns:
         Forces (S, nv) and centres of mass of the feet (S, P, 2, 3), m.
     """
-    dt, steps = model.opt.timestep, len(reference.root)
+    dt, steps = HELD * model.opt.timestep, len(reference.root)
     data = mujoco.MjData(model)
     qvel = np.zeros((steps, model.nv))
     moves = joints.moves(qvel)
@@ -309,7 +305,7 @@ def _inverse_dynamics(
     later = np.minimum(some + 1, steps - 1)
     qpos, velocities, accelerations = np.tile(data.qpos, (len(some), 1)), qvel[some], (qvel[later] - qvel[some]) / dt
     joints.root(qpos)[:], joints.quats(qpos)[:] = reference.root[some], reference.quats[some]
-    forces, places = np.empty_like(velocities), np.empty((len(some), len(feet), 2, 3))
+    forces, places = np.empty_like(velocities), np.empty((len(some), joints.persons, 2, 3))
     # What mj_inverse does, but for the contacts and the constraints, which are left out.
     for k in range(len(some)):
         data.qpos[:], data.qvel[:], data.qacc[:] = qpos[k], velocities[k], accelerations[k]
@@ -317,6 +313,5 @@ def _inverse_dynamics(
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 1, forces[k])
-        for person, own in enumerate(feet):
-            places[k, person] = data.xipos[own]
+        places[k] = joints.feet(data.xipos)
     return tuple(_filled(values, _EVERY)[:steps] for values in (forces, places))

@@ -27,7 +27,7 @@ class Quality:
     Attributes:
         tracking_error_mm: Median distance of the joints from where the reference has them.
         contact_frames: Frames in which people touch each other, cloth included.
-        penetration_mm: Deepest overlap of two people's solid parts, at any physics step.
+        penetration_mm: Deepest overlap of two people's solid parts, looked at every other physics step.
         deep_share: Share of the contact frames in which an overlap exceeds 40 mm.
         object_penetration_mm: Deepest overlap of a person and a thing, floor or wall.
         shift_m: Farthest that anybody in the way pushed a person off the planned path.

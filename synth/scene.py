@@ -10,6 +10,7 @@ from dmae.images import FIRST_OBJECT_ID
 from dmae.rng import Stream, generator
 from synth.arena import arena_file, footprints
 from synth.body import SIDES
+from synth.control import HELD
 from synth.coverage import check_outside
 from synth.decor import Finish, decorate
 from synth.interactions.script import Load
@@ -33,7 +34,7 @@ class Scene:
 
     Attributes:
         model: The MuJoCo model; people's bodies are named `person<p>/<segment>`.
-        substeps: Physics steps a frame.
+        substeps: How often the forces that lead people are set in a frame, each time for `synth.control.HELD` steps.
         geom_ids: (ngeom,) uint16, as in the ids of images: 1 + p for what shows of person p, 256 + k for object k,
             0 for the solid parts of people, which only touch.
         geom_persons: (ngeom,) index of the person a geom belongs to, -1 for things.
@@ -87,13 +88,13 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
 
 
 def _substeps(fps: float) -> int:
-    return int(np.ceil(1 / (fps * _LONGEST_STEP) - 1e-9))
+    return int(np.ceil(1 / (fps * HELD * _LONGEST_STEP) - 1e-9))
 
 
 def _set_options(world: mujoco.MjSpec, fps: float) -> None:
     world.compiler.degree = False
     option = world.option
-    option.timestep = 1 / (fps * _substeps(fps))
+    option.timestep = 1 / (fps * _substeps(fps) * HELD)
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     # MuJoCo 4.0.0 solves with a sparse Jacobian wrongly, and scenes of this size would get one.
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE

@@ -8,7 +8,7 @@ import numpy as np
 from dmae.cameras import CameraRig
 from dmae.skeleton import Skeleton
 from synth.body import Body, segment_origins
-from synth.control import Controller, make_reference
+from synth.control import HELD, Controller, make_reference
 from synth.feet import bearing, plant, planted
 from synth.landmarks import SKELETON, landmarks
 from synth.motion import SEGMENTS, Motion
@@ -126,9 +126,9 @@ def _run(
     model, frames = scene.model, spec.frames
     # Nobody begins inside a neighbour, or a hand inside its own hip: they are eased apart before the clip begins.
     holding.start()
-    for _ in range(round(_SETTLING / model.opt.timestep)):
+    for _ in range(round(_SETTLING / (HELD * model.opt.timestep))):
         holding.apply(0)
-        mujoco.mj_step(model, data)
+        mujoco.mj_step(model, data, HELD)
     settled = data.qpos.copy()
     leading.start()
     data.qpos[:] = settled
@@ -140,9 +140,9 @@ def _run(
     held, begin, end = scene.holds[:, 0].astype(int), *scene.holds[:, 1:].T
     for frame in range(1, frames):
         data.eq_active[held] = (begin <= frame / spec.fps) & (frame / spec.fps < end)
-        for step in range((frame - 1) * scene.substeps + 1, frame * scene.substeps + 1):
+        for step in range((frame - 1) * scene.substeps, frame * scene.substeps):
             leading.apply(step)
-            mujoco.mj_step(model, data)
+            mujoco.mj_step(model, data, HELD)
             contacts.watch(data, frame)
         qpos[frame], shifts[frame] = data.qpos, leading.shift
         _check(data, frame / spec.fps)

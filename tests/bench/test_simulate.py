@@ -106,7 +106,7 @@ def test_labels_of_four_people_in_five_views(scene, monkeypatch):
     whole = preparing + simulating + seeing
     frames, quality = len(made.qpos), made.quality
     print(f"\n{frames} frames, of which in contact {quality['contact_frames']}; s:")
-    print(f"  {len(steps)} mj_step {step:.3f}, {len(rays)} mj_multiRay {ray:.3f}")
+    print(f"  {len(steps)} calls of mj_step {step:.3f}, {len(rays)} mj_multiRay {ray:.3f}")
     print(f"  preparing {preparing:.3f}, simulating {simulating:.3f}, visibility {seeing:.3f}")
     print(f"  simulating / mj_step {simulating / step:.2f}, visibility / mj_multiRay {seeing / ray:.2f}")
     print(f"  preparing / simulating {preparing / simulating:.2f}")

@@ -11,6 +11,7 @@ from dmae.clip import Visibility
 from dmae.images import FIRST_OBJECT_ID
 from synth.arena import arena_file, footprints
 from synth.body import Body
+from synth.control import HELD
 from synth.landmarks import SKELETON
 from synth.looks import HAIRSTYLES
 from synth.person import HIDDEN_GROUP
@@ -42,7 +43,7 @@ def test_the_physics_is_that_which_was_measured(built):
     assert option.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
     assert mujoco.mj_isSparse(built.model) == 0
     assert option.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    assert option.timestep * built.substeps == pytest.approx(1 / 25)
+    assert option.timestep * built.substeps * HELD == pytest.approx(1 / 25)
     assert option.timestep <= 0.0025
 
 

@@ -201,7 +201,7 @@ def test_unfit_clips_are_refused(happened, message):
 
 
 def test_a_solver_that_fails_is_reported(monkeypatch):
-    def explode(model, data):
+    def explode(model, data, steps):
         data.qpos[:] = np.nan
 
     monkeypatch.setattr("synth.simulate.mujoco.mj_step", explode)
