@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
 
 from synth.body import part
 from synth.feet import FEET
-from synth.motion import PARENTS, SEGMENTS
+from synth.limits import WIDEST
+from synth.motion import SEGMENTS
+from synth.reference import Reference, filled
 
 # Stiffness, damping and greatest torque of each segment's joint for a person of 70 kg: N m / rad, N m s / rad, N m.
 _GAINS = {
@@ -31,6 +31,8 @@ _FOOT = (20000.0, 250.0)
 """Stiffness and damping of what holds a foot that bears in its place, N / m, N s / m."""
 _FRICTION = 0.9
 """Greatest force of that, as a share of the weight that is on the foot."""
+_OWN = 2.0
+"""Greatest force that the motion's own dynamics may ask for, as a multiple of the strength that is left beside it."""
 HELD = 2
 """Steps of the physics for which forces are held. All other steps that are spoken of here are so many of these."""
 _EVERY = 2
@@ -41,93 +43,20 @@ _LEASH, _RETURN = 0.06, 1.0
 
 
 @dataclass(frozen=True)
-class Reference:
-    """Where people should be at each of S steps.
-
-    Attributes:
-        root: (S, P, 3) mid points of the hip joints, m.
-        velocity: (S, P, 3) theirs, m / s.
-        quats: (S, P, 16, 4) orientation (w first) of each segment in its parent, of the pelvis in the world.
-        spin: (S, P, 16, 3) angular velocity of each segment relative to its parent, in its own axes, rad / s.
-        bearing: (S, P, 2) share of the weight that is on the left and the right foot.
-    """
-
-    root: np.ndarray
-    velocity: np.ndarray
-    quats: np.ndarray
-    spin: np.ndarray
-    bearing: np.ndarray
-
-    def still(self) -> "Reference":
-        """One step: the first pose, at rest."""
-        return Reference(self.root[:1], 0 * self.velocity[:1], self.quats[:1], 0 * self.spin[:1], self.bearing[:1])
-
-
-def make_reference(
-    root: np.ndarray, rotations: np.ndarray, bearing: np.ndarray, fps: float, substeps: int
-) -> Reference:
-    """Fill in `substeps` steps a frame, smoothly, from the first frame to the last.
-
-    Args:
-        root: (F, P, 3) m, world.
-        rotations: (F, P, 16, 3, 3) world orientation of each of `SEGMENTS`.
-        bearing: (F, P, 2) as in `Reference`.
-        fps: Frames per second.
-        substeps: Steps a frame.
-    """
-    frames, persons = root.shape[:2]
-    relative = rotations.copy()
-    relative[:, :, 1:] = np.swapaxes(rotations[:, :, PARENTS[1:]], -1, -2) @ rotations[:, :, 1:]
-    quats = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_quat(scalar_first=True)
-    quats = quats.reshape(frames, persons, len(SEGMENTS), 4)
-    # q and -q are the same orientation: keep each on the side of the one before, so that they can be interpolated.
-    flips = np.sign((quats[1:] * quats[:-1]).sum(-1, keepdims=True))
-    quats[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0), axis=0)
-
-    dt = 1 / (fps * substeps)
-    times, steps = np.arange(frames) / fps, np.arange((frames - 1) * substeps + 1) * dt
-    if frames == 1:
-        return Reference(root, np.zeros_like(root), quats, np.zeros((1, persons, len(SEGMENTS), 3)), bearing)
-    path = CubicSpline(times, root)
-    quats = CubicSpline(times, quats)(steps)
-    quats /= np.linalg.norm(quats, axis=-1, keepdims=True)
-    spin = np.empty((*quats.shape[:-1], 3))
-    spin[:-1] = 2 / dt * _turn(quats[:-1], quats[1:])
-    spin[-1] = spin[-2]
-    return Reference(path(steps), path(steps, 1), quats, spin, _filled(bearing, substeps))
-
-
-def _filled(values: np.ndarray, between: int) -> np.ndarray:
-    """(K, ...) values, each `between` steps from the next, at every step: (between (K - 1) + 1, ...)."""
-    share = np.arange(between).reshape(-1, *[1] * (values.ndim - 1)) / between
-    steps = values[:-1, None] * (1 - share) + values[1:, None] * share
-    return np.concatenate([steps.reshape(-1, *values.shape[1:]), values[-1:]])
-
-
-def _turn(start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """(..., 3) sine of half the turn from one orientation (..., 4) to another, along its axis in the first's axes.
-
-    It is the vector part of conj(start) stop: half the rotation vector to second order.
-    """
-    (a, b, c, d), (w, x, y, z) = np.moveaxis(start, -1, 0), np.moveaxis(stop, -1, 0)
-    rows = ((x * a - z * c) + (y * d - w * b), (y * a - w * c) + (z * b - x * d), (z * a + x * c) - (y * b + w * d))
-    return np.stack(rows, -1)
-
-
-@dataclass(frozen=True)
 class Addresses:
     """Where the people are in a model's state: one after the other, each as their joints are in `SEGMENTS`.
 
     Attributes:
         qpos: Of P people, each 3 places of the pelvis and 16 quaternions.
         dofs: In qvel and the forces, each 3 of the pelvis' places and 3 of each of 16 turns.
-        bodies: Of the model, each 16.
+        bodies, joints: Of the model, each 16.
     """
 
     persons: int
     qpos: slice
     dofs: slice
     bodies: slice
+    joints: slice
 
     def root(self, qpos: np.ndarray) -> np.ndarray:
         """(..., P, 3) view of the pelvis' places in states (..., nq)."""
@@ -160,6 +89,7 @@ def find_joints(model: mujoco.MjModel, persons: int) -> Addresses:
         slice(qpos, qpos + persons * (3 + 4 * len(SEGMENTS))),
         slice(dof, dof + persons * (3 + 3 * len(SEGMENTS))),
         slice(model.jnt_bodyid[first], model.jnt_bodyid[first] + persons * len(SEGMENTS)),
+        slice(first, first + persons * len(SEGMENTS)),
     )
 
 
@@ -183,7 +113,7 @@ class Controller:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, reference: Reference, masses: np.ndarray):
         """Args:
-        model: The scene; its joint damping is set.
+        model: The scene; its joints' damping and limits are set.
         data: Its state, on which this acts.
         reference: Where to be at each step.
         masses: (P,) kg; gains grow with them.
@@ -196,9 +126,11 @@ class Controller:
         self._stiffness[:, 1:] *= 2
         self._leverage = _SIGNS[..., None, None, None] * self._stiffness[:, 1:, 0]
         joints.moves(model.dof_damping)[:] = self._damping
+        model.jnt_limited[joints.joints], model.jnt_range[joints.joints, 1] = True, np.tile(WIDEST, len(masses))
         self._reference = reference
         forces, self._stands = _inverse_dynamics(model, joints, reference)
-        forces = joints.moves(forces)
+        # Takes that jump would ask for anything.
+        forces = joints.moves(forces).clip(-_OWN * strength, _OWN * strength)
         self._weakest, self._strongest = forces - strength, forces + strength
         moves = np.concatenate([reference.velocity[:, :, None], reference.spin], axis=2)
         self._forward = forces + self._damping * moves
@@ -314,4 +246,4 @@ def _inverse_dynamics(model: mujoco.MjModel, joints: Addresses, reference: Refer
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 1, forces[k])
         places[k] = joints.feet(data.xipos)
-    return tuple(_filled(values, _EVERY)[:steps] for values in (forces, places))
+    return tuple(filled(values, _EVERY)[:steps] for values in (forces, places))

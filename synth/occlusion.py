@@ -10,12 +10,13 @@ from dmae.cameras import CameraRig
 from dmae.clip import Visibility
 from dmae.images import FIRST_OBJECT_ID
 from dmae.rng import Stream, generator
-from synth.control import find_joints, make_reference
+from synth.control import find_joints
 from synth.interactions import InteractionConfig
 from synth.landmarks import landmarks
 from synth.motion.source import MotionConfig
 from synth.props import PropsConfig
 from synth.quality import FailedSimulation
+from synth.reference import make_reference
 from synth.scene import Scene, add_prop, build_scene
 from synth.simulate import joint_places, moved_with, plan_motions
 from synth.spec import Layout, PropSpec, SceneConfig, SceneSpec, load_motions, sample_spec
@@ -227,9 +228,9 @@ class _Foresight:
         """
         bodies, model = [person.body for person in spec.persons], base.model
         _, discs = _build_things(spec.props)
-        root, rotations = plan_motions(spec, load_motions(spec), np.concatenate([base.obstacles, discs]))
-        frames = np.unique(np.linspace(0, len(root) - 1, _FRAMES).round().astype(int))
-        reference = make_reference(root[frames], rotations[frames], spec.fps, 1)
+        plan = plan_motions(spec, load_motions(spec), np.concatenate([base.obstacles, discs]))
+        frames = np.unique(np.linspace(0, len(plan.root) - 1, _FRAMES).round().astype(int))
+        reference = make_reference(plan.root[frames], plan.rotations[frames], plan.bearing[frames], spec.fps, 1)
         joints = find_joints(model, len(bodies))
         qpos = np.tile(model.qpos0, (len(frames), 1))
         joints.root(qpos)[:], joints.quats(qpos)[:] = reference.root, reference.quats

@@ -11,7 +11,7 @@ DEEP = 0.04
 """An overlap of two people that shows, m."""
 # What a clip may have at most: share of its contact frames with deep overlaps, overlap (m), sidestep (m), median
 # distance from the reference (m), drop of somebody's hips below the reference (m), share of frames with sliding feet.
-_MOST_DEEP, _MOST_OVERLAP, _MOST_SHIFT, _MOST_ERROR, _MOST_DROP, _MOST_SLIDE = 0.1, 0.12, 1.2, 0.25, 0.35, 0.05
+_MOST_DEEP, _MOST_OVERLAP, _MOST_SHIFT, _MOST_ERROR, _MOST_DROP, _MOST_SLIDE = 0.1, 0.12, 1.2, 0.25, 0.35, 0.1
 _SLIDING = 0.25
 _ON_FLOOR = 0.035
 
@@ -33,6 +33,8 @@ class Quality:
         shift_m: Farthest that anybody in the way pushed a person off the planned path.
         foot_slide: Share of the time in which people have feet on the floor, and all heels and toes there, or both of
             one foot, move faster than 0.25 m/s. What is below 35 mm in two frames is on the floor in between.
+        beyond_limits: Share of all joints' time in which the motion had them turn farther than people's do; it was kept
+            within `synth.limits`.
     """
 
     tracking_error_mm: float
@@ -42,6 +44,7 @@ class Quality:
     object_penetration_mm: float
     shift_m: float
     foot_slide: float
+    beyond_limits: float
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,9 @@ class Contacts:
         return Overlaps(persons, objects)
 
 
-def assess(joints: np.ndarray, wanted: np.ndarray, overlaps: Overlaps, shifts: np.ndarray, fps: float) -> Quality:
+def assess(
+    joints: np.ndarray, wanted: np.ndarray, overlaps: Overlaps, shifts: np.ndarray, fps: float, beyond: float
+) -> Quality:
     """Sum a simulation up.
 
     Args:
@@ -100,6 +105,7 @@ def assess(joints: np.ndarray, wanted: np.ndarray, overlaps: Overlaps, shifts: n
         overlaps: Of every frame.
         shifts: (F, P, 2) how far people were pushed off their paths, m.
         fps: Frames per second.
+        beyond: What `Quality.beyond_limits` is.
 
     Raises:
         FailedSimulation: the clip is unfit for use.
@@ -113,6 +119,7 @@ def assess(joints: np.ndarray, wanted: np.ndarray, overlaps: Overlaps, shifts: n
         object_penetration_mm=_mm(max(0.0, overlaps.objects.max())),
         shift_m=round(float(np.linalg.norm(shifts, axis=-1).max()), 4),
         foot_slide=_foot_slide(joints, fps),
+        beyond_limits=round(beyond, 4),
     )
     (hips,) = SKELETON.index("body25.mid_hip")
     # Motion that skates by itself does so with any seed.

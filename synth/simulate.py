@@ -1,6 +1,7 @@
 """From a scene and its people's intentions to what really happens, with weight, contact and limited strength."""
 
 from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -8,12 +9,14 @@ import numpy as np
 from dmae.cameras import CameraRig
 from dmae.skeleton import Skeleton
 from synth.body import Body, segment_origins
-from synth.control import HELD, Controller, make_reference
+from synth.control import HELD, Controller
 from synth.feet import bearing, plant, planted
 from synth.landmarks import SKELETON, landmarks
+from synth.limits import within
 from synth.motion import SEGMENTS, Motion
 from synth.plan import give_way
 from synth.quality import Contacts, FailedSimulation, Overlaps, assess
+from synth.reference import make_reference
 from synth.scene import Scene, build_scene
 from synth.spec import SceneSpec, load_motions
 
@@ -70,13 +73,14 @@ def simulate_motions(spec: SceneSpec, motions: list[Motion], rig: CameraRig, *, 
         )
     scene = build_scene(spec, rig, painted=painted)
     bodies = [person.body for person in spec.persons]
-    root, rotations, weight = plan_motions(spec, motions, scene.obstacles)
+    plan = plan_motions(spec, motions, scene.obstacles)
     data, masses = mujoco.MjData(scene.model), np.array([body.mass for body in bodies])
-    reference = make_reference(root, rotations, weight, spec.fps, scene.substeps)
+    reference = make_reference(plan.root, plan.rotations, plan.bearing, spec.fps, scene.substeps)
     holding, leading = (Controller(scene.model, data, r, masses) for r in (reference.still(), reference))
     qpos, shifts, overlaps = _run(scene, data, holding, leading, spec)
     joints = joint_places(scene.model, qpos, bodies)
-    wanted = np.stack([reference_joints(body, root[:, p], rotations[:, p]) for p, body in enumerate(bodies)], axis=1)
+    planned = zip(bodies, plan.root.swapaxes(0, 1), plan.rotations.swapaxes(0, 1), strict=True)
+    wanted = np.stack([reference_joints(body, root, rotations) for body, root, rotations in planned], axis=1)
     return Simulation(
         model=scene.model,
         fps=spec.fps,
@@ -87,26 +91,36 @@ def simulate_motions(spec: SceneSpec, motions: list[Motion], rig: CameraRig, *, 
         bodies=moved_with(scene.model, bodies),
         geom_ids=scene.geom_ids,
         objects=scene.objects,
-        quality=asdict(assess(joints, wanted, overlaps, shifts, spec.fps)),
+        quality=asdict(assess(joints, wanted, overlaps, shifts, spec.fps, plan.beyond)),
     )
 
 
-def plan_motions(
-    spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What people mean to do once they have made room for each other and for things.
+class Plan(NamedTuple):
+    """What people mean to do.
+
+    Attributes:
+        root: (F, P, 3) hips, m.
+        rotations: (F, P, 16, 3, 3) orientation of each of `SEGMENTS`, world.
+        bearing: (F, P, 2) shares of the weight on the left and the right foot.
+        beyond: Share of all joints' time in which they were to turn beyond their limits.
+    """
+
+    root: np.ndarray
+    rotations: np.ndarray
+    bearing: np.ndarray
+    beyond: float
+
+
+def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) -> Plan:
+    """What people mean to do once they keep to their joints' limits, and have made room for each other and for things.
 
     Args:
         spec: The scene, P people.
         motions: One a person, of F frames, in place.
         obstacles: (K, 3) x, y and radius of what stands about, m.
-
-    Returns:
-        Hips (F, P, 3) m, orientations (F, P, 16, 3, 3) of `SEGMENTS`, world, and shares of the weight (F, P, 2) as
-         `synth.feet.bearing` has them.
     """
     root = np.stack([motion.root for motion in motions], axis=1)
-    rotations = np.stack([motion.rotations for motion in motions], axis=1)
+    rotations, beyond = within(np.stack([motion.rotations for motion in motions], axis=1))
     standing = [
         planted(person.body, root[:, p], rotations[:, p], spec.fps, turn=person.turn)
         for p, person in enumerate(spec.persons)
@@ -116,7 +130,7 @@ def plan_motions(
     for p, person in enumerate(spec.persons):
         root[:, p], rotations[:, p] = plant(person.body, root[:, p], rotations[:, p], standing[p], spec.fps)
         weight[:, p] = bearing(person.body, root[:, p], rotations[:, p], standing[p], spec.fps)
-    return root, rotations, weight
+    return Plan(root, rotations, weight, beyond)
 
 
 def _run(

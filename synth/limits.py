@@ -1,0 +1,97 @@
+"""How far people's joints turn, and motion that asks for more."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from synth.body import part
+from synth.motion import PARENTS, SEGMENTS
+
+# Degrees about x, y and z of the parent's axes, on the left side. Active ranges of adults, after the American Academy
+# of Orthopaedic Surgeons, "Joint Motion: Method of Measuring and Recording" (1965), and Boone and Azen, J. Bone Joint
+# Surg. 61-A (1979); wider where squats bear on a joint, for dancers' and fighters' hips and feet, and because a spine
+# of two joints does what many do and recorded skeletons share turns otherwise between neighbours. An upper arm's twist
+# has no bounds: raised to the front or to the side, the same arm overhead differs by half a turn (Codman's paradox).
+_RANGES = {
+    "pelvis": ((-360, 360), (-360, 360), (-360, 360)),
+    "spine": ((-40, 40), (-40, 75), (-45, 45)),
+    "chest": ((-40, 40), (-40, 60), (-50, 50)),
+    "head": ((-55, 55), (-80, 75), (-85, 85)),
+    "upper_arm": ((-115, 110), (-180, 180), (-140, 95)),
+    "forearm": ((-20, 20), (-100, 125), (-160, 8)),
+    "hand": ((-85, 95), (-60, 60), (-60, 60)),
+    "thigh": ((-45, 120), (-150, 60), (-80, 80)),
+    "shin": ((-20, 20), (-8, 160), (-35, 35)),
+    "foot": ((-45, 45), (-75, 90), (-60, 60)),
+}
+_PARTS = [part(name) for name in SEGMENTS]
+_TWIST = np.array([1 if name in ("upper_arm", "forearm", "hand") else 2 for _, name in _PARTS])
+ORDER = np.stack([0 * _TWIST, 1 + _TWIST, 1 + (_TWIST + 1) % 3, 1 + (_TWIST + 2) % 3])
+"""(4, 16) components of each segment's quaternion: the real one, that about its own length, and the two that follow."""
+
+
+def _sines() -> np.ndarray:
+    ranges = np.array([_RANGES[name] for _, name in _PARTS], float)
+    # Seen in a mirror, turns about x and z are the other way round.
+    right = [side == "r" for side, _ in _PARTS]
+    ranges[right] = np.where(np.array((True, False, True))[:, None], -ranges[right][..., ::-1], ranges[right])
+    ordered = np.take_along_axis(ranges, (ORDER[1:] - 1).T[..., None], axis=1)
+    return np.sin(np.radians(ordered) / 2).transpose(2, 1, 0)
+
+
+LEAST, GREATEST = _sines()
+"""(3, 16) of what `split` gives, of each segment in its parent."""
+LEAST[:, 0], GREATEST[:, 0] = -2, 2
+WIDEST = np.radians([min(np.abs(_RANGES[name]).max() + 15, 179) for _, name in _PARTS])
+"""(16,) farthest from the T-pose that any push may turn each joint, about whatever axis, rad; not the pelvis'."""
+
+
+def split(w: np.ndarray, twist: np.ndarray, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, ...]:
+    """A turn as a twist about a segment's own length, after which the segment is swung to where it points.
+
+    Args:
+        w, twist, one, other: Components of the turn's quaternion in the order of `ORDER`.
+
+    Returns:
+        cosine, sine: Of half the twist, of the same sign as the quaternion.
+        turns: (3, ...) sine of half the twist, and those of half the swing about the other two axes.
+    """
+    length = np.hypot(w, twist) + 1e-12
+    cosine, sine = w / length, twist / length
+    swing = cosine * one - sine * other, cosine * other + sine * one
+    return cosine, sine, np.stack([np.copysign(sine, sine * w), *swing])
+
+
+def within(rotations: np.ndarray) -> tuple[np.ndarray, float]:
+    """Motion without what joints cannot do: who would turn one farther stops at its limit, what hangs on it follows.
+
+    Args:
+        rotations: (F, ..., 16, 3, 3) world orientation of each of `SEGMENTS`.
+
+    Returns:
+        rotations: The same, within limits.
+        beyond: Share of all joints' time that was not.
+    """
+    relative = rotations.copy()
+    relative[..., 1:, :, :] = np.swapaxes(rotations[..., PARENTS[1:], :, :], -1, -2) @ rotations[..., 1:, :, :]
+    quats = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(*relative.shape[:-2], 4)
+    each = np.arange(len(SEGMENTS))
+    cosine, sine, turns = split(*(quats[..., each, order] for order in ORDER))
+    least, greatest = (limit.reshape(3, *[1] * (quats.ndim - 2), -1) for limit in (LEAST, GREATEST))
+    far = ((turns < least) | (turns > greatest)).any(0)
+    if not far.any():
+        return rotations, 0.0
+    # A twist that goes on beyond half a turn stays at the limit that it passed.
+    angle = np.unwrap(2 * np.arctan2(sine, cosine), axis=0)
+    angle -= 2 * np.pi * np.round(np.median(angle, axis=0) / (2 * np.pi))
+    angle = angle.clip(*(2 * np.arcsin(limit[0].clip(-1, 1)) for limit in (least, greatest))) / 2
+    turns = turns.clip(least, greatest)
+    twist, swing = np.zeros_like(quats), np.zeros_like(quats)
+    twist[..., each, ORDER[1]], twist[..., 0] = np.sin(angle), np.cos(angle)
+    swing[..., each, ORDER[2]], swing[..., each, ORDER[3]] = turns[1:]
+    swing[..., 0] = np.sqrt(np.maximum(1 - turns[1] ** 2 - turns[2] ** 2, 0))
+    turned = Rotation.from_quat(swing[far], scalar_first=True) * Rotation.from_quat(twist[far], scalar_first=True)
+    relative[far] = turned.as_matrix()
+    repaired = relative.copy()
+    for segment, parent in enumerate(PARENTS[1:], start=1):
+        repaired[..., segment, :, :] = repaired[..., parent, :, :] @ relative[..., segment, :, :]
+    return repaired, float(far[..., 1:].mean())

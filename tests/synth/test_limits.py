@@ -1,0 +1,126 @@
+"""Limits of joints: real motion keeps within them, and motion that does not is brought there."""
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from synth.control import Controller, find_joints
+from synth.limits import GREATEST, LEAST, ORDER, WIDEST, split, within
+from synth.motion import PARENTS, SEGMENTS
+from synth.motion.procedural import ProceduralConfig, make_motion
+from synth.motion.source import MotionConfig, MotionKind, read_take, takes
+from synth.reference import make_reference
+from synth.scene import build_scene
+
+from .people import BODY, RIG, gliding, scene
+
+
+def bent(segment: str, axis: str, degrees) -> np.ndarray:
+    """(F, 16, 3, 3) the T-pose, but for one joint."""
+    degrees = np.atleast_1d(degrees)
+    relative = np.tile(np.eye(3), (len(degrees), len(SEGMENTS), 1, 1))
+    relative[:, SEGMENTS.index(segment)] = Rotation.from_euler(axis, degrees[:, None], degrees=True).as_matrix()
+    return composed(relative)
+
+
+def composed(relative: np.ndarray) -> np.ndarray:
+    rotations = relative.copy()
+    for segment, parent in enumerate(PARENTS[1:], start=1):
+        rotations[:, segment] = rotations[:, parent] @ relative[:, segment]
+    return rotations
+
+
+def parted(rotations: np.ndarray) -> np.ndarray:
+    """(F, 15, 3, 3) of each joint but the pelvis' own."""
+    return np.swapaxes(rotations[:, PARENTS[1:]], -1, -2) @ rotations[:, 1:]
+
+
+# Backwards, knees bend by turns about y, elbows by turns about z, mirrored on the right side.
+@pytest.mark.parametrize(
+    ("segment", "axis", "asked", "got"),
+    [
+        ("l_shin", "y", 120, 120),
+        ("r_shin", "y", -40, -8),
+        ("l_forearm", "z", -150, -150),
+        ("l_forearm", "z", 40, 8),
+        ("r_forearm", "z", 150, 150),
+        ("r_forearm", "z", -40, -8),
+        ("l_thigh", "x", -80, -45),
+        ("r_thigh", "x", 80, 45),
+        ("l_thigh", "z", 120, 80),
+        ("head", "z", 120, 85),
+        ("pelvis", "z", 170, 170),
+        ("l_upper_arm", "y", 175, 175),
+    ],
+)
+def test_a_joint_goes_as_far_as_it_can(segment, axis, asked, got):
+    rotations, beyond = within(bent(segment, axis, asked))
+    np.testing.assert_allclose(rotations, bent(segment, axis, got), atol=1e-7)
+    assert beyond == (0 if asked == got else 1 / 15)
+
+
+def test_what_hangs_on_a_joint_follows_it_and_nothing_else_changes():
+    rng = np.random.default_rng(0)
+    relative = Rotation.from_rotvec(rng.normal(0, 0.05, (20 * 16, 3))).as_matrix().reshape(20, 16, 3, 3)
+    knee = SEGMENTS.index("l_shin")
+    relative[:, knee] = Rotation.from_euler("y", np.linspace(-30, 30, 20)[:, None], degrees=True).as_matrix()
+    asked = composed(relative)
+    got, beyond = within(asked)
+    assert beyond == pytest.approx((np.linspace(-30, 30, 20) < -8).sum() / 20 / 15)
+    others = [i for i in range(15) if i != knee - 1]
+    np.testing.assert_allclose(parted(got)[:, others], parted(asked)[:, others], atol=1e-9)
+    np.testing.assert_array_equal(got[:, 0], asked[:, 0])
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=20, deadline=None)
+def test_all_poses_end_within_limits_and_stay_there(seed):
+    relative = Rotation.random(16, rng=np.random.default_rng(seed)).as_matrix()[None]
+    once, beyond = within(composed(relative))
+    again, left = within(once)
+    assert beyond > 0 == left or np.allclose(again, once, atol=1e-6)
+    quats = Rotation.from_matrix(parted(once)[0]).as_quat(scalar_first=True)
+    _, _, turns = split(*(quats[np.arange(15), order[1:]] for order in ORDER))
+    assert (turns > LEAST[:, 1:] - 1e-6).all()
+    assert (turns < GREATEST[:, 1:] + 1e-6).all()
+
+
+def test_a_twist_that_goes_round_stays_where_it_stopped():
+    rotations, _ = within(bent("l_hand", "y", np.arange(0, 300, 10)))
+    steps = Rotation.from_matrix(np.swapaxes(rotations[:-1, 6], -1, -2) @ rotations[1:, 6]).magnitude()
+    assert np.degrees(steps.max()) < 11
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_made_up_people_keep_within_them(seed):
+    motion = make_motion(ProceduralConfig(gesture=1.0), seconds=5, fps=25, rng=np.random.default_rng(seed))
+    kept, beyond = within(motion.rotations)
+    assert beyond == 0
+    assert kept is motion.rotations
+
+
+def test_recorded_people_keep_within_them(data_folder):
+    """Walks, a run, jumps, punches, a sword fight and balancing, of none of which a frame is changed."""
+    for kind, folder in ((MotionKind.amc, "asf_amc"), (MotionKind.c3d, "c3d"), (MotionKind.bvh, "bvh_mb")):
+        for take in takes(MotionConfig(kind=kind, path=str(data_folder / "cmu" / folder))):
+            assert within(read_take(take).rotations[::4])[1] == 0
+
+
+def test_no_push_turns_a_joint_beyond_the_widest():
+    model = build_scene(scene([BODY], 5), RIG, painted=False).model
+    still = gliding(BODY, 1, (0, 0), (0, 0))
+    reference = make_reference(still.root[:, None], still.rotations[:, None], np.zeros((1, 1, 2)), 25.0, 8)
+    data = mujoco.MjData(model)
+    controller, joints = Controller(model, data, reference, np.array([BODY.mass])), find_joints(model, 1)
+    controller.start()
+    head = SEGMENTS.index("head")
+    for _ in range(200):
+        controller.apply(0)
+        joints.moves(data.qfrc_applied)[0, 1 + head] += (0, 0, 100.0)
+        mujoco.mj_step(model, data)
+    turned = 2 * np.arccos(np.abs(joints.quats(data.qpos)[0, head, 0]))
+    # Twice what the neck can hold: without limits the head would go round and round.
+    assert turned == pytest.approx(WIDEST[head], abs=0.1)
