@@ -1,4 +1,4 @@
-"""Keep feet from sliding when a path is bent or shifted: planted feet stay where they are, legs follow."""
+"""Keep feet from sliding: they stand where they are or are on their way above the floor, and legs follow."""
 
 import numpy as np
 from scipy.ndimage import binary_closing, binary_opening, gaussian_filter1d, maximum_filter1d
@@ -24,13 +24,13 @@ SOLE = np.array(((-0.038, 0, -ANKLE_HEIGHT), (0.106, 0, -ANKLE_HEIGHT)))
 
 
 def soles(body: Body, root: np.ndarray, rotations: np.ndarray, points: np.ndarray = SOLE) -> np.ndarray:
-    """(F, 2, K, 3) where points (K, 3) of the left and the right foot, fractions of stature, are in a pose, m.
+    """(F, 2, K, 3) where points (K, 3) on the mid line of the left and the right foot are in a pose, m.
 
     Args:
         body: Whose.
         root: (F, 3) hips, m.
         rotations: (F, 16, 3, 3) orientation of each of `SEGMENTS`.
-        points: Of the left foot; those of the right mirror them.
+        points: In the foot's frame, fractions of stature.
     """
     ankles = segment_origins(body, root, rotations)[:, FEET, None]
     return ankles + np.einsum("fsij,kj->fski", rotations[:, FEET], points * body.stature)
@@ -119,8 +119,8 @@ def plant(
         rotations[:, foot] = _on_floor(rotations[:, foot], origins[:, foot, 2] / body.stature)
         sole = origins[:, foot, None] + (rotations[:, foot, None] @ (SOLE * body.stature)[..., None])[..., 0]
         # Heel and tip bear as much as they are near the floor.
-        bearing = np.exp(-(sole[:-1, :, 2:] + sole[1:, :, 2:]) / 0.01)
-        slip = (np.diff(sole[..., :2], axis=0) * bearing).sum(1) / bearing.sum(1)
+        near = np.exp(-(sole[:-1, :, 2:] + sole[1:, :, 2:]) / 0.01)
+        slip = (np.diff(sole[..., :2], axis=0) * near).sum(1) / near.sum(1)
         ankles[:, side, :2] += _undrift(ankles[:, side, :2], slip, standing[:, side])
         height, flat = sole[..., 2].min(1), sole[..., 2].max(1) < _CLEAR
         swings = ~standing[:, side]

@@ -12,7 +12,7 @@ DEEP = 0.04
 # What a clip may have at most: share of its contact frames with deep overlaps, overlap (m), sidestep (m), median
 # distance from the reference (m), drop of somebody's hips below the reference (m), share of frames with sliding feet.
 _MOST_DEEP, _MOST_OVERLAP, _MOST_SHIFT, _MOST_ERROR, _MOST_DROP, _MOST_SLIDE = 0.1, 0.12, 1.2, 0.25, 0.35, 0.1
-_SLIDING = 0.25
+_SLIDING, _SLIDE_TIME = 0.25, 0.04
 _ON_FLOOR = 0.035
 
 
@@ -32,7 +32,7 @@ class Quality:
         object_penetration_mm: Deepest overlap of a person and a thing, floor or wall.
         shift_m: Farthest that anybody in the way pushed a person off the planned path.
         foot_slide: Share of the time in which people have feet on the floor, and all heels and toes there, or both of
-            one foot, move faster than 0.25 m/s. What is below 35 mm in two frames is on the floor in between.
+            one foot, move faster than 0.25 m/s over 0.04 s. What is below 35 mm before and after is on the floor.
         beyond_limits: Share of all joints' time in which the motion had them turn farther than people's do; it was kept
             within `synth.limits`.
     """
@@ -146,9 +146,11 @@ def _mm(metres: float) -> float:
 def _foot_slide(joints: np.ndarray, fps: float) -> float:
     soles = [SKELETON.index(f"body25.{side}_{point}")[0] for side in "lr" for point in ("big_toe", "heel")]
     points = joints[:, :, soles]
-    speed = np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1) * fps
+    # Over shorter times, what is measured is how feet tremble.
+    step = max(1, round(_SLIDE_TIME * fps))
+    speed = np.linalg.norm(points[step:, ..., :2] - points[:-step, ..., :2], axis=-1) * fps / step
     low = points[..., 2] < _ON_FLOOR
-    bearing = low[1:] & low[:-1]
+    bearing = low[step:] & low[:-step]
     slides = (speed > _SLIDING) | ~bearing
     flat, gliding = (every.reshape(*every.shape[:2], 2, 2).all(-1) for every in (bearing, slides))
     skates = (bearing.any(-1) & slides.all(-1)) | (flat & gliding).any(-1)
