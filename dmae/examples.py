@@ -54,6 +54,9 @@ class AugmentConfig:
     """Standard deviation of the logarithm of a person's size."""
     speed: float = 0.2
     """The logarithm of a recording's speed is uniform within this much either way."""
+    clean: float = 0.3
+    """Share of the times a captured recording is drawn at which its truth is given in place of what was captured: or
+    else the network mistrusts all that lies beside a hole."""
     noise: float = 0.0
     """m; where there is only truth, joints shown have errors whose deviation is, by person, uniform up to this."""
 
@@ -133,7 +136,10 @@ class TrainingBatches(Dataset):
             # Twice as many rows as windows are drawn: neighbouring windows differ little.
             while size < 2 * steps * batch * share:
                 order = order or list(rng.permutation(len(group)))
-                pool.append(hidden_rows(vary(group[order.pop()], recipe, rng=rng), recipe, rng=rng))
+                recording = group[order.pop()]
+                if rng.random() < recipe.augment.clean:
+                    recording = Recording(recording.truth)
+                pool.append(hidden_rows(vary(recording, recipe, rng=rng), recipe, rng=rng))
                 size += max(len(pool[-1].starts), 1)
         self.rows = join_rows(pool)
 
