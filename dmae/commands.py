@@ -18,12 +18,8 @@ from dmae.store import clip_folders, load_clip, read_json, save_clip, write_atom
 from dmae.stream import DELAY, replayed
 from dmae.tables import print_tables, tables
 
-
-class Fill(StrEnum):
-    """How holes are filled after capture."""
-
-    none = "none"
-    linear = "linear"
+Fill = StrEnum("Fill", ["none", *(name for name in METHODS if name != "measured")])
+"""How holes are filled after capture."""
 
 
 @dataclass(frozen=True)
