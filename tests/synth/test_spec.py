@@ -77,7 +77,8 @@ def test_children_come_when_asked_for_and_else_nothing_changes():
 
 def test_a_child_takes_shorter_and_quicker_steps():
     child, adult = body_at(0, 6), body_at(0)
-    walking = replace(MOTION, actions=[], procedural=ProceduralConfig(standing=0, straight=1, gesture=0, speed=[1.2, 1.2]))
+    alone = ProceduralConfig(standing=0, straight=1, gesture=0, speed=[1.2, 1.2])
+    walking = replace(MOTION, actions=[], procedural=alone)
     alike = [
         draw_motions(walking, InteractionConfig(), [body], 400, 25.0, 1.9, seed=0, clip=0)[0][0]
         for body in (child, adult)
