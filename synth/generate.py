@@ -133,7 +133,8 @@ def _rig(config: GenerateConfig, seed: int, index: int) -> CameraRig:
 
 
 def _stage(config: GenerateConfig) -> Stage:
-    return Stage(config.scene.radius, arena_file(config.scene.arena))
+    # People's area as seen from the origin, which is what placed cameras look at.
+    return Stage(config.scene.radius + float(np.hypot(*config.scene.middle)), arena_file(config.scene.arena))
 
 
 def generate_clip(config: GenerateConfig, index: int, *, images: Path | None = None) -> Clip:

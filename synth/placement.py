@@ -32,12 +32,13 @@ def place_persons(
     motions: list[Motion],
     arena: Path,
     *,
+    middle: Sequence[float],
     radius: float,
     gathering: float,
     clearance: float,
     rng: np.random.Generator,
 ) -> list[Placement]:
-    """A place for each motion: it passes near a common meeting point at some time, and stays within the radius.
+    """A place for each motion: it passes a common meeting point near the middle at some time, and keeps to the radius.
 
     Of several draws for a person the one that needs the fewest sidesteps is taken. Nobody passes where another's stool
     stands, see `stools`.
@@ -46,7 +47,7 @@ def place_persons(
         FailedSimulation: somebody's motion does not fit; the message says whose and what to change.
     """
     obstacles = footprints(arena)
-    meeting = rng.normal(0, 0.25 * gathering, 2)
+    meeting = rng.normal(middle, 0.25 * gathering, 2)
     placements: list[Placement] = []
     paths, seats = np.empty((len(motions[0]), 0, 2)), np.empty((0, 3))
     for number, motion in enumerate(motions):
@@ -54,7 +55,7 @@ def place_persons(
         for attempt in range(_TRIES):
             # The longer nothing fits, the farther from the middle.
             spread = gathering * (1 + attempt / 15)
-            placed, path, outside = _draw(motion, meeting + rng.normal(0, spread, 2), radius, rng=rng)
+            placed, path, outside = _draw(motion, meeting + rng.normal(0, spread, 2), middle, radius, rng=rng)
             cost = 10 * outside + _crowding(path, paths, np.concatenate([obstacles, seats]), clearance)
             own = stools(motion, path)
             if len(own):
@@ -64,7 +65,7 @@ def place_persons(
                 best, least, kept = placed, cost, path
             if least < 0.02:
                 break
-        reach = np.linalg.norm(kept, axis=1).max()
+        reach = np.linalg.norm(kept - middle, axis=1).max()
         apart = np.linalg.norm(paths[:1] - kept[:1, None], axis=-1).min(initial=np.inf)
         if reach > radius + 0.3 or apart < 0.5:
             reason = f"strays {reach:.1f} m from the middle" if apart >= 0.5 else "starts where somebody stands"
@@ -93,6 +94,7 @@ def place_script(
     motions: list[Motion],
     arena: Path,
     *,
+    middle: Sequence[float],
     radius: float,
     gathering: float,
     rng: np.random.Generator,
@@ -103,7 +105,8 @@ def place_script(
         script: What they do.
         motions: Theirs, arranged about the origin.
         arena: MJCF file of the room.
-        radius: How far hips may stray, m; half a metre farther before the clip is given up.
+        middle: About which they do it, x and y, m.
+        radius: How far hips may stray from there, m; half a metre farther before the clip is given up.
         gathering: How near the middle it all takes place, m (standard deviation).
         rng: Draws places.
 
@@ -121,11 +124,11 @@ def place_script(
     walking = all(role.walks for role in script.roles)
     best, least = None, np.inf
     for attempt in range(_TRIES):
-        at, yaw = rng.normal(0, 0.25 * gathering * (1 + attempt / 10), 2), float(rng.uniform(-np.pi, np.pi))
+        at, yaw = rng.normal(middle, 0.25 * gathering * (1 + attempt / 10), 2), float(rng.uniform(-np.pi, np.pi))
         places = placed_discs(taken, at, yaw)[:, :2]
         gap = np.linalg.norm(places[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - taken[:, 2:]
         blocked = np.maximum(0, -gap).max(1, initial=0.0)
-        strays = float(np.linalg.norm(places[: len(paths)], axis=1).max())
+        strays = float(np.linalg.norm(places[: len(paths)] - middle, axis=1).max())
         # Who walks goes round what is in the way.
         cost = float(blocked.mean() if walking else blocked.max()) + max(0.0, strays - max(radius, reach))
         if cost < least:
@@ -147,7 +150,7 @@ def place_script(
 
 
 def _draw(
-    motion: Motion, passing: np.ndarray, radius: float, *, rng: np.random.Generator
+    motion: Motion, passing: np.ndarray, middle: Sequence[float], radius: float, *, rng: np.random.Generator
 ) -> tuple[Placement, np.ndarray, float]:
     """A placement that passes a point at some time, its path (F, 2), and how far that leads outside, m."""
     frame = int(rng.integers(len(motion)))
@@ -157,7 +160,7 @@ def _draw(
         turn = turn * side
         path = led_path(motion, (0.0, 0.0), yaw, turn)
         path = path - path[frame] + passing
-        outside = max(0.0, float(np.linalg.norm(path, axis=1).max()) - radius)
+        outside = max(0.0, float(np.linalg.norm(path - middle, axis=1).max()) - radius)
         if best is None or outside < best[2]:
             best = ((float(path[0, 0]), float(path[0, 1])), yaw, turn), path, outside
         if outside == 0:
@@ -194,6 +197,7 @@ def place_props(
     arena: Path,
     *,
     fps: float,
+    middle: Sequence[float],
     radius: float,
     clearance: float,
     rng: np.random.Generator,
@@ -208,7 +212,7 @@ def place_props(
         paths: (F, P, 2) hips, m, before anybody gives way.
         arena: MJCF file of the room.
         fps: Frames per second.
-        radius: Things stand within this of the origin, m.
+        middle, radius: Things stand within so much of there, m.
         clearance: Between people, m.
         rng: Draws kinds and places.
         before: (x, y) of cameras, m. If there are any, things stand between one of them and somebody, broadside on,
@@ -227,7 +231,7 @@ def place_props(
     for _ in range(count):
         kind = str(rng.choice(names, p=weights))
         for _ in range(_TRIES):
-            at, yaw = _between(walked, cameras, rng=rng) if len(cameras) else _anywhere(radius, rng=rng)
+            at, yaw = _between(walked, cameras, rng=rng) if len(cameras) else _anywhere(middle, radius, rng=rng)
             discs = placed_discs(kinds[kind].discs, at, yaw)
             gaps = [
                 np.linalg.norm(points[:, None] - discs[:, :2], axis=-1) - discs[:, 2]
@@ -235,16 +239,16 @@ def place_props(
             ]
             gaps[1] -= taken[:, 2:]
             room = all(gap.min(initial=np.inf) > least for gap, least in zip(gaps, _ROOM, strict=True))
-            if room and np.linalg.norm(at) < reach:
+            if room and np.linalg.norm(np.subtract(at, middle)) < reach:
                 props.append((kind, (float(at[0]), float(at[1])), yaw))
                 taken = np.concatenate([taken, discs])
                 break
     return props
 
 
-def _anywhere(radius: float, *, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+def _anywhere(middle: Sequence[float], radius: float, *, rng: np.random.Generator) -> tuple[np.ndarray, float]:
     yaw = float(rng.uniform(-np.pi, np.pi))
-    return rng.uniform(-radius, radius, 2), yaw
+    return middle + rng.uniform(-radius, radius, 2), yaw
 
 
 def _between(walked: np.ndarray, cameras: np.ndarray, *, rng: np.random.Generator) -> tuple[np.ndarray, float]:

@@ -34,7 +34,8 @@ class SceneConfig:
         children: Share of children, 4 to 17 years old, among them.
         seconds: Length of a clip.
         fps: Frames per second of a clip.
-        radius: How far from the vertical through the origin people's hips stray, m; a motion that cannot be bent to
+        middle: x, y of where people gather and things stand about, m.
+        radius: How far from the vertical through the middle people's hips stray, m; a motion that cannot be bent to
             fit may lead 0.3 m farther.
         gathering: How near the middle everybody comes at some time, m (standard deviation). Small values make
             people meet and hide each other.
@@ -49,6 +50,7 @@ class SceneConfig:
     children: float = 0.0
     seconds: float = 5.0
     fps: float = 25.0
+    middle: list[float] = field(default_factory=lambda: [0.0, 0.0])
     radius: float = 1.9
     gathering: float = 0.5
     clearance: list[float] = field(default_factory=lambda: [0.35, 0.65])
@@ -68,6 +70,8 @@ class SceneConfig:
                 raise ValueError(f"scene.{name}: expected more than 0, got {getattr(self, name)}")
         if not 0 <= self.children <= 1:
             raise ValueError(f"scene.children: expected a share from 0 to 1, got {self.children}")
+        if len(self.middle) != 2 or not np.isfinite(self.middle).all():
+            raise ValueError(f"scene.middle: expected x and y, m, got {list(self.middle)}")
         if self.props[1] and not self.prop_kinds:
             raise ValueError(f"scene.prop_kinds is empty, but scene.props asks for up to {self.props[1]}")
 
@@ -217,11 +221,17 @@ def sample_spec(
     gathering, furniture, loads = (layout or config).gathering, [], []
     if script:
         clearance = min(clearance, script.clearance or clearance)
-        where = {"radius": config.radius, "gathering": gathering, "rng": rng}
-        placements, furniture, loads = place_script(script, motions, arena, **where)
+        where = {"middle": config.middle, "radius": config.radius, "gathering": gathering}
+        placements, furniture, loads = place_script(script, motions, arena, **where, rng=rng)
     else:
         placements = place_persons(
-            motions, arena, radius=config.radius, gathering=gathering, clearance=clearance, rng=rng
+            motions,
+            arena,
+            middle=config.middle,
+            radius=config.radius,
+            gathering=gathering,
+            clearance=clearance,
+            rng=rng,
         )
     paths = np.stack([led_path(m, *placed) for m, placed in zip(motions, placements, strict=True)], axis=1)
     for person, made in enumerate(motions):
@@ -232,6 +242,7 @@ def sample_spec(
         paths,
         arena,
         fps=config.fps,
+        middle=config.middle,
         radius=config.radius,
         clearance=clearance,
         before=layout.before if layout else (),

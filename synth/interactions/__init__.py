@@ -9,6 +9,7 @@ from synth.interactions.around import counter, table
 from synth.interactions.carrying import pass_box
 from synth.interactions.meeting import circle_talk, crossing, queue, walking_together
 from synth.interactions.script import Script
+from synth.interactions.shelving import shelving
 from synth.interactions.touching import dance, fight, handshake, huddle, hug
 
 
@@ -29,6 +30,7 @@ class InteractionKind(Enum):
     table = "table"
     pass_box = "pass_box"
     dance = "dance"
+    shelving = "shelving"
 
 
 @dataclass(frozen=True)
@@ -63,4 +65,5 @@ INTERACTIONS = {
     InteractionKind.table: Interaction(2, 6, table),
     InteractionKind.pass_box: Interaction(2, 2, pass_box),
     InteractionKind.dance: Interaction(2, 2, dance),
+    InteractionKind.shelving: Interaction(2, 6, shelving),
 }

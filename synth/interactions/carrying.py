@@ -1,7 +1,10 @@
 """People who carry something, and hand it on."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
+from synth.body import Body
 from synth.interactions.script import (
     Cast,
     Grip,
@@ -16,6 +19,7 @@ from synth.interactions.script import (
     during,
     standing,
     within_reach,
+    wrapped,
 )
 from synth.motion.upper import minimum_jerk
 
@@ -32,13 +36,7 @@ def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
     seconds, last = cast.seconds, cast.seconds[-1]
     yaw = rng.uniform(0, 2 * np.pi)
     ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
-    arms = [arm_length(body) for body in cast.bodies]
-    # The nearer the box, the lower or higher it can be; small ones take it from tall ones close by.
-    for share in (0.66, 0.58, 0.50, 0.44):
-        held = [share * arm for arm in arms]
-        low, high = within_reach(cast.bodies, held)
-        if low - _LOW <= high - _HIGH:
-            break
+    held, _ = before_trunks(cast.bodies)
     when = min(1.9, 0.36 * last)
     start = np.array((*(-(held[0] + min(1.1, 0.6 * when)) * ahead), yaw))
     there = np.array((*(-held[0] * ahead), yaw))
@@ -54,30 +52,61 @@ def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
         leaving if np.linalg.norm(away - waiting[:2]) > 0.3 else standing(cast, waiting[:2], yaw + np.pi),
     )
 
-    def front(person: int) -> np.ndarray:
-        heading = paths[person][:, 2]
-        return paths[person][:, :2] + held[person] * np.stack([np.cos(heading), np.sin(heading)], 1)
+    load, hold = hand_over(cast, (0, 1), paths, taken)
+    gazes = [np.full(len(seconds), 1 - person) for person in range(2)]
+    gazes[1][seconds > taken + 0.9] = -1
+    roles = tuple(Role(path, gaze=gaze) for path, gaze in zip(paths, gazes, strict=True))
+    return Script(roles, clearance=0.5, loads=(load,), reaches=hold)
 
-    height = float(np.clip(0.60 * np.mean([body.stature for body in cast.bodies]), low - _LOW, high - _HIGH))
+
+def before_trunks(bodies: Sequence[Body]) -> tuple[list[float], float]:
+    """How far before the hips of each of two a box is that they hand on, and at what height, m."""
+    arms = [arm_length(body) for body in bodies]
+    # The nearer the box, the lower or higher it can be; small ones take it from tall ones close by.
+    for share in (0.66, 0.58, 0.50, 0.44):
+        held = [share * arm for arm in arms]
+        low, high = within_reach(bodies, held)
+        if low - _LOW <= high - _HIGH:
+            break
+    return held, float(np.clip(0.60 * np.mean([body.stature for body in bodies]), low - _LOW, high - _HIGH))
+
+
+def hand_over(
+    cast: Cast, people: tuple[int, int], paths: Sequence[np.ndarray], taken: float
+) -> tuple[Load, Callable[[Poses], list[Reach]]]:
+    """A box that one of two people has from the first frame on and the other from some time on.
+
+    Args:
+        cast: Who there is.
+        people: Who gives it, and who takes it.
+        paths: (F, 3) those of the two, who face each other at that time, the box between them.
+        taken: When the second has it, s.
+
+    Returns:
+        The box, and what the hands of both do.
+    """
+    seconds = cast.seconds
+    held, height = before_trunks([cast.bodies[person] for person in people])
+
+    def front(k: int) -> np.ndarray:
+        heading = paths[k][:, 2]
+        return paths[k][:, :2] + held[k] * np.stack([np.cos(heading), np.sin(heading)], 1)
+
     share = minimum_jerk((seconds - taken) / 0.3)
     middle = np.column_stack([front(0) + share[:, None] * (front(1) - front(0)), np.full(len(seconds), height)])
-    turned = paths[0][:, 2] + share * (paths[1][:, 2] - np.pi - paths[0][:, 2])
+    turned = paths[0][:, 2] + share * wrapped(paths[1][:, 2] - np.pi - paths[0][:, 2])
     across = np.stack([-np.sin(turned), np.cos(turned), 0 * turned], 1)
     shares = (during(seconds, -1.0, taken + 0.45, 0.5), minimum_jerk((seconds - taken + 0.75) / 0.7))
 
     def hold(poses: Poses) -> list[Reach]:
         reaches = []
-        for person, (way, up) in enumerate(((1, _LOW), (-1, _HIGH))):
+        for k, (way, up) in enumerate(((1, _LOW), (-1, _HIGH))):
             for side, sign in (("l", way), ("r", -way)):
                 # Hands open before they take hold, and after they have let go.
-                grip = _HALF_WIDTH + _CLOTH + 0.06 * (1 - shares[person][:, None])
+                grip = _HALF_WIDTH + _CLOTH + 0.06 * (1 - shares[k][:, None])
                 palm = middle + sign * grip * across + (0, 0, up)
-                reaches.append(Reach(person, side, shares[person], palm, -sign * across))
+                reaches.append(Reach(people[k], side, shares[k], palm, -sign * across))
         return reaches
 
-    grips = (Grip(0, -1.0, taken + 0.4, _LOW), Grip(1, taken, float(last) + 1.0, _HIGH))
-    load = Load("box", tuple(float(x) for x in middle[0]), float(turned[0]), _HALF_WIDTH + _CLOTH, grips)
-    gazes = [np.full(len(seconds), 1 - person) for person in range(2)]
-    gazes[1][seconds > taken + 0.9] = -1
-    roles = tuple(Role(path, gaze=gaze) for path, gaze in zip(paths, gazes, strict=True))
-    return Script(roles, clearance=0.5, loads=(load,), reaches=hold)
+    grips = (Grip(people[0], -1.0, taken + 0.4, _LOW), Grip(people[1], taken, float(seconds[-1]) + 1.0, _HIGH))
+    return Load("box", tuple(float(x) for x in middle[0]), float(turned[0]), _HALF_WIDTH + _CLOTH, grips), hold

@@ -226,6 +226,44 @@ def test_a_box_goes_from_hand_to_hand():
     assert "load0/box" in simulation.objects
 
 
+def test_people_at_a_shelf_face_it_come_to_it_and_put_hands_to_it():
+    spec = spec_of(InteractionKind.shelving, scene=replace(SCENE, middle=[0.4, -0.3], seconds=12.0))
+    simulation = simulate(spec, RIG, painted=False)
+    (shelf,) = spec.furniture
+    assert np.linalg.norm(np.subtract(shelf.at, (0.4, -0.3))) < 0.6
+    inward = shelf.at - hips(simulation)
+    distance = np.linalg.norm(inward, axis=-1)
+    bearing = np.degrees(np.arccos((facing(spec, simulation) * inward).sum(-1) / distance))
+    assert 0.75 < (bearing < 60).mean() < 0.97
+    assert 0.4 < distance[:, :2].min() < distance[:, :2].max() < 1.8
+    assert (distance[-1, 2:] < distance[0, 2:] - 0.2).all()
+    raised = np.maximum(*(palms(spec, simulation, side)[..., 2] for side in "lr")) > 1.0
+    assert raised[:, :2].any(0).all()
+    assert (distance[raised] < 1.2).all()
+    assert simulation.quality["penetration_mm"] <= 20
+    assert simulation.quality["foot_slide"] <= 0.05
+
+
+@pytest.mark.parametrize("people", [2, 4])
+def test_a_box_is_passed_at_the_shelf(people):
+    scene = replace(SCENE, persons=[people, people], seconds=8.0)
+    specs = [
+        sample_spec(scene, MotionConfig(), interaction=InteractionConfig(InteractionKind.shelving), seed=1, clip=clip)
+        for clip in range(12)
+    ]
+    assert 2 <= sum(bool(spec.loads) for spec in specs) <= 10
+    spec = next(spec for spec in specs if spec.loads)
+    (load,), simulation = spec.loads, simulate(spec, RIG, painted=False)
+    assert [grip.person for grip in load.grips] == [people - 1, 0]
+    frame = round(load.grips[1].begin * spec.fps)
+    giver, taker = facing(spec, simulation)[frame, [people - 1, 0]]
+    assert giver @ taker < -0.8
+    for number, grip in enumerate(load.grips):
+        held = slice(round((max(grip.begin, 0) + 0.3) * spec.fps), round(min(grip.end, 7.9) * spec.fps))
+        gaps = palms(spec, simulation, "l")[held, grip.person] - palms(spec, simulation, "r")[held, grip.person]
+        assert np.abs(np.linalg.norm(gaps, axis=-1) - 2 * load.half_width).max() < 0.05, number
+
+
 def test_a_couple_holds_hands_and_turns():
     spec, simulation = played(InteractionKind.dance)
     held = np.linalg.norm(palms(spec, simulation, "l")[:, 0] - palms(spec, simulation, "r")[:, 1], axis=-1)
