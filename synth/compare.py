@@ -37,6 +37,7 @@ class CompareConfig:
         together: The same between shares of joints missed with their neighbour.
         distance: Greatest Kolmogorov-Smirnov distance between distributions of errors and of runs.
         confidence: Greatest relative difference between the median errors at one confidence.
+        views: Greatest Kolmogorov-Smirnov distance between distributions of by how many views a joint is detected.
         workers: Processes; -1 for one a core.
         out: Folder of the page and of the numbers.
     """
@@ -48,6 +49,7 @@ class CompareConfig:
     together: float = 0.1
     distance: float = 0.1
     confidence: float = 0.2
+    views: float = 0.15
     workers: int = 1
     out: str = "runs/compare"
 
@@ -126,7 +128,7 @@ def _mean(values: list, weights: Sequence[int]):
 
 
 def compare(real: Failures, sim: Failures, limits: CompareConfig) -> list[Row]:
-    """Every statistic of both.
+    """Every statistic of both; those by view, and by number of views, only of recordings of as many views.
 
     Raises:
         ValueError: they are of different skeletons.
@@ -137,6 +139,15 @@ def compare(real: Failures, sim: Failures, limits: CompareConfig) -> list[Row]:
     for k, kind in enumerate(real.kinds):
         a, b = (float(np.nanmean(both.missed[:, k])) for both in (real, sim))
         rows.append(Row(f"missed: {kind}", a, b, abs(a - b), limits.miss))
+    for side, name in enumerate(("on the camera's side", "on the far side")):
+        for k, kind in enumerate(real.kinds):
+            a, b = float(real.turned[k, side]), float(sim.turned[k, side])
+            if np.isfinite([a, b]).all():
+                rows.append(_plain(f"missed {name}: {kind}", a, b))
+    if real.views.shape == sim.views.shape:
+        rows += [_seen_by(kind, real.views[k], sim.views[k], limits.views) for k, kind in enumerate(real.kinds)]
+        for view, (a, b) in enumerate(zip(np.nanmean(real.missed, 1), np.nanmean(sim.missed, 1), strict=True)):
+            rows.append(_plain(f"missed in view {view}", float(a), float(b)))
     for pair in real.together:
         a, b = real.together[pair], sim.together[pair]
         rows.append(Row(f"missed together: {pair}", a, b, abs(a - b), limits.together))
@@ -169,6 +180,12 @@ def compare(real: Failures, sim: Failures, limits: CompareConfig) -> list[Row]:
 
 def _plain(what: str, real: float, sim: float) -> Row:
     return Row(what, real, sim, abs(real - sim))
+
+
+def _seen_by(kind: str, real: np.ndarray, sim: np.ndarray, allowed: float) -> Row:
+    """Mean number of views that detect a joint, and how far its distributions (V + 1,) are apart."""
+    means = [float(shares @ np.arange(len(shares))) for shares in (real, sim)]
+    return Row(f"views that detect: {kind}", *means, float(np.abs(np.cumsum(real - sim)).max()), allowed)
 
 
 def _distance(what: str, real: np.ndarray, sim: np.ndarray, allowed: float | None) -> Row:

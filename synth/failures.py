@@ -25,6 +25,8 @@ GROSS = 0.1
 """Errors above so many heights are no longer noise."""
 _SMOOTHING, _LONGEST = 0.1, 0.4
 """s; the reference is smoothed lightly, and bridges short gaps only."""
+_OUT = 0.05
+"""m; joints nearer to the vertical through the middle of head or shoulders lie on no side of it."""
 _LEAST_JOINTS = 4
 """Detections of fewer are noise, and people with fewer in an image are not looked for there."""
 
@@ -51,6 +53,7 @@ class Failures:
         inverted: (n,) True where it is nearer to where they see its partner of the other side, by half and by GROSS.
         score: (n,) its confidence.
         missed: (V, K) share of the joints in the image, of people detected, that are missed.
+        turned: (K, 2) the same share where the joint lies on the camera's side of the body, and where on the other.
         together: {"a|b": share of the missed joints of kind b on whose side the one of kind a is missed too}.
         views: (K, V + 1) share of the joints seen by 0..V views.
         runs: (r,) lengths of misses, s.
@@ -70,6 +73,7 @@ class Failures:
     inverted: np.ndarray
     score: np.ndarray
     missed: np.ndarray
+    turned: np.ndarray
     together: dict[str, float]
     views: np.ndarray
     runs: np.ndarray
@@ -117,7 +121,8 @@ def measure(clip: Clip, truth: Truth = Truth.others) -> Failures:
         raise ValueError(
             f"clip {clip.id!r}: errors are measured against the other views, which takes 3 cameras or more"
         )
-    whole = _match(clip, _reference(clip, truth))
+    reference = _reference(clip, truth)
+    whole = _match(clip, reference)
     if not whole.matched.any():
         raise ValueError(f"clip {clip.id!r}: nobody is detected in two views or more, there is nothing to measure")
     joints = clip.detections.skeleton.joints
@@ -128,6 +133,7 @@ def measure(clip: Clip, truth: Truth = Truth.others) -> Failures:
     expected = whole.matched[..., None] & ~np.isnan(whole.xy[..., 0])
     missed = expected & np.isnan(whole.score)
     in_image = ~np.isnan(whole.height)
+    sides = _sides(clip, reference)
     ghosts = whole.left_over & ~whole.near
     ghost_sees = ~np.isnan(clip.detections.score) & ghosts[..., None]
     energy = [part[4] for part in errors]
@@ -140,6 +146,12 @@ def measure(clip: Clip, truth: Truth = Truth.others) -> Failures:
         inverted=inverted,
         score=score,
         missed=np.stack([_share(missed, expected, kind_of == k, (0, 2, 3)) for k in range(len(kinds))], -1),
+        turned=np.stack(
+            [
+                [_share(missed & side, expected & side, kind_of == k, (0, 1, 2, 3)) for side in sides]
+                for k in range(len(kinds))
+            ]
+        ),
         together=_together(missed, expected, clip),
         views=np.stack([_views_histogram(whole, kind_of == k) for k in range(len(kinds))]),
         runs=_runs(missed, expected) / clip.fps,
@@ -268,6 +280,23 @@ def _together(missed: np.ndarray, expected: np.ndarray, clip: Clip) -> dict[str,
         both = expected[..., first] & expected[..., second] & missed[..., second]
         shares[f"{a}|{b}"] = float(_ratio((missed[..., first] & both).sum(), both.sum()))
     return shares
+
+
+def _sides(clip: Clip, reference: Poses3D) -> tuple[np.ndarray, np.ndarray]:
+    """(F, V, P, J) True for joints within 60 degrees of the camera's direction, and opposite.
+
+    Of the face as seen from between the ears, of limbs from between the shoulders; neck and trunk have no sides.
+    """
+    flat, index = reference.xyz[..., :2].astype(np.float64), reference.skeleton.index
+    middles = [flat[:, :, index(f"l_{part}", f"r_{part}")].mean(2, keepdims=True) for part in ("shoulder", "ear")]
+    of_face = np.array([_kind(joint) in ("nose", "eye", "ear") for joint in reference.skeleton.joints])
+    out = flat - np.where(of_face[:, None], middles[1], middles[0])
+    length = np.linalg.norm(out, axis=-1)
+    sided = of_face | (np.array(reference.skeleton.mirror) != np.arange(len(of_face)))
+    out = np.where(((length > _OUT) & sided)[..., None], out / np.maximum(length, _OUT)[..., None], np.nan)
+    sight = clip.rig.centers[:, None, None, :2] - flat[:, None]
+    along = (sight * out[:, None]).sum(-1) / np.linalg.norm(sight, axis=-1)
+    return along > 0.5, along < -0.5
 
 
 def _views_histogram(match: _Match, joints: np.ndarray) -> np.ndarray:

@@ -24,6 +24,8 @@ _STEP = 0.7
 _ENOUGH = 200
 """Detected joints of a kind without which nothing can be said of it."""
 _FEW_RUNS = 50
+_SIDED = 0.2
+"""Joints that are missed so much more often on the far side of the body than on the camera's are hidden by it."""
 _LOW = 0.35
 """Confidence below which a detector mostly guesses."""
 
@@ -85,10 +87,11 @@ def fit(
 def distance(real: Failures, sim: Failures) -> float:
     """How far two recordings' failures are apart, in the units of `synth.compare`'s stated distances."""
     missed = np.abs(np.nanmean(real.missed, 0) - np.nanmean(sim.missed, 0)) / 0.03
+    turned = np.abs(real.turned - sim.turned).ravel() / 0.1
     together = [abs(real.together[pair] - sim.together[pair]) / 0.1 for pair in real.together]
     error = [_log(_quantile(real, k, 0.5), _quantile(sim, k, 0.5)) / 0.1 for k in range(len(real.kinds))]
     runs = [_log(real.runs.mean(), sim.runs.mean()) / 0.1] if len(real.runs) and len(sim.runs) else []
-    return float(np.sqrt(np.nanmean(np.square([*missed, *together, *error, *runs]))))
+    return float(np.sqrt(np.nanmean(np.square([*missed, *turned, *together, *error, *runs]))))
 
 
 def _log(a: float, b: float) -> float:
@@ -186,11 +189,15 @@ def _rounded(value):
 
 
 def _corrected_part(part: PartConfig, real: Failures, sim: Failures, kind: int) -> PartConfig:
-    """Noise by the median error, its tail by the errors beyond, misses by their odds, scores by mean and spread."""
+    """Noise by the median error, its tail by the errors beyond, misses by their odds, scores by mean and spread.
+
+    Where turning away tells, misses of visible joints follow those on the camera's side of the body, and the rest is
+    left to what is hidden: who turns away from one camera turns to another, and joints are seldom lost to all.
+    """
     if not (sim.kind == kind).any():
         return part
     tails = [_quantile(both, kind, 0.95) / _quantile(both, kind, 0.5) for both in (real, sim)]
-    missed = [_odds(float(np.nanmean(both.missed[:, kind]))) for both in (real, sim)]
+    missed = _more_missed(real, sim, kind)
     scores = [both.score[both.kind == kind] for both in (real, sim)]
     spread = float(scores[0].var() / max(scores[1].var(), 1e-6))
     return replace(
@@ -198,8 +205,16 @@ def _corrected_part(part: PartConfig, real: Failures, sim: Failures, kind: int) 
         noise=round(_towards(part.noise, _quantile(real, kind, 0.5), _quantile(sim, kind, 0.5), 1e-4, 0.2), 5),
         tail=round(_towards(part.tail, tails[1], tails[0], 1.5, 30), 2),
         score=_rounded(_beta(part.score, float(scores[0].mean() - scores[1].mean()), spread)),
-        miss=[_shifted(share, (missed[0] / missed[1]) ** _STEP) for share in part.miss],
+        miss=[_shifted(share, factor**_STEP) for share, factor in zip(part.miss, missed, strict=True)],
     )
+
+
+def _more_missed(real: Failures, sim: Failures, kind: int) -> list[float]:
+    """Factors of the odds of misses, in the order of `PartConfig.miss`."""
+    mean = _odds(float(np.nanmean(real.missed[:, kind]))) / _odds(float(np.nanmean(sim.missed[:, kind])))
+    tells = np.diff(real.turned[kind])[0] > _SIDED and np.isfinite(sim.turned[kind, 0])
+    near = _odds(real.turned[kind, 0]) / _odds(sim.turned[kind, 0]) if tells else mean
+    return [near, mean, mean, mean]
 
 
 def _beta(shape: Sequence[float], shift: float, spread: float) -> list[float]:

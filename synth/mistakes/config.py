@@ -13,7 +13,7 @@ class PartConfig:
         tail: Degrees of freedom of that distribution: 2 has a long tail, 30 is nearly Gaussian.
         score: (a, b) of the Beta distribution of the confidence of visible joints; (1, 0) is always 1.
         miss: Share of joints missed where visible, hidden by the person itself, by another, by an object. Shares
-            other than 0 and 1 are averaged with those of the limb's joints.
+            other than 0 and 1 are averaged with those of the limb's joints, but for the face.
         offset: Where the detector puts the joint, seen from where it is annotated: outwards, as a fraction of the
             distance to its partner of the other side, and down the trunk, as a fraction of the way from neck to
             middle of the hips, both as the image has them.

@@ -6,7 +6,7 @@ from dmae.clip import Visibility
 from dmae.skeleton import BODY25
 from synth.chance import in_bursts, unrest
 from synth.mistakes.config import DetectorConfig
-from synth.mistakes.parts import Effect, Luck, by_joint, joints_of
+from synth.mistakes.parts import Effect, Luck, by_joint, joints_of, kind_of
 
 _MISSED_TOGETHER = np.array(
     list(
@@ -20,6 +20,7 @@ _MISSED_TOGETHER = np.array(
 )  # fmt: skip
 """(limbs, 25) True for the joints of each."""
 _LIMB = _MISSED_TOGETHER.argmax(0)
+_OF_FACE = np.array([kind_of(joint) in ("nose", "eye", "ear") for joint in BODY25.joints])
 _HANGING = tuple(
     (joints, inner)
     for side in ("l_", "r_")
@@ -59,7 +60,7 @@ def _alone_and_in_limbs(visibility, fps, config, *, rng) -> np.ndarray:
     level = np.sqrt(config.together) * limbs + np.sqrt(1 - config.together) * alone
     outside = visibility > Visibility.HIDDEN_BY_OBJECT
     share = by_joint(config)["miss"][np.arange(joints), np.where(outside, Visibility.VISIBLE, visibility)]
-    # What hides half a limb makes the other half hard to tell.
+    # What hides half a limb makes the other half hard to tell; half a face is told as well as a whole one.
     of_limb = np.stack([share[..., limb].mean(-1) for limb in _MISSED_TOGETHER], -1)[..., _LIMB]
-    certain = (share == 0) | (share == 1)
-    return outside | in_bursts(np.where(certain, share, (share + of_limb) / 2), level)
+    apart = (share == 0) | (share == 1) | _OF_FACE
+    return outside | in_bursts(np.where(apart, share, (share + of_limb) / 2), level)

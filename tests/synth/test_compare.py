@@ -57,6 +57,14 @@ def test_another_detector_is_told_by_what_it_does(clips, measured):
     assert any(what.startswith("median error at confidence") for what in exceeded)
 
 
+def test_recordings_of_other_cameras_are_compared_but_for_their_views(clips, measured):
+    fewer = measure_all([clip.select(views=[0, 2, 3, 4]) for clip in clips], len(clips))
+    rows = {row.what for row in compare(measured, fewer, CompareConfig())}
+    views = {what for what in (row.what for row in compare(measured, measured, CompareConfig())) if what not in rows}
+    assert {"views that detect: wrist", "missed in view 0"} <= views
+    assert {"missed: wrist", "missed on the far side: wrist"} <= rows
+
+
 def test_pooling_counts_samples_and_weighs_shares(clips):
     parts = [measure(clip) for clip in clips]
     both = pool(parts, [1, 3])

@@ -78,6 +78,22 @@ def test_misses_are_counted_by_kind_with_their_neighbours_and_their_lengths(exac
     assert found.views[found.kinds.index("wrist"), 0] == pytest.approx(0.4, abs=0.05)
 
 
+def test_misses_on_the_far_side_are_told_from_those_on_the_near(exact):
+    xy = noisy(exact, np.random.default_rng(1))
+    flat, index = exact.truth.xyz[..., :2], BODY25.index
+    elbows = index("l_elbow", "r_elbow")
+    out = flat[:, :, elbows] - flat[:, :, index("l_shoulder", "r_shoulder")].mean(2, keepdims=True)
+    sight = exact.rig.centers[:, None, None, :2] - flat[:, None, :, elbows]
+    along = (sight * out[:, None]).sum(-1) / np.linalg.norm(sight, axis=-1) / np.linalg.norm(out, axis=-1)[:, None]
+    hidden = np.zeros(xy.shape[:-1], bool)
+    hidden[..., elbows] = along < -0.45
+    found = measure(clip_of(np.where(hidden[..., None], np.nan, xy), exact.rig, exact.truth))
+    near, far = found.turned[found.kinds.index("elbow")]
+    assert near < 0.05
+    assert far > 0.95
+    assert np.isnan(found.turned[found.kinds.index("neck")]).all()
+
+
 def test_exchanged_sides_ghosts_and_missed_people_are_told_apart(exact):
     rng = np.random.default_rng(1)
     xy = noisy(exact, rng)

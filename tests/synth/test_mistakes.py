@@ -156,6 +156,14 @@ def test_what_hangs_on_a_missed_joint_is_missed_with_it(truth, seen, rig):
     assert rates[2, 3] < 0.8
 
 
+def test_half_a_face_is_told_as_well_as_a_whole_one(truth, seen, rig):
+    config = everywhere(PartConfig(miss=[0.02, 0.9, 0.9, 0.9]), together=0.9)
+    missed = np.isnan(by_person(run(truth, seen, rig, config))[1])
+    noses, eyes = (missed[:, :, 0, BODY25.index(joint)[0]].mean() for joint in ("nose", "l_eye"))
+    assert noses < 0.1
+    assert eyes > 0.8
+
+
 def test_truth_without_the_detector_s_joints_is_refused(rig):
     truth = Poses3D(SHELF14, np.ones((3, 1, 14, 3)))
     codes = np.zeros((3, len(rig), 1, 14), np.uint8), np.zeros((3, len(rig), 1, 14), np.int16)
