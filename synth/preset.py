@@ -14,6 +14,7 @@ from synth.dataset import generate
 from synth.failures import Truth, measure
 from synth.fit import Fit, fit
 from synth.generate import GenerateConfig
+from synth.interactions import InteractionConfig
 from synth.mistakes import DetectorConfig, PartConfig
 from synth.motion.source import MotionConfig
 from synth.rigs import CameraConfig, RigConfig
@@ -30,7 +31,7 @@ class FitDetectorConfig:
         frames: First frame that is used, and the one after the last; by default all.
         clips: Folder of simulated clips of a scene like the recording's; by default some are made, seen by its cameras.
         count: How many are made.
-        scene, motion: What is made.
+        scene, motion, interaction: What is made.
         origin: Where in the recording's world the middle of that scene is, on the floor, m.
         detector: Where the fit starts, and what is kept of what the recording says nothing of.
         rounds: Simulations.
@@ -47,6 +48,7 @@ class FitDetectorConfig:
     count: int = 4
     scene: SceneConfig = field(default_factory=SceneConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
+    interaction: InteractionConfig = field(default_factory=InteractionConfig)
     origin: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     rounds: int = 8
@@ -88,6 +90,7 @@ def _clips(config: FitDetectorConfig, recording: Clip, out: Path) -> list[Clip]:
                 workers=config.workers,
                 scene=scene,
                 motion=config.motion,
+                interaction=config.interaction,
                 rig=rig,
                 detector=config.detector,
             )
