@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
-from dmae.resources import resource_folder
 from synth.motion.gait import Path, Walk, knee_angle
 from synth.motion.legs import STRAIGHTEST
 from synth.motion.procedural import ProceduralConfig, make_motion
@@ -115,20 +113,3 @@ def test_is_the_same_again_and_different_for_another():
 def test_says_what_it_cannot_do(config, message):
     with pytest.raises(ValueError, match=message):
         ProceduralConfig(**config)
-
-
-@pytest.mark.parametrize(
-    ("seed", "name", "root", "hand"),
-    [
-        (1, "on a circle of 2.1 m, wave r", (-1.162566, 3.984785, 0.884887), (-0.116348, -0.858234, 0.499898)),
-        (4, "on a circle of 5.9 m", (5.309352, 3.404475, 0.88512), (-0.586815, 0.755122, 0.292298)),
-    ],
-)
-def test_twins_of_recordings_stay_as_they_were_calibrated(seed, name, root, hand):
-    """The detector of scene=shelf_twin was fitted to people who move just so."""
-    motion = make_motion(ProceduralConfig(), seconds=3, fps=25, rng=np.random.default_rng(seed))
-    assert motion.name.endswith(name)
-    assert motion.root[-1] == pytest.approx(root, abs=1e-5)
-    assert motion.rotations[-1, 9, :, 0] == pytest.approx(hand, abs=1e-5)
-    twin = OmegaConf.load(resource_folder("dmae", "configs") / "scene" / "shelf_twin.yaml")
-    assert twin.motion.actions == []
