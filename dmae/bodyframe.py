@@ -13,6 +13,8 @@ FARTHEST = 0.5
 """m from where a joint is expected to its ray; beyond, the ray is somebody else's."""
 _ALONG, _BONE = 0.1, 0.08
 """m; how far from where it is expected a joint is along its ray, and by how much bones change as they are measured."""
+_STRETCH, _SLACK = 0.25, 0.05
+"""Bones that would be off by more than this share and this many metres do not lead to a ray, as in `dmae.prune`."""
 _STEPS = 8
 """Of Gauss-Newton."""
 
@@ -82,7 +84,7 @@ def _onto(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, length: np
 
     Along the ray the squares of two distances are weighed, in units of `_ALONG` and `_BONE`: from the point on it
     nearest to the estimate, and from the sphere about the parent (F, P, 3) of radius `length` (P,), m; NaN where
-    either is unknown. Points without a ray, or too far from it, are NaN.
+    either is unknown. Points without a ray, or too far from it for themselves or for their bones, are NaN.
     """
     centre, direction = rays[..., 0, :].astype(np.float64), rays[..., 1, :].astype(np.float64)
     depth = ((estimate - centre) * direction).sum(-1, keepdims=True)
@@ -95,7 +97,9 @@ def _onto(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, length: np
         slope = (bone * direction).sum(-1) / now
         gradient = along / _ALONG**2 + (now - length) * slope / _BONE**2
         along = along - np.nan_to_num(gradient / (1 / _ALONG**2 + slope**2 / _BONE**2)).clip(-_ALONG, _ALONG)
-    return np.where(far[..., None], np.nan, point + along[..., None] * direction)
+    point = point + along[..., None] * direction
+    far |= np.abs(np.linalg.norm(point - parent, axis=-1) - length) > _STRETCH * length + _SLACK
+    return np.where(far[..., None], np.nan, point)
 
 
 def _part(skeleton: Skeleton, joint: int) -> str:
