@@ -104,7 +104,7 @@ class Plain(nn.Module):
         for layer in (*self.encoder.layers, *self.decoder.layers):
             layer.self_attn.dropout = 0.0
 
-    def forward(self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor) -> Prediction:
+    def forward(self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor, ray: Tensor) -> Prediction:
         like, seen = self.like, observed.flatten(1)
         tokens = torch.where(seen[..., None], like.embed(like.signal(x.flatten(1, 2))), self.token)
         # Attention needs one key.
