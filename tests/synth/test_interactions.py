@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,7 +12,8 @@ from synth.generate import GenerateConfig, generate_clip
 from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
 from synth.landmarks import SKELETON
 from synth.motion.limbs import PALM
-from synth.motion.source import MotionConfig, MotionKind
+from synth.motion.smpl import write_npz
+from synth.motion.source import MotionConfig, MotionKind, read_take
 from synth.quality import FailedSimulation
 from synth.scene import build_scene
 from synth.simulate import Simulation, simulate
@@ -84,13 +86,22 @@ def test_clips_are_fit_for_use_and_the_same_again(kind):
     assert np.linalg.norm(hips(simulation), axis=-1).max() < SCENE.radius + 0.6
 
 
+@pytest.fixture(scope="module")
+def takes(data_folder, tmp_path_factory) -> dict[MotionKind, Path]:
+    """A take for every kind of file that motion comes in."""
+    found = {kind: data_folder / "cmu" / name for kind, name in RECORDED.items()}
+    found[MotionKind.npz] = tmp_path_factory.mktemp("npz") / "02_01.npz"
+    write_npz(found[MotionKind.npz], read_take(found[MotionKind.amc]))
+    return found
+
+
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("source", RECORDED)
-def test_recorded_people_do_it_too(kind, source, data_folder):
-    motion = MotionConfig(kind=source, path=str(data_folder / "cmu" / RECORDED[source]))
+@pytest.mark.parametrize("source", [*RECORDED, MotionKind.npz])
+def test_recorded_people_do_it_too(kind, source, takes):
+    motion = MotionConfig(kind=source, path=str(takes[source]))
     spec = spec_of(kind, motion, replace(SCENE, seconds=1.2, persons=[2, 2]))
     simulation = simulate(spec, RIG, painted=False)
-    assert all(RECORDED[source].split("/")[1].split(".")[0] in person.motion for person in spec.persons)
+    assert all(takes[source].stem in person.motion for person in spec.persons)
     assert simulation.quality["tracking_error_mm"] <= 30
     assert simulation.quality["penetration_mm"] <= 40
 
