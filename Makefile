@@ -87,7 +87,7 @@ ABLATIONS := runs/ablations
 ablations: setup
 	$(GENERATE) out=$(ABLATIONS)/clips seed=1 clips=40
 	$(BIN)/dmae train -m data=$(ABLATIONS)/clips model=paper model.dim=64 model.depth=2 model.heads=2 model.head_dim=32 \
-	  model.mlp=128 model.decoder_dim=32 model.decoder_depth=1 model.signal_codes=64 lr=1e-3 steps=3000 epoch=500 \
+	  model.mlp=128 model.decoder_dim=32 model.decoder_depth=1 model.signal_codes=64 lr=1e-3 steps=9000 epoch=500 \
 	  model.no_joint_code=true,false model.no_time_code=true,false out=$(ABLATIONS)/models
 	grep hidden_ $(ABLATIONS)/models/*/model.json
 
