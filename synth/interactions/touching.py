@@ -202,8 +202,9 @@ def dance(cast: Cast, *, rng: np.random.Generator) -> Script:
     middle = to_and_fro + 0.15 * np.sin(np.pi * seconds / (4 * beat))[:, None] * left
     roles = []
     for sign in (-1, 1):
+        # Half a foot to the side: who faces the other squarely treads on toes.
         path = np.column_stack(
-            [middle + sign * apart / 2 * ahead + sign * 0.03 * left, yaw + (np.pi if sign > 0 else 0)]
+            [middle + sign * apart / 2 * ahead + sign * 0.07 * left, yaw + (np.pi if sign > 0 else 0)]
         )
         roles.append(Role(path))
     always = np.ones(len(seconds))

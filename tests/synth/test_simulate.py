@@ -127,7 +127,9 @@ def test_walls_stop_people():
     motions = [gliding(BODY, 35, (4.6, 0), (1, 0))]
     assert motions[0].root[-1, 0] > 5.9, "through the wall at 5.5 m"
     simulation = simulate_motions(scene([BODY], 35), motions, RIG)
-    assert simulation.joints[..., 0].max() < 5.53
+    # Where annotators put the top of a head is in the air before it.
+    on_the_body = [joint for joint, name in enumerate(SKELETON.joints) if name != "shelf14.top_head"]
+    assert simulation.joints[:, :, on_the_body, 0].max() < 5.515
     assert simulation.quality["object_penetration_mm"] < 40
     assert 0.3 < simulation.quality["shift_m"] < 0.8
 
