@@ -49,15 +49,24 @@ def interpolate(
         """(P,) m, median; NaN if never measured."""
         length = np.linalg.norm(xyz[:, :, joint] - xyz[:, :, parent], axis=-1)
         known = ~np.isnan(length).all(0)
-        return np.where(known, np.nanmedian(np.where(known, length, 0), 0), np.nan)
+        medians = np.full(length.shape[1], np.nan)
+        medians[known] = np.nanmedian(length[:, known], 0)
+        return medians
 
     def fill(joint: int, estimate: np.ndarray, parent: int | None = None):
+        if not np.isnan(filled[:, :, joint]).any():
+            return
         # What misses the samples on both sides of a hole misses what is in it by about as much.
         estimate = estimate + np.nan_to_num(linear(xyz[:, :, joint] - estimate))
-        if rays is not None and len(rays):
-            held = (np.nan, np.nan) if parent is None else (filled[:, :, parent], lengths(joint, parent))
-            moved = _onto(estimate, rays[:, :, joint], *held) - estimate
-            moved[~np.isnan(xyz[:, :, joint, 0])] = 0
+        if rays is not None:
+            hidden = np.isnan(xyz[:, :, joint, 0])
+            frame, person = np.nonzero(hidden & ~np.isnan(rays[:, :, joint, 0, 0]))
+            start, ray = estimate[frame, person], rays[frame, person, joint]
+            held = (np.nan, np.nan)
+            if parent is not None:
+                held = filled[frame, person, parent], lengths(joint, parent)[person]
+            moved = np.where(hidden[..., None], np.nan, np.zeros(3))
+            moved[frame, person] = _onto(start, ray, *held) - start
             # A joint does not jump back when nobody sees it any more.
             estimate = estimate + np.nan_to_num(linear(moved))
         filled[:, :, joint] = np.where(np.isnan(filled[:, :, joint]), estimate, filled[:, :, joint])
@@ -80,11 +89,11 @@ def interpolate(
 
 
 def _onto(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """Points (F, P, 3) moved onto their rays (F, P, 2, 3), to where on it their bones are about as long as ever.
+    """Points (n, 3) moved onto their rays (n, 2, 3), to where on it their bones are about as long as ever.
 
     Along the ray the squares of two distances are weighed, in units of `_ALONG` and `_BONE`: from the point on it
-    nearest to the estimate, and from the sphere about the parent (F, P, 3) of radius `length` (P,), m; NaN where
-    either is unknown. Points without a ray, or too far from it for themselves or for their bones, are NaN.
+    nearest to the estimate, and from the sphere about the parent (n, 3) of radius `length` (n,), m; NaN where either
+    is unknown. Points too far from their rays for themselves or for their bones are NaN.
     """
     centre, direction = rays[..., 0, :].astype(np.float64), rays[..., 1, :].astype(np.float64)
     depth = ((estimate - centre) * direction).sum(-1, keepdims=True)
