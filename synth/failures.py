@@ -9,26 +9,20 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from dmae.baselines import METHODS, smooth
 from dmae.capture import CaptureConfig, capture
 from dmae.clip import Clip, Poses3D
 from dmae.mapping import convert
 from dmae.metrics import gap_lengths
+from synth.whose import Match, match_persons
 
-MATCHED = 0.2
-"""A detection is a person's when the median of its joints lies within this many heights of the person's."""
-FRAGMENT = 0.15
-"""What is left over, but within so many heights of somebody's joints, is a fragment of that person."""
 GROSS = 0.1
 """Errors above so many heights are no longer noise."""
 _SMOOTHING, _LONGEST = 0.1, 0.4
 """s; the reference is smoothed lightly, and bridges short gaps only."""
 _OUT = 0.05
 """m; joints nearer to the vertical through the middle of head or shoulders lie on no side of it."""
-_LEAST_JOINTS = 4
-"""Detections of fewer are noise, and people with fewer in an image are not looked for there."""
 
 
 class Truth(StrEnum):
@@ -86,27 +80,6 @@ class Failures:
     fragments: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Match:
-    """Whose detections are whose, of one view or of several.
-
-    Attributes:
-        xy: (F, V, P, J, 2) where the reference sees its joints, px; NaN where unknown or outside the image.
-        height: (F, V, P) of the person, px; NaN where not enough of them is in the image.
-        found: (F, V, P, J, 2) the detected joints of each person, `score` (F, V, P, J); NaN where missed.
-        matched: (F, V, P) True where a person in the image has a detection.
-        left_over: (F, V, D) True for detections that are nobody's; `near` (F, V, D) those of them near somebody.
-    """
-
-    xy: np.ndarray
-    height: np.ndarray
-    found: np.ndarray
-    score: np.ndarray
-    matched: np.ndarray
-    left_over: np.ndarray
-    near: np.ndarray
-
-
 def measure(clip: Clip, truth: Truth = Truth.others) -> Failures:
     """Measure the failures of a clip's detections.
 
@@ -122,7 +95,7 @@ def measure(clip: Clip, truth: Truth = Truth.others) -> Failures:
             f"clip {clip.id!r}: errors are measured against the other views, which takes 3 cameras or more"
         )
     reference = _reference(clip, truth)
-    whole = _match(clip, reference)
+    whole = match_persons(clip, reference)
     if not whole.matched.any():
         raise ValueError(f"clip {clip.id!r}: nobody is detected in two views or more, there is nothing to measure")
     joints = clip.detections.skeleton.joints
@@ -199,46 +172,6 @@ def _reference(clip: Clip, truth: Truth) -> Poses3D:
     return Poses3D(poses.skeleton, np.where(short[..., None], filled.xyz, np.nan))
 
 
-def _match(clip: Clip, reference: Poses3D) -> _Match:
-    """Give each person of the reference the detection of a view that lies on them, one to one."""
-    seen, score = clip.detections.xy.astype(np.float64), clip.detections.score
-    xy, _ = clip.rig.project(reference.xyz)
-    # The height is that of all that is known of a person; joints outside the image are not the detector's.
-    known = ~np.isnan(xy[..., 1])
-    high, low = np.where(known, xy[..., 1], -np.inf).max(-1), np.where(known, xy[..., 1], np.inf).min(-1)
-    xy = np.where(clip.rig.inside(xy)[..., None], xy, np.nan)
-    there = (~np.isnan(xy[..., 0])).sum(-1) >= max(_LEAST_JOINTS, len(clip.detections.skeleton) // 2)
-    height = np.where(there & (high - low > 1), high - low, np.nan)
-    frames, views, people = height.shape
-    found = np.full(xy.shape, np.nan)
-    found_score = np.full(xy.shape[:-1], np.nan)
-    matched = np.zeros(height.shape, bool)
-    left_over = (~np.isnan(score)).sum(-1) >= _LEAST_JOINTS
-    near = np.zeros(left_over.shape, bool)
-    for frame in range(frames):
-        off = np.linalg.norm(xy[frame, :, :, None] - seen[frame, :, None], axis=-1) / height[frame, :, :, None, None]
-        for view in range(views):
-            distance = _median(off[view])
-            cost = np.where(distance < MATCHED, distance, 1e3)
-            for person, detection in zip(*linear_sum_assignment(cost), strict=True):
-                if cost[person, detection] < MATCHED:
-                    matched[frame, view, person] = True
-                    found[frame, view, person] = seen[frame, view, detection]
-                    found_score[frame, view, person] = score[frame, view, detection]
-                    left_over[frame, view, detection] = False
-            if people:
-                near[frame, view] = (distance < FRAGMENT).any(0)
-    found = np.where(np.isnan(xy), np.nan, found)
-    return _Match(xy, height, found, np.where(np.isnan(found[..., 0]), np.nan, found_score), matched, left_over, near)
-
-
-def _median(distances: np.ndarray) -> np.ndarray:
-    """(...) median of what is known of (..., J); infinite of fewer than three."""
-    ordered, count = np.sort(distances, -1), (~np.isnan(distances)).sum(-1)
-    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[..., None] // 2, -1)[..., 0]
-    return np.where(count >= 3, middle, np.inf)
-
-
 def _errors(clip: Clip, view: int, truth: Truth) -> tuple:
     """Errors of the joints detected in one view, against the truth or people reconstructed from the others.
 
@@ -246,7 +179,7 @@ def _errors(clip: Clip, view: int, truth: Truth) -> tuple:
         error, inverted, score, joint: (n,) each, and the energies that `Failures.lags` and `.constant` are ratios of.
     """
     others = [other for other in range(len(clip.rig)) if other != view]
-    match = _match(clip.select(views=[view]), _reference(clip.select(views=others), truth))
+    match = match_persons(clip.select(views=[view]), _reference(clip.select(views=others), truth))
     off = (match.found - match.xy)[:, 0] / match.height[:, 0, :, None, None]
     mirror = np.asarray(clip.detections.skeleton.mirror)
     across = np.linalg.norm((match.found - match.xy[..., mirror, :])[:, 0], axis=-1) / match.height[:, 0, :, None]
@@ -299,7 +232,7 @@ def _sides(clip: Clip, reference: Poses3D) -> tuple[np.ndarray, np.ndarray]:
     return along > 0.5, along < -0.5
 
 
-def _views_histogram(match: _Match, joints: np.ndarray) -> np.ndarray:
+def _views_histogram(match: Match, joints: np.ndarray) -> np.ndarray:
     """(V + 1,) share of the joints, of people in at least two images, that 0..V views detect."""
     there = (~np.isnan(match.height)).sum(1) >= 2
     count = (~np.isnan(match.score[..., joints])).sum(1)[there]

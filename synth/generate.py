@@ -29,8 +29,9 @@ from synth.props import PropsConfig
 from synth.quality import FailedSimulation
 from synth.render import Quality, Renderer, render_images
 from synth.rigs import RigConfig, calibration_error, make_rig, miscalibrate
+from synth.sample import sample_spec
 from synth.simulate import simulate
-from synth.spec import SceneConfig, SceneSpec, sample_spec
+from synth.spec import SceneConfig, SceneSpec
 from synth.visibility import joint_visibility
 
 

@@ -17,9 +17,10 @@ from synth.motion.source import MotionConfig
 from synth.props import PropsConfig
 from synth.quality import FailedSimulation
 from synth.reference import make_reference
+from synth.sample import load_motions, sample_spec
 from synth.scene import Scene, add_prop, build_scene
 from synth.simulate import joint_places, moved_with, plan_motions
-from synth.spec import Layout, PropSpec, SceneConfig, SceneSpec, load_motions, sample_spec
+from synth.spec import Layout, PropSpec, SceneConfig, SceneSpec
 from synth.visibility import joint_visibility
 
 DETECTED = slice(0, 25)
@@ -142,7 +143,7 @@ def sample_hidden_spec(
     seed: int,
     clip: int,
 ) -> SceneSpec:
-    """Draw the scene of one clip so that about as much is hidden as was asked for; see `synth.spec.sample_spec`.
+    """Draw the scene of one clip so that about as much is hidden as was asked for; see `synth.sample.sample_spec`.
 
     A layout is drawn with many things, and of these so many are left out that what remains hides a share drawn from
     the target. If even all of them hide too little, people gather closer in the next layout; if people alone hide too

@@ -17,8 +17,9 @@ from synth.motion import SEGMENTS, Motion
 from synth.plan import give_way
 from synth.quality import Contacts, FailedSimulation, Overlaps, assess
 from synth.reference import make_reference
+from synth.sample import load_motions
 from synth.scene import Scene, build_scene
-from synth.spec import SceneSpec, load_motions
+from synth.spec import SceneSpec
 
 _SETTLING = 0.25
 """Time in which people stand in their first pose before the clip, s."""

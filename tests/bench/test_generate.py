@@ -16,8 +16,9 @@ from synth.generate import GenerateConfig, ImageKinds, generate_clip
 from synth.motion.source import MotionConfig
 from synth.quality import FailedSimulation
 from synth.render import Quality, Renderer, find_backend, render_images
+from synth.sample import sample_spec
 from synth.simulate import simulate
-from synth.spec import SceneConfig, sample_spec
+from synth.spec import SceneConfig
 
 from ..synth.people import RIG
 

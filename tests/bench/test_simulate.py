@@ -11,8 +11,9 @@ from synth import simulate
 from synth.motion.source import MotionConfig
 from synth.quality import FailedSimulation
 from synth.rigs import RigConfig, make_rig
+from synth.sample import load_motions, sample_spec
 from synth.simulate import simulate_motions
-from synth.spec import SceneConfig, load_motions, sample_spec
+from synth.spec import SceneConfig
 from synth.visibility import joint_visibility
 
 pytestmark = pytest.mark.bench

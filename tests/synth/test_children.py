@@ -10,8 +10,9 @@ from synth.anthropometry import body_at
 from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
 from synth.landmarks import SKELETON
 from synth.motion.source import MotionConfig
+from synth.sample import sample_spec
 from synth.simulate import Simulation, simulate
-from synth.spec import SceneConfig, SceneSpec, sample_spec
+from synth.spec import SceneConfig, SceneSpec
 from tests.synth.people import RIG
 from tests.synth.test_interactions import RECORDED, palms
 

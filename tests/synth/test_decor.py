@@ -9,8 +9,9 @@ import pytest
 from synth.arena import arena_file
 from synth.decor import FINISHES, Decor, Light, decorate, sample_decor
 from synth.motion.source import MotionConfig
+from synth.sample import sample_spec
 from synth.scene import build_scene
-from synth.spec import SceneConfig, sample_spec
+from synth.spec import SceneConfig
 from synth.textures import paint
 
 from .people import BODY, RIG, scene

@@ -1,72 +1,27 @@
 """Interactions: people meet as they are to, whatever moves them; the same again; fit for use."""
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
 from synth.generate import GenerateConfig, generate_clip
 from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
 from synth.landmarks import SKELETON
-from synth.motion.limbs import PALM
 from synth.motion.smpl import write_npz
 from synth.motion.source import MotionConfig, MotionKind, read_take
 from synth.quality import FailedSimulation
+from synth.sample import load_motions, sample_spec
 from synth.scene import build_scene
-from synth.simulate import Simulation, simulate
-from synth.spec import Layout, SceneConfig, SceneSpec, load_motions, sample_spec
+from synth.simulate import simulate
+from synth.spec import Layout, SceneSpec
 from tests.synth.people import RIG
 
+from .acting import MID_HIP, SCENE, apart, facing, hips, palms, played, spec_of
+
 KINDS = list(INTERACTIONS)
-SCENE = SceneConfig(seconds=3.0, persons=[4, 4], props=[0, 0])
-MID_HIP = SKELETON.index("body25.mid_hip")[0]
 RECORDED = {MotionKind.bvh: "bvh_cc/005_01.bvh", MotionKind.amc: "asf_amc/02_01.amc", MotionKind.c3d: "c3d/02_01.c3d"}
-
-
-def spec_of(kind: InteractionKind, motion: MotionConfig | None = None, scene: SceneConfig = SCENE) -> SceneSpec:
-    return sample_spec(scene, motion or MotionConfig(), interaction=InteractionConfig(kind), seed=3, clip=0)
-
-
-@cache
-def played(kind: InteractionKind) -> tuple[SceneSpec, Simulation]:
-    spec = spec_of(kind)
-    return spec, simulate(spec, RIG, painted=False)
-
-
-def hips(simulation: Simulation) -> np.ndarray:
-    """(F, P, 2)"""
-    return simulation.joints[:, :, MID_HIP, :2]
-
-
-def apart(points: np.ndarray) -> np.ndarray:
-    """(F, P, P) distances between people's points (F, P, D), large from anybody to themselves."""
-    return np.linalg.norm(points[:, :, None] - points[:, None], axis=-1) + 99 * np.eye(points.shape[1])
-
-
-def palms(spec: SceneSpec, simulation: Simulation, side: str) -> np.ndarray:
-    """(F, P, 3) skin of people's palms in the simulated state."""
-    data, found = mujoco.MjData(simulation.model), []
-    for state in simulation.qpos:
-        data.qpos[:] = state
-        mujoco.mj_kinematics(simulation.model, data)
-        places = []
-        for p, person in enumerate(spec.persons):
-            hand = simulation.model.body(f"person{p}/{side}_hand").id
-            local = PALM * (1, (1 if side == "l" else -1) * person.body.arms, 1) * person.body.stature
-            places.append(data.xpos[hand] + data.xmat[hand].reshape(3, 3) @ local)
-        found.append(places)
-    return np.array(found)
-
-
-def facing(spec: SceneSpec, simulation: Simulation) -> np.ndarray:
-    """(F, P, 2) where people's trunks face: from the shoulders, left over right."""
-    left, right = (simulation.joints[:, :, SKELETON.index(f"body25.{s}_shoulder")[0], :2] for s in "lr")
-    across = left - right
-    ahead = np.stack([across[..., 1], -across[..., 0]], -1)
-    return ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -214,64 +169,6 @@ def test_people_sit_on_their_stools():
     assert 0.45 < height.min() < height.max() < 0.7
     knees = simulation.joints[:, :, SKELETON.index("body25.l_knee")[0], 2]
     assert np.abs(knees - height).max() < 0.16
-
-
-def test_a_box_goes_from_hand_to_hand():
-    spec, simulation = played(InteractionKind.pass_box)
-    (load,), model, data = spec.loads, simulation.model, mujoco.MjData(simulation.model)
-    gaps, tilt = np.empty((len(simulation.qpos), 2)), np.empty(len(simulation.qpos))
-    for frame, state in enumerate(simulation.qpos):
-        data.qpos[:] = state
-        mujoco.mj_kinematics(model, data)
-        tilt[frame] = data.body("load0/box").xmat[8]
-        for number in range(2):
-            sites = [f"load0/grip{number}{side}" for side in "lr"]
-            gaps[frame, number] = max(np.linalg.norm(data.site(s).xpos - data.site(f"{s}/palm").xpos) for s in sites)
-    time = np.arange(len(gaps)) / spec.fps
-    for number, grip in enumerate(load.grips):
-        # Palms are drawn to it within a moment, and let go.
-        assert gaps[(time > grip.begin + 0.15) & (time < grip.end), number].max() < 0.02
-        assert gaps[(time < grip.begin - 0.4) | (time > grip.end + 0.4), number].min() > 0.06
-    assert np.degrees(np.arccos(tilt)).max() < 35
-    assert "load0/box" in simulation.objects
-
-
-def test_people_at_a_shelf_face_it_come_to_it_and_put_hands_to_it():
-    spec = spec_of(InteractionKind.shelving, scene=replace(SCENE, middle=[0.4, -0.3], seconds=12.0))
-    simulation = simulate(spec, RIG, painted=False)
-    (shelf,) = spec.furniture
-    assert np.linalg.norm(np.subtract(shelf.at, (0.4, -0.3))) < 0.6
-    inward = shelf.at - hips(simulation)
-    distance = np.linalg.norm(inward, axis=-1)
-    bearing = np.degrees(np.arccos((facing(spec, simulation) * inward).sum(-1) / distance))
-    assert 0.75 < (bearing < 60).mean() < 0.97
-    assert 0.4 < distance[:, :2].min() < distance[:, :2].max() < 1.8
-    assert (distance[-1, 2:] < distance[0, 2:] - 0.2).all()
-    raised = np.maximum(*(palms(spec, simulation, side)[..., 2] for side in "lr")) > 1.0
-    assert raised[:, :2].any(0).all()
-    assert (distance[raised] < 1.2).all()
-    assert simulation.quality["penetration_mm"] <= 20
-    assert simulation.quality["foot_slide"] <= 0.05
-
-
-@pytest.mark.parametrize("people", [2, 4])
-def test_a_box_is_passed_at_the_shelf(people):
-    scene = replace(SCENE, persons=[people, people], seconds=8.0)
-    specs = [
-        sample_spec(scene, MotionConfig(), interaction=InteractionConfig(InteractionKind.shelving), seed=1, clip=clip)
-        for clip in range(12)
-    ]
-    assert 2 <= sum(bool(spec.loads) for spec in specs) <= 10
-    spec = next(spec for spec in specs if spec.loads)
-    (load,), simulation = spec.loads, simulate(spec, RIG, painted=False)
-    assert [grip.person for grip in load.grips] == [people - 1, 0]
-    frame = round(load.grips[1].begin * spec.fps)
-    giver, taker = facing(spec, simulation)[frame, [people - 1, 0]]
-    assert giver @ taker < -0.8
-    for number, grip in enumerate(load.grips):
-        held = slice(round((max(grip.begin, 0) + 0.3) * spec.fps), round(min(grip.end, 7.9) * spec.fps))
-        gaps = palms(spec, simulation, "l")[held, grip.person] - palms(spec, simulation, "r")[held, grip.person]
-        assert np.abs(np.linalg.norm(gaps, axis=-1) - 2 * load.half_width).max() < 0.05, number
 
 
 def test_a_couple_holds_hands_and_turns():

@@ -14,8 +14,9 @@ from synth.motion.legs import HIP_HEIGHT
 from synth.motion.sequence import SEATED, make_sequence
 from synth.motion.source import MotionConfig, load_motion
 from synth.motion.turning import TurnTo
+from synth.sample import load_motions, sample_spec
 from synth.simulate import simulate
-from synth.spec import SceneConfig, load_motions, sample_spec
+from synth.spec import SceneConfig
 
 from .people import RIG
 from .stick_figure import elbows, joints, knees, soles

@@ -9,7 +9,8 @@ from synth.generate import GenerateConfig
 from synth.motion.procedural import ProceduralConfig, make_motion
 from synth.motion.smpl import write_npz
 from synth.motion.source import MotionConfig, MotionKind
-from synth.spec import SceneConfig, load_motions, sample_spec
+from synth.sample import load_motions, sample_spec
+from synth.spec import SceneConfig
 
 
 @pytest.fixture(params=[MotionKind.npz, MotionKind.c3d])

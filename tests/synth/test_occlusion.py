@@ -14,7 +14,8 @@ from synth.occlusion import OcclusionConfig, histogram, sample_hidden_spec, shar
 from synth.props import PropsConfig
 from synth.quality import FailedSimulation
 from synth.rigs import RigConfig, RingConfig, make_rig
-from synth.spec import Layout, SceneConfig, load_motions, sample_spec
+from synth.sample import load_motions, sample_spec
+from synth.spec import Layout, SceneConfig
 
 RING = RigConfig(ring=RingConfig(views=4))
 RIG = make_rig(RING, rng=generator(0, 0, Stream.CAMERAS))

@@ -15,8 +15,9 @@ from synth.motion.source import MotionConfig
 from synth.pixels import agreement, person_pixels
 from synth.quality import FailedSimulation
 from synth.render import Quality, Renderer, find_backend, render_images
+from synth.sample import sample_spec
 from synth.simulate import simulate
-from synth.spec import SceneConfig, sample_spec
+from synth.spec import SceneConfig
 from synth.visibility import _limbs, joint_visibility
 
 from .test_rigs import preset

@@ -9,8 +9,9 @@ import trimesh
 
 from synth.motion.source import MotionConfig
 from synth.props import PropsConfig, Up, find_meshes, load_mesh, prop_space, prop_spec
+from synth.sample import sample_spec
 from synth.scene import build_scene
-from synth.spec import PropSpec, SceneConfig, SceneSpec, sample_spec
+from synth.spec import PropSpec, SceneConfig, SceneSpec
 
 from .people import BODY, RIG, scene
 

@@ -12,9 +12,10 @@ from synth.landmarks import SKELETON, landmarks
 from synth.motion import SEGMENTS
 from synth.motion.source import MotionConfig
 from synth.quality import Contacts, FailedSimulation, Overlaps, assess
+from synth.sample import sample_spec
 from synth.scene import build_scene
 from synth.simulate import simulate, simulate_motions
-from synth.spec import PropSpec, SceneConfig, sample_spec
+from synth.spec import PropSpec, SceneConfig
 
 from .people import BODY, RIG, gliding, scene
 

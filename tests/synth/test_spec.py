@@ -14,7 +14,8 @@ from synth.motion import SEGMENTS
 from synth.motion.procedural import ProceduralConfig
 from synth.motion.source import MotionConfig, MotionKind
 from synth.revive import revive
-from synth.spec import PropSpec, SceneConfig, SceneSpec, load_motions, sample_spec
+from synth.sample import load_motions, sample_spec
+from synth.spec import PropSpec, SceneConfig, SceneSpec
 
 MOTION = MotionConfig()
 SHORT = SceneConfig(seconds=1.0)
