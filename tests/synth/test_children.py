@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from synth import spec as specs
+from synth import sample
 from synth.anthropometry import body_at
 from synth.interactions import INTERACTIONS, InteractionConfig, InteractionKind
 from synth.landmarks import SKELETON
@@ -52,7 +52,7 @@ def test_children_move_as_adults_were_recorded(kind, source, data_folder):
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_small_child_reaches_a_tall_man(kind, order, monkeypatch):
     bodies = iter((body_at(0, stature=1.6), body_at(1, 6))[::order])
-    monkeypatch.setattr(specs, "sample_body", lambda *args, **kwargs: next(bodies))
+    monkeypatch.setattr(sample, "sample_body", lambda *args, **kwargs: next(bodies))
     spec, simulation = played(kind, MotionConfig(), replace(SCENE, persons=[2, 2], children=0.0))
     check(spec, simulation)
     right, left = palms(spec, simulation, "r"), palms(spec, simulation, "l")
