@@ -5,13 +5,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from dmae.clip import Poses3D
-from dmae.metrics import GAPS, gap_lengths
-
-SHARE = 0.9
-"""Of the true joints, within regions of that probability by the covariance."""
-
-RADIUS = 2.5003
-"""Standard deviations of an isotropic Gaussian in three dimensions that hold 90 %."""
+from dmae.metrics import GAPS, RADIUS, SHARE, gap_lengths
 
 _FEWEST = 200
 """Joints of a class of gaps by which it is calibrated for itself."""

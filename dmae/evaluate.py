@@ -68,6 +68,8 @@ class EvaluateConfig:
     seed: int = 0
     """Of what is hidden and disturbed."""
     reference: Reference = Reference.truth
+    skeleton: str | None = None
+    """On which poses are compared; by default that of the truth."""
     smooth: float = 0.1
     """s of smoothing, see `dmae.baselines.smooth`, after every method but `measured`."""
     out: str = "runs/evaluate"
@@ -97,10 +99,10 @@ class Trial:
 def evaluate(config: EvaluateConfig) -> dict:
     """Apply every method to every clip, captured with every subset of cameras or punched, and score the results.
 
-    Poses are compared on the skeleton of the truth; of a fused truth (`body25+shelf14`) on its second part. Where
-    the truth is punched (`hide`) or captured (`reference`), that is on the skeleton of the detections, if the truth
-    has it. Scores are averaged over clips, then over subsets; errors by length of gap are over the joints that all
-    methods filled, but for `measured`, so that none is the better for leaving out what is hard.
+    Poses are compared on `skeleton`, or else that of the truth; of a fused one (`body25+shelf14`) its second part.
+    Where the truth is punched (`hide`) or captured (`reference`), that is on the skeleton of the detections, if the
+    truth has it. Scores are averaged over clips, then over subsets; errors by length of gap are over the joints that
+    all methods filled, but for `measured`, so that none is the better for leaving out what is hard.
 
     Returns:
         JSON-able; None stands for a score of nothing. `recording`; `skeleton`; `results`, one entry for each method and
@@ -137,6 +139,11 @@ def evaluate(config: EvaluateConfig) -> dict:
 
 
 def _trials(clips: Iterable[Clip], config: EvaluateConfig) -> Iterator[Trial]:
+    if config.skeleton and (config.hide != Hide.none or config.reference != Reference.truth):
+        raise ValueError(
+            f"skeleton={config.skeleton}: with hide or reference=capture poses are compared as they were detected; "
+            "leave it out"
+        )
     if config.hide != Hide.none:
         if config.views or config.reference != Reference.truth:
             raise ValueError(
@@ -155,7 +162,7 @@ def _trials(clips: Iterable[Clip], config: EvaluateConfig) -> Iterator[Trial]:
             sure = whole.views >= _SURE_VIEWS
             truth = Poses3D(whole.skeleton, np.where(sure[..., None], whole.xyz, np.nan))
         else:
-            truth = convert(_truth(clip), get_skeleton(clip.truth.skeleton.name.split("+")[-1]))
+            truth = convert(_truth(clip), get_skeleton(config.skeleton or clip.truth.skeleton.parts[-1].name))
         shelf = config.reference == Reference.truth and clip.provenance.get("format") == Format.shelf
         for cameras in subsets(clip, config.views):
             captured = capture(clip.select(views=cameras), config.capture)

@@ -22,6 +22,12 @@ PCK_THRESHOLD = 0.2
 GAPS = ((1, 5), (6, 15), (16, 40), (41, None))
 """Frames at 25/s, both included: lengths of hidden stretches that are told apart."""
 
+SHARE = 0.9
+"""Of the truth, in the regions by which stated covariances are judged."""
+
+RADIUS = 2.5003
+"""Standard deviations of an isotropic Gaussian in three dimensions that hold that share."""
+
 _SHELF_LIMBS = (
     "r_knee-r_ankle", "l_knee-l_ankle", "r_hip-r_knee", "l_hip-l_knee", "r_elbow-r_wrist", "l_elbow-l_wrist",
     "r_shoulder-r_elbow", "l_shoulder-l_elbow", "bottom_head-top_head", "mid_hip-bottom_head",
@@ -197,18 +203,21 @@ def gap_lengths(observed: np.ndarray) -> np.ndarray:
     return np.where(observed, 0, after - before - 1)
 
 
-def error_by_gap(matched: np.ndarray, truth: np.ndarray, lengths: np.ndarray) -> list[dict]:
+def error_by_gap(matched: np.ndarray, truth: np.ndarray, lengths: np.ndarray, cov: np.ndarray) -> list[dict]:
     """What became of joints that were hidden, by how long they were.
 
     Args:
         matched: (F, T, J, 3) filled predictions in the order of the truth.
         lengths: (F, T, J) frames at 25/s that each joint was hidden for around, 0 where it was not.
+        cov: (F, T, J, 3, 3) m^2, of the predictions; NaN where unknown.
 
     Returns:
         One entry for each of `GAPS`: `frames`, how many true joints were `hidden`, how many of them were
-        `filled`, and the `mpjpe` of those in mm.
+        `filled`, and the `mpjpe` of those in mm; of how many the covariance is `stated`, and the share in % of
+        those that are within their regions of `SHARE`, `held`.
     """
     known, filled = ~np.isnan(truth).any(-1), ~np.isnan(matched).any(-1)
+    within = in_region(matched - truth.astype(np.float64), cov)
     entries = []
     for low, high in GAPS:
         inside = (lengths >= low) & (lengths <= (high or np.inf)) & known
@@ -217,8 +226,20 @@ def error_by_gap(matched: np.ndarray, truth: np.ndarray, lengths: np.ndarray) ->
             "hidden": int(inside.sum()),
             "filled": int((inside & filled).sum()),
             "mpjpe": mpjpe(matched, truth, inside),
+            "stated": int((inside & ~np.isnan(within)).sum()),
+            "held": 100 * float(mean_known(np.where(inside, within, np.nan), None)),
         })  # fmt: skip
     return entries
+
+
+def in_region(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """(...) 1 where errors (..., 3) lie within the ellipsoids of probability `SHARE` of Gaussians of those covariances
+    (..., 3, 3), 0 where they do not, NaN where either is unknown."""
+    within = np.full(error.shape[:-1], np.nan)
+    known = ~np.isnan(error).any(-1) & ~np.isnan(cov).any((-1, -2))
+    e, c = error[known], cov[known].astype(np.float64)
+    within[known] = (e * np.linalg.solve(c, e[..., None])[..., 0]).sum(-1) <= RADIUS**2
+    return within
 
 
 def published_pcp(pred: np.ndarray, truth: np.ndarray, skeleton: Skeleton, actors: Sequence[int]) -> dict[str, float]:

@@ -70,7 +70,10 @@ def score(
             "mpjpe": metrics.mpjpe(matched, truth.xyz, hidden),
         },
         "gaps": metrics.error_by_gap(
-            matched if compared is None else np.where(compared[..., None], matched, np.nan), truth.xyz, lengths
+            matched if compared is None else np.where(compared[..., None], matched, np.nan),
+            truth.xyz,
+            lengths,
+            metrics.take_matched(pred.cov, matches),
         ),
         "identity_switches": metrics.identity_switches(matches),
         "idf1": metrics.idf1(pred.xyz, truth.xyz),
@@ -118,17 +121,21 @@ def _average(scores: list):
 
 def _pool_gaps(runs: list[list[dict]]) -> list[dict]:
     """Counts added up; errors averaged over joints, not over runs."""
-    pooled = []
-    for entries in zip(*runs, strict=True):
-        filled = sum(entry["filled"] for entry in entries)
-        total = sum(entry["filled"] * entry["mpjpe"] for entry in entries if entry["filled"])
-        pooled.append({
+
+    def mean(entries: tuple[dict, ...], value: str, count: str) -> float:
+        total = sum(entry[count] for entry in entries)
+        return sum(entry[count] * entry[value] for entry in entries if entry[count]) / total if total else float("nan")
+
+    counts = ("hidden", "filled", "stated")
+    return [
+        {
             "frames": entries[0]["frames"],
-            "hidden": sum(entry["hidden"] for entry in entries),
-            "filled": filled,
-            "mpjpe": total / filled if filled else float("nan"),
-        })  # fmt: skip
-    return pooled
+            **{count: sum(entry[count] for entry in entries) for count in counts},
+            "mpjpe": mean(entries, "mpjpe", "filled"),
+            "held": mean(entries, "held", "stated"),
+        }
+        for entries in zip(*runs, strict=True)
+    ]
 
 
 def _jsonable(scores):

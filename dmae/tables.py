@@ -18,7 +18,8 @@ class Table:
 
 
 def tables(scores: dict) -> list[Table]:
-    """PCP, errors, and errors by length of gap; a row for each method and number of views.
+    """PCP, errors, errors by length of gap, and how far stated covariances are right; a row for each method and number
+    of views.
 
     Narrow enough, at up to four persons, for a terminal of 80 columns.
 
@@ -26,6 +27,7 @@ def tables(scores: dict) -> list[Table]:
         scores: What `dmae.evaluate.evaluate` returned, or what was read back from its JSON.
     """
     means = [result["mean"] for result in scores["results"]]
+    unsure = [any(gap["stated"] for gap in mean["gaps"]) for mean in means]
     firsts = [(result["method"], str(result["views"] or "-")) for result in scores["results"]]
     worst = [result["worst"]["pcp"] for result in scores["results"]]
     persons = [f"person {person}" for person in range(len(means[0].get("pcp_persons", ())))]
@@ -65,6 +67,21 @@ def tables(scores: dict) -> list[Table]:
                     [(first, mean["gaps"]) for first, mean in zip(firsts, means, strict=True) if first[1] == views]
                 )
             ],
+        ),
+        *(
+            [
+                Table(
+                    "True joints within the 90 % regions that methods state, %, by how long they were hidden",
+                    ("method", "views", *(gap["frames"] for gap in means[0]["gaps"])),
+                    [
+                        (*first, *(_text(gap["held"]) for gap in mean["gaps"]))
+                        for first, mean, states in zip(firsts, means, unsure, strict=True)
+                        if states
+                    ],
+                )
+            ]
+            if any(unsure)
+            else []
         ),
     ]
 

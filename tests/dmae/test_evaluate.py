@@ -60,6 +60,14 @@ class TestEvaluate:
         assert result["worst"]["cameras"] in ([0, 1, 2], [0, 1, 3])
         assert result["mean"]["pcp"] == 75
 
+    def test_poses_are_compared_on_the_skeleton_asked_for(self, tmp_path):
+        save_clip(seen(), tmp_path)
+        scores = evaluate(config(tmp_path, methods=["linear"], skeleton="body25"))
+        assert scores["skeleton"] == "body25"
+        assert scores["results"][0]["mean"]["mpjpe"]["all"] < 1
+        with pytest.raises(KeyError, match="stickman"):
+            evaluate(config(tmp_path, methods=["linear"], skeleton="stickman"))
+
     @pytest.mark.parametrize(
         ("changes", "kind", "message"),
         [
@@ -72,6 +80,7 @@ class TestEvaluate:
             ({"methods": []}, ValueError, "expected some of"),
             ({"views": [5]}, ValueError, "expected numbers from 2 to 4"),
             ({"views": [1]}, ValueError, "expected numbers from 2 to 4"),
+            ({"skeleton": "body25", "hide": "clean"}, ValueError, "skeleton=body25: with hide"),
         ],
     )
     def test_what_cannot_be_done_is_said(self, tmp_path, changes, kind, message):

@@ -13,6 +13,7 @@ from dmae.metrics import (
     gap_lengths,
     identity_switches,
     idf1,
+    in_region,
     limb_ends,
     limb_names,
     match,
@@ -257,12 +258,26 @@ class TestErrors:
         filled[3:5, 0, 0] += (0.01, 0, 0)
         filled[10:15, 0, 0] += (0.02, 0, 0)
         filled[15:20, 0, 0] = np.nan
-        short, middle, long, longest = error_by_gap(filled, truth, gap_lengths(observed))
+        cov = np.full((*filled.shape, 3), np.nan)
+        cov[10:14, 0, 0] = np.eye(3) * 0.0079**2
+        cov[14, 0, 0] = np.eye(3) * 0.0081**2
+        short, middle, long, longest = error_by_gap(filled, truth, gap_lengths(observed), cov)
         assert (short["hidden"], short["filled"], short["mpjpe"]) == (2, 2, pytest.approx(10))
         assert (middle["hidden"], middle["filled"], middle["mpjpe"]) == (10, 5, pytest.approx(20))
         assert long["hidden"] == longest["hidden"] == 0
         assert np.isnan(long["mpjpe"])
+        # Of 20 mm, 2.5 times 8 mm, one of the five is sure enough.
+        assert (middle["stated"], middle["held"]) == (5, pytest.approx(20))
+        assert short["stated"] == 0 and np.isnan(short["held"])
         assert [gap["frames"] for gap in (short, middle, long, longest)] == ["1-5", "6-15", "16-40", ">40"]
+
+
+def test_nine_in_ten_of_a_gaussian_are_within_its_regions():
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(3, 3))
+    error = rng.normal(size=(20000, 3)) @ root.T
+    assert in_region(error, np.broadcast_to(root @ root.T, (20000, 3, 3))).mean() == pytest.approx(0.9, abs=0.01)
+    assert np.isnan(in_region(np.full((1, 3), np.nan), np.eye(3)[None])).all()
 
 
 def test_published_protocols_differ_as_described():

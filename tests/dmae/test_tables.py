@@ -38,6 +38,14 @@ def test_numbers_stand_where_their_headings_are():
     ]
 
 
+def test_regions_of_methods_that_state_them_have_a_table():
+    sure = scores()
+    assert len(tables(sure)) == 3
+    sure["results"][1]["mean"]["gaps"][0] |= {"stated": 4, "held": 75.0}
+    regions = tables(sure)[3]
+    assert regions.rows == [("linear", "2", "75.0", "-", "-", "-")]
+
+
 def test_four_persons_fit_eighty_columns(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     print_tables(tables(scores()))
