@@ -36,7 +36,9 @@ def soles(body: Body, root: np.ndarray, rotations: np.ndarray, points: np.ndarra
     return ankles + np.einsum("fsij,kj->fski", rotations[:, FEET], points * body.stature)
 
 
-def planted(body: Body, root: np.ndarray, rotations: np.ndarray, fps: float, *, turn: float) -> np.ndarray:
+def planted(
+    body: Body, root: np.ndarray, rotations: np.ndarray, fps: float, *, turn: float, recorded: bool = False
+) -> np.ndarray:
     """When each foot stands.
 
     Args:
@@ -45,6 +47,7 @@ def planted(body: Body, root: np.ndarray, rotations: np.ndarray, fps: float, *, 
         rotations: (F, 16, 3, 3) orientation of each of `SEGMENTS`.
         fps: Frames per second.
         turn: By which the motion has been bent, rad/s; the slip that this brings is not held against a foot.
+        recorded: Whether somebody was recorded, whose weight may go to the other foot faster than frames follow.
 
     Returns:
         (F, 2) whether the left and the right foot are planted.
@@ -65,7 +68,12 @@ def planted(body: Body, root: np.ndarray, rotations: np.ndarray, fps: float, *, 
     # Somebody near the floor is borne by the foot there that moves least.
     low, slow = _BORNE
     least = np.where(height < low, speed, np.inf).min(2)
-    holds |= ~holds.any(1, keepdims=True) & (least < slow) & (least == least.min(1, keepdims=True))
+    calmest = np.isfinite(least) & (least == least.min(1, keepdims=True))
+    holds |= ~holds.any(1, keepdims=True) & (least < slow) & calmest
+    if recorded:
+        # Between two stands that follow each other at once there is no flight, but a foot that holds.
+        held = np.pad(holds.any(1, keepdims=True), ((1, 1), (0, 0)))
+        holds |= held[:-2] & ~held[1:-1] & held[2:] & calmest
     return np.pad(holds, ((1, 0), (0, 0))) | np.pad(holds, ((0, 1), (0, 0)))
 
 
@@ -88,7 +96,13 @@ def bearing(body: Body, root: np.ndarray, rotations: np.ndarray, standing: np.nd
 
 
 def plant(
-    body: Body, root: np.ndarray, rotations: np.ndarray, standing: np.ndarray, fps: float
+    body: Body,
+    root: np.ndarray,
+    rotations: np.ndarray,
+    standing: np.ndarray,
+    fps: float,
+    *,
+    recorded: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Hips and orientations with which planted feet stay in place.
 
@@ -104,6 +118,7 @@ def plant(
         rotations: (F, 16, 3, 3) orientation of each of `SEGMENTS`.
         standing: (F, 2) whether the left and the right foot are planted.
         fps: Frames per second.
+        recorded: Whether somebody was recorded, who may leap.
 
     Returns:
         root: (F, 3) with other heights.
@@ -126,7 +141,9 @@ def plant(
         swings = ~standing[:, side]
         least = np.where(swings, np.where(flat | ~standing.any(1), _CLEAR, height.clip(0, _CLEAR)), 0)
         rise = np.maximum(_eased(-height[:, None], standing[:, side])[:, 0], least - height)
-        smooth = np.maximum(gaussian_filter1d(rise, 0.025 * fps, mode="nearest"), -height)
+        # Who leaps has left the floor at once, and is on it all of a sudden.
+        sharp = np.where(recorded & ~standing.any(1), least - height, -height)
+        smooth = np.maximum(gaussian_filter1d(rise, 0.025 * fps, mode="nearest"), sharp)
         ankles[:, side, 2] += np.where(swings, smooth, rise)
     hips = origins[:, [foot - 2 for foot in FEET]]
     bones = np.linalg.norm(body.offsets[[FEET[0] - 1, FEET[0]]], axis=1)

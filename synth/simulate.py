@@ -14,6 +14,7 @@ from synth.feet import bearing, plant, planted
 from synth.landmarks import SKELETON, landmarks
 from synth.limits import within
 from synth.motion import SEGMENTS, Motion
+from synth.motion.source import MotionKind
 from synth.plan import give_way
 from synth.quality import Contacts, FailedSimulation, Overlaps, assess
 from synth.reference import make_reference
@@ -122,14 +123,17 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
     """
     root = np.stack([motion.root for motion in motions], axis=1)
     rotations, beyond = within(np.stack([motion.rotations for motion in motions], axis=1))
+    recorded = spec.motion.kind is not MotionKind.procedural
     standing = [
-        planted(person.body, root[:, p], rotations[:, p], spec.fps, turn=person.turn)
+        planted(person.body, root[:, p], rotations[:, p], spec.fps, turn=person.turn, recorded=recorded)
         for p, person in enumerate(spec.persons)
     ]
     root[..., :2] += give_way(root[..., :2], spec.fps, clearance=spec.clearance, obstacles=obstacles)
     weight = np.empty((*root.shape[:2], 2))
     for p, person in enumerate(spec.persons):
-        root[:, p], rotations[:, p] = plant(person.body, root[:, p], rotations[:, p], standing[p], spec.fps)
+        root[:, p], rotations[:, p] = plant(
+            person.body, root[:, p], rotations[:, p], standing[p], spec.fps, recorded=recorded
+        )
         weight[:, p] = bearing(person.body, root[:, p], rotations[:, p], standing[p], spec.fps)
     return Plan(root, rotations, weight, beyond)
 

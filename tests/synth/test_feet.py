@@ -130,6 +130,33 @@ def test_who_flies_bears_nothing():
     assert planted(BODY, motion.root[:1], motion.rotations[:1], FPS, turn=0.0).all()
 
 
+def test_who_leaps_has_feet_above_the_floor_until_they_land():
+    """A low leap at 2 m/s, which begins and ends so flat that feet would graze the floor."""
+    motion = gliding(BODY, 30, (0, 0), (0, 0))
+    flight = np.clip((np.arange(30) - 9) / 12, 0, 1)
+    root = motion.root + np.stack([flight, 0 * flight, 0.3 * flight * (1 - flight)], axis=1)
+    standing = planted(BODY, root, motion.rotations, FPS, turn=0.0, recorded=True)
+    flying = ~standing.any(1)
+    assert 8 < flying.sum() < 13
+    lowest = [
+        soles(BODY, *plant(BODY, root, motion.rotations, standing, FPS, recorded=recorded))[flying, ..., 2].min()
+        for recorded in (False, True)
+    ]
+    assert lowest[0] < 0.037 < 0.039 < lowest[1]
+
+
+def test_between_stands_that_follow_at_once_a_foot_holds(data_folder):
+    """A run and a dance, stepped faster than 25 frames a second follow."""
+
+    def torn(take, recorded: bool) -> int:
+        motion = fit(cut(read_take(data_folder / "cmu/bvh_cc" / take), start=0.4, seconds=4.0, fps=FPS), BODY)
+        standing = planted(BODY, motion.root, motion.rotations, FPS, turn=0.0, recorded=recorded)
+        return int((standing[1:].any(1) & standing[:-1].any(1) & ~(standing[1:] & standing[:-1]).any(1)).sum())
+
+    takes_of = ("002_03.bvh", "005_14.bvh", "005_16.bvh")
+    assert sum(torn(take, True) for take in takes_of) < sum(torn(take, False) for take in takes_of)
+
+
 @pytest.mark.parametrize(
     ("kind", "folder", "limit"), [("bvh", "bvh_daz", 0.02), ("bvh", "bvh_cc", 0.02), ("amc", "asf_amc", 0.01)]
 )
