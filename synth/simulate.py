@@ -11,7 +11,9 @@ from dmae.skeleton import Skeleton
 from synth.body import Body, segment_origins
 from synth.control import HELD, Controller
 from synth.feet import bearing, plant, planted
+from synth.interactions import InteractionKind
 from synth.landmarks import SKELETON, landmarks
+from synth.legroom import limb_points, part_legs
 from synth.limits import within
 from synth.motion import SEGMENTS, Motion
 from synth.motion.source import MotionKind
@@ -24,6 +26,8 @@ from synth.spec import SceneSpec
 
 _SETTLING = 0.25
 """Time in which people stand in their first pose before the clip, s."""
+_ROUNDS = 12
+"""In which legs are given room."""
 
 
 @dataclass(frozen=True)
@@ -129,13 +133,35 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
         for p, person in enumerate(spec.persons)
     ]
     root[..., :2] += give_way(root[..., :2], spec.fps, clearance=spec.clearance, obstacles=obstacles)
-    weight = np.empty((*root.shape[:2], 2))
-    for p, person in enumerate(spec.persons):
-        root[:, p], rotations[:, p] = plant(
-            person.body, root[:, p], rotations[:, p], standing[p], spec.fps, recorded=recorded
-        )
-        weight[:, p] = bearing(person.body, root[:, p], rotations[:, p], standing[p], spec.fps)
-    return Plan(root, rotations, weight, beyond)
+    bodies = [person.body for person in spec.persons]
+    firm = _plant(bodies, root, rotations, standing, spec.fps, recorded=recorded)
+    if recorded and spec.interaction.kind is InteractionKind.none:
+        # Made-up people keep their feet under them, and a script says how near people come.
+        for _ in range(_ROUNDS):
+            limbs = np.stack([limb_points(body, *(a[:, p] for a in firm)) for p, body in enumerate(bodies)], axis=1)
+            shift = part_legs(limbs, spec.fps, obstacles)
+            if not shift.any():
+                break
+            root[..., :2] += shift
+            firm = _plant(bodies, root, rotations, standing, spec.fps, recorded=recorded)
+    weight = [bearing(body, *(a[:, p] for a in firm), standing[p], spec.fps) for p, body in enumerate(bodies)]
+    return Plan(*firm, np.stack(weight, axis=1), beyond)
+
+
+def _plant(
+    bodies: list[Body],
+    root: np.ndarray,
+    rotations: np.ndarray,
+    standing: list[np.ndarray],
+    fps: float,
+    *,
+    recorded: bool,
+) -> tuple[np.ndarray, np.ndarray]:
+    """`plant` of everybody."""
+    firm = [
+        plant(body, root[:, p], rotations[:, p], standing[p], fps, recorded=recorded) for p, body in enumerate(bodies)
+    ]
+    return tuple(np.stack(part, axis=1) for part in zip(*firm, strict=True))
 
 
 def _run(
