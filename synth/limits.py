@@ -1,6 +1,7 @@
 """How far people's joints turn, and motion that asks for more."""
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.spatial.transform import Rotation
 
 from synth.body import part
@@ -27,6 +28,12 @@ _PARTS = [part(name) for name in SEGMENTS]
 _TWIST = np.array([1 if name in ("upper_arm", "forearm", "hand") else 2 for _, name in _PARTS])
 ORDER = np.stack([0 * _TWIST, 1 + _TWIST, 1 + (_TWIST + 1) % 3, 1 + (_TWIST + 2) % 3])
 """(4, 16) components of each segment's quaternion: the real one, that about its own length, and the two that follow."""
+
+_FASTEST = 25.0
+"""How fast joints may turn from frame to frame, rad/s: in sound takes of CMU's runs, jumps, punches, salsa and kicks
+trunks and legs stay below 21, but for one frame of a flying kick."""
+_EASE = 0.12
+"""How long before and after a joint jumps its turns are smoothed, s."""
 
 
 def _sines() -> np.ndarray:
@@ -61,11 +68,16 @@ def split(w: np.ndarray, twist: np.ndarray, one: np.ndarray, other: np.ndarray) 
     return cosine, sine, np.stack([np.copysign(sine, sine * w), *swing])
 
 
-def within(rotations: np.ndarray) -> tuple[np.ndarray, float]:
+def within(rotations: np.ndarray, fps: float | None = None) -> tuple[np.ndarray, float]:
     """Motion without what joints cannot do: who would turn one farther stops at its limit, what hangs on it follows.
+
+    Where a joint of a recording then still turns faster than people's do, be it that the take jumps or that another
+    limit stops it in the next frame (the same pose is reached by different turns where a joint turns far), its turns
+    are smoothed, within limits.
 
     Args:
         rotations: (F, ..., 16, 3, 3) world orientation of each of `SEGMENTS`.
+        fps: Frames per second of a recording; None of motion that is made, whose joints are where they are to be.
 
     Returns:
         rotations: The same, within limits.
@@ -74,12 +86,28 @@ def within(rotations: np.ndarray) -> tuple[np.ndarray, float]:
     relative = rotations.copy()
     relative[..., 1:, :, :] = np.swapaxes(rotations[..., PARENTS[1:], :, :], -1, -2) @ rotations[..., 1:, :, :]
     quats = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(*relative.shape[:-2], 4)
+    turned, far = _stopped(quats)
+    relative[far], quats[far] = turned.as_matrix(), turned.as_quat(scalar_first=True)
+    torn = _torn(quats, fps) if fps else np.zeros_like(far)
+    if not far.any() and not torn.any():
+        return rotations, 0.0
+    if torn.any():
+        quats = _smoothed(quats, torn, fps)
+        turned, farther = _stopped(quats)
+        quats[farther] = turned.as_quat(scalar_first=True)
+        relative[torn] = Rotation.from_quat(quats[torn], scalar_first=True).as_matrix()
+    repaired = relative.copy()
+    for segment, parent in enumerate(PARENTS[1:], start=1):
+        repaired[..., segment, :, :] = repaired[..., parent, :, :] @ relative[..., segment, :, :]
+    return repaired, float(far[..., 1:].mean())
+
+
+def _stopped(quats: np.ndarray) -> tuple[Rotation, np.ndarray]:
+    """How far those of these turns (F, ..., 16, 4) go that would go farther than they can, and which (F, ..., 16)."""
     each = np.arange(len(SEGMENTS))
     cosine, sine, turns = split(*(quats[..., each, order] for order in ORDER))
     least, greatest = (limit.reshape(3, *[1] * (quats.ndim - 2), -1) for limit in (LEAST, GREATEST))
     far = ((turns < least) | (turns > greatest)).any(0)
-    if not far.any():
-        return rotations, 0.0
     # A twist that goes on beyond half a turn stays at the limit that it passed.
     angle = np.unwrap(2 * np.arctan2(sine, cosine), axis=0)
     angle -= 2 * np.pi * np.round(np.median(angle, axis=0) / (2 * np.pi))
@@ -90,8 +118,23 @@ def within(rotations: np.ndarray) -> tuple[np.ndarray, float]:
     swing[..., each, ORDER[2]], swing[..., each, ORDER[3]] = turns[1:]
     swing[..., 0] = np.sqrt(np.maximum(1 - turns[1] ** 2 - turns[2] ** 2, 0))
     turned = Rotation.from_quat(swing[far], scalar_first=True) * Rotation.from_quat(twist[far], scalar_first=True)
-    relative[far] = turned.as_matrix()
-    repaired = relative.copy()
-    for segment, parent in enumerate(PARENTS[1:], start=1):
-        repaired[..., segment, :, :] = repaired[..., parent, :, :] @ relative[..., segment, :, :]
-    return repaired, float(far[..., 1:].mean())
+    return turned, far
+
+
+def _torn(quats: np.ndarray, fps: float) -> np.ndarray:
+    """Where (F, ..., 16) joints of these turns (F, ..., 16, 4) jump, or are about to, or have just done so."""
+    turn = 2 * np.arccos(np.abs((quats[1:] * quats[:-1]).sum(-1)).clip(0, 1))
+    jumps = np.zeros(quats.shape[:-1], bool)
+    jumps[1:] = turn * fps > _FASTEST
+    jumps[:-1] |= jumps[1:]
+    return maximum_filter1d(jumps, 1 + 2 * round(_EASE * fps), axis=0)
+
+
+def _smoothed(quats: np.ndarray, torn: np.ndarray, fps: float) -> np.ndarray:
+    """Turns (F, ..., 16, 4), smoothed where they are torn (F, ..., 16), the less the nearer to where they are not."""
+    flips = np.where((quats[1:] * quats[:-1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+    quats = np.concatenate([quats[:1], quats[1:] * np.cumprod(flips, axis=0)])
+    blur = {"sigma": _EASE / 2 * fps, "axis": 0, "mode": "nearest"}
+    share = np.where(torn, gaussian_filter1d(torn.astype(float), **blur), 0.0)[..., None]
+    quats = quats + share * (gaussian_filter1d(quats, **blur) - quats)
+    return quats / np.linalg.norm(quats, axis=-1, keepdims=True)

@@ -126,8 +126,10 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
         obstacles: (K, 3) x, y and radius of what stands about, m.
     """
     root = np.stack([motion.root for motion in motions], axis=1)
-    rotations, beyond = within(np.stack([motion.rotations for motion in motions], axis=1))
     recorded = spec.motion.kind is not MotionKind.procedural
+    rotations, beyond = within(
+        np.stack([motion.rotations for motion in motions], axis=1), spec.fps if recorded else None
+    )
     standing = [
         planted(person.body, root[:, p], rotations[:, p], spec.fps, turn=person.turn, recorded=recorded)
         for p, person in enumerate(spec.persons)

@@ -17,6 +17,8 @@ from synth.scene import build_scene
 
 from .people import BODY, RIG, gliding, scene
 
+FPS = 25.0
+
 
 def bent(segment: str, axis: str, degrees) -> np.ndarray:
     """(F, 16, 3, 3) the T-pose, but for one joint."""
@@ -57,7 +59,7 @@ def parted(rotations: np.ndarray) -> np.ndarray:
     ],
 )
 def test_a_joint_goes_as_far_as_it_can(segment, axis, asked, got):
-    rotations, beyond = within(bent(segment, axis, asked))
+    rotations, beyond = within(bent(segment, axis, asked), FPS)
     np.testing.assert_allclose(rotations, bent(segment, axis, got), atol=1e-7)
     assert beyond == (0 if asked == got else 1 / 15)
 
@@ -68,7 +70,7 @@ def test_what_hangs_on_a_joint_follows_it_and_nothing_else_changes():
     knee = SEGMENTS.index("l_shin")
     relative[:, knee] = Rotation.from_euler("y", np.linspace(-30, 30, 20)[:, None], degrees=True).as_matrix()
     asked = composed(relative)
-    got, beyond = within(asked)
+    got, beyond = within(asked, FPS)
     assert beyond == pytest.approx((np.linspace(-30, 30, 20) < -8).sum() / 20 / 15)
     others = [i for i in range(15) if i != knee - 1]
     np.testing.assert_allclose(parted(got)[:, others], parted(asked)[:, others], atol=1e-9)
@@ -79,8 +81,8 @@ def test_what_hangs_on_a_joint_follows_it_and_nothing_else_changes():
 @settings(max_examples=20, deadline=None)
 def test_all_poses_end_within_limits_and_stay_there(seed):
     relative = Rotation.random(16, rng=np.random.default_rng(seed)).as_matrix()[None]
-    once, beyond = within(composed(relative))
-    again, left = within(once)
+    once, beyond = within(composed(relative), FPS)
+    again, left = within(once, FPS)
     assert beyond > 0 == left or np.allclose(again, once, atol=1e-6)
     quats = Rotation.from_matrix(parted(once)[0]).as_quat(scalar_first=True)
     _, _, turns = split(*(quats[np.arange(15), order[1:]] for order in ORDER))
@@ -89,15 +91,39 @@ def test_all_poses_end_within_limits_and_stay_there(seed):
 
 
 def test_a_twist_that_goes_round_stays_where_it_stopped():
-    rotations, _ = within(bent("l_hand", "y", np.arange(0, 300, 10)))
+    rotations, _ = within(bent("l_hand", "y", np.arange(0, 300, 10)), FPS)
     steps = Rotation.from_matrix(np.swapaxes(rotations[:-1, 6], -1, -2) @ rotations[1:, 6]).magnitude()
     assert np.degrees(steps.max()) < 11
+
+
+def speeds(rotations: np.ndarray) -> np.ndarray:
+    """(F - 1, 15) of each joint but the pelvis' own, rad/s."""
+    joints = parted(rotations)
+    turns = Rotation.from_matrix((np.swapaxes(joints[:-1], -1, -2) @ joints[1:]).reshape(-1, 3, 3))
+    return FPS * turns.magnitude().reshape(len(joints) - 1, -1)
+
+
+def test_joints_that_jump_are_eased_and_others_left():
+    """A take whose shin and thigh are elsewhere for two frames, while a foot nods."""
+    frames = np.arange(50)
+    relative = np.tile(np.eye(3), (50, 16, 1, 1))
+    foot = SEGMENTS.index("l_foot")
+    relative[:, foot] = Rotation.from_euler("y", 0.3 * np.sin(0.5 * frames)[:, None]).as_matrix()
+    for segment, degrees in (("l_thigh", -100), ("r_shin", 90)):
+        relative[24:26, SEGMENTS.index(segment)] = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
+    asked = composed(relative)
+    got, beyond = within(asked, FPS)
+    assert beyond == 0
+    assert speeds(asked).max() > 35
+    assert speeds(got).max() < 16
+    np.testing.assert_allclose(parted(got)[:, foot - 1], relative[:, foot], atol=1e-9)
+    np.testing.assert_allclose(got[[*range(20), *range(30, 50)]], asked[[*range(20), *range(30, 50)]], atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_made_up_people_keep_within_them(seed):
     motion = make_motion(ProceduralConfig(gesture=1.0), seconds=5, fps=25, rng=np.random.default_rng(seed))
-    kept, beyond = within(motion.rotations)
+    kept, beyond = within(motion.rotations, FPS)
     assert beyond == 0
     assert kept is motion.rotations
 
@@ -106,7 +132,7 @@ def test_recorded_people_keep_within_them(data_folder):
     """Walks, a run, jumps, punches, a sword fight and balancing, of none of which a frame is changed."""
     for kind, folder in ((MotionKind.amc, "asf_amc"), (MotionKind.c3d, "c3d"), (MotionKind.bvh, "bvh_mb")):
         for take in takes(MotionConfig(kind=kind, path=str(data_folder / "cmu" / folder))):
-            assert within(read_take(take).rotations[::4])[1] == 0
+            assert within((motion := read_take(take)).rotations[::4], motion.fps / 4)[1] == 0
 
 
 def test_no_push_turns_a_joint_beyond_the_widest():
