@@ -6,10 +6,10 @@ from synth.body import Body, segment_origins
 from synth.feet import soles
 from synth.motion import SEGMENTS
 
-_LEGS = [SEGMENTS.index(f"{side}_{part}") for side in "lr" for part in ("shin", "foot")]
+_HIPS, _KNEES, _ANKLES = ([SEGMENTS.index(f"{side}_{part}") for side in "lr"] for part in ("thigh", "shin", "foot"))
 _TRUNK = [SEGMENTS.index(name) for name in ("pelvis", "chest", "head")]
-_RADII = np.repeat((0.06, 0.05, 0.05, 0.15), (4, 2, 4, 3))
-"""Of knees and ankles, shins, soles and trunk, m: what `limb_points` gives."""
+_RADII = np.repeat((0.07, 0.06, 0.05, 0.15), (2, 4, 6, 3))
+"""Of thighs, knees and ankles, shins and soles, and trunk, m: what `limb_points` gives."""
 _TRUNKS = slice(-len(_TRUNK), None)
 _GAP = 0.08
 """What is left between them, m."""
@@ -19,7 +19,7 @@ _FARTHEST = 0.3
 
 
 def limb_points(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """(F, 13, 3) points by which legs are kept from others, and others' trunks from legs, m.
+    """(F, 15, 3) points by which legs are kept from others, and others' trunks from legs, m.
 
     Args:
         body: Whose.
@@ -27,13 +27,14 @@ def limb_points(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarr
         rotations: (F, 16, 3, 3) orientation of each of `SEGMENTS`.
     """
     origins = segment_origins(body, root, rotations)
-    shins = (origins[:, _LEGS[::2]] + origins[:, _LEGS[1::2]]) / 2
+    hips, knees, ankles = (origins[:, joints] for joints in (_HIPS, _KNEES, _ANKLES))
     feet = soles(body, root, rotations).reshape(len(root), 4, 3)
-    return np.concatenate([origins[:, _LEGS], shins, feet, origins[:, _TRUNK]], axis=1)
+    legs = [(hips + knees) / 2, knees, ankles, (knees + ankles) / 2, feet]
+    return np.concatenate([*legs, origins[:, _TRUNK]], axis=1)
 
 
 def overlap(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(F,) by how much two people's legs (F, 13, 3) lack room, m; 0 where they have it."""
+    """(F,) by how much two people's legs (F, 15, 3) lack room, m; 0 where they have it."""
     return _missing(one, other)[1].max((1, 2)).clip(0)
 
 
@@ -41,7 +42,7 @@ def part_legs(limbs: np.ndarray, fps: float, obstacles: np.ndarray) -> np.ndarra
     """Sidesteps that give legs the room that they lack, as far as one round can.
 
     Args:
-        limbs: (F, P, 13, 3) `limb_points`, m.
+        limbs: (F, P, 15, 3) `limb_points`, m.
         fps: Frames per second.
         obstacles: (K, 3) x, y and radius of what stands about, m.
 
@@ -63,7 +64,7 @@ def part_legs(limbs: np.ndarray, fps: float, obstacles: np.ndarray) -> np.ndarra
 
 
 def _missing(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(F, 13, 13, 3) from each point of the other to each of the one, and how much room they lack, m."""
+    """(F, 15, 15, 3) from each point of the other to each of the one, and how much room they lack, m."""
     apart = one[:, :, None] - other[:, None]
     missing = _RADII[:, None] + _RADII + _GAP - np.linalg.norm(apart, axis=-1)
     # How near trunks come is for the clearance to say.

@@ -39,10 +39,10 @@ def limbs_of(*people) -> np.ndarray:
 def test_points_are_where_legs_and_trunk_are():
     motion = gliding(BODY, 3, (1, 2), (0, 0))
     points = limb_points(BODY, motion.root, motion.rotations)
-    assert points.shape == (3, 13, 3)
-    np.testing.assert_allclose(points[:, 6:10].reshape(3, 2, 2, 3), soles(BODY, motion.root, motion.rotations))
-    np.testing.assert_allclose(points[:, 10], motion.root)
-    assert (points[:, 12, 2] > points[:, 11, 2]).all()
+    assert points.shape == (3, 15, 3)
+    np.testing.assert_allclose(points[:, 8:12].reshape(3, 2, 2, 3), soles(BODY, motion.root, motion.rotations))
+    np.testing.assert_allclose(points[:, 12], motion.root)
+    assert (points[:, 14, 2] > points[:, 13, 2]).all()
 
 
 def test_a_kick_lacks_room_and_is_given_it():
@@ -62,9 +62,9 @@ def test_a_kick_keeps_clear_of_things():
     limbs = limbs_of((BODY, kicking(BODY, (0, 0))))
     drum = np.array([[0.8, 0.0, 0.3]])
     shift = part_legs(limbs, FPS, drum)
-    feet = (limbs[..., :2] + shift[:, :, None])[:, 0, 6:10]
+    feet = (limbs[..., :2] + shift[:, :, None])[:, 0, 8:12]
     assert np.linalg.norm(feet - drum[0, :2], axis=-1).min() > 0.34
-    assert np.linalg.norm(limbs[:, 0, 6:10, :2] - drum[0, :2], axis=-1).min() < 0.3
+    assert np.linalg.norm(limbs[:, 0, 8:12, :2] - drum[0, :2], axis=-1).min() < 0.3
 
 
 def test_whoever_has_room_keeps_their_way():
