@@ -12,7 +12,7 @@ _RADII = np.repeat((0.07, 0.06, 0.05, 0.15), (2, 4, 6, 3))
 """Of thighs, knees and ankles, shins and soles, and trunk, m: what `limb_points` gives."""
 _TRUNKS = slice(-len(_TRUNK), None)
 _GAP = 0.08
-"""What is left between them, m."""
+"""What is left between two people's, m."""
 _DIRECTIONS = np.stack([f(np.arange(16) * np.pi / 8) for f in (np.cos, np.sin)], axis=1)
 _FARTHEST = 0.3
 """Longest sidestep of a round, m."""
@@ -31,11 +31,6 @@ def limb_points(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarr
     feet = soles(body, root, rotations).reshape(len(root), 4, 3)
     legs = [(hips + knees) / 2, knees, ankles, (knees + ankles) / 2, feet]
     return np.concatenate([*legs, origins[:, _TRUNK]], axis=1)
-
-
-def overlap(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(F,) by how much two people's legs (F, 15, 3) lack room, m; 0 where they have it."""
-    return _missing(one, other)[1].max((1, 2)).clip(0)
 
 
 def part_legs(limbs: np.ndarray, fps: float, obstacles: np.ndarray) -> np.ndarray:
@@ -83,10 +78,8 @@ def _sidestep(apart: np.ndarray, missing: np.ndarray, fps: float) -> np.ndarray:
     first, last = next((r[0], r[-1]) for r in run if r[0] <= worst <= r[-1])
     within = missing[first : last + 1]
     lacks = within > 0
-    vectors, room = (
-        apart[first : last + 1][lacks],
-        np.linalg.norm(apart[first : last + 1][lacks], axis=-1) + within[lacks],
-    )
+    vectors = apart[first : last + 1][lacks]
+    room = np.linalg.norm(vectors, axis=-1) + within[lacks]
     along = vectors[:, :2] @ _DIRECTIONS.T
     across = (vectors**2).sum(-1)[:, None] - along**2
     needed = (np.sqrt(np.maximum(room[:, None] ** 2 - across, 0)) - along).max(0)
