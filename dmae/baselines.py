@@ -53,16 +53,19 @@ def fill(poses: Poses3D, fps: float, through: Interpolation) -> Poses3D:
     return _take(poses, fps, through(poses.xyz.astype(np.float64)))
 
 
-def fill_body(poses: Poses3D, fps: float, through: Interpolation, by_rays: bool = False) -> Poses3D:
+def fill_body(
+    poses: Poses3D, fps: float, through: Interpolation, by_rays: bool = False, recalling: bool = False
+) -> Poses3D:
     """Fill by interpolating offsets between joints in a frame that turns with the body, see `dmae.bodyframe`.
 
     Args:
         by_rays: Put joints that a single camera saw on its ray.
+        recalling: Place limbs as the person held them when the rest of the body was alike, see `dmae.recall`.
     """
     poses = _sound(poses, fps)
     rays = poses.rays if by_rays else None
     xyz = poses.xyz.astype(np.float64)
-    return _take(poses, fps, bodyframe.interpolate(xyz, poses.skeleton, fps, through, rays))
+    return _take(poses, fps, bodyframe.interpolate(xyz, poses.skeleton, fps, through, rays, recalling))
 
 
 fill_hold = partial(fill, through=hold)
@@ -71,6 +74,7 @@ fill_pchip = partial(fill, through=pchip)
 fill_linear_body = partial(fill_body, through=linear)
 fill_pchip_body = partial(fill_body, through=pchip)
 fill_rays = partial(fill_body, through=pchip, by_rays=True)
+fill_recall = partial(fill_body, through=pchip, by_rays=True, recalling=True)
 
 
 def fill_kalman(poses: Poses3D, fps: float) -> Poses3D:
@@ -113,9 +117,9 @@ def fill_reject_pchip(poses: Poses3D, fps: float) -> Poses3D:
     return fill_pchip_body(reject(poses, fps), fps)
 
 
-def fill_reject_rays(poses: Poses3D, fps: float) -> Poses3D:
-    """`reject`, then fill as `rays`."""
-    return fill_rays(reject(poses, fps), fps)
+def fill_reject_recall(poses: Poses3D, fps: float) -> Poses3D:
+    """`reject`, then fill as `recall`."""
+    return fill_recall(reject(poses, fps), fps)
 
 
 def smooth(poses: Poses3D, fps: float, seconds: float) -> Poses3D:
@@ -175,8 +179,9 @@ METHODS: dict[str, Callable[[Poses3D, float], Poses3D]] = {
     "linear_body": fill_linear_body,
     "pchip_body": fill_pchip_body,
     "rays": fill_rays,
+    "recall": fill_recall,
     "kalman": fill_kalman,
     "reject_pchip": fill_reject_pchip,
-    "reject_rays": fill_reject_rays,
+    "reject_recall": fill_reject_recall,
 }
 """What is done about joints that no camera measured, by name; each takes poses and frames per second."""

@@ -2,12 +2,16 @@
 
 import numpy as np
 
-from dmae.metrics import mean_known
+from dmae.metrics import gap_lengths, mean_known
+from dmae.recall import recall
 from dmae.series import Interpolation, linear, local_parabola
 from dmae.skeleton import Skeleton
 
 HEADING = 0.2
 """s over which the direction that a body faces is smoothed: hips are a narrow base to tell it from."""
+
+SHORT = 0.2
+"""s; over holes shorter than this joints go on as they went rather than as they usually do."""
 
 FARTHEST = 0.5
 """m from where a joint is expected to its ray; beyond, the ray is somebody else's."""
@@ -22,7 +26,12 @@ _TORSO = {"mid_hip", "neck", "l_hip", "r_hip", "l_shoulder", "r_shoulder", "bott
 
 
 def interpolate(
-    xyz: np.ndarray, skeleton: Skeleton, fps: float, through: Interpolation, rays: np.ndarray | None = None
+    xyz: np.ndarray,
+    skeleton: Skeleton,
+    fps: float,
+    through: Interpolation,
+    rays: np.ndarray | None = None,
+    recalling: bool = False,
 ) -> np.ndarray:
     """(F, P, J, 3) with holes filled wherever there is something to go by.
 
@@ -36,56 +45,107 @@ def interpolate(
         through: How offsets are interpolated over time.
         rays: (F, P, J, 2, 3) on which hidden joints are known to be, see `Poses3D.rays`; they are moved there, and
             what hangs from them with them.
+        recalling: Then place limbs again, as the person held them when the rest of the body was alike
+            (`dmae.recall`), the more so the longer they are hidden.
     """
-    world_from_body = _heading(xyz, skeleton, HEADING * fps)
-    filled = xyz.copy()
+    bodies = _Bodies(xyz, rays, _heading(xyz, skeleton, HEADING * fps))
+    order = _from_root(skeleton)
+    torso = [joint for joint in order if _part(skeleton, joint) in _TORSO]
+    for joint in torso:
+        anchors = [anchor for anchor in torso if anchor != joint]
+        bodies.put(joint, mean_known(xyz[:, :, anchors] + bodies.offsets([joint] * len(anchors), anchors, through), 2))
+    # A root outside the torso, as COCO's nose, hangs on the torso all the same.
+    parents = [torso[0] if parent < 0 and torso else parent for parent in skeleton.parents]
+    hanging = [joint for joint in order if parents[joint] not in (-1, joint)]
+    placed = np.moveaxis(bodies.offsets(hanging, [parents[j] for j in hanging], through), 2, 0)
+    for joint in order:
+        if joint in hanging:
+            parent = parents[joint]
+            offset = placed[hanging.index(joint)]
+            bodies.put(joint, bodies.filled[:, :, parent] + offset, None if joint in torso else parent)
+        # The root, or a joint never measured together with its parent.
+        bodies.put(joint, through(bodies.filled[:, :, joint]))
+    if recalling:
+        for joint in (joint for joint in hanging if joint not in torso):
+            others = [other for other in hanging if not _hangs(other, joint, parents, torso)]
+            bodies.put_as_recalled(joint, others, parents, fps)
+    return bodies.filled
 
-    def offsets(joints: list[int], anchors: list[int]) -> np.ndarray:
-        """(F, P, n, 3) from anchors to joints, interpolated over the frames that have both."""
-        in_body = np.einsum("fpji,fpnj->fpni", world_from_body, xyz[:, :, joints] - xyz[:, :, anchors])
-        return np.einsum("fpij,fpnj->fpni", world_from_body, through(in_body))
 
-    def lengths(joint: int, parent: int) -> np.ndarray:
+class _Bodies:
+    """Bodies being filled joint by joint.
+
+    Attributes:
+        xyz: (F, P, J, 3) m, world, as given; `filled` as far as done.
+        rays: As for `interpolate`.
+        world_from_body: (F, P, 3, 3)
+    """
+
+    def __init__(self, xyz: np.ndarray, rays: np.ndarray | None, world_from_body: np.ndarray):
+        self.xyz, self.filled, self.rays, self.world_from_body = xyz, xyz.copy(), rays, world_from_body
+
+    def offsets(self, joints: list[int], anchors: list[int], through: Interpolation) -> np.ndarray:
+        """(F, P, n, 3) from anchors to joints, world, interpolated in the body over the frames that have both."""
+        apart = self._in_body(self.xyz[:, :, joints] - self.xyz[:, :, anchors])
+        return self._in_world(through(apart))
+
+    def put(self, joint: int, estimate: np.ndarray, parent: int | None = None) -> None:
+        """Fill what is still open of a joint, (F, P, 3): where `estimate` has it, moved to meet what was measured, and
+        onto rays. With a parent its bone keeps its length."""
+        if not np.isnan(self.filled[:, :, joint]).any():
+            return
+        xyz = self.xyz[:, :, joint]
+        # What misses the samples on both sides of a hole misses what is in it by about as much.
+        estimate = estimate + np.nan_to_num(linear(xyz - estimate))
+        if self.rays is not None:
+            hidden = np.isnan(xyz[..., 0])
+            frame, person = np.nonzero(hidden & ~np.isnan(self.rays[:, :, joint, 0, 0]))
+            start, ray = estimate[frame, person], self.rays[frame, person, joint]
+            held = (np.nan, np.nan)
+            if parent is not None:
+                held = self.filled[frame, person, parent], self._lengths(joint, parent)[person]
+            moved = np.where(hidden[..., None], np.nan, np.zeros(3))
+            moved[frame, person] = _onto(start, ray, *held) - start
+            # A joint does not jump back when nobody sees it any more.
+            estimate = estimate + np.nan_to_num(linear(moved))
+        self.filled[:, :, joint] = np.where(np.isnan(self.filled[:, :, joint]), estimate, self.filled[:, :, joint])
+
+    def put_as_recalled(self, joint: int, others: list[int], parents: list[int], fps: float) -> None:
+        """Place a joint anew by `others`, which are placed."""
+        parent, first = parents[joint], self.filled[:, :, joint].copy()
+        known = ~np.isnan(self.xyz[:, :, [joint, parent], 0]).any(-1)
+        hidden = np.isnan(self.xyz[:, :, joint, 0])
+        if not (hidden & ~np.isnan(first[..., 0])).any():
+            return
+        beside = self._in_body(self.filled - self.filled[:, :, parents])
+        expected = [recall(beside[:, i], joint, others, known[:, i], hidden[:, i], fps) for i in range(first.shape[1])]
+        offset = self._in_world(np.stack(expected, 1)[:, :, None])[:, :, 0]
+        self.filled[:, :, joint] = self.xyz[:, :, joint]
+        self.put(joint, self.filled[:, :, parent] + offset, parent)
+        squared = gap_lengths(~hidden)[..., None] ** 2
+        moved = squared / (squared + (SHORT * fps) ** 2) * (self.filled[:, :, joint] - first)
+        self.filled[:, :, joint] = np.where(hidden[..., None], first + np.nan_to_num(moved), first)
+
+    def _lengths(self, joint: int, parent: int) -> np.ndarray:
         """(P,) m, median; NaN if never measured."""
-        length = np.linalg.norm(xyz[:, :, joint] - xyz[:, :, parent], axis=-1)
+        length = np.linalg.norm(self.xyz[:, :, joint] - self.xyz[:, :, parent], axis=-1)
         known = ~np.isnan(length).all(0)
         medians = np.full(length.shape[1], np.nan)
         medians[known] = np.nanmedian(length[:, known], 0)
         return medians
 
-    def fill(joint: int, estimate: np.ndarray, parent: int | None = None):
-        if not np.isnan(filled[:, :, joint]).any():
-            return
-        # What misses the samples on both sides of a hole misses what is in it by about as much.
-        estimate = estimate + np.nan_to_num(linear(xyz[:, :, joint] - estimate))
-        if rays is not None:
-            hidden = np.isnan(xyz[:, :, joint, 0])
-            frame, person = np.nonzero(hidden & ~np.isnan(rays[:, :, joint, 0, 0]))
-            start, ray = estimate[frame, person], rays[frame, person, joint]
-            held = (np.nan, np.nan)
-            if parent is not None:
-                held = filled[frame, person, parent], lengths(joint, parent)[person]
-            moved = np.where(hidden[..., None], np.nan, np.zeros(3))
-            moved[frame, person] = _onto(start, ray, *held) - start
-            # A joint does not jump back when nobody sees it any more.
-            estimate = estimate + np.nan_to_num(linear(moved))
-        filled[:, :, joint] = np.where(np.isnan(filled[:, :, joint]), estimate, filled[:, :, joint])
+    def _in_body(self, vectors: np.ndarray) -> np.ndarray:
+        return np.einsum("fpji,fpnj->fpni", self.world_from_body, vectors)
 
-    order = _from_root(skeleton)
-    torso = [joint for joint in order if _part(skeleton, joint) in _TORSO]
-    for joint in torso:
-        anchors = [anchor for anchor in torso if anchor != joint]
-        fill(joint, mean_known(xyz[:, :, anchors] + offsets([joint] * len(anchors), anchors), 2))
-    # A root outside the torso, as COCO's nose, hangs on the torso all the same.
-    parents = [torso[0] if parent < 0 and torso else parent for parent in skeleton.parents]
-    hanging = [joint for joint in order if parents[joint] not in (-1, joint)]
-    placed = dict(zip(hanging, np.moveaxis(offsets(hanging, [parents[j] for j in hanging]), 2, 0), strict=True))
-    for joint in order:
-        if joint in placed:
-            fill(joint, filled[:, :, parents[joint]] + placed[joint], None if joint in torso else parents[joint])
-        # The root, or a joint never measured together with its parent.
-        fill(joint, through(filled[:, :, joint]))
-    return filled
+    def _in_world(self, vectors: np.ndarray) -> np.ndarray:
+        return np.einsum("fpij,fpnj->fpni", self.world_from_body, vectors)
+
+
+def _hangs(joint: int, from_joint: int, parents: list[int], torso: list[int]) -> bool:
+    """Whether a joint is another, or hangs from it on the way to the torso, which hangs from nothing."""
+    while joint != from_joint and joint not in torso and parents[joint] >= 0:
+        joint = parents[joint]
+    return from_joint in (joint, parents[joint])
 
 
 def _onto(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, length: np.ndarray) -> np.ndarray:

@@ -127,7 +127,7 @@ def test_rejected_joints_keep_their_rays():
     xyz = poses.xyz.copy()
     xyz[20:23, 0, WRIST] += (0, 0, 0.6)
     wrong = replace(poses, xyz=xyz)
-    assert off(METHODS["reject_rays"](wrong, FPS), truth)[20:23].max() < 0.1
+    assert off(METHODS["reject_recall"](wrong, FPS), truth)[20:23].max() < 0.1
 
 
 def test_joints_keep_their_rays_on_another_skeleton_and_derived_ones_have_none():
