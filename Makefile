@@ -49,22 +49,22 @@ SCORE := 005_14 005_16 salsa_25
 takes = $(filter $(foreach take,$(1),%/$(take).bvh),$(CMU))
 TAKES = $(filter-out $(call takes,$(CALIBRATE) $(SCORE)),$(CMU))
 GENERATE = $(BIN)/synth generate workers=2
-AGAINST := methods=[linear,pchip_body,rays,dmae] weights=$(WEIGHTS)/model
+AGAINST := methods=[linear,pchip_body,rays,recall,dmae] weights=$(WEIGHTS)/model
 weights: setup
 	@test -n "$(TAKES)" || { echo "error: no motion in DMAE_DATA=$(DMAE_DATA), expected cmu/bvh_*/*.bvh"; exit 1; }
 	mkdir -p $(foreach set,bvh bvh_unseen bvh_score amc amc_unseen,$(WEIGHTS)/takes/$(set))
 	ln -sft $(WEIGHTS)/takes/bvh $(TAKES)
 	ln -sft $(WEIGHTS)/takes/bvh_unseen $(call takes,$(CALIBRATE))
 	ln -sft $(WEIGHTS)/takes/bvh_score $(call takes,$(SCORE))
-	ln -sft $(WEIGHTS)/takes/amc_unseen $(abspath $(DMAE_DATA)/cmu/asf_amc/49.asf $(DMAE_DATA)/cmu/asf_amc/49_18.amc)
+	ln -sft $(WEIGHTS)/takes/amc_unseen $(abspath $(wildcard $(DMAE_DATA)/cmu/asf_amc/49*))
 	ln -sft $(WEIGHTS)/takes/amc $(abspath $(wildcard $(DMAE_DATA)/cmu/asf_amc/0*))
-	$(GENERATE) out=$(WEIGHTS)/made_ring seed=11 clips=48 rig=ring
-	$(GENERATE) out=$(WEIGHTS)/made seed=15 clips=48
-	$(GENERATE) out=$(WEIGHTS)/cmu seed=12 clips=40 motion=bvh motion.path=$(WEIGHTS)/takes/bvh
-	$(GENERATE) out=$(WEIGHTS)/cmu_ring seed=14 clips=56 rig=ring motion=bvh motion.path=$(WEIGHTS)/takes/bvh
-	$(GENERATE) out=$(WEIGHTS)/amc_ring seed=13 clips=16 rig=ring motion=amc motion.path=$(WEIGHTS)/takes/amc
+	$(GENERATE) out=$(WEIGHTS)/made_ring seed=11 clips=96 rig=ring
+	$(GENERATE) out=$(WEIGHTS)/made seed=15 clips=96
+	$(GENERATE) out=$(WEIGHTS)/cmu seed=12 clips=80 motion=bvh motion.path=$(WEIGHTS)/takes/bvh
+	$(GENERATE) out=$(WEIGHTS)/cmu_ring seed=14 clips=112 rig=ring motion=bvh motion.path=$(WEIGHTS)/takes/bvh
+	$(GENERATE) out=$(WEIGHTS)/amc_ring seed=13 clips=32 rig=ring motion=amc motion.path=$(WEIGHTS)/takes/amc
 	$(GENERATE) out=$(WEIGHTS)/cmu_unseen seed=31 clips=14 motion=bvh motion.path=$(WEIGHTS)/takes/bvh_unseen
-	$(GENERATE) out=$(WEIGHTS)/amc_unseen seed=32 clips=4 motion=amc motion.path=$(WEIGHTS)/takes/amc_unseen
+	$(GENERATE) out=$(WEIGHTS)/amc_unseen seed=32 clips=10 motion=amc motion.path=$(WEIGHTS)/takes/amc_unseen
 	$(GENERATE) out=$(WEIGHTS)/made_unseen seed=33 clips=10 rig=ring
 	$(GENERATE) out=$(WEIGHTS)/cmu_score seed=41 clips=8 motion=bvh motion.path=$(WEIGHTS)/takes/bvh_score
 	for set in made_ring made cmu cmu_ring amc_ring cmu_unseen amc_unseen made_unseen; do \
@@ -72,10 +72,10 @@ weights: setup
 	$(BIN)/dmae train data=$(CAPTURED)/made_ring \
 	  also=[$(CAPTURED)/made,$(CAPTURED)/cmu,$(CAPTURED)/cmu_ring,$(CAPTURED)/amc_ring] \
 	  unseen=[$(CAPTURED)/cmu_unseen,$(CAPTURED)/amc_unseen,$(CAPTURED)/made_unseen] \
-	  max_minutes=30 steps=100000 epoch=500 shown_weight=0.2 out=$(WEIGHTS)/model
-	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score views=[3] $(AGAINST) out=$(WEIGHTS)/scores
-	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score hide=clean $(AGAINST) out=$(WEIGHTS)/scores_clean
-	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score hide=noisy $(AGAINST) out=$(WEIGHTS)/scores_noisy
+	  max_minutes=36 steps=100000 epoch=500 shown_weight=0.2 out=$(WEIGHTS)/model
+	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score views=[3] skeleton=body25 smooth=0 $(AGAINST) out=$(WEIGHTS)/scores
+	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score hide=clean smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_clean
+	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score hide=noisy smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_noisy
 	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[5,4,3] $(AGAINST) out=$(WEIGHTS)/scores_shelf
 	$(BIN)/dmae card weights=$(WEIGHTS)/model command="make weights" \
 	  scores=[$(WEIGHTS)/scores,$(WEIGHTS)/scores_clean,$(WEIGHTS)/scores_noisy,$(WEIGHTS)/scores_shelf]

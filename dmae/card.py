@@ -19,6 +19,9 @@ are unknown (NaN) farther than 0.2 s from any sighting of the person. It tells n
 _UNSEEN = "unseen "
 """What the names of clips that a model was validated on begin with, where they are of sets of their own."""
 
+_USUAL = {"hide": "none", "reference": "truth", "skeleton": None, "smooth": 0.1}
+"""What of how scores were made is told where it is not as usual."""
+
 
 def model_card(folder: Path, scores: Sequence[Path], command: str) -> str:
     """Markdown, every fact of it read from what `dmae train` and `dmae evaluate` left.
@@ -53,8 +56,8 @@ def model_card(folder: Path, scores: Sequence[Path], command: str) -> str:
         used = Path(config["weights"]) if config["weights"] else find_shipped(skeleton)
         if read_json(used / "model.json")["sha256"] != record["sha256"]:
             raise ValueError(f"{path}: the scores are of other weights, {used}; score {folder} with dmae evaluate")
-        hidden = "" if config["hide"] == "none" else f", `hide={config['hide']}`"
-        lines += [f"## {found['recording']}{hidden}", ""]
+        asked = " ".join(f"{name}={config[name]}" for name, usual in _USUAL.items() if config[name] != usual)
+        lines += [f"## {found['recording']}" + (f", `{asked}`" if asked else ""), ""]
         for table in tables(found):
             lines += [*_markdown(table), ""]
     return "\n".join(lines)

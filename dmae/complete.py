@@ -18,9 +18,10 @@ from dmae.mapping import convert
 from dmae.metrics import gap_lengths
 from dmae.model import DMAE
 from dmae.rejection import contradicted
+from dmae.resample import resample
 from dmae.skeleton import Skeleton
 from dmae.weights import find_shipped, load_model, pick_device
-from dmae.windows import Rows, make_rows, resample, turn
+from dmae.windows import Rows, make_rows, turn
 
 _BATCH = 128
 _SAME_RATE = 0.01

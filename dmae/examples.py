@@ -16,13 +16,17 @@ from dmae.hiding import HidingConfig, hide
 from dmae.mapping import convert
 from dmae.metrics import match, take_matched
 from dmae.model import ModelConfig
+from dmae.resample import resample
 from dmae.rng import Stream, generator
 from dmae.skeleton import Skeleton
-from dmae.windows import Rows, Windows, join_rows, make_rows, resample, turn
+from dmae.windows import Rows, Windows, join_rows, make_rows, turn
 
 _LASTING = 0.75
 """How errors of neighbouring frames at 25 frames/s correlate, about as those of OpenPose do."""
 
+
+_DRAWS = 5
+"""How often holes are made in a recording that nobody captured, for uncertainty to be calibrated by."""
 
 _SEEN = 0.5
 """Share of the joints that are hidden for the sake of the example and yet keep their rays."""
@@ -165,10 +169,14 @@ def validation_batches(recordings: list[Recording], recipe: Recipe, *, seed: int
 
 def as_measured(recordings: list[Recording], recipe: Recipe, *, seed: int) -> Iterator[tuple[Poses3D, Poses3D]]:
     """Poses as a model will be given them, and what is true of those it returns: those captured as they are, others
-    with joints hidden."""
+    with joints hidden, now these and now those (`_DRAWS`)."""
     for number, recording in enumerate(recordings):
-        measured = recording.captured or _hidden(recording, recipe, rng=generator(seed, number, Stream.VALIDATION))
-        yield measured, convert(recording.truth, recording.truth.skeleton.parts[-1])
+        truth = convert(recording.truth, recording.truth.skeleton.parts[-1])
+        if recording.captured:
+            yield recording.captured, truth
+            continue
+        rng = generator(seed, number, Stream.VALIDATION)
+        yield from ((_hidden(recording, recipe, rng=rng), truth) for _ in range(_DRAWS))
 
 
 def vary(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> Recording:

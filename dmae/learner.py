@@ -20,6 +20,9 @@ from dmae.rng import Stream, generator
 _SCALE_WEIGHT = 0.01
 """Of the loss by which the model learns how large its errors are, beside those errors in m."""
 
+_FINE = 0.003
+"""m; expected errors much below this all count alike (`Loss.relative`)."""
+
 
 class Loss(StrEnum):
     """What is averaged over hidden joints."""
@@ -28,6 +31,9 @@ class Loss(StrEnum):
     """Squared distance, as in the paper."""
     euclidean = "euclidean"
     """Distance."""
+    relative = "relative"
+    """Distance, counting the less the larger the model expects it to be: or else it learns from joints hidden for long
+    alone, where it can be off by decimetres."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +62,7 @@ class TrainConfig:
     skeleton: str | None = None
     """By default that of `init`, or else body25; two side by side to turn poses of one into those of the other, see
     `dmae.fusion`."""
-    loss: Loss = Loss.euclidean
+    loss: Loss = Loss.relative
     shown_weight: float = 0.0
     """Weight of the loss on joints that were shown, with `augment.noise`; without it the model cannot denoise."""
     steps: int = 6000
@@ -93,6 +99,19 @@ class TrainConfig:
     def peak(self) -> float:
         """The greatest learning rate."""
         return self.lr if self.lr is not None else 2e-4 if self.init else 2e-3
+
+
+def penalty(loss: Loss, squared: Tensor, log_scale: Tensor) -> Tensor:
+    """What errors cost, (...), of which the squares are given, m^2, and how large they are expected to be.
+
+    Args:
+        log_scale: (...) see `dmae.model.Prediction`; three times the scale is the mean error.
+    """
+    if loss == Loss.mse:
+        return squared
+    # The gradient of a root is infinite at zero: a hundredth of a millimetre is near enough.
+    distance = (squared + 1e-10).sqrt()
+    return distance if loss == Loss.euclidean else distance * 2 * _FINE / (3 * log_scale.exp() + _FINE)
 
 
 class Learner(lightning.LightningModule):
@@ -163,11 +182,10 @@ class Learner(lightning.LightningModule):
 
     def _loss(self, predicted: Prediction, truth: Tensor, counted: Tensor) -> Tensor:
         squared = (predicted.xyz - truth).square().sum(-1)
-        # The gradient of a root is infinite at zero: a hundredth of a millimetre is near enough.
-        distance = (squared + 1e-10).sqrt()
-        value = squared if self.train_config.loss == Loss.mse else distance
+        value = penalty(self.train_config.loss, squared, predicted.log_scale.detach())
+        distance = (squared.detach() + 1e-10).sqrt()
         # The negative log likelihood of the scale; its weight is small beside the norm that gradients are clipped to.
-        surprise = distance.detach() * (-predicted.log_scale).exp() + 3 * predicted.log_scale
+        surprise = distance * (-predicted.log_scale).exp() + 3 * predicted.log_scale
         value = value + _SCALE_WEIGHT * surprise
         return (value * counted).sum() / counted.sum().clamp(min=1)
 

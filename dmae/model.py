@@ -14,6 +14,18 @@ from torch import Tensor, nn
 _SPREAD = 0.3
 """m, about how far joints are from the rest pose."""
 
+_HINTS = 2 + 3 + 12 + 3
+"""Numbers of `gap`, `ray`, `carried` and `rough`."""
+
+_TOLD = 2 + 3 + 4 + 1
+"""Those of `gap` and `rough`, how far each of `carried` is, and whether there is a ray."""
+
+_NEAR = 0.01
+"""m; nearer than that is all the same."""
+
+_MOST = 5.0
+"""By at most this power of e what is added is more or less than the network's width makes it."""
+
 _SCALE = 0.03
 """m, the scale of errors that training starts from."""
 
@@ -162,7 +174,7 @@ class DMAE(nn.Module):
         """m; mean pose of the training data, see `dmae.windows.rest_pose`."""
         self.signal = FourierCode(3, 2 * c.signal_codes, c.signal_sigma)
         signal = 2 * c.signal_codes + (3 if c.residual else 0)
-        self.embed = nn.Linear(signal, c.dim)
+        self.embed = nn.Linear(signal + (2 if c.residual else 0), c.dim)
         self.encoder_context = ContextCode(c, joints, c.dim)
         self.encoder = nn.ModuleList(
             Block(c.dim, c.heads, c.head_dim, c.mlp, c.dropout, c.alike) for _ in range(c.depth)
@@ -179,32 +191,45 @@ class DMAE(nn.Module):
         )
         self.decoder_norm = nn.LayerNorm(c.decoder_dim)
         self.head = nn.Linear(c.decoder_dim, 4 if c.residual else 3)
-        self.scale_head = nn.Sequential(nn.Linear(c.decoder_dim, 64), nn.GELU(), nn.Linear(64, 1))
+        told = _TOLD if c.residual else 0
+        self.scale_head = nn.Sequential(nn.Linear(c.decoder_dim + told, 64), nn.GELU(), nn.Linear(64, 1))
         nn.init.zeros_(self.scale_head[-1].weight)
         nn.init.constant_(self.scale_head[-1].bias, math.log(_SCALE))
         if c.residual:
-            self.embed_base = nn.Linear(signal + 5, c.decoder_dim)
+            self.embed_base = nn.Linear(signal + _HINTS, c.decoder_dim)
+            # How much there is to add depends on how long and how far a joint is hidden, and on how rough paths are.
+            self.amount = nn.Sequential(nn.Linear(_TOLD, 32), nn.GELU(), nn.Linear(32, 1))
             # Training starts from the interpolation.
-            nn.init.zeros_(self.head.weight)
-            nn.init.zeros_(self.head.bias)
+            for last in (self.head, self.amount[-1]):
+                nn.init.zeros_(last.weight)
+                nn.init.zeros_(last.bias)
 
-    def forward(self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor, ray: Tensor) -> Prediction:
+    def forward(
+        self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor, ray: Tensor, carried: Tensor, rough: Tensor
+    ) -> Prediction:
         """Predict every joint of every frame; the fields of `dmae.windows.Windows`.
 
         Args:
             x: (B, T, J, 3) m; what stands where `observed` is False is not read.
             observed: (B, T, J) True where the encoder may look.
-            base: (B, T, J, 3) m, interpolated joints; read only by a residual model, as are `gap` and `ray`.
+            base: (B, T, J, 3) m, interpolated joints; read only by a residual model, as is what follows.
             gap: (B, T, J, 2) frames since and until the joint was observed.
             ray: (B, T, J, 3) direction along which `base` is all that one camera tells; zero where none does.
+            carried: (B, T, J, 4, 3) m, from `base` to where the joint was, and will be, see `dmae.hints.carried`.
+            rough: (B, T, J, 3) see `dmae.hints.roughness`; of observed joints the first two are read.
         """
         seen = observed.flatten(1)  # (B, N)
-        encoded, index, real = self._encode(self._signal(x), seen)
+        signal = self._signal(x)
+        if self.config.residual:
+            signal = torch.cat([signal, rough[..., :2].flatten(1, 2)], -1)
+        encoded, index, real = self._encode(signal, seen)
 
         hidden = self.mask_token.expand(*seen.shape, -1)  # (B, N, C)
         if self.config.residual:
             far = torch.log1p(gap.flatten(1, 2)) / math.log(1000)
-            hidden = hidden + self.embed_base(torch.cat([self._signal(base), far, ray.flatten(1, 2)], -1))
+            near = (carried / _SPREAD).clamp(-5, 5).flatten(3)
+            hints = (self._signal(base), far, *(hint.flatten(1, 2) for hint in (ray, near, rough)))
+            hidden = hidden + self.embed_base(torch.cat(hints, -1))
         encoded = torch.where(real[..., None], encoded, 0)
         shown = torch.zeros_like(hidden).scatter_add(1, index[..., None].expand_as(encoded), encoded)
         tokens = torch.where(seen[..., None], shown, hidden) + self.decoder_context()
@@ -212,11 +237,17 @@ class DMAE(nn.Module):
             tokens = block(tokens)
         tokens = self.decoder_norm(tokens)
         predicted = self.head(tokens).unflatten(1, base.shape[1:3])
-        if self.config.residual:
-            # The fourth number is how much farther along the ray.
-            predicted = base + predicted[..., :3] + predicted[..., 3:] * ray
         # Detached: learning how sure it is cost the network accuracy where the two shared features.
-        log_scale = self.scale_head(tokens.detach()).view_as(base[..., 0])
+        features = tokens.detach()
+        if self.config.residual:
+            distance = torch.log(torch.linalg.norm(carried, dim=-1) + _NEAR).flatten(1, 2)
+            told = torch.cat([far, rough.flatten(1, 2), distance, ray.abs().amax(-1).flatten(1)[..., None]], -1)
+            amount = self.amount(told).clamp(-_MOST, _MOST).exp().unflatten(1, base.shape[1:3])
+            amount = torch.where(observed[..., None], 1, amount)
+            # The fourth number is how much farther along the ray.
+            predicted = base + amount * (predicted[..., :3] + predicted[..., 3:] * ray)
+            features = torch.cat([features, told], -1)
+        log_scale = self.scale_head(features).view_as(base[..., 0])
         return Prediction(predicted, log_scale)
 
     def _signal(self, x: Tensor) -> Tensor:

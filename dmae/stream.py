@@ -43,10 +43,10 @@ class OnlineCompleter:
     """`dmae.complete.Completer` for frames as they come.
 
     A frame comes out when so many are known after it, as the completer has it in a recording that ends there and
-    began five seconds before the frames that wait. That is the same as in the whole recording up to there, but for
-    joints that were hidden for those five seconds, and where windows are no whole number of frames apart. Of what is
-    missing when a frame comes out, nothing is known of its return: a person of whom nothing is measured comes out only
-    if measured again within the delay.
+    began five seconds before the frames that wait. The whole recording up to there would differ in what was hidden
+    for those five seconds, in limbs that are recalled (`dmae.recall`) from before, and where windows are no whole
+    number of frames apart. Of what is missing when a frame comes out, nothing is known of its return: a person of whom
+    nothing is measured comes out only if measured again within the delay.
 
     Attributes:
         delay: Frames that are known after one when it comes out, at least.
@@ -69,6 +69,11 @@ class OnlineCompleter:
         self._memory = ceil(MEMORY * fps / self._step) * self._step
         self._frames: list[FinishedFrame] = []
         self._waiting = 0
+
+    @property
+    def began(self) -> int:
+        """Number of the first frame that is remembered."""
+        return self._frames[0].number if self._frames else 0
 
     def push(self, frames: Sequence[FinishedFrame]) -> list[FinishedFrame]:
         """Take the next frames; return those that are complete by them, in order."""

@@ -11,10 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dmae.baselines import fill_rays, present
+from dmae.baselines import fill_recall, present
 from dmae.clip import Poses3D, Source
 from dmae.fusion import derive
 from dmae.gaps import neighbours
+from dmae.hints import carried, roughness
 from dmae.skeleton import Skeleton
 
 _FAR = 1000
@@ -34,6 +35,10 @@ class Windows(NamedTuple):
     """(..., 2) frames since the joint was last observed and until it is next."""
     ray: Tensor
     """(..., 3) unit direction in which the one camera that sees a joint does, on whose ray `base` is; else zero."""
+    carried: Tensor
+    """(..., 4, 3) m, see `dmae.hints.carried`."""
+    rough: Tensor
+    """(..., 3) see `dmae.hints.roughness`."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,7 @@ class Rows:
         observed: (S, J)
         gap: (S, J, 2) frames since and until the joint was observed, at most 1000.
         ray: (S, J, 3) world, unit direction of the ray that a joint that is not observed is on; else zero.
+        carried: (S, J, 4, 3) m, world, and `rough`: (S, J, 3), see `dmae.hints`.
         truth: (S, J, 3) NaN where unknown; all NaN when there is none.
         origin: (S, 3) m, front: (S,) rad: where the body is and faces.
         present: (S,) True while the person is there, `dmae.baselines.present`.
@@ -80,6 +86,8 @@ class Rows:
     observed: np.ndarray
     gap: np.ndarray
     ray: np.ndarray
+    carried: np.ndarray
+    rough: np.ndarray
     truth: np.ndarray
     origin: np.ndarray
     front: np.ndarray
@@ -95,7 +103,9 @@ class Rows:
         observed, base = self.observed[index], where.apply(self.base[index]).astype(np.float32)
         x = np.where(observed[..., None], base, np.float32(0))
         ray = turn(self.ray[index], -front[:, None, None]).astype(np.float32)
-        windows = Windows(*map(torch.from_numpy, (x, observed, base, self.gap[index], ray)))
+        carried = turn(self.carried[index], -front[:, None, None, None]).astype(np.float32)
+        arrays = (x, observed, base, self.gap[index], ray, carried, self.rough[index])
+        windows = Windows(*map(torch.from_numpy, arrays))
         return windows, where.apply(self.truth[index]).astype(np.float32), where
 
 
@@ -165,7 +175,7 @@ def make_rows(
 ) -> Rows:
     """Interpolate what is absent over the whole recording and lay the persons out as rows.
 
-    What `fill_rays` leaves open (persons out of the scene, joints never measured) hangs from the
+    What `fill_recall` leaves open (persons out of the scene, joints never measured) hangs from the
     joint's parent as in the rest pose.
 
     Args:
@@ -181,15 +191,19 @@ def make_rows(
     count, persons = poses.xyz.shape[:2]
     observed = ~np.isnan(poses.xyz).any(-1)
     gap = _gap(observed)
-    filled = fill_rays(poses, fps)
+    filled = fill_recall(poses, fps)
     base = filled.xyz.astype(np.float64)
     ray = np.where((filled.source == Source.COMPLETED)[..., None], np.nan_to_num(poses.rays[..., 1, :]), 0)
     origin, front = _stance(base, skeleton, rest)
     _hang(base, skeleton, rest, origin, front)
+    off = carried(base, observed, _parents(skeleton), front)
+    rough = roughness(poses.xyz.astype(np.float64))
     if target is not None:
         derived = derive(Poses3D(skeleton, base, np.where(observed, Source.MEASURED, Source.COMPLETED)), target)
         start = derived.xyz.astype(np.float64)
         _hang(start, target, hanging, origin, front)
+        off = np.concatenate([off, carried(start, derived.measured, _parents(target), front)], 2)
+        rough = np.concatenate([rough, roughness(np.where(derived.measured[..., None], derived.xyz, np.nan))], 2)
         base, gap = np.concatenate([base, start], 2), np.concatenate([gap, _gap(derived.measured)], 2)
         observed = np.concatenate([observed, np.zeros_like(derived.measured)], 2)
         # The target's joints are not quite where the source's are: not on their rays.
@@ -209,12 +223,19 @@ def make_rows(
         observed=shown,
         gap=np.minimum(lay(gap), _FAR).astype(np.float32),
         ray=lay(ray),
+        carried=lay(off).astype(np.float32),
+        rough=lay(rough).astype(np.float32),
         truth=np.where(np.tile(inside, persons)[:, None, None], lay(nowhere), np.nan),
         origin=lay(origin),
         front=lay(front),
         present=lay(present(poses, fps)) & np.tile(inside, persons),
         starts=_starts(shown.any(-1).reshape(persons, length), frames),
     )
+
+
+def _parents(skeleton: Skeleton) -> np.ndarray:
+    """(J,) indices of the parents, a root's its own."""
+    return np.array([joint if parent < 0 else parent for joint, parent in enumerate(skeleton.parents)])
 
 
 def _gap(observed: np.ndarray) -> np.ndarray:
@@ -271,22 +292,3 @@ def _starts(seen: np.ndarray, frames: int) -> np.ndarray:
     holds = total[:, frames:] > total[:, : length + 1 - frames]
     person, start = np.nonzero(holds)
     return person * length + start
-
-
-def resample(poses: Poses3D, fps: float, to_fps: float) -> Poses3D:
-    """The same motion at another rate, by straight lines between neighbouring frames.
-
-    A joint is there at a time if it is in both frames around it, and takes the weaker source of the two; so has it a
-    ray, if both have one of the same camera. Covariances and numbers of views are dropped.
-    """
-    count = len(poses.xyz)
-    time = np.arange(int((count - 1) / fps * to_fps + 1e-6) + 1) * (fps / to_fps)
-    first = np.minimum((time + 1e-6).astype(int), count - 1)
-    second = np.minimum(first + (time - first > 1e-6), count - 1)
-    share = np.where(second > first, time - first, 0)[:, None, None, None]
-    xyz = poses.xyz[first] * (1 - share) + poses.xyz[second] * share
-    source = np.maximum(poses.source[first], poses.source[second])
-    rays = poses.rays[first] * (1 - share[..., None]) + poses.rays[second] * share[..., None]
-    same = (poses.rays[first, ..., :1, :] == poses.rays[second, ..., :1, :]).all(-1, keepdims=True)
-    rays[..., 1, :] /= np.linalg.norm(rays[..., 1, :], axis=-1, keepdims=True)
-    return Poses3D(poses.skeleton, xyz, np.where(np.isnan(xyz).any(-1), 0, source), rays=np.where(same, rays, np.nan))

@@ -21,3 +21,14 @@ def data_folder() -> Path:
     if not Path(folder).is_dir():
         pytest.fail(f"DMAE_DATA={folder}: no such folder")
     return Path(folder)
+
+
+@pytest.fixture(scope="module")
+def one_thread():
+    """PyTorch on one core: small networks are slower on several, and tests share the machine."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)

@@ -23,17 +23,9 @@ from dmae.windows import rest_pose
 from ..dmae.film import film, walk
 from ..dmae.strollers import strollers
 
-pytestmark = pytest.mark.bench
+pytestmark = [pytest.mark.bench, pytest.mark.usefixtures("one_thread")]
 
 PAPER = yaml.safe_load((Path(__file__).parents[2] / "configs/model/paper.yaml").read_text())
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def interleaved(*functions, times: int) -> list[float]:
@@ -104,7 +96,7 @@ class Plain(nn.Module):
         for layer in (*self.encoder.layers, *self.decoder.layers):
             layer.self_attn.dropout = 0.0
 
-    def forward(self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor, ray: Tensor) -> Prediction:
+    def forward(self, x: Tensor, observed: Tensor, *_: Tensor) -> Prediction:
         like, seen = self.like, observed.flatten(1)
         tokens = torch.where(seen[..., None], like.embed(like.signal(x.flatten(1, 2))), self.token)
         # Attention needs one key.

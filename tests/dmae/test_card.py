@@ -40,7 +40,8 @@ def scores(tmp_path_factory):
 
 def scored(folder, scores, weights):
     write_atomic(folder / "scores.json", json.dumps(scores))
-    write_atomic(folder / "config.yaml", yaml.safe_dump({"weights": str(weights), "hide": "noisy"}))
+    asked = {"weights": str(weights), "hide": "noisy", "reference": "truth", "skeleton": None, "smooth": 0.0}
+    write_atomic(folder / "config.yaml", yaml.safe_dump(asked))
     return folder
 
 
@@ -57,7 +58,7 @@ def test_it_tells_data_command_and_figures(trained, scores, tmp_path, capsys):
         "1234 steps, batch 16",
         "`make weights`",
         json.loads((trained / "model.json").read_text())["sha256"],
-        f"## {scores['recording']}, `hide=noisy`",
+        f"## {scores['recording']}, `hide=noisy smooth=0.0`",
         "| method | views | 1-5 | 6-15 | 16-40 | >40 |",
     ):
         assert fact in card

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -26,13 +25,7 @@ from dmae.weights import save_model
 from .completing import FPS, strolling, untrained, with_holes
 from .strollers import clip_of, strollers
 
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 LEARNING = TrainConfig(
@@ -209,8 +202,8 @@ def test_bad_weights_are_named(trained, tmp_path):
     shutil.copy(trained / "model.json", folder / "model.json")
     shutil.copy(trained / "weights.safetensors", path)
     for change, complaint in (
-        ({"format": 1}, "format 2, found 1; train it again"),
-        ({"format": 99}, "format 2, found 99"),
+        ({"format": 1}, "format 3, found 1; train it again"),
+        ({"format": 99}, "format 3, found 99"),
         ({"model": {"depht": 3}}, "not a model of this version"),
     ):
         meta = json.loads((trained / "model.json").read_text()) | change

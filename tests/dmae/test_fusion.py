@@ -9,7 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmae.baselines import fill_pchip_body, present
+from dmae.baselines import fill_recall, present
 from dmae.clip import Clip, Poses3D, Source
 from dmae.complete import Completer, load_completer
 from dmae.data import DataConfig
@@ -25,6 +25,8 @@ from dmae.windows import body_front, make_rows, rest_pose, turn
 
 from .strollers import clip_of, strollers
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 FPS = 25.0
 FUSED = get_skeleton("body21+shelf14")
 SMALL = ModelConfig(frames=5, dim=32, depth=1, heads=2, head_dim=16, mlp=64, decoder_dim=32, signal_codes=16)
@@ -37,14 +39,6 @@ LEARNING = TrainConfig(
     lr=3e-3,
     validation=0.0,
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def annotated(poses: Poses3D, lower: float = 0.06) -> Poses3D:
@@ -142,7 +136,7 @@ def test_the_target_starts_where_geometry_puts_it_and_is_as_far_from_sight_as_wh
     given = Poses3D(BODY21, xyz)
     rows = make_rows(given, FPS, rest, 5, target=SHELF14)
     wrist = SHELF14.index("l_wrist")[0]
-    want = convert(fill_pchip_body(given, FPS), SHELF14)
+    want = convert(fill_recall(given, FPS), SHELF14)
     np.testing.assert_allclose(rows.base[:, 21:].reshape(3, 60, 14, 3).swapaxes(0, 1), want.xyz, atol=1e-6)
     gap = rows.gap[:, 21:].reshape(3, 60, 14, 2)
     np.testing.assert_array_equal(gap[0, 20:30, wrist], np.stack([np.arange(1, 11), np.arange(10, 0, -1)], -1))
@@ -181,7 +175,7 @@ def test_no_joint_of_the_target_is_measured_and_each_says_what_it_rests_on(seed)
 
 def test_what_was_completed_before_is_no_evidence():
     poses = with_holes(walk(4), 4)
-    filled = fill_pchip_body(poses, FPS)
+    filled = fill_recall(poses, FPS)
     first, second = (untrained()(given, FPS) for given in (poses, filled))
     for name in ("xyz", "source", "views"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
@@ -202,7 +196,7 @@ def test_poses_that_lack_joints_of_the_source_are_refused():
 def test_it_learns_where_annotators_put_joints(trained, fps):
     poses = strollers(int(60 * fps / FPS), 3, rng=np.random.default_rng(50), fps=fps)
     given, truth = with_holes(poses, 50), annotated(poses)
-    by_hand = convert(fill_pchip_body(given, fps), SHELF14)
+    by_hand = convert(fill_recall(given, fps), SHELF14)
     assert errors(load_completer(trained)(given, fps), truth) < 0.7 * errors(by_hand, truth)
 
 

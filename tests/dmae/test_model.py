@@ -27,44 +27,49 @@ def model(config: ModelConfig, seed: int = 0) -> DMAE:
 
 
 def windows(batch: int, seed: int = 0, share: float = 0.6) -> tuple[torch.Tensor, ...]:
-    """x, observed, base, gap, ray of random joints of which a share is observed."""
+    """What `dmae.windows.Windows` holds, of random joints of which a share is observed."""
     made = torch.Generator().manual_seed(seed)
     base = torch.randn(batch, SMALL.frames, JOINTS, 3, generator=made)
     observed = torch.rand(base.shape[:-1], generator=made) < share
     gap = torch.randint(0, 40, (*observed.shape, 2), generator=made).float()
     ray = F.normalize(torch.randn(base.shape, generator=made), dim=-1) * ~observed[..., None]
-    return base * observed[..., None], observed, base, gap, ray
+    carried = torch.randn(*observed.shape, 4, 3, generator=made)
+    rough = torch.randn(*observed.shape, 3, generator=made)
+    return base * observed[..., None], observed, base, gap, ray, carried, rough
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 1000), st.floats(0, 1), st.booleans())
 def test_hidden_joints_cannot_influence_the_output(seed, share, residual):
     net = model(SMALL if residual else PAPER)
-    x, observed, base, gap, ray = windows(3, seed, share)
+    x, observed, base, *hints = windows(3, seed, share)
     disturbed = torch.where(observed[..., None], x, 1e3 * torch.randn(x.shape))
     with torch.no_grad():
-        first, second = net(x, observed, base, gap, ray).xyz, net(disturbed, observed, base, gap, ray).xyz
+        first, second = net(x, observed, base, *hints).xyz, net(disturbed, observed, base, *hints).xyz
     assert torch.isfinite(first).all()
     torch.testing.assert_close(first, second, rtol=0, atol=1e-5)
 
 
 def test_the_paper_s_model_looks_neither_at_interpolation_nor_at_gaps():
     net = model(PAPER)
-    x, observed, base, gap, ray = windows(2)
+    x, observed, base, *hints = windows(2)
     with torch.no_grad():
         torch.testing.assert_close(
-            net(x, observed, base, gap, ray).xyz, net(x, observed, base + 1, gap + 1, -ray).xyz, rtol=0, atol=0
+            net(x, observed, base, *hints).xyz,
+            net(x, observed, base + 1, *(hint + 1 for hint in hints)).xyz,
+            rtol=0,
+            atol=0,
         )
 
 
 def test_an_observed_joint_does_influence_the_others():
     net = model(SMALL)
-    x, observed, base, gap, ray = windows(1)
+    x, observed, base, *hints = windows(1)
     frame, joint = (int(i) for i in observed[0].nonzero()[0])
     moved = x.clone()
     moved[0, frame, joint] += 1
     with torch.no_grad():
-        change = (net(moved, observed, base, gap, ray).xyz - net(x, observed, base, gap, ray).xyz).abs().sum(-1)[0]
+        change = (net(moved, observed, base, *hints).xyz - net(x, observed, base, *hints).xyz).abs().sum(-1)[0]
     assert (change > 1e-6).all()
 
 
@@ -81,15 +86,15 @@ def test_windows_do_not_depend_on_their_neighbours_in_the_batch():
 
 def test_a_window_without_any_observed_joint_is_finite_and_trains():
     net = DMAE(SMALL, JOINTS)
-    x, observed, base, gap, ray = windows(2)
+    x, observed, base, *hints = windows(2)
     observed[0] = False
-    net(x * observed[..., None], observed, base, gap, ray).xyz.square().mean().backward()
+    net(x * observed[..., None], observed, base, *hints).xyz.square().mean().backward()
     assert all(torch.isfinite(parameter.grad).all() for parameter in net.parameters() if parameter.grad is not None)
 
 
 def test_a_residual_model_starts_from_the_interpolation():
-    x, observed, base, gap, ray = windows(2)
-    assert torch.equal(DMAE(SMALL, JOINTS)(x, observed, base, gap, ray).xyz, base)
+    x, observed, base, *hints = windows(2)
+    assert torch.equal(DMAE(SMALL, JOINTS)(x, observed, base, *hints).xyz, base)
 
 
 def test_the_fourier_matrices_are_saved_and_are_not_learned():
@@ -106,27 +111,27 @@ def test_the_fourier_matrices_are_saved_and_are_not_learned():
 @pytest.mark.parametrize("ablation", ["no_joint_code", "no_time_code"])
 def test_ablated_codes_make_tokens_interchangeable(ablation):
     """Without the code of an axis, the paper's network cannot tell the places along it apart."""
-    x, observed, base, gap, ray = windows(2)
+    x, observed, base, *hints = windows(2)
     observed[:] = True
     observed[:, 1, 2] = observed[:, 3, 4] = False
     axis = 2 if ablation == "no_joint_code" else 1
     for config, same in ((PAPER, False), (replace(PAPER, **{ablation: True}), True)):
         net = model(config)
         with torch.no_grad():
-            flipped = net(x.flip(axis), observed.flip(axis), base, gap, ray).xyz.flip(axis)
-            assert torch.allclose(flipped, net(x, observed, base, gap, ray).xyz, atol=1e-5) == same
+            flipped = net(x.flip(axis), observed.flip(axis), base, *hints).xyz.flip(axis)
+            assert torch.allclose(flipped, net(x, observed, base, *hints).xyz, atol=1e-5) == same
 
 
 @pytest.mark.parametrize("config", [SMALL, PAPER], ids=["residual", "paper"])
 def test_one_batch_is_overfitted(config):
     torch.manual_seed(0)
     net = DMAE(config, JOINTS)
-    x, observed, base, gap, ray = windows(4)
+    x, observed, base, *hints = windows(4)
     target = base + 0.1 * torch.randn(base.shape)
     optimizer = torch.optim.Adam(net.parameters(), 5e-3)
     errors = []
     for _ in range(300):
-        loss = (net(x, observed, base, gap, ray).xyz - target).square().sum(-1)[~observed].mean()
+        loss = (net(x, observed, base, *hints).xyz - target).square().sum(-1)[~observed].mean()
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
@@ -154,6 +159,6 @@ def test_attention_starts_with_tokens_like_oneself():
 
 def test_learning_the_scale_moves_nothing_else():
     net = model(SMALL)
-    x, observed, base, gap, ray = windows(2)
-    net(x, observed, base, gap, ray).log_scale.square().mean().backward()
+    x, observed, base, *hints = windows(2)
+    net(x, observed, base, *hints).log_scale.square().mean().backward()
     assert all((p.grad is not None) == name.startswith("scale_head") for name, p in net.named_parameters())

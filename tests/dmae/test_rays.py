@@ -13,8 +13,9 @@ from dmae.capture import CaptureConfig, capture
 from dmae.clip import Poses3D, Source
 from dmae.mapping import convert
 from dmae.metrics import match, take_matched
+from dmae.resample import resample
 from dmae.skeleton import BODY25, SHELF14
-from dmae.windows import make_rows, resample, rest_pose
+from dmae.windows import make_rows, rest_pose
 
 from .examples import looking_at_origin, walkers
 from .film import crossing, film

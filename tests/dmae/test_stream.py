@@ -1,4 +1,4 @@
-"""Completion of frames as they come is completion of the recording so far."""
+"""Completion of frames as they come is completion of the recording so far, as far as it is remembered."""
 
 import tracemalloc
 from dataclasses import replace
@@ -27,19 +27,23 @@ def pushed(online: OnlineCompleter, poses: Poses3D, step: int = 1) -> list[list[
 
 
 @pytest.mark.parametrize(("fps", "step", "delay"), [(25.0, 1, 0.28), (25.0, 5, 0.28), (25.0, 1, 0.0), (50.0, 7, 0.2)])
-def test_each_frame_is_as_in_the_recording_up_to_the_last_one_pushed(fps, step, delay):
-    """For longer than what is remembered."""
+def test_each_frame_is_as_in_the_last_seconds_up_to_the_one_pushed(fps, step, delay):
+    """For longer than what is remembered; until then that is the whole recording."""
     poses = with_holes(strolling(0, frames=round(9 * fps), persons=2), 0)
     completer, people = untrained(factors=(1.0,) * 4), np.arange(2)
     online = OnlineCompleter(completer, fps, delay)
     assert online.delay == round(delay * fps)
     expected = 0
-    for number, finished in enumerate(pushed(online, poses, step)):
-        known = min((number + 1) * step, len(poses.xyz))
+    frames = apart(poses, people)
+    for number, start in enumerate(range(0, len(frames), step)):
+        began, finished = online.began, online.push(frames[start : start + step])
+        known = min(start + step, len(frames))
+        assert began <= max(expected - 5 * fps, 0)
         assert [frame.number for frame in finished] == list(range(expected, max(known - online.delay, expected)))
         if finished and number % 20 == 0:
-            whole = completer(poses.select(slice(known)), fps)
-            offline, found = whole.select(slice(expected, known - online.delay)), joined(finished, people)
+            whole = completer(poses.select(slice(began, known)), fps)
+            now = slice(expected - began, known - online.delay - began)
+            offline, found = whole.select(now), joined(finished, people)
             np.testing.assert_array_equal(found.source, offline.source)
             np.testing.assert_allclose(found.xyz, offline.xyz, atol=1e-4)
             np.testing.assert_allclose(found.cov, offline.cov, rtol=1e-3)

@@ -12,12 +12,14 @@ from safetensors.torch import load_file
 from dmae.clip import Poses3D
 from dmae.examples import AugmentConfig
 from dmae.hiding import HidingConfig
-from dmae.learner import Learner, Loss, TrainConfig
+from dmae.learner import Learner, Loss, TrainConfig, penalty
 from dmae.model import ModelConfig
 from dmae.skeleton import BODY25
 from dmae.train import train
 
 from .strollers import clip_of, strollers
+
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 TINY = TrainConfig(
     model=ModelConfig(
@@ -30,14 +32,6 @@ TINY = TrainConfig(
     batch=8,
     validation=0.3,
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
@@ -141,3 +135,12 @@ def test_clips_without_truth_or_without_people_are_named(clips, tmp_path):
         train(TINY, [replace(clips[0], truth=nobody)], tmp_path)
     with pytest.raises(ValueError, match="two clips are called 'clip0'"):
         train(TINY, [clips[0], clips[0]], tmp_path)
+
+
+def test_errors_that_are_expected_to_be_large_cost_less():
+    squared, sure, unsure = torch.tensor([0.01, 0.04]), torch.tensor(0.001).log(), torch.tensor(1.0).log()
+    assert torch.equal(penalty(Loss.mse, squared, sure), squared)
+    torch.testing.assert_close(penalty(Loss.euclidean, squared, unsure), squared.sqrt())
+    once, twice = penalty(Loss.relative, squared, sure)
+    assert float(twice / once) == pytest.approx(2, rel=1e-3)
+    assert (penalty(Loss.relative, squared, sure) > 100 * penalty(Loss.relative, squared, unsure)).all()

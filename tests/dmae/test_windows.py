@@ -13,8 +13,9 @@ from dmae.examples import AugmentConfig, Recipe, Recording, TrainingBatches, hid
 from dmae.hiding import HidingConfig, body_parts, hide_bursts, hide_scattered
 from dmae.mapping import convert
 from dmae.model import ModelConfig
+from dmae.resample import resample
 from dmae.skeleton import BODY25, SHELF14, Skeleton, get_skeleton
-from dmae.windows import Normalisation, body_front, join_rows, make_rows, resample, rest_pose, turn
+from dmae.windows import Normalisation, body_front, join_rows, make_rows, rest_pose, turn
 
 from .strollers import clip_of, strollers
 

@@ -1,0 +1,74 @@
+"""What a network is told of joints beside where they are, or where interpolation puts them.
+
+Shapes: F frames, P persons, J joints.
+"""
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from dmae.gaps import neighbours
+from dmae.series import take
+
+_BRIEF, _LONG = 9, 51
+"""Frames over which the roughness of a joint, and of its whole person, is averaged."""
+_ROUGH, _SMOOTH = 0.01, 1e-3
+"""m; of what roughness is a multiple, and what is added lest nothing be infinitely smooth."""
+
+
+def carried(base: np.ndarray, observed: np.ndarray, parents: np.ndarray, front: np.ndarray) -> np.ndarray:
+    """How far from `base` a hidden joint would be had it stayed as it was last observed, or were it already as it is
+    next: beside its parent, in a frame that turns with the body, and in the world.
+
+    Args:
+        base: (F, P, J, 3) m, world; interpolated where not observed.
+        observed: (F, P, J)
+        parents: (J,) indices of the parents; a root is its own.
+        front: (F, P) rad, where the body faces.
+
+    Returns:
+        (F, P, J, 4, 3) m, world: last and next in the body, last and next in the world. Zero where the joint is
+        observed, and for a side on which it never is.
+    """
+    cos, sin = np.cos(front)[..., None, None], np.sin(front)[..., None, None]
+
+    def turn(xyz: np.ndarray, sin: np.ndarray) -> np.ndarray:
+        x, y, z = xyz[..., :1], xyz[..., 1:2], xyz[..., 2:]
+        return np.concatenate([cos * x - sin * y, sin * x + cos * y, z], -1)
+
+    def stayed(values: np.ndarray) -> list[np.ndarray]:
+        off = (take(values, edge) - values for edge in neighbours(observed))
+        return [np.where(observed[..., None], 0, np.nan_to_num(part)) for part in off]
+
+    in_body = stayed(turn(base - base[:, :, parents], -sin))
+    return np.stack([*(turn(part, sin) for part in in_body), *stayed(base)], -2)
+
+
+def roughness(xyz: np.ndarray) -> np.ndarray:
+    """How much measured paths jump about: (F, P, J, 3) logarithms, 0 at a centimetre.
+
+    That is the third difference of neighbouring frames, next to nothing where people move and nothing is wrong;
+    averaged over the person for a second or so, over the joint where it was last observed, and where it is next. Where
+    too little was measured to tell, a joint is as rough as its person, and that 0.
+
+    Args:
+        xyz: (F, P, J, 3) m; NaN where not measured.
+    """
+    jump = np.full(xyz.shape[:-1], np.nan)
+    if len(xyz) > 3:
+        jump[2:-1] = np.linalg.norm(np.diff(xyz, 3, axis=0), axis=-1)
+    known = ~np.isnan(jump)
+    jump = np.nan_to_num(jump)
+    own = _mean(jump, known, _BRIEF)
+    person = _mean(jump.sum(-1), known.sum(-1), _LONG)[..., None]
+    person = np.broadcast_to(np.where(np.isnan(person), _ROUGH, person), own.shape)
+    sides = (take(own[..., None], edge)[..., 0] for edge in neighbours(~np.isnan(own)))
+    rough = np.stack([person, *(np.where(np.isnan(side), person, side) for side in sides)], -1)
+    return np.log((rough + _SMOOTH) / _ROUGH)
+
+
+def _mean(sums: np.ndarray, counts: np.ndarray, frames: int) -> np.ndarray:
+    """Of sums (F, ...) over counts (F, ...), within so many frames; NaN where nothing is counted."""
+    total = uniform_filter1d(sums, frames, axis=0, mode="constant")
+    count = uniform_filter1d(counts.astype(float), frames, axis=0, mode="constant")
+    some = count * frames > 0.5
+    return np.where(some, total / np.where(some, count, 1), np.nan)
