@@ -148,6 +148,13 @@ def _hangs(joint: int, from_joint: int, parents: list[int], torso: list[int]) ->
     return from_joint in (joint, parents[joint])
 
 
+def turn(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Points (..., 3) turned about z by angles (...), rad."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y, z = xyz[..., 0], xyz[..., 1], xyz[..., 2]
+    return np.stack([cos * x - sin * y, sin * x + cos * y, z], -1)
+
+
 def _onto(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, length: np.ndarray) -> np.ndarray:
     """Points (n, 3) moved onto their rays (n, 2, 3), to where on it their bones are about as long as ever.
 

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from dmae.baselines import present
+from dmae.bodyframe import turn
 from dmae.calibrate import inflated
 from dmae.clip import Poses3D, Source
 from dmae.fusion import answer, derive, nobody
@@ -21,7 +22,7 @@ from dmae.rejection import contradicted
 from dmae.resample import resample
 from dmae.skeleton import Skeleton
 from dmae.weights import find_shipped, load_model, pick_device
-from dmae.windows import Rows, make_rows, turn
+from dmae.windows import Rows, make_rows
 
 _BATCH = 128
 _SAME_RATE = 0.01

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from dmae.bodyframe import turn
 from dmae.clip import Clip, Poses3D
 from dmae.fusion import true_pair
 from dmae.hiding import HidingConfig, hide
@@ -19,7 +20,7 @@ from dmae.model import ModelConfig
 from dmae.resample import resample
 from dmae.rng import Stream, generator
 from dmae.skeleton import Skeleton
-from dmae.windows import Rows, Windows, join_rows, make_rows, turn
+from dmae.windows import Rows, Windows, join_rows, make_rows
 
 _LASTING = 0.75
 """How errors of neighbouring frames at 25 frames/s correlate, about as those of OpenPose do."""

@@ -6,6 +6,7 @@ Shapes: F frames, P persons, J joints.
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from dmae.bodyframe import turn
 from dmae.gaps import neighbours
 from dmae.series import take
 
@@ -29,18 +30,14 @@ def carried(base: np.ndarray, observed: np.ndarray, parents: np.ndarray, front: 
         (F, P, J, 4, 3) m, world: last and next in the body, last and next in the world. Zero where the joint is
         observed, and for a side on which it never is.
     """
-    cos, sin = np.cos(front)[..., None, None], np.sin(front)[..., None, None]
-
-    def turn(xyz: np.ndarray, sin: np.ndarray) -> np.ndarray:
-        x, y, z = xyz[..., :1], xyz[..., 1:2], xyz[..., 2:]
-        return np.concatenate([cos * x - sin * y, sin * x + cos * y, z], -1)
+    angle = front[..., None]
 
     def stayed(values: np.ndarray) -> list[np.ndarray]:
         off = (take(values, edge) - values for edge in neighbours(observed))
         return [np.where(observed[..., None], 0, np.nan_to_num(part)) for part in off]
 
-    in_body = stayed(turn(base - base[:, :, parents], -sin))
-    return np.stack([*(turn(part, sin) for part in in_body), *stayed(base)], -2)
+    in_body = stayed(turn(base - base[:, :, parents], -angle))
+    return np.stack([*(turn(part, angle) for part in in_body), *stayed(base)], -2)
 
 
 def roughness(xyz: np.ndarray) -> np.ndarray:

@@ -27,9 +27,16 @@ def tables(scores: dict) -> list[Table]:
         scores: What `dmae.evaluate.evaluate` returned, or what was read back from its JSON.
     """
     means = [result["mean"] for result in scores["results"]]
-    unsure = [any(gap["stated"] for gap in mean["gaps"]) for mean in means]
     firsts = [(result["method"], str(result["views"] or "-")) for result in scores["results"]]
     worst = [result["worst"]["pcp"] for result in scores["results"]]
+    lengths = [gap["frames"] for gap in means[0]["gaps"]]
+    held = [
+        (*first, *(_text(gap["held"]) for gap in mean["gaps"]))
+        for first, mean in zip(firsts, means, strict=True)
+        if any(gap["stated"] for gap in mean["gaps"])
+    ]
+    caption = "True joints within the 90 % regions that methods state, %, by how long they were hidden"
+    regions = [Table(caption, ("method", "views", *lengths), held)] if held else []
     persons = [f"person {person}" for person in range(len(means[0].get("pcp_persons", ())))]
     return [
         Table(
@@ -59,7 +66,7 @@ def tables(scores: dict) -> list[Table]:
         ),
         Table(
             "MPJPE, mm, of joints hidden for so many frames at 25/s, those that all methods filled",
-            ("method", "views", *(gap["frames"] for gap in means[0]["gaps"])),
+            ("method", "views", *lengths),
             [
                 row
                 for views in dict.fromkeys(views for _, views in firsts)
@@ -68,21 +75,7 @@ def tables(scores: dict) -> list[Table]:
                 )
             ],
         ),
-        *(
-            [
-                Table(
-                    "True joints within the 90 % regions that methods state, %, by how long they were hidden",
-                    ("method", "views", *(gap["frames"] for gap in means[0]["gaps"])),
-                    [
-                        (*first, *(_text(gap["held"]) for gap in mean["gaps"]))
-                        for first, mean, states in zip(firsts, means, unsure, strict=True)
-                        if states
-                    ],
-                )
-            ]
-            if any(unsure)
-            else []
-        ),
+        *regions,
     ]
 
 

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from dmae.baselines import fill_recall, present
+from dmae.bodyframe import turn
 from dmae.clip import Poses3D, Source
 from dmae.fusion import derive
 from dmae.gaps import neighbours
@@ -115,13 +116,6 @@ def join_rows(parts: list[Rows]) -> Rows:
     arrays = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Rows)}
     starts = np.concatenate([part.starts + offset for part, offset in zip(parts, offsets, strict=True)])
     return Rows(**arrays | {"starts": starts})
-
-
-def turn(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Points (..., 3) turned about z by angles (...), rad."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y, z = xyz[..., 0], xyz[..., 1], xyz[..., 2]
-    return np.stack([cos * x - sin * y, sin * x + cos * y, z], -1)
 
 
 def body_front(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmae.baselines import fill_recall, present
+from dmae.bodyframe import turn
 from dmae.clip import Clip, Poses3D, Source
 from dmae.complete import Completer, load_completer
 from dmae.data import DataConfig
@@ -21,7 +22,7 @@ from dmae.mapping import convert
 from dmae.model import DMAE, ModelConfig
 from dmae.skeleton import BODY21, BODY25, COCO17, HALPE26, SHELF14, get_skeleton
 from dmae.train import train
-from dmae.windows import body_front, make_rows, rest_pose, turn
+from dmae.windows import body_front, make_rows, rest_pose
 
 from .strollers import clip_of, strollers
 

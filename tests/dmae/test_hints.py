@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from dmae.bodyframe import turn
 from dmae.hints import carried, roughness
-from dmae.windows import turn
 
 PARENTS = np.array([0, 0])
 

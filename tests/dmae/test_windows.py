@@ -8,6 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dmae.bodyframe import turn
 from dmae.clip import Poses3D, Source
 from dmae.examples import AugmentConfig, Recipe, Recording, TrainingBatches, hidden_rows, record, vary
 from dmae.hiding import HidingConfig, body_parts, hide_bursts, hide_scattered
@@ -15,7 +16,7 @@ from dmae.mapping import convert
 from dmae.model import ModelConfig
 from dmae.resample import resample
 from dmae.skeleton import BODY25, SHELF14, Skeleton, get_skeleton
-from dmae.windows import Normalisation, body_front, join_rows, make_rows, rest_pose, turn
+from dmae.windows import Normalisation, body_front, join_rows, make_rows, rest_pose
 
 from .strollers import clip_of, strollers
 
