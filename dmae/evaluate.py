@@ -160,7 +160,7 @@ def _trials(clips: Iterable[Clip], config: EvaluateConfig) -> Iterator[Trial]:
                 )
             whole = capture(clip, config.capture)
             sure = whole.views >= _SURE_VIEWS
-            truth = Poses3D(whole.skeleton, np.where(sure[..., None], whole.xyz, np.nan))
+            truth = Poses3D(whole.skeleton, np.where(sure[..., None], whole.xyz, np.nan), cov=whole.cov)
         else:
             truth = convert(_truth(clip), get_skeleton(config.skeleton or clip.truth.skeleton.parts[-1].name))
         shelf = config.reference == Reference.truth and clip.provenance.get("format") == Format.shelf

@@ -34,7 +34,7 @@ def score(
         mpjpe: mm, {all, measured, denoised, completed}.
         shares: of the true joints, % {absent, measured, denoised, completed}.
         hidden: {recall, mpjpe} of the true joints that capture did not measure.
-        gaps: see `dmae.metrics.error_by_gap`.
+        gaps: see `dmae.metrics.error_by_gap`; where the truth has covariances, they count as well.
         identity_switches: number; `idf1`, %.
     """
     skeleton = truth.skeleton
@@ -73,7 +73,8 @@ def score(
             matched if compared is None else np.where(compared[..., None], matched, np.nan),
             truth.xyz,
             lengths,
-            metrics.take_matched(pred.cov, matches),
+            # Of a difference from what was itself measured.
+            metrics.take_matched(pred.cov, matches) + np.nan_to_num(truth.cov),
         ),
         "identity_switches": metrics.identity_switches(matches),
         "idf1": metrics.idf1(pred.xyz, truth.xyz),

@@ -39,6 +39,20 @@ def test_by_hand():
     assert measured["pck"] == {"recall": pytest.approx(100 * 556 / 560), "precision": 100}
 
 
+def test_regions_allow_for_how_well_the_reference_was_measured():
+    truth = walkers(20, 1, SHELF14)
+    captured = truth.without((np.arange(20) // 4 == 2)[:, None, None] & (np.arange(14) == 5))
+    filled = fill_linear(captured, 25.0)
+    lacking = ~captured.measured[..., None, None]
+    filled = replace(filled, xyz=truth.xyz + 0.03, cov=np.where(lacking, 0.015**2 * np.eye(3), np.nan))
+    held = []
+    for deviation in (np.nan, 0.001, 0.02):
+        cov = np.broadcast_to(deviation**2 * np.eye(3), filled.cov.shape)
+        held.append(score(filled, captured, replace(truth, cov=cov))["gaps"][0]["held"])
+    # 52 mm off: beyond 2.5 deviations of 15 mm, within as many of 25 mm.
+    assert held == [0, 0, 100]
+
+
 def test_the_average_is_over_the_actors_asked_for():
     truth = walkers(4, 3, SHELF14)
     xyz = truth.xyz.copy()
