@@ -11,16 +11,16 @@ import torch
 
 from dmae.baselines import present
 from dmae.bodyframe import turn
-from dmae.calibrate import inflated
+from dmae.calibrate import Factors, inflated
 from dmae.clip import Poses3D, Source
 from dmae.fusion import answer, derive, nobody
-from dmae.gaps import neighbours
 from dmae.mapping import convert
 from dmae.metrics import gap_lengths
 from dmae.model import DMAE
 from dmae.rejection import contradicted
 from dmae.resample import resample
 from dmae.skeleton import Skeleton
+from dmae.trust import as_captured, nearby, share
 from dmae.weights import find_shipped, load_model, pick_device
 from dmae.windows import Rows, make_rows
 
@@ -31,8 +31,6 @@ _AGILE = 40.0
 """m/s^2; allowing for less, rejection dropped more of what people who jump and dance truly did than errors."""
 _AGREED = 3
 """Views; of joints that so many agree on and the frames around contradict, three in four were right."""
-_NEARBY = 0.2
-"""s; farther from any sighting of a person, regions of 90 % were seen to hold less than 80 % of the truth."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +43,11 @@ class Completer:
       at most a second between two sightings) is predicted and marked `COMPLETED`. It used no views; its
       covariance is isotropic and calibrated: 90 % regions held 90 % of the truth of clips that training did
       not see. Nobody is invented before the first or after the last sighting, nor in a longer absence.
-    - Farther than 0.2 s from any sighting of the person covariances are unknown (NaN). A joint that is never
-      measured is as unsure as one in the longest gaps.
+    - Farther than 0.2 s from any sighting of the person covariances are unknown (NaN).
     - Windows overlap by two thirds; what they add to the interpolation is blended with weights that fall
       linearly from the middle of a window. A window without a sighting adds nothing: in the middle of an
-      absence, and however long a gap is, the interpolation over the whole recording is what stands.
+      absence, and however long a gap is, the interpolation over the whole recording is what stands; so it is, nearly,
+      in short holes of exact poses (`dmae.trust.share`).
     - Measured joints are returned to the bit as they were; with `denoise` they are moved to where the model
       puts them and marked `DENOISED`; their covariances then are upper bounds. With `reject` those of fewer than
       three views (or unknown) that the frames around contradict (`dmae.rejection`) are dropped first, and
@@ -72,7 +70,7 @@ class Completer:
     skeleton: Skeleton
     device: torch.device
     denoise: bool = False
-    factors: tuple[float, ...] | None = None
+    factors: Factors | None = None
     """See `dmae.calibrate.inflated`; without them completed joints have no covariance."""
     reject: bool = False
     """Brings real recordings nearer the truth, and people who jump and dance no nearer."""
@@ -96,7 +94,7 @@ class Completer:
         given = poses.select(frames)
         xyz = np.where((absent | moved)[..., None], predicted, given.xyz)
         source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))
-        deviation = self._deviation(poses.measured, poses.measured, fps, scale, frames)
+        deviation = self._deviation(poses, fps, scale, frames)
         return _state(replace(given, xyz=xyz, source=source), absent, deviation)
 
     @property
@@ -121,8 +119,14 @@ class Completer:
             return nobody(self.target, *there.shape)
         predicted, scale = (part[:, :, -count:] for part in self._predict(poses, fps, frames))
         done = answer(poses.select(frames), self.target, predicted, there)
-        rests_on = derive(poses, self.target).measured
-        return _state(done, there[..., None], self._deviation(rests_on, poses.measured, fps, scale, frames))
+        return _state(done, there[..., None], self._deviation(poses, fps, scale, frames))
+
+    def doubts(self, poses: Poses3D, fps: float) -> tuple[np.ndarray, np.ndarray]:
+        """What says how far to trust the scales that the model states, for `dmae.calibrate.inflated`: (F, P, J) how
+        long what each joint that is returned rests on is not measured, and (F, P, 1) how exact the poses are."""
+        rests_on = (derive(poses, self.target) if self.target else poses).measured
+        lengths = np.where(rests_on.any(0), gap_lengths(rests_on), np.inf)
+        return lengths * (self.model.config.fps / fps), as_captured(poses)
 
     @property
     def stride(self) -> float:
@@ -171,26 +175,14 @@ class Completer:
             joints[name] = np.where(taken.reshape(*taken.shape, *(1,) * (new.ndim - 3)), new, old)
         return Poses3D(poses.skeleton, **joints)
 
-    def _deviation(
-        self, rests_on: np.ndarray, measured: np.ndarray, fps: float, scale: np.ndarray, frames: slice
-    ) -> np.ndarray | None:
+    def _deviation(self, poses: Poses3D, fps: float, scale: np.ndarray, frames: slice) -> np.ndarray | None:
         """Standard deviations along each axis, m, of what is predicted in those frames, where their scales are given;
-        NaN where unknown, None where it is of every joint.
-
-        Args:
-            rests_on: (F, P, J) True where what the predicted joints rest on was measured.
-            measured: (F, P, any) True where a joint of the person was.
-        """
+        NaN where unknown, None where it is of every joint."""
         if self.factors is None:
             return None
-        lengths = np.where(rests_on.any(0), gap_lengths(rests_on), np.inf)[frames]
-        before, after = neighbours(measured.any(-1))
-        index = np.arange(len(before))[:, None]
-        away = np.minimum(
-            np.where(before < 0, np.inf, index - before), np.where(after == len(after), np.inf, after - index)
-        )
-        known = np.where(away <= _NEARBY * fps, 1, np.nan)[frames, :, None]
-        return known * inflated(scale, lengths * (self.model.config.fps / fps), self.factors)
+        lengths, captured = (part[frames] for part in self.doubts(poses, fps))
+        known = np.where(nearby(poses, fps), 1, np.nan)[frames]
+        return known * inflated(scale, lengths, captured, self.factors)
 
     def _predict(self, poses: Poses3D, fps: float, asked: slice) -> tuple[np.ndarray, np.ndarray]:
         """Where every joint is in those frames, (F, P, J, 3), meaningful while its person is present; and the scale of
@@ -210,10 +202,12 @@ class Completer:
             correction = _frames(self._correct(rows, persons, around), persons)
             time = np.arange(frames) * ratio
             first = np.minimum(time.astype(int), len(correction) - 1)
-            share = (time - first).clip(0, 1)[:, None, None, None]
+            between = (time - first).clip(0, 1)[:, None, None, None]
             second = np.minimum(first + 1, len(correction) - 1)
-            added = correction[first] * (1 - share) + correction[second] * share
-        return (base + np.nan_to_num(added[..., :3]))[asked], np.exp(added[..., 3])[asked]
+            added = correction[first] * (1 - between) + correction[second] * between
+        # What poses are turned into lies elsewhere, however short a hole is.
+        counts = 1 if self.target else share(poses, fps)
+        return (base + np.nan_to_num(added[..., :3]) * counts)[asked], np.exp(added[..., 3])[asked]
 
     def _correct(self, rows: Rows, persons: int, asked: range) -> np.ndarray:
         """(S, J, 4): what the model adds to the interpolation, m, world, and the logarithm of its scale; blended over
@@ -265,7 +259,7 @@ def load_completer(weights: Path, device: str = "auto", denoise: bool = False, r
     if denoise and not record["denoises"]:
         raise ValueError(f"{weights}: this model was not trained to denoise; train with shown_weight above 0")
     where = pick_device(device)
-    factors = record["calibration"] and tuple(record["calibration"])
+    factors = record["calibration"] and tuple(map(tuple, record["calibration"]))
     return Completer(model.to(where), skeleton, where, denoise, factors, reject)
 
 

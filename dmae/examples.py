@@ -27,7 +27,7 @@ _LASTING = 0.75
 
 
 _DRAWS = 5
-"""How often holes are made in a recording that nobody captured, for uncertainty to be calibrated by."""
+"""How often holes are made in a true recording, for uncertainty to be calibrated by."""
 
 _SEEN = 0.5
 """Share of the joints that are hidden for the sake of the example and yet keep their rays."""
@@ -169,15 +169,14 @@ def validation_batches(recordings: list[Recording], recipe: Recipe, *, seed: int
 
 
 def as_measured(recordings: list[Recording], recipe: Recipe, *, seed: int) -> Iterator[tuple[Poses3D, Poses3D]]:
-    """Poses as a model will be given them, and what is true of those it returns: those captured as they are, others
-    with joints hidden, now these and now those (`_DRAWS`)."""
+    """Poses as a model will be given them, and what is true of those it returns: captured ones as they are, and all
+    true ones with joints hidden, now these and now those (`_DRAWS`)."""
     for number, recording in enumerate(recordings):
         truth = convert(recording.truth, recording.truth.skeleton.parts[-1])
         if recording.captured:
             yield recording.captured, truth
-            continue
         rng = generator(seed, number, Stream.VALIDATION)
-        yield from ((_hidden(recording, recipe, rng=rng), truth) for _ in range(_DRAWS))
+        yield from ((_hidden(Recording(recording.truth), recipe, rng=rng), truth) for _ in range(_DRAWS))
 
 
 def vary(recording: Recording, recipe: Recipe, *, rng: np.random.Generator) -> Recording:

@@ -3,6 +3,8 @@
 Shapes: F frames, P persons, J joints.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
@@ -10,10 +12,12 @@ from dmae.bodyframe import turn
 from dmae.gaps import neighbours
 from dmae.series import take
 
-_BRIEF, _LONG = 9, 51
-"""Frames over which the roughness of a joint, and of its whole person, is averaged."""
+_AT_ONCE, _BRIEF, _LONG = 3, 9, 51
+"""Frames over which the stretch of a bone, the roughness of a joint, and either of a whole person are averaged."""
 _ROUGH, _SMOOTH = 0.01, 1e-3
 """m; of what roughness is a multiple, and what is added lest nothing be infinitely smooth."""
+
+Bones = Sequence[tuple[int, int]]
 
 
 def carried(base: np.ndarray, observed: np.ndarray, parents: np.ndarray, front: np.ndarray) -> np.ndarray:
@@ -53,10 +57,69 @@ def roughness(xyz: np.ndarray) -> np.ndarray:
     jump = np.full(xyz.shape[:-1], np.nan)
     if len(xyz) > 3:
         jump[2:-1] = np.linalg.norm(np.diff(xyz, 3, axis=0), axis=-1)
-    known = ~np.isnan(jump)
-    jump = np.nan_to_num(jump)
-    own = _mean(jump, known, _BRIEF)
-    person = _mean(jump.sum(-1), known.sum(-1), _LONG)[..., None]
+    return _in_and_about(jump, _BRIEF)
+
+
+def stretch(xyz: np.ndarray, bones: Bones) -> np.ndarray:
+    """How much measured bones are longer or shorter than they are by the median: (F, P, J, 3) as `roughness`, a joint's
+    bone being that from its parent.
+
+    Fast limbs are as rough as noisy ones; their bones keep their lengths.
+
+    Args:
+        xyz: (F, P, J, 3) m; NaN where not measured.
+        bones: Pairs of parent and joint.
+    """
+    length = _lengths(xyz, bones)
+    return _in_and_about(np.abs(length - _median(length)), _AT_ONCE)
+
+
+def mended(base: np.ndarray, xyz: np.ndarray, bones: Bones) -> np.ndarray:
+    """How far from `base` hidden joints would be if their bones were as long as they are when measured, by the median.
+
+    Args:
+        base: (F, P, J, 3) m, interpolated where not measured.
+        xyz: (F, P, J, 3) m; NaN where not measured.
+        bones: Pairs of parent and joint.
+
+    Returns:
+        (F, P, J, 2, 3) m: for the bone from the joint's parent, and on average for those to its children. Zero where
+        the joint is measured, and for bones that never are.
+    """
+    now = np.maximum(_lengths(base, bones), _SMOOTH)
+    short = np.nan_to_num(_median(_lengths(xyz, bones)) / now - 1)
+    off, children = np.zeros((*base.shape[:-1], 2, 3)), np.zeros(base.shape[2])
+    for parent, joint in bones:
+        off[:, :, joint, 0] = short[..., joint, None] * (base[:, :, joint] - base[:, :, parent])
+        off[:, :, parent, 1] -= off[:, :, joint, 0]
+        children[parent] += 1
+    off[..., 1, :] /= np.maximum(children, 1)[:, None]
+    return np.where(np.isnan(xyz[..., :1, None]), off, 0)
+
+
+def _lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
+    """(F, P, J) m of joints' bones from their parents; NaN where unknown, and of roots."""
+    length = np.full(xyz.shape[:-1], np.nan)
+    for parent, joint in bones:
+        length[..., joint] = np.linalg.norm(xyz[:, :, joint] - xyz[:, :, parent], axis=-1)
+    return length
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """Of (F, ...) over frames; NaN where there is none."""
+    found = np.full(values.shape[1:], np.nan)
+    known = ~np.isnan(values).all(0)
+    found[known] = np.nanmedian(values[:, known], 0)
+    return found
+
+
+def _in_and_about(sizes: np.ndarray, frames: int) -> np.ndarray:
+    """(F, P, J, 3) logarithms of means of `sizes` (F, P, J), m, those known: of the person, and of the joint over so
+    many frames about where it is known last, and next."""
+    known = ~np.isnan(sizes)
+    sizes = np.nan_to_num(sizes)
+    own = _mean(sizes, known, frames)
+    person = _mean(sizes.sum(-1), known.sum(-1), _LONG)[..., None]
     person = np.broadcast_to(np.where(np.isnan(person), _ROUGH, person), own.shape)
     sides = (take(own[..., None], edge)[..., 0] for edge in neighbours(~np.isnan(own)))
     rough = np.stack([person, *(np.where(np.isnan(side), person, side) for side in sides)], -1)

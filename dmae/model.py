@@ -14,11 +14,17 @@ from torch import Tensor, nn
 _SPREAD = 0.3
 """m, about how far joints are from the rest pose."""
 
-_HINTS = 2 + 3 + 12 + 3
-"""Numbers of `gap`, `ray`, `carried` and `rough`."""
+_REACH = (*4 * (0.3,), *2 * (0.06,))
+"""m, about how far `leads` are."""
 
-_TOLD = 2 + 3 + 4 + 1
-"""Those of `gap` and `rough`, how far each of `carried` is, and whether there is a ray."""
+_HINTS = 2 + 3 + 18 + 6
+"""Numbers of `gap`, `ray`, `leads` and `rough`."""
+
+_TOLD = 2 + 6 + 6 + 1
+"""Those of `gap` and `rough`, how far each of `leads` is, and whether there is a ray."""
+
+_OWN = [0, 1, 3, 4]
+"""Which of `rough` an observed joint is told: beside it there is no other."""
 
 _NEAR = 0.01
 """m; nearer than that is all the same."""
@@ -174,7 +180,7 @@ class DMAE(nn.Module):
         """m; mean pose of the training data, see `dmae.windows.rest_pose`."""
         self.signal = FourierCode(3, 2 * c.signal_codes, c.signal_sigma)
         signal = 2 * c.signal_codes + (3 if c.residual else 0)
-        self.embed = nn.Linear(signal + (2 if c.residual else 0), c.dim)
+        self.embed = nn.Linear(signal + (len(_OWN) if c.residual else 0), c.dim)
         self.encoder_context = ContextCode(c, joints, c.dim)
         self.encoder = nn.ModuleList(
             Block(c.dim, c.heads, c.head_dim, c.mlp, c.dropout, c.alike) for _ in range(c.depth)
@@ -196,6 +202,7 @@ class DMAE(nn.Module):
         nn.init.zeros_(self.scale_head[-1].weight)
         nn.init.constant_(self.scale_head[-1].bias, math.log(_SCALE))
         if c.residual:
+            self.register_buffer("reach", torch.tensor(_REACH), persistent=False)
             self.embed_base = nn.Linear(signal + _HINTS, c.decoder_dim)
             # How much there is to add depends on how long and how far a joint is hidden, and on how rough paths are.
             self.amount = nn.Sequential(nn.Linear(_TOLD, 32), nn.GELU(), nn.Linear(32, 1))
@@ -205,7 +212,7 @@ class DMAE(nn.Module):
                 nn.init.zeros_(last.bias)
 
     def forward(
-        self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor, ray: Tensor, carried: Tensor, rough: Tensor
+        self, x: Tensor, observed: Tensor, base: Tensor, gap: Tensor, ray: Tensor, leads: Tensor, rough: Tensor
     ) -> Prediction:
         """Predict every joint of every frame; the fields of `dmae.windows.Windows`.
 
@@ -215,19 +222,19 @@ class DMAE(nn.Module):
             base: (B, T, J, 3) m, interpolated joints; read only by a residual model, as is what follows.
             gap: (B, T, J, 2) frames since and until the joint was observed.
             ray: (B, T, J, 3) direction along which `base` is all that one camera tells; zero where none does.
-            carried: (B, T, J, 4, 3) m, from `base` to where the joint was, and will be, see `dmae.hints.carried`.
-            rough: (B, T, J, 3) see `dmae.hints.roughness`; of observed joints the first two are read.
+            leads: (B, T, J, 6, 3) m, from `base` to where else the joint may be, see `dmae.windows.Windows`.
+            rough: (B, T, J, 6) see `dmae.hints.roughness` and `dmae.hints.stretch`.
         """
         seen = observed.flatten(1)  # (B, N)
         signal = self._signal(x)
         if self.config.residual:
-            signal = torch.cat([signal, rough[..., :2].flatten(1, 2)], -1)
+            signal = torch.cat([signal, rough[..., _OWN].flatten(1, 2)], -1)
         encoded, index, real = self._encode(signal, seen)
 
         hidden = self.mask_token.expand(*seen.shape, -1)  # (B, N, C)
         if self.config.residual:
             far = torch.log1p(gap.flatten(1, 2)) / math.log(1000)
-            near = (carried / _SPREAD).clamp(-5, 5).flatten(3)
+            near = (leads / self.reach[:, None]).clamp(-5, 5).flatten(3)
             hints = (self._signal(base), far, *(hint.flatten(1, 2) for hint in (ray, near, rough)))
             hidden = hidden + self.embed_base(torch.cat(hints, -1))
         encoded = torch.where(real[..., None], encoded, 0)
@@ -240,7 +247,7 @@ class DMAE(nn.Module):
         # Detached: learning how sure it is cost the network accuracy where the two shared features.
         features = tokens.detach()
         if self.config.residual:
-            distance = torch.log(torch.linalg.norm(carried, dim=-1) + _NEAR).flatten(1, 2)
+            distance = torch.log(torch.linalg.norm(leads, dim=-1) + _NEAR).flatten(1, 2)
             told = torch.cat([far, rough.flatten(1, 2), distance, ray.abs().amax(-1).flatten(1)[..., None]], -1)
             amount = self.amount(told).clamp(-_MOST, _MOST).exp().unflatten(1, base.shape[1:3])
             amount = torch.where(observed[..., None], 1, amount)

@@ -13,7 +13,7 @@ import torch
 from lightning.pytorch.callbacks import ModelCheckpoint, Timer
 from lightning.pytorch.loggers import TensorBoardLogger
 
-from dmae.calibrate import fit_factors
+from dmae.calibrate import CLASSES, fit_factors
 from dmae.callbacks import Average, Bar, quiet
 from dmae.capture import capture
 from dmae.clip import Clip
@@ -21,7 +21,6 @@ from dmae.complete import Completer
 from dmae.data import subsets
 from dmae.examples import Recipe, Recording, as_measured, record, validation_batches
 from dmae.learner import Learner, TrainConfig
-from dmae.metrics import GAPS
 from dmae.model import DMAE
 from dmae.progress import progress
 from dmae.rng import Stream, generator
@@ -124,7 +123,7 @@ def train(
         trainer.fit(learner, ckpt_path=begun if begun.is_file() else None, weights_only=True)
         scores = trainer.validate(learner, verbose=False)[0] if validation else {}
     if trainer.is_global_zero:
-        stated = Completer(learner.model.eval(), skeleton, learner.device, factors=(1.0,) * len(GAPS))
+        stated = Completer(learner.model.eval(), skeleton, learner.device, factors=((1.0,) * CLASSES,) * 2)
         measured = as_measured(list(held_back.values()), recipe, seed=config.seed)
         facts = {
             "calibration": fit_factors(stated, measured, config.model.fps) or record["calibration"],

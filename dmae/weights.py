@@ -18,7 +18,7 @@ from dmae.model import DMAE, ModelConfig
 from dmae.skeleton import Skeleton, get_skeleton
 from dmae.store import read_json, write_atomic
 
-FORMAT = 3
+FORMAT = 4
 
 SHIPPED = Path(__file__).parent / "models"
 

@@ -16,7 +16,7 @@ from dmae.bodyframe import turn
 from dmae.clip import Poses3D, Source
 from dmae.fusion import derive
 from dmae.gaps import neighbours
-from dmae.hints import carried, roughness
+from dmae.hints import carried, mended, roughness, stretch
 from dmae.skeleton import Skeleton
 
 _FAR = 1000
@@ -36,10 +36,10 @@ class Windows(NamedTuple):
     """(..., 2) frames since the joint was last observed and until it is next."""
     ray: Tensor
     """(..., 3) unit direction in which the one camera that sees a joint does, on whose ray `base` is; else zero."""
-    carried: Tensor
-    """(..., 4, 3) m, see `dmae.hints.carried`."""
+    leads: Tensor
+    """(..., 6, 3) m, from `base`, see `dmae.hints.carried` and `dmae.hints.mended`."""
     rough: Tensor
-    """(..., 3) see `dmae.hints.roughness`."""
+    """(..., 6) see `dmae.hints.roughness` and `dmae.hints.stretch`."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Rows:
         observed: (S, J)
         gap: (S, J, 2) frames since and until the joint was observed, at most 1000.
         ray: (S, J, 3) world, unit direction of the ray that a joint that is not observed is on; else zero.
-        carried: (S, J, 4, 3) m, world, and `rough`: (S, J, 3), see `dmae.hints`.
+        leads: (S, J, 6, 3) m, world, and `rough`: (S, J, 6), see `dmae.hints`.
         truth: (S, J, 3) NaN where unknown; all NaN when there is none.
         origin: (S, 3) m, front: (S,) rad: where the body is and faces.
         present: (S,) True while the person is there, `dmae.baselines.present`.
@@ -87,7 +87,7 @@ class Rows:
     observed: np.ndarray
     gap: np.ndarray
     ray: np.ndarray
-    carried: np.ndarray
+    leads: np.ndarray
     rough: np.ndarray
     truth: np.ndarray
     origin: np.ndarray
@@ -104,8 +104,8 @@ class Rows:
         observed, base = self.observed[index], where.apply(self.base[index]).astype(np.float32)
         x = np.where(observed[..., None], base, np.float32(0))
         ray = turn(self.ray[index], -front[:, None, None]).astype(np.float32)
-        carried = turn(self.carried[index], -front[:, None, None, None]).astype(np.float32)
-        arrays = (x, observed, base, self.gap[index], ray, carried, self.rough[index])
+        leads = turn(self.leads[index], -front[:, None, None, None]).astype(np.float32)
+        arrays = (x, observed, base, self.gap[index], ray, leads, self.rough[index])
         windows = Windows(*map(torch.from_numpy, arrays))
         return windows, where.apply(self.truth[index]).astype(np.float32), where
 
@@ -190,14 +190,13 @@ def make_rows(
     ray = np.where((filled.source == Source.COMPLETED)[..., None], np.nan_to_num(poses.rays[..., 1, :]), 0)
     origin, front = _stance(base, skeleton, rest)
     _hang(base, skeleton, rest, origin, front)
-    off = carried(base, observed, _parents(skeleton), front)
-    rough = roughness(poses.xyz.astype(np.float64))
+    leads, rough = _hints(poses.xyz.astype(np.float64), base, skeleton, front)
     if target is not None:
         derived = derive(Poses3D(skeleton, base, np.where(observed, Source.MEASURED, Source.COMPLETED)), target)
         start = derived.xyz.astype(np.float64)
         _hang(start, target, hanging, origin, front)
-        off = np.concatenate([off, carried(start, derived.measured, _parents(target), front)], 2)
-        rough = np.concatenate([rough, roughness(np.where(derived.measured[..., None], derived.xyz, np.nan))], 2)
+        found = _hints(np.where(derived.measured[..., None], derived.xyz, np.nan), start, target, front)
+        leads, rough = (np.concatenate(both, 2) for both in zip((leads, rough), found, strict=True))
         base, gap = np.concatenate([base, start], 2), np.concatenate([gap, _gap(derived.measured)], 2)
         observed = np.concatenate([observed, np.zeros_like(derived.measured)], 2)
         # The target's joints are not quite where the source's are: not on their rays.
@@ -217,7 +216,7 @@ def make_rows(
         observed=shown,
         gap=np.minimum(lay(gap), _FAR).astype(np.float32),
         ray=lay(ray),
-        carried=lay(off).astype(np.float32),
+        leads=lay(leads).astype(np.float32),
         rough=lay(rough).astype(np.float32),
         truth=np.where(np.tile(inside, persons)[:, None, None], lay(nowhere), np.nan),
         origin=lay(origin),
@@ -227,9 +226,12 @@ def make_rows(
     )
 
 
-def _parents(skeleton: Skeleton) -> np.ndarray:
-    """(J,) indices of the parents, a root's its own."""
-    return np.array([joint if parent < 0 else parent for joint, parent in enumerate(skeleton.parents)])
+def _hints(xyz: np.ndarray, base: np.ndarray, skeleton: Skeleton, front: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`leads` and `rough` of poses (F, P, J, 3) that are NaN where not measured, interpolated in `base`."""
+    parents = np.array([joint if parent < 0 else parent for joint, parent in enumerate(skeleton.parents)])
+    leads = carried(base, ~np.isnan(xyz[..., 0]), parents, front), mended(base, xyz, skeleton.bones)
+    rough = roughness(xyz), stretch(xyz, skeleton.bones)
+    return np.concatenate(leads, -2), np.concatenate(rough, -1)
 
 
 def _gap(observed: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import torch
 import yaml
 from torch import Tensor, nn
 
+from dmae.calibrate import CLASSES
 from dmae.capture import CaptureConfig, capture
 from dmae.clip import Clip, Poses3D, Source
 from dmae.complete import Completer
@@ -52,7 +53,7 @@ def test_completing_four_people_from_five_cameras():
     clip, poses = four_people()
     model = DMAE(ModelConfig(), len(BODY25)).eval()
     model.rest.copy_(torch.from_numpy(rest_pose(clip.truth.xyz, BODY25)))
-    completer = Completer(model, BODY25, torch.device("cpu"), factors=(1.0,) * 4)
+    completer = Completer(model, BODY25, torch.device("cpu"), factors=((1.0,) * CLASSES,) * 2)
     assert (completer(poses, clip.fps).source == Source.COMPLETED).mean() > 0.1
     captured, completed, online = interleaved(
         lambda: capture(clip, CaptureConfig()),

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dmae.baselines import fill_linear, fill_pchip_body, present
-from dmae.calibrate import RADIUS
+from dmae.calibrate import CLASSES, RADIUS
 from dmae.clip import Poses3D, Source
 from dmae.complete import load_completer
 from dmae.examples import AugmentConfig
@@ -84,7 +84,7 @@ def test_completion_beats_lines_and_the_interpolation_it_builds_on(trained):
 def test_completed_joints_alone_get_a_covariance_and_it_grows_with_its_factor(fps):
     poses = with_holes(strolling(8), 8)
     poses = replace(poses, cov=np.where(poses.measured[..., None, None], 1e-4 * np.eye(3), np.nan))
-    once, twice = (untrained(factors=(factor,) * 4)(poses, fps) for factor in (1.0, 2.0))
+    once, twice = (untrained(factors=((factor,) * CLASSES,) * 2)(poses, fps) for factor in (1.0, 2.0))
     np.testing.assert_array_equal(once.cov[poses.measured], poses.cov[poses.measured])
     np.testing.assert_array_equal(np.isnan(once.cov).any((-2, -1)), once.source == Source.ABSENT)
     invented = once.source == Source.COMPLETED
@@ -202,8 +202,8 @@ def test_bad_weights_are_named(trained, tmp_path):
     shutil.copy(trained / "model.json", folder / "model.json")
     shutil.copy(trained / "weights.safetensors", path)
     for change, complaint in (
-        ({"format": 1}, "format 3, found 1; train it again"),
-        ({"format": 99}, "format 3, found 99"),
+        ({"format": 1}, "format 4, found 1; train it again"),
+        ({"format": 99}, "format 4, found 99"),
         ({"model": {"depht": 3}}, "not a model of this version"),
     ):
         meta = json.loads((trained / "model.json").read_text()) | change

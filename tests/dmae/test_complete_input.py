@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dmae.baselines import fill_linear
+from dmae.calibrate import CLASSES
 from dmae.clip import Poses3D, Source
 from dmae.commands import CompleteCommand, run_complete
 from dmae.mapping import convert
@@ -28,19 +29,21 @@ def test_a_person_seen_for_one_frame_is_completed_in_it_alone():
     xyz = np.full_like(strolling(0).xyz, np.nan)
     xyz[30, 1, :3] = strolling(0).xyz[30, 1, :3]
     poses = Poses3D(SHELF14, xyz)
-    done = untrained(factors=(1.0,) * 4)(poses, FPS)
+    done = untrained(factors=((1.0,) * CLASSES,) * 2)(poses, FPS)
     assert np.argwhere((done.source != Source.ABSENT).any(-1)).tolist() == [[30, 1]]
     assert (done.source[30, 1, 3:] == Source.COMPLETED).all()
     assert np.linalg.norm(done.xyz[30, 1] - xyz[30, 1, 0], axis=-1).max() < 2.5
     assert np.isfinite(deviation(done)[30, 1, 3:]).all()
 
 
-def test_what_is_never_seen_is_as_unsure_as_the_longest_gaps_however_short_the_recording():
+def test_what_is_never_seen_is_as_unsure_as_such_joints_turned_out_however_short_the_recording():
     poses = strolling(1, frames=12)
     xyz = poses.xyz.copy()
     xyz[:, :, HIPS] = np.nan
     xyz[4:6, :, 0] = np.nan
-    known, doubted = (untrained(factors=(1.0, 1.0, 1.0, last))(Poses3D(SHELF14, xyz), FPS) for last in (1.0, 5.0))
+    known, doubted = (
+        untrained(factors=((1.0, 1.0, 1.0, 1.0, last),) * 2)(Poses3D(SHELF14, xyz), FPS) for last in (1.0, 5.0)
+    )
     assert (doubted.source[:, :, HIPS] == Source.COMPLETED).all()
     np.testing.assert_allclose(deviation(doubted)[:, :, HIPS], 5 * deviation(known)[:, :, HIPS], rtol=1e-5)
     np.testing.assert_array_equal(deviation(doubted)[4:6, :, 0], deviation(known)[4:6, :, 0])
@@ -51,7 +54,7 @@ def test_what_is_never_seen_is_as_unsure_as_the_longest_gaps_however_short_the_r
 def test_away_from_any_sighting_nothing_is_said_to_be_sure(fps):
     xyz = strolling(3).xyz.copy()
     xyz[20:44, 0] = np.nan
-    done = untrained(factors=(1.0,) * 4)(Poses3D(SHELF14, xyz), fps)
+    done = untrained(factors=((1.0,) * CLASSES,) * 2)(Poses3D(SHELF14, xyz), fps)
     assert (done.source[20:44, 0] == Source.COMPLETED).all()
     near = round(0.2 * fps)
     expected = np.r_[np.ones(near), np.zeros(24 - 2 * near), np.ones(near)].astype(bool)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from dmae.baselines import fill_recall, present
 from dmae.bodyframe import turn
+from dmae.calibrate import CLASSES, Factors
 from dmae.clip import Clip, Poses3D, Source
 from dmae.complete import Completer, load_completer
 from dmae.data import DataConfig
@@ -90,7 +91,7 @@ def trained(tmp_path_factory):
     return train(LEARNING, [simulated(seed) for seed in range(4)], tmp_path_factory.mktemp("fusion"))
 
 
-def untrained(factors: tuple[float, ...] | None = None) -> Completer:
+def untrained(factors: Factors | None = None) -> Completer:
     with torch.random.fork_rng():
         torch.manual_seed(0)
         model = DMAE(SMALL, len(FUSED)).eval()
@@ -162,7 +163,7 @@ def test_joints_that_no_rule_makes_hang_as_they_do_in_the_truth():
 @given(st.integers(0, 1000))
 def test_no_joint_of_the_target_is_measured_and_each_says_what_it_rests_on(seed):
     poses = with_holes(walk(seed), seed, HidingConfig(bursts=4.0, longest=60, absence=40))
-    done = untrained((1.0,) * 4)(poses, FPS)
+    done = untrained(((1.0,) * CLASSES,) * 2)(poses, FPS)
     assert done.skeleton == SHELF14 and done.xyz.shape == (60, 3, 14, 3)
     there = np.broadcast_to(present(poses, FPS)[..., None], done.source.shape)
     rests_on = derive(poses, SHELF14)

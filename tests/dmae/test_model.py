@@ -33,9 +33,9 @@ def windows(batch: int, seed: int = 0, share: float = 0.6) -> tuple[torch.Tensor
     observed = torch.rand(base.shape[:-1], generator=made) < share
     gap = torch.randint(0, 40, (*observed.shape, 2), generator=made).float()
     ray = F.normalize(torch.randn(base.shape, generator=made), dim=-1) * ~observed[..., None]
-    carried = torch.randn(*observed.shape, 4, 3, generator=made)
-    rough = torch.randn(*observed.shape, 3, generator=made)
-    return base * observed[..., None], observed, base, gap, ray, carried, rough
+    leads = torch.randn(*observed.shape, 6, 3, generator=made)
+    rough = torch.randn(*observed.shape, 6, generator=made)
+    return base * observed[..., None], observed, base, gap, ray, leads, rough
 
 
 @settings(max_examples=25, deadline=None)

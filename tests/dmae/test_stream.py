@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dmae.calibrate import CLASSES
 from dmae.capture import CaptureConfig
 from dmae.clip import Poses3D, Source
 from dmae.commands import CompleteCommand, run_complete
@@ -30,7 +31,7 @@ def pushed(online: OnlineCompleter, poses: Poses3D, step: int = 1) -> list[list[
 def test_each_frame_is_as_in_the_last_seconds_up_to_the_one_pushed(fps, step, delay):
     """For longer than what is remembered; until then that is the whole recording."""
     poses = with_holes(strolling(0, frames=round(9 * fps), persons=2), 0)
-    completer, people = untrained(factors=(1.0,) * 4), np.arange(2)
+    completer, people = untrained(factors=((1.0,) * CLASSES,) * 2), np.arange(2)
     online = OnlineCompleter(completer, fps, delay)
     assert online.delay == round(delay * fps)
     expected = 0

@@ -9,13 +9,16 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from dmae.calibrate import CLASSES
 from dmae.clip import Poses3D
-from dmae.examples import AugmentConfig
+from dmae.examples import AugmentConfig, Recipe, Recording, as_measured
 from dmae.hiding import HidingConfig
 from dmae.learner import Learner, Loss, TrainConfig, penalty
+from dmae.mapping import convert
 from dmae.model import ModelConfig
-from dmae.skeleton import BODY25
+from dmae.skeleton import BODY25, SHELF14
 from dmae.train import train
+from dmae.windows import rest_pose
 
 from .strollers import clip_of, strollers
 
@@ -58,7 +61,7 @@ def test_training_leaves_weights_that_say_what_they_are(trained):
     assert record["skeleton"] == "shelf14" and record["steps"] == 10 and record["clips"] == 3
     assert record["model"]["frames"] == 5
     assert len(record["validation_clips"]) == 1
-    assert len(record["calibration"]) == 4 and min(record["calibration"]) > 0
+    assert np.shape(record["calibration"]) == (2, CLASSES) and np.min(record["calibration"]) > 0
     assert record["hidden_model_mm"] > 0 and record["hidden_interpolation_mm"] > 0
     assert list((trained / "tensorboard").glob("events*"))
 
@@ -122,9 +125,21 @@ def test_a_single_clip_trains_without_validation(clips, tmp_path):
 def test_clips_of_unseen_motion_are_validated_and_calibrated_on(clips, tmp_path):
     record = json.loads((train(TINY, clips[:3], tmp_path, clips[3:]) / "model.json").read_text())
     assert record["clips"] == 3 and record["validation_clips"] == ["unseen clip3"]
-    assert len(record["calibration"]) == 4
+    assert np.shape(record["calibration"]) == (2, CLASSES)
     with pytest.raises(ValueError, match="differs in clips"):
         train(TINY, clips[:3], tmp_path)
+
+
+def test_calibration_is_by_what_was_captured_and_by_true_poses_with_holes(clips):
+    truth = convert(clips[0].truth, SHELF14)
+    captured = truth.without(np.arange(14) == 2)
+    recipe = Recipe(TINY.model, rest_pose(truth.xyz, SHELF14))
+    (first, _), *others = as_measured([Recording(truth, captured)], recipe, seed=0)
+    assert first is captured and len(others) > 1
+    hidden = [~measured.measured for measured, _ in others]
+    assert all(some.any() for some in hidden) and (hidden[0] != hidden[1]).any()
+    for measured, known in others:
+        np.testing.assert_array_equal(measured.xyz[measured.measured], known.xyz[measured.measured])
 
 
 def test_clips_without_truth_or_without_people_are_named(clips, tmp_path):

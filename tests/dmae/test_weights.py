@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from dmae import weights
+from dmae.calibrate import CLASSES
 from dmae.clip import Source
 from dmae.commands import CompleteCommand, run_complete
 from dmae.complete import completers
@@ -27,7 +28,7 @@ def ours(tmp_path, monkeypatch) -> Path:
     """A package that ships weights for shelf14 alone."""
     monkeypatch.setattr(weights, "SHIPPED", tmp_path / "models")
     save_model(
-        untrained().model, SHELF14, tmp_path / "models/shelf14", {"denoises": False, "calibration": [1, 1, 1, 1]}
+        untrained().model, SHELF14, tmp_path / "models/shelf14", {"denoises": False, "calibration": [[1] * CLASSES] * 2}
     )
     return tmp_path / "models"
 

@@ -1,0 +1,48 @@
+"""Which poses are exact, and what follows from it."""
+
+import numpy as np
+import pytest
+
+from dmae.clip import Poses3D
+from dmae.skeleton import SHELF14
+from dmae.trust import as_captured, nearby, share
+
+
+@pytest.fixture
+def people() -> Poses3D:
+    """Three who swing everything they have, measured exactly, to a few millimetres, and to some centimetres."""
+    rng = np.random.default_rng(0)
+    time = np.arange(100)[:, None, None, None] / 25
+    xyz = rng.normal(0, 0.3, (1, 1, 14, 3)) + np.sin(20 * time) * [0.3, 0.1, 0]
+    return Poses3D(SHELF14, xyz + rng.normal(size=(100, 3, 14, 3)) * np.array([0, 0.004, 0.03])[:, None, None])
+
+
+def test_exact_poses_are_told_from_captured_ones(people):
+    exact, between, captured = as_captured(people)[..., 0].T
+    assert exact.max() == 0
+    assert 0 < between.min() <= between.max() < 1
+    assert captured.min() == 1
+
+
+def test_of_whom_nothing_is_known_is_as_captured():
+    assert (as_captured(Poses3D(SHELF14, np.full((5, 1, 14, 3), np.nan))) == 1).all()
+
+
+def test_short_holes_of_exact_poses_are_left_to_interpolation(people):
+    hidden = np.zeros(people.measured.shape, bool)
+    hidden[10:12, :, 3] = hidden[40:90, :, 3] = True
+    counts = share(people.without(hidden), 25.0)[..., 3, 0]
+    np.testing.assert_allclose(counts[11, 0], 4 / (4 + 25))
+    assert counts[11, 0] < counts[11, 1] < counts[11, 2] == 1
+    assert counts[60].min() > 0.98
+    assert (counts[~hidden[:, 0, 3]] == 1).all()
+    # It is time that counts, not frames.
+    np.testing.assert_allclose(share(people.without(hidden), 50.0)[11, 0, 3, 0], 4 / (4 + 100))
+
+
+def test_nearby_is_a_fifth_of_a_second_about_sightings(people):
+    hidden = np.ones(people.measured.shape, bool)
+    hidden[50, :2, 7] = False
+    near = nearby(people.without(hidden), 25.0)[..., 0]
+    np.testing.assert_array_equal(np.flatnonzero(near[:, 0]), np.arange(45, 56))
+    assert not near[:, 2].any()
