@@ -4,7 +4,7 @@ Shapes: B windows, T frames, J joints, N = T * J tokens, C channels.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import torch
@@ -22,6 +22,16 @@ _HINTS = 2 + 3 + 18 + 6
 
 _TOLD = 2 + 6 + 6 + 1
 """Those of `gap` and `rough`, how far each of `leads` is, and whether there is a ray."""
+
+_TELLS = {
+    "gap": ("gap", slice(None)),
+    "ray": ("ray", slice(None)),
+    "carried": ("leads", slice(4)),
+    "mended": ("leads", slice(4, 6)),
+    "roughness": ("rough", slice(3)),
+    "stretch": ("rough", slice(3, 6)),
+}
+"""Which tensor tells it, and where along the first axis after that of joints."""
 
 _OWN = [0, 1, 3, 4]
 """Which of `rough` an observed joint is told: beside it there is no other."""
@@ -64,6 +74,8 @@ class ModelConfig:
     """Ablation."""
     no_joint_code: bool = False
     """Ablation."""
+    blind: list[str] = field(default_factory=list)
+    """Ablation: what the network is not told, of `gap`, `ray`, `carried`, `mended`, `roughness` and `stretch`."""
     alike: float = 1.7
     """Attention's keys start as this times its queries, so that a token first looks at those with codes like its own,
     the same joint at near times; 0: they start at random."""
@@ -74,6 +86,8 @@ class ModelConfig:
     """Turn each window so that its middle frame faces +x; else it keeps its heading in the world."""
 
     def __post_init__(self):
+        if strange := set(self.blind) - _TELLS.keys():
+            raise ValueError(f"model.blind: expected some of {list(_TELLS)}, found {sorted(strange)}")
         for name in ("frames", "depth", "heads", "head_dim", "mlp", "decoder_depth", "signal_codes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"model.{name}: expected at least 1, found {getattr(self, name)}")
@@ -225,6 +239,12 @@ class DMAE(nn.Module):
             leads: (B, T, J, 6, 3) m, from `base` to where else the joint may be, see `dmae.windows.Windows`.
             rough: (B, T, J, 6) see `dmae.hints.roughness` and `dmae.hints.stretch`.
         """
+        told = {"gap": gap, "ray": ray, "leads": leads, "rough": rough}
+        for name in self.config.blind:
+            tensor, part = _TELLS[name]
+            told[tensor] = told[tensor].clone()
+            told[tensor][:, :, :, part] = 0
+        gap, ray, leads, rough = told.values()
         seen = observed.flatten(1)  # (B, N)
         signal = self._signal(x)
         if self.config.residual:

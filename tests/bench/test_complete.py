@@ -10,15 +10,15 @@ import torch
 import yaml
 from torch import Tensor, nn
 
-from dmae.calibrate import CLASSES
 from dmae.capture import CaptureConfig, capture
 from dmae.clip import Clip, Poses3D, Source
-from dmae.complete import Completer
+from dmae.complete import load_completer
 from dmae.examples import AugmentConfig, Examples, Recipe, Recording, TrainingBatches
 from dmae.hiding import HidingConfig
 from dmae.model import DMAE, ModelConfig, Prediction
 from dmae.skeleton import BODY25
 from dmae.stream import replayed
+from dmae.weights import find_shipped
 from dmae.windows import rest_pose
 
 from ..dmae.film import film, walk
@@ -51,9 +51,7 @@ def four_people() -> tuple[Clip, Poses3D]:
 
 def test_completing_four_people_from_five_cameras():
     clip, poses = four_people()
-    model = DMAE(ModelConfig(), len(BODY25)).eval()
-    model.rest.copy_(torch.from_numpy(rest_pose(clip.truth.xyz, BODY25)))
-    completer = Completer(model, BODY25, torch.device("cpu"), factors=((1.0,) * CLASSES,) * 2)
+    completer = load_completer(find_shipped(BODY25), "cpu")
     assert (completer(poses, clip.fps).source == Source.COMPLETED).mean() > 0.1
     captured, completed, online = interleaved(
         lambda: capture(clip, CaptureConfig()),

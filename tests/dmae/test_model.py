@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmae.model import DMAE, Attention, ModelConfig
+from dmae.model import _TELLS, DMAE, Attention, ModelConfig
 
 SMALL = ModelConfig(
     frames=4, dim=32, depth=2, heads=2, head_dim=16, mlp=64, decoder_dim=16, decoder_depth=1, signal_codes=16
@@ -60,6 +60,27 @@ def test_the_paper_s_model_looks_neither_at_interpolation_nor_at_gaps():
             rtol=0,
             atol=0,
         )
+
+
+@pytest.mark.parametrize("name", list(_TELLS))
+def test_what_a_network_is_blind_to_it_is_not_told_and_all_else_it_is(name):
+    net, told = model(replace(SMALL, blind=[name])), model(SMALL)
+    for module in (net, told):
+        torch.nn.init.normal_(module.amount[-1].weight)
+    first = windows(2)
+    for other, (tensor, part) in _TELLS.items():
+        second = list(first)
+        index = ("x", "observed", "base", "gap", "ray", "leads", "rough").index(tensor)
+        second[index] = first[index].clone()
+        second[index][:, :, :, part] += 1
+        with torch.no_grad():
+            assert torch.equal(net(*first).xyz, net(*second).xyz) == (other == name)
+            assert not torch.equal(told(*first).xyz, told(*second).xyz)
+
+
+def test_blind_to_what_does_not_exist():
+    with pytest.raises(ValueError, match=r"model\.blind: expected some of \['gap', .*found \['colour'\]"):
+        replace(SMALL, blind=["gap", "colour"])
 
 
 def test_an_observed_joint_does_influence_the_others():
