@@ -90,7 +90,7 @@ class CompleteCommand:
     weights: str | None = None
     """What `dmae train` wrote; by default the weights that come with the package, for the skeleton of the poses."""
     denoise: bool = False
-    """Let the model move measured joints too; they are then marked denoised."""
+    """Let the model move joints measured by fewer than three views too; they are then marked denoised."""
     reject: bool = False
     """Drop joints of two views that the frames around contradict (`dmae.rejection`), and complete them as well."""
     online: bool = False

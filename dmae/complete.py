@@ -30,7 +30,8 @@ _SAME_RATE = 0.01
 _AGILE = 40.0
 """m/s^2; allowing for less, rejection dropped more of what people who jump and dance truly did than errors."""
 _AGREED = 3
-"""Views; of joints that so many agree on and the frames around contradict, three in four were right."""
+"""Views; of joints that so many agree on and the frames around contradict, three in four were right. Moved to where a
+model puts them, they came no nearer to what annotators say."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +49,10 @@ class Completer:
       linearly from the middle of a window. A window without a sighting adds nothing: in the middle of an
       absence, and however long a gap is, the interpolation over the whole recording is what stands; so it is, nearly,
       in short holes of exact poses (`dmae.trust.share`).
-    - Measured joints are returned to the bit as they were; with `denoise` they are moved to where the model
-      puts them and marked `DENOISED`; their covariances then are upper bounds. With `reject` those of fewer than
-      three views (or unknown) that the frames around contradict (`dmae.rejection`) are dropped first, and
-      completed like others.
+    - Measured joints are returned to the bit as they were. With `denoise` those of fewer than three views (or
+      unknown) are moved to where the model puts them and marked `DENOISED`; their covariances then are upper bounds.
+      With `reject` such joints that the frames around contradict (`dmae.rejection`) are dropped first, and completed
+      like others.
     - What was `COMPLETED` before is no evidence: the model does not see it, and it is completed anew.
       Neither is what is not finite, which becomes absent.
     - Poses at another rate than the model's are resampled, and what the model adds is resampled back.
@@ -87,7 +88,7 @@ class Completer:
         if self.target:
             return self._fuse(poses, fps, frames)
         absent = ((poses.source == Source.ABSENT) & present(poses, fps)[..., None])[frames]
-        moved = poses.measured[frames] & self.denoise
+        moved = _doubtful(poses)[frames] & self.denoise
         if not (absent | moved).any():
             return poses.select(frames)
         predicted, scale = self._predict(poses, fps, frames)
@@ -154,8 +155,7 @@ class Completer:
         poses = poses.without(poses.source == Source.COMPLETED)
         if not self.reject:
             return poses
-        doubtful = poses.measured & (poses.views < _AGREED)
-        return poses.without(doubtful & contradicted(poses.xyz, fps, _AGILE))
+        return poses.without(_doubtful(poses) & contradicted(poses.xyz, fps, _AGILE))
 
     def _by_common_joints(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
         try:
@@ -242,7 +242,7 @@ def load_completer(weights: Path, device: str = "auto", denoise: bool = False, r
 
     Args:
         device: As torch names it; `auto` is a GPU if there is one.
-        denoise: Move measured joints too.
+        denoise: Move measured joints of few views too.
         reject: Drop measured joints of few views that the frames around contradict.
 
     Raises:
@@ -279,6 +279,11 @@ def _state(done: Poses3D, predicted: np.ndarray, deviation: np.ndarray | None) -
         return done
     variance = deviation[..., None, None] ** 2 * np.eye(3)
     return replace(done, cov=np.where(predicted[..., None, None], variance, done.cov))
+
+
+def _doubtful(poses: Poses3D) -> np.ndarray:
+    """(F, P, J) True where a joint was measured by few views, or by nobody knows how many."""
+    return poses.measured & (poses.views < _AGREED)
 
 
 def _frames(rows: np.ndarray, persons: int) -> np.ndarray:

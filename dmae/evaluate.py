@@ -27,8 +27,9 @@ PUBLISHED_ACTORS = (0, 1, 2)
 _SURE_VIEWS = 3
 """A joint that all cameras measured from so many views is taken for true where there is no truth."""
 
-LEARNED = ("dmae", "dmae_reject", "dmae_online")
-"""Methods that take weights: `dmae complete` as it is by default, with `reject=true`, and with `online=true`."""
+LEARNED = ("dmae", "dmae_reject", "dmae_denoise", "dmae_online")
+"""Methods that take weights: `dmae complete` as it is by default, with `reject=true`, with `denoise=true` besides, and
+with `online=true`."""
 
 
 class Hide(StrEnum):
@@ -216,7 +217,7 @@ def _methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Pos
 def _learned(name: str, weights: Path | None) -> Callable[[Poses3D, float], Poses3D]:
     from dmae.complete import completers
 
-    completer_for = completers(weights, reject=name == "dmae_reject")
+    completer_for = completers(weights, reject=name in ("dmae_reject", "dmae_denoise"), denoise=name == "dmae_denoise")
     if name == "dmae_online":
         return lambda poses, fps: replayed(completer_for(poses.skeleton), poses, fps)
     return lambda poses, fps: completer_for(poses.skeleton)(poses, fps)

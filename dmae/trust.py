@@ -21,12 +21,13 @@ def as_captured(poses: Poses3D) -> np.ndarray:
 
 
 def share(poses: Poses3D, fps: float) -> np.ndarray:
-    """(F, P, J, 1) of what a model adds to interpolation that counts: all, but in holes of exact poses that are too
-    short for a joint to do otherwise than go on as it went."""
+    """(F, P, J, 1) of what a model adds to interpolation, or to what was measured, that counts: all, but where poses
+    are exact; of those nothing that was measured is moved, and little in holes that are too short for a joint to do
+    otherwise than go on as it went."""
     squared = gap_lengths(poses.measured) ** 2
     long = squared / (squared + (SHORT * fps) ** 2)
     captured = as_captured(poses)
-    return np.where(poses.measured, 1, captured + (1 - captured) * long)[..., None]
+    return np.where(poses.measured, captured, captured + (1 - captured) * long)[..., None]
 
 
 def nearby(poses: Poses3D, fps: float) -> np.ndarray:

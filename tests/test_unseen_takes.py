@@ -63,3 +63,18 @@ def test_dancers_are_completed_better_than_by_cubics(dancers, noisy):
     ]
     assert max(shares) < 1
     assert shares[2] < 0.85
+
+
+@pytest.mark.usefixtures("one_thread")
+def test_what_was_measured_comes_nearer_the_truth_where_it_is_off_and_stays_where_it_is_exact(dancers):
+    complete = load_completer(find_shipped(BODY25), denoise=True)
+    before, after, moved = [], [], []
+    for seed, truth in enumerate(dancers):
+        holes = punch(truth, 25.0, HidingConfig(), rng=np.random.default_rng(seed))
+        given = disturb(holes, 25.0, rng=np.random.default_rng(seed))
+        done = complete(given, 25.0)
+        before.append(np.linalg.norm(given.xyz - truth.xyz, axis=-1)[given.measured])
+        after.append(np.linalg.norm(done.xyz - truth.xyz, axis=-1)[given.measured])
+        moved.append(np.linalg.norm(complete(holes, 25.0).xyz - truth.xyz, axis=-1)[holes.measured])
+    assert np.concatenate(after).mean() < 0.92 * np.concatenate(before).mean()
+    assert np.concatenate(moved).mean() < 0.001

@@ -154,6 +154,17 @@ def test_denoising_moves_and_marks_measured_joints(clips, tmp_path):
     assert after < 0.95 * before
 
 
+def test_what_three_cameras_agree_on_is_not_denoised():
+    truth = strolling(5, frames=60)
+    noisy = truth.xyz + np.random.default_rng(0).normal(0, 0.02, truth.xyz.shape)
+    views = np.random.default_rng(1).integers(2, 5, truth.source.shape)
+    poses = Poses3D(SHELF14, noisy, views=views)
+    done = untrained(denoise=True)(poses, FPS)
+    np.testing.assert_array_equal(done.source == Source.DENOISED, views < 3)
+    np.testing.assert_array_equal(done.xyz[views >= 3], poses.xyz[views >= 3])
+    assert (done.xyz != poses.xyz).any(-1)[views < 3].mean() > 0.9
+
+
 @pytest.mark.parametrize("fps", [5.0, 30.0, 60.0, 240.0])
 def test_other_frame_rates(trained, fps):
     truth = convert(strollers(int(4 * fps), 2, rng=np.random.default_rng(6), fps=fps), SHELF14)

@@ -81,6 +81,8 @@ def test_evaluation_takes_them_too(ours, tmp_path):
     )
     plain, reject, online = (result["mean"]["hidden"]["mpjpe"] for result in evaluate(config)["results"])
     assert plain != online and max(plain, reject, online) < 150
+    with pytest.raises(ValueError, match="not trained to denoise"):
+        evaluate(replace(config, methods=["dmae_denoise"]))
 
 
 @pytest.mark.parametrize("name", shipped())
