@@ -76,9 +76,11 @@ weights: setup
 	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score views=[3] skeleton=body25 smooth=0 $(AGAINST) out=$(WEIGHTS)/scores
 	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score hide=clean smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_clean
 	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score hide=noisy smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_noisy
-	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[5,4,3] $(AGAINST) out=$(WEIGHTS)/scores_shelf
-	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[3] reference=capture smooth=0 $(AGAINST) \
-	  out=$(WEIGHTS)/scores_holes
+	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[5,4,3] weights=$(WEIGHTS)/model \
+	  methods=[measured,linear,pchip_body,kalman,reject_pchip,rays,recall,reject_recall,dmae,dmae_reject,dmae_denoise,dmae_online] \
+	  out=$(WEIGHTS)/scores_shelf
+	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[3] reference=capture smooth=0 \
+	  methods=[linear,pchip_body,rays,recall,reject_recall,dmae,dmae_reject] weights=$(WEIGHTS)/model out=$(WEIGHTS)/scores_holes
 	$(BIN)/dmae card weights=$(WEIGHTS)/model command="make weights" \
 	  scores=[$(WEIGHTS)/scores,$(WEIGHTS)/scores_clean,$(WEIGHTS)/scores_noisy,$(WEIGHTS)/scores_holes,$(WEIGHTS)/scores_shelf]
 	@echo "To ship them: cp $(WEIGHTS)/model/{weights.safetensors,model.json,MODEL_CARD.md} dmae/models/body25"
