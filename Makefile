@@ -9,7 +9,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 
-.PHONY: demo twin weights ablations blind test lint format bench setup
+.PHONY: demo twin weights ablations features test check lint format bench setup docs figures
 
 # The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
 DEMO := runs/demo
@@ -17,7 +17,7 @@ demo: setup
 	$(BIN)/synth generate out=$(DEMO)/train seed=1 clips=40 workers=2
 	$(BIN)/dmae capture data=$(DEMO)/train out=$(DEMO)/train_captured
 	$(BIN)/synth generate out=$(DEMO)/test seed=2 clips=2 workers=2 scene.seconds=4 images=rgb quality=draft
-	$(BIN)/dmae train data=$(DEMO)/train_captured out=$(DEMO)/model max_minutes=1.5
+	$(BIN)/dmae train data=$(DEMO)/train_captured out=$(DEMO)/model max_minutes=2
 	$(BIN)/dmae capture data=$(DEMO)/test out=$(DEMO)/captured
 	$(BIN)/dmae complete clip=$(DEMO)/captured weights=$(DEMO)/model out=$(DEMO)/completed
 	$(BIN)/dmae evaluate data=$(DEMO)/test methods=[measured,linear,dmae] weights=$(DEMO)/model out=$(DEMO)/scores
@@ -49,7 +49,7 @@ SCORE := 005_14 005_16 salsa_25
 takes = $(filter $(foreach take,$(1),%/$(take).bvh),$(CMU))
 TAKES = $(filter-out $(call takes,$(CALIBRATE) $(SCORE)),$(CMU))
 GENERATE = $(BIN)/synth generate workers=2
-AGAINST := methods=[linear,pchip_body,rays,recall,dmae] weights=$(WEIGHTS)/model
+AGAINST := methods=[linear,pchip_body,rays,gaussian_process,dmae] weights=$(WEIGHTS)/model
 weights: setup
 	@test -n "$(TAKES)" || { echo "error: no motion in DMAE_DATA=$(DMAE_DATA), expected cmu/bvh_*/*.bvh"; exit 1; }
 	mkdir -p $(foreach set,bvh bvh_unseen bvh_score amc amc_unseen,$(WEIGHTS)/takes/$(set))
@@ -70,17 +70,17 @@ weights: setup
 	for set in made_ring made cmu cmu_ring amc_ring cmu_unseen amc_unseen made_unseen; do \
 	  $(BIN)/dmae capture data=$(WEIGHTS)/$$set 'draw=[2,3,4,5]' out=$(CAPTURED)/$$set || exit 1; done
 	$(BIN)/dmae train data=$(CAPTURED)/made_ring \
-	  also=[$(CAPTURED)/made,$(CAPTURED)/cmu,$(CAPTURED)/cmu_ring,$(CAPTURED)/amc_ring] \
-	  unseen=[$(CAPTURED)/cmu_unseen,$(CAPTURED)/amc_unseen,$(CAPTURED)/made_unseen] \
-	  max_minutes=36 steps=100000 epoch=500 shown_weight=0.2 out=$(WEIGHTS)/model
+	  extra_data=[$(CAPTURED)/made,$(CAPTURED)/cmu,$(CAPTURED)/cmu_ring,$(CAPTURED)/amc_ring] \
+	  validation_data=[$(CAPTURED)/cmu_unseen,$(CAPTURED)/amc_unseen,$(CAPTURED)/made_unseen] \
+	  max_minutes=36 learning.steps=100000 learning.epoch=500 learning.observed_weight=0.2 out=$(WEIGHTS)/model
 	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score views=[3] skeleton=body25 smooth=0 $(AGAINST) out=$(WEIGHTS)/scores
-	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score hide=clean smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_clean
-	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score hide=noisy smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_noisy
+	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score input=true_poses smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_clean
+	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score input=perturbed_poses smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_noisy
 	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[5,4,3] weights=$(WEIGHTS)/model \
-	  methods=[measured,linear,pchip_body,kalman,reject_pchip,rays,recall,reject_recall,dmae,dmae_reject,dmae_denoise,dmae_online] \
+	  methods=[measured,linear,pchip_body,kalman,reject_pchip,rays,gaussian_process,reject_gaussian_process,dmae,dmae_reject,dmae_denoise,dmae_online] \
 	  out=$(WEIGHTS)/scores_shelf
 	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[3] reference=capture smooth=0 \
-	  methods=[linear,pchip_body,rays,recall,reject_recall,dmae,dmae_reject] weights=$(WEIGHTS)/model out=$(WEIGHTS)/scores_holes
+	  methods=[linear,pchip_body,rays,gaussian_process,reject_gaussian_process,dmae,dmae_reject] weights=$(WEIGHTS)/model out=$(WEIGHTS)/scores_holes
 	$(BIN)/dmae card weights=$(WEIGHTS)/model command="make weights" \
 	  scores=[$(WEIGHTS)/scores,$(WEIGHTS)/scores_clean,$(WEIGHTS)/scores_noisy,$(WEIGHTS)/scores_holes,$(WEIGHTS)/scores_shelf]
 	@echo "To ship them: cp $(WEIGHTS)/model/{weights.safetensors,model.json,MODEL_CARD.md} dmae/models/body25"
@@ -90,27 +90,34 @@ weights: setup
 ABLATIONS := runs/ablations
 ablations: setup
 	$(GENERATE) out=$(ABLATIONS)/clips seed=1 clips=40
-	$(BIN)/dmae train -m data=$(ABLATIONS)/clips model=paper model.dim=64 model.depth=2 model.heads=2 model.head_dim=32 \
-	  model.mlp=128 model.decoder_dim=32 model.decoder_depth=1 model.signal_codes=64 lr=1e-3 steps=9000 epoch=500 \
-	  model.no_joint_code=true,false model.no_time_code=true,false out=$(ABLATIONS)/models
+	$(BIN)/dmae train -m data=$(ABLATIONS)/clips model=paper model.encoder.dim=64 model.encoder.depth=2 \
+	  model.encoder.heads=2 model.encoder.head_dim=32 model.encoder.mlp=128 model.decoder.dim=32 model.decoder.depth=1 \
+	  model.codes.signal=64 learning.lr=1e-3 learning.steps=9000 learning.epoch=500 \
+	  model.codes.no_joint=true,false model.codes.no_time=true,false out=$(ABLATIONS)/models
 	grep hidden_ $(ABLATIONS)/models/*/model.json
 
-# What the default network is told taken away, part by part, from 2,000 steps of training; after `make weights`. Errors are in
-# $(BLIND)/*/model.json and in $(BLIND)_scores; 0 is told everything, the others lack what the sweep names.
-BLIND := runs/blind
-blind: setup
+# The input features of the default network ablated one by one, in 2,000 steps of training; after `make weights`. Errors are in
+# $(FEATURES)/*/model.json and in $(FEATURES)_scores; 0 has all features, the others lack those that the sweep names.
+FEATURES := runs/features
+features: setup
 	$(BIN)/dmae train -m data=$(CAPTURED)/made_ring \
-	  also=[$(CAPTURED)/made,$(CAPTURED)/cmu,$(CAPTURED)/cmu_ring,$(CAPTURED)/amc_ring] \
-	  unseen=[$(CAPTURED)/cmu_unseen,$(CAPTURED)/amc_unseen,$(CAPTURED)/made_unseen] \
-	  steps=2000 epoch=500 shown_weight=0.2 out=$(BLIND) \
-	  'model.blind=[],[gap],[ray],[carried],[mended],[roughness],[stretch],[carried,mended,roughness,stretch]'
-	grep hidden_ $(BLIND)/*/model.json
-	for number in 0 1 2 3 4 5 6 7; do for hide in clean noisy; do \
-	  $(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score hide=$$hide smooth=0 methods=[dmae] weights=$(BLIND)/$$number \
-	  out=$(BLIND)_scores/$$number/$$hide || exit 1; done; done
+	  extra_data=[$(CAPTURED)/made,$(CAPTURED)/cmu,$(CAPTURED)/cmu_ring,$(CAPTURED)/amc_ring] \
+	  validation_data=[$(CAPTURED)/cmu_unseen,$(CAPTURED)/amc_unseen,$(CAPTURED)/made_unseen] \
+	  learning.steps=2000 learning.epoch=500 learning.observed_weight=0.2 out=$(FEATURES) \
+	  'model.ablate=[],[gap],[ray],[held],[bone_length],[jitter],[bone_stretch],[held,bone_length,jitter,bone_stretch]'
+	grep hidden_ $(FEATURES)/*/model.json
+	for number in 0 1 2 3 4 5 6 7; do for input in true_poses perturbed_poses; do \
+	  $(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score input=$$input smooth=0 methods=[dmae] weights=$(FEATURES)/$$number \
+	  out=$(FEATURES)_scores/$$number/$$input || exit 1; done; done
 
+# Everything, on all cores: a test file runs in one process, so that its fixtures are made once.
+PYTEST := $(BIN)/python -m pytest --numprocesses=auto --dist=loadfile
 test: setup
-	$(BIN)/python -m pytest
+	$(PYTEST)
+
+# For the person at work: lint and the fast tests, two minutes on two cores.
+check: setup lint
+	$(PYTEST) -m "not slow" -q
 
 lint: setup
 	$(BIN)/ruff check .
@@ -122,6 +129,19 @@ format: setup
 
 bench: setup
 	$(BIN)/python -m pytest -m bench -s tests/bench
+
+# The documentation site, in site/. A warning, a stale tutorial or a figure that differs from its file fails it.
+docs: setup
+	$(BIN)/python docs/tools/results.py --check
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# Measure anew what takes minutes, and execute the tutorials that changed. What takes longer: make twin, make weights
+# (36 minutes of training), make ablations.
+figures: setup
+	@test -n "$(DMAE_DATA)" || { echo "error: make figures DMAE_DATA=<the folder that holds shelf/ and pose2sim/>"; exit 1; }
+	$(BIN)/python docs/tools/record.py
+	$(BIN)/python docs/tools/tutorials.py
+	$(BIN)/python docs/tools/results.py
 
 setup: .venv/installed
 

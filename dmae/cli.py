@@ -1,99 +1,232 @@
-"""The `dmae` command. Every sub-command is a Hydra application; `synth` is built from the same parts."""
+"""The `dmae` command, and how `synth` and it are run. No other module knows Hydra, which is imported to run alone."""
 
 import os
-import platform
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+import time
+import warnings
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import ModuleType
 
-import hydra
-from hydra.core.config_store import ConfigStore
-from hydra.core.hydra_config import HydraConfig
-from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from dmae.command_line import interruption
+from dmae.command_line.help import command_help, program_help
+from dmae.command_line.options import presets_of
+from dmae.command_line.outputs import check_out, record
+from dmae.command_line.programs import Command, Program
+from dmae.command_line.spelling import check, expand_data, flag_values, split_flags, suggestion
+from dmae.commands import COMMANDS
+from dmae.commands.renamed import renamed
+from dmae.commands.renamed_presets import update_presets
+from dmae.data.resources import resource_folder
+from dmae.formats.registry import reader
 
-from dmae import commands, export
-from dmae.doctor import DoctorCommand, run_doctor
-from dmae.evaluate import EvaluateConfig
-from dmae.regress import RegressCommand, run_regress
-from dmae.resources import resource_folder
-from dmae.store import write_atomic
+_HELP = ("-h", "--help", "help")
+DMAE = Program(
+    "dmae",
+    "Capture people with several cameras, complete what no camera saw, and score it.",
+    COMMANDS,
+    {"data": presets_of(reader, "name")},
+)
 
 
-@dataclass(frozen=True)
-class Command:
-    """A sub-command: how to get its config's dataclass (some load torch), what it does with a config and an
-    output path (None where the config has no `out`), one line of help.
+def main() -> None:
+    run_program(DMAE)
+
+
+def run_program(program: Program) -> None:
+    """Run `program command key=value ...` from `sys.argv`. Exits with status 1 and one line on bad input, with 130 and
+    one line on Ctrl-C.
     """
+    interruption.began = time.monotonic()
+    try:
+        _run_program(program)
+    finally:
+        interruption.began = None
 
-    schema: Callable[[], type]
-    run: Callable[[object, Path | None], None]
-    summary: str
 
-
-def run_command(program: str, commands: dict[str, Command]) -> None:
-    """Run `program name key=value ...` from `sys.argv`; exits with status 1 and one message on bad input."""
-    name = sys.argv[1] if len(sys.argv) > 1 else "--help"
-    if name in ("-h", "--help"):
-        print(f"usage: {program} COMMAND key=value ...   (Hydra overrides; {program} COMMAND --help lists the keys)\n")
-        for key, command in commands.items():
-            print(f"  {key:<16}{command.summary}")
+def _run_program(program: Program) -> None:
+    name, *arguments = sys.argv[1:] or ["--help"]
+    if name in _HELP:
+        name, *arguments = [*arguments, ""]
+        arguments = ["--help", *arguments]
+    if name == "--version":
+        print(f"{program.name} {metadata.version('dmae-synth')}")
         return
-    if name not in commands:
-        sys.exit(f"{program}: no command {name!r}; there are {', '.join(commands)}")
-    sys.argv = [f"{program} {name}", *_expand_data(sys.argv[2:])]
-    ConfigStore.instance().store(name=f"{name}_schema", node=_schema(commands[name].schema()))
-
-    @hydra.main(version_base="1.3", config_path=str(resource_folder("dmae", "configs").resolve()), config_name=name)
-    def application(config: DictConfig) -> None:
+    if not name:
+        print(program_help(program))
+        return
+    if name not in program.commands:
+        sys.exit(f"{program.name}: no command {name!r}; {_commands_like(name, program)}")
+    command = program.commands[name]
+    with interruption.one_line(str(command)) as interrupted:
         try:
-            _run(commands[name], config)
+            _run_command(command, arguments, interrupted)
+        except BrokenPipeError:
+            # The reader has closed the pipe, as in `dmae train --help | head`; Python must not flush into it at exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            sys.exit(1)
         except (ValueError, KeyError, OSError) as error:
             if os.environ.get("HYDRA_FULL_ERROR"):
                 raise
-            message = error.args[0] if isinstance(error, KeyError) and error.args else error
-            sys.exit(f"{program} {name}: error: {message}")
-
-    application()
+            sys.exit(f"{command}: error: {_in_one_line(error)}")
 
 
-def _run(command: Command, config: DictConfig) -> None:
+def _commands_like(name: str, program: Program) -> str:
+    near = suggestion(name, program.commands)
+    return near if near.startswith("there are") else f"{near} There are {', '.join(program.commands)}"
+
+
+def _run_command(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
+    if asked := [argument for argument in arguments if argument in _HELP[:2]]:
+        topics = [
+            argument for argument in arguments[arguments.index(asked[0]) + 1 :] if argument and "=" not in argument
+        ]
+        print(command_help(command, command.options(), topics[0] if topics else ""))
+        return
+    flags, overrides = split_flags(arguments)
+    overrides, notes = renamed(str(command), overrides)
+    for note in notes:
+        print(f"{command}: {note}", file=sys.stderr)
+    folders = list(map(Path, flag_values(flags, "--config-dir", "-cd")))
+    with TemporaryDirectory() as updated:
+        for number, folder in enumerate(folders):
+            if not folder.is_dir():
+                raise ValueError(f"--config-dir {folder}: no such folder")
+            copy = Path(updated) / str(number)
+            notes = update_presets(str(command), folder, copy)
+            for note in notes:
+                print(f"{command}: {note}", file=sys.stderr)
+            if notes:
+                folders[number] = copy
+                flags = [flag.replace(str(folder), str(copy)) for flag in flags]
+        options = command.options(tuple(folders))
+        overrides = expand_data(options, overrides)
+        check(options, overrides, flags)
+        for override in overrides:
+            key, _, out = override.partition("=")
+            if key == "out" and "$" not in out:
+                check_out(out, "folder" if {"-m", "--multirun"} & set(flags) else command.writes)
+        _run_hydra(command, [*flags, *overrides], interrupted)
+
+
+def _run_hydra(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
+    """Hand a command to Hydra, which composes its configuration and runs it, for a sweep several times."""
+    module, configuration = command.imported()
+    interrupted.check()
+    import hydra
+    from hydra.errors import HydraException
+    from omegaconf import DictConfig
+    from omegaconf.errors import OmegaConfBaseException
+
+    sys.argv = [str(command), *arguments]
+    _store(command, configuration)
+
+    @hydra.main(
+        version_base="1.3", config_path=str(resource_folder("dmae", "configs").resolve()), config_name=command.name
+    )
+    def application(config: DictConfig) -> None:
+        try:
+            _apply(module, config, interrupted)
+        except BrokenPipeError:
+            raise
+        except (ValueError, KeyError, OSError, OmegaConfBaseException) as error:
+            if full:
+                raise
+            # Hydra, too, would say something of an error that leaves its job.
+            sys.exit(f"{command}: error: {_in_one_line(error)}")
+
+    full = os.environ.get("HYDRA_FULL_ERROR")
+    # Hydra would print errors in several lines; so it hands them on.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    try:
+        application()
+    except (HydraException, OmegaConfBaseException) as error:
+        if full:
+            raise
+        sys.exit(f"{command}: error: {_in_one_line(error)}")
+    finally:
+        os.environ.pop("HYDRA_FULL_ERROR")
+        if full is not None:
+            os.environ["HYDRA_FULL_ERROR"] = full
+
+
+def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -> None:
+    """Run a command with a configuration as Hydra composed it, and record that beside what was made."""
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
+    from omegaconf import OmegaConf
+
     missing = sorted(OmegaConf.missing_keys(config))
     if missing:
         raise ValueError(f"expected {', '.join(f'{key}=...' for key in missing)}")
-    multirun = HydraConfig.get().mode == RunMode.MULTIRUN
+    values = OmegaConf.to_object(config)
+    interrupted.check()
     if "out" not in config:
-        command.run(OmegaConf.to_object(config), None)
+        interrupted.describe = lambda: "nothing is left behind"
+        module.run(values, None)
         return
-    out = Path(HydraConfig.get().runtime.output_dir if multirun else config.out)
+    given = config.out
+    if given is not None and HydraConfig.get().mode == RunMode.MULTIRUN:
+        given = HydraConfig.get().runtime.output_dir
+    out = module.default_out(values) if given is None else Path(given)
+    check_out(out, module.WRITES)
+    describe = getattr(module, "interrupted", None)
+    interrupted.describe = lambda: describe(values, out) if describe else f"nothing was written to {out}; run it again"
     try:
-        command.run(OmegaConf.to_object(config), out)
+        module.run(values, out)
     except SystemExit:
+        if interrupted.pressed:
+            raise
         # Commands that end with a verdict have done their work, whatever it is.
-        _record(config, out)
+        record(OmegaConf.to_yaml(config, resolve=True), out)
         raise
-    _record(config, out)
+    record(OmegaConf.to_yaml(config, resolve=True), out)
 
 
-def _record(config: DictConfig, out: Path) -> None:
-    """Write the resolved configuration beside what was made with it."""
-    folder = out if out.is_dir() else out.parent
-    name = "config.yaml" if out.is_dir() else f"{out.name}.config.yaml"
-    write_atomic(folder / name, f"# {_versions()}\n{OmegaConf.to_yaml(config, resolve=True)}")
+def compose(command: Command, overrides: Sequence[str]) -> object:
+    """Return the configuration that `command overrides...` would run with.
+
+    Raises:
+        ValueError: an override names no option, or has a value that the option does not take.
+    """
+    import hydra
+    from hydra.errors import HydraException
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    options = command.options()
+    overrides, notes = renamed(str(command), list(overrides))
+    for note in notes:
+        warnings.warn(note, FutureWarning, stacklevel=3)
+    overrides = expand_data(options, overrides)
+    check(options, overrides, [])
+    _store(command, command.imported()[1])
+    folder = str(resource_folder("dmae", "configs").resolve())
+    try:
+        with hydra.initialize_config_dir(folder, version_base="1.3"):
+            return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
+    except (HydraException, OmegaConfBaseException) as error:
+        raise ValueError(_in_one_line(error)) from None
 
 
-def _versions() -> str:
-    packages = ("dmae-synth", "numpy", "torch", "mujoco")
-    return ", ".join(
-        [f"python {platform.python_version()}", *(f"{name} {metadata.version(name)}" for name in packages)]
-    )
+def _store(command: Command, configuration: type) -> None:
+    """Give Hydra the schema of a command, and the presets that registries have."""
+    from hydra.core.config_store import ConfigStore
+
+    store = ConfigStore.instance()
+    store.store(name=f"{command.name}_schema", node=_schema(configuration))
+    for group, presets in command.registries.items():
+        for name, preset in presets().items():
+            store.store(group=group, name=name, node=preset.values)
 
 
-def _schema(config: type) -> DictConfig:
+def _schema(configuration: type):
     """A dataclass as Hydra's schema. OmegaConf takes a frozen one to forbid overrides; here it only means immutable."""
-    node = OmegaConf.structured(config)
+    from omegaconf import DictConfig, OmegaConf
+
+    node = OmegaConf.structured(configuration)
 
     def thaw(part):
         part._set_flag("readonly", None)
@@ -105,42 +238,16 @@ def _schema(config: type) -> DictConfig:
     return node
 
 
-def _expand_data(overrides: list[str]) -> list[str]:
-    """`data=<folder>` is short for `data=clip data.path=<folder>`."""
-    names = {path.stem for path in (resource_folder("dmae", "configs") / "data").glob("*.yaml")}
-    expanded = []
-    for override in overrides:
-        key, _, value = override.partition("=")
-        if key == "data" and value and not set(value.split(",")) <= names:
-            expanded += ["data=clip", f"data.path={value}"]
-        else:
-            expanded.append(override)
-    return expanded
-
-
-def _train_schema() -> type:
-    from dmae.learner import TrainConfig
-
-    return TrainConfig
-
-
-COMMANDS = {
-    "capture": Command(lambda: commands.CaptureCommand, commands.run_capture, "detections to 3D poses"),
-    "train": Command(_train_schema, commands.run_train, "learn to complete poses from clips with truth"),
-    "complete": Command(
-        lambda: commands.CompleteCommand, commands.run_complete, "fill what no camera measured, marked as such"
-    ),
-    "card": Command(lambda: commands.CardCommand, commands.run_card, "what trained weights are, made of, and good for"),
-    "evaluate": Command(lambda: EvaluateConfig, commands.run_evaluate, "score methods over clips and camera subsets"),
-    "export": Command(lambda: export.ExportCommand, export.run_export, "poses to a file that others read"),
-    "convert": Command(
-        lambda: export.ConvertCommand, export.run_convert, "a recording to another format, or to a clip"
-    ),
-    "doctor": Command(lambda: DoctorCommand, run_doctor, "what is wrong with a calibration and its detections"),
-    "report": Command(lambda: commands.ReportCommand, commands.run_report, "scores and pictures as one page"),
-    "regress": Command(lambda: RegressCommand, run_regress, "any triangulation against a frozen pack of cases"),
-}
-
-
-def main() -> None:
-    run_command("dmae", COMMANDS)
+def _in_one_line(error: Exception) -> str:
+    """What to say of an error: of Hydra's and OmegaConf's the reason, without advice to add options."""
+    if override := getattr(error, "override", None):
+        return f"{override}: cannot be read; look at its quotes and brackets"
+    if type(error).__module__.split(".")[0] not in ("hydra", "omegaconf"):
+        return str(error.args[0] if isinstance(error, KeyError) and error.args else error)
+    first, *more = str(error).splitlines()
+    reason = str(error.__cause__).splitlines()[0] if error.__cause__ else ""
+    if first.endswith("raised while composing config:") and more:
+        # "In 'detector/mine': ConfigKeyError raised while composing config:", and what is wrong.
+        first, reason = first.partition(": ")[0], more[0]
+    first, reason = first.rstrip("."), reason.rstrip(".")
+    return first if reason in ("", first) else f"{first}: {reason}"

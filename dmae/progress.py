@@ -1,12 +1,39 @@
-"""Progress with time left on a terminal, nothing when piped."""
+"""Progress with the time left: a bar on a terminal, a line a minute elsewhere."""
 
+import sys
+import time
 from collections.abc import Iterable, Iterator
 
 from rich.console import Console
 from rich.progress import track
 
+LINE_EVERY = 60.0
+"""s between lines where there is no terminal."""
+
 
 def progress(items: Iterable, description: str, total: int | None = None) -> Iterator:
-    """Yield the items, drawing a bar with the time left on stderr while they last."""
+    """Yield the items, and show on stderr how many are done and how long the rest takes.
+
+    Args:
+        description: What is being done, as "capturing".
+        total: Number of items; by default the length of `items`, where it has one.
+    """
     console = Console(stderr=True)
-    yield from track(items, description, total, console=console, disable=not console.is_terminal, transient=True)
+    if console.is_terminal:
+        yield from track(items, description, total, console=console, transient=True)
+        return
+    if total is None and hasattr(items, "__len__"):
+        total = len(items)
+    start = last = time.monotonic()
+    for done, item in enumerate(items):
+        now = time.monotonic()
+        if done and now - last >= LINE_EVERY:
+            print(progress_line(description, done, total, now - start), file=sys.stderr, flush=True)
+            last = now
+        yield item
+
+
+def progress_line(description: str, done: int, total: int | None, seconds: float) -> str:
+    """Return a line such as "capturing: 12 of 40, 3.0 min, about 7.0 min left"."""
+    line = f"{description}: {done}{f' of {total}' if total else ''}, {seconds / 60:.1f} min"
+    return line + (f", about {seconds / done * (total - done) / 60:.1f} min left" if total else "")

@@ -1,12 +1,17 @@
-"""Fixtures shared by all tests."""
+"""Fixtures and settings shared by all tests."""
 
 import os
 from pathlib import Path
 
+# Tests share the machine: networks this small take three times the processor time on two threads. Set before
+# anything imports numpy or torch; commands that tests start inherit it.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import hypothesis
 import pytest
 
-# Where a red run must mean a change broke something, properties are tried on the same examples every time.
+# In continuous integration a red run means that a change broke something: the same examples are tried every time.
 hypothesis.settings.register_profile("ci", derandomize=True)
 if os.environ.get("CI"):
     hypothesis.settings.load_profile("ci")
@@ -23,12 +28,7 @@ def data_folder() -> Path:
     return Path(folder)
 
 
-@pytest.fixture(scope="module")
-def one_thread():
-    """PyTorch on one core: small networks are slower on several, and tests share the machine."""
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave the benches alone unless they are asked for with `-m bench`."""
+    asked = "bench" in config.getoption("markexpr")
+    return None if asked or collection_path.name != "bench" else True

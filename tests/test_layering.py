@@ -1,69 +1,118 @@
-"""What may import what. Found out in fresh interpreters and in the source, not from what this process loaded."""
+"""What may import what, read from the source and from fresh interpreters."""
 
-import ast
 import subprocess
 import sys
-from pathlib import Path
+from collections import Counter
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from tests.support.source_tree import ROOT, circles, imported_modules, imported_packages, modules
+
 HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf"}
+
+LAYERS = (
+    ("dmae.data", "dmae.numerics", "dmae.parallel", "dmae.plugins", "dmae.progress", "dmae.registry"),
+    ("dmae.command_line", "dmae.formats", "dmae.reporting"),
+    ("dmae.reconstruction", "dmae.calibration", "dmae.metrics"),
+    ("dmae.completion",),
+    ("dmae.online",),
+    ("dmae.evaluation",),
+    ("dmae.regression",),
+    ("synth.errors", "synth.materials"),
+    ("synth.people",),
+    ("synth.motion",),
+    ("synth.rooms",),
+    ("synth.interactions", "synth.rigs"),
+    ("synth.scene",),
+    ("synth.physics",),
+    ("synth.rendering",),
+    ("synth.labels", "synth.detector"),
+    ("synth.datasets", "synth.viewing"),
+    ("dmae.commands",),
+    ("dmae.cli",),
+    ("dmae.public",),
+    ("synth.commands",),
+    ("synth.cli",),
+    ("synth.public",),
+)
+"""Rooms, lowest first. A room imports from rooms of lower layers; those of the lowest layer may import each other."""
+
+MOST_MODULES = 13
+"""Modules in a folder, `__init__.py` apart."""
+MOST_LINES = 300
+
+
+def room(module: str) -> str:
+    return ".".join(module.split(".")[:2])
+
+
+def heights() -> dict[str, int]:
+    return {name: height for height, layer in enumerate(LAYERS) for name in layer}
+
+
+def test_every_room_has_a_layer():
+    rooms = {room(name) for name in modules()} - {"dmae", "synth"}
+    assert rooms == set(heights())
+
+
+@pytest.mark.parametrize("name", sorted(modules()))
+def test_imports_go_down(name):
+    height = heights()
+    for other in imported_modules(name):
+        here, there = room(name), room(other)
+        if here == there or there in ("dmae", "synth") or here in ("dmae", "synth"):
+            continue
+        ground = height[here] == height[there] == 0
+        assert height[there] < height[here] or ground, f"{name} imports {other}, which lies above it or beside it"
+
+
+def test_no_modules_import_each_other():
+    assert circles() == []
+
+
+def test_folders_are_small():
+    counted = Counter(path.parent.relative_to(ROOT).as_posix() for path in modules().values())
+    assert {folder: count - 1 for folder, count in counted.items() if count - 1 > MOST_MODULES} == {}
+
+
+def test_modules_are_short():
+    lines = {name: len(path.read_text().splitlines()) for name, path in modules().items()}
+    assert {name: count for name, count in lines.items() if count > MOST_LINES} == {}
+
+
+def test_dmae_knows_neither_generator_nor_physics():
+    knowing = {name for name, path in modules().items() if imported_packages(path) & {"synth", "mujoco"}}
+    assert {name for name in knowing if name.startswith("dmae")} == set()
+
+
+def test_synth_knows_no_learning():
+    knowing = {name for name, path in modules().items() if imported_packages(path) & {"torch", "lightning"}}
+    assert {name for name in knowing if name.startswith("synth")} == set()
+    above = ("dmae.completion", "dmae.online", "dmae.evaluation", "dmae.regression")
+    users = {name for name in modules() if any(other.startswith(above) for other in imported_modules(name))}
+    assert {name for name in users if name.startswith("synth")} == set()
+
+
+def test_only_the_command_lines_know_hydra():
+    knowing = {name for name, path in modules().items() if imported_packages(path) & {"hydra", "omegaconf"}}
+    assert knowing <= {"dmae.cli", "synth.cli"}
 
 
 def loaded_by(statement: str) -> set[str]:
-    """Top-level modules a fresh interpreter holds after a statement."""
+    """Top-level modules that a fresh interpreter holds after a statement."""
     code = f"import sys; {statement}; print(*{{name.partition('.')[0] for name in sys.modules}})"
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     return set(run.stdout.split())
-
-
-def imports_of(path: Path) -> set[str]:
-    """Modules that a file imports anywhere, inside functions included."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            found |= {f"{node.module}.{alias.name}" for alias in node.names} | {node.module}
-    return found
-
-
-def tops(path: Path) -> set[str]:
-    return {name.partition(".")[0] for name in imports_of(path)}
 
 
 @pytest.mark.parametrize(
     "statement",
     [
         "import dmae, synth",
-        "import dmae.skeleton, dmae.cameras, dmae.clip, dmae.store, dmae.images, dmae.rng",
-        "import dmae.mapping, dmae.metrics, dmae.baselines, dmae.data, dmae.formats.npz",
-        "import dmae.regression, dmae.regression.solvers, dmae.regress",
+        "import dmae.data.clip, dmae.data.store, dmae.data.skeleton_conversion, dmae.data.rng",
+        "import dmae.formats.reading, dmae.completion.methods, dmae.metrics",
+        "import dmae.regression, dmae.regression.solvers",
     ],
 )
 def test_importing_loads_nothing_heavy(statement):
     assert not loaded_by(statement) & HEAVY
-
-
-def test_vocabulary_imports_only_downwards():
-    order = ["skeleton", "cameras", "images", "clip", "store"]
-    for height, name in enumerate(order):
-        modules = {module for module in imports_of(ROOT / "dmae" / f"{name}.py") if module.startswith("dmae.")}
-        assert {module.split(".")[1] for module in modules} <= set(order[:height])
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "dmae").rglob("*.py")), ids=lambda path: path.name)
-def test_dmae_knows_neither_generator_nor_physics(path):
-    assert not tops(path) & {"synth", "mujoco"}
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "synth").rglob("*.py")), ids=lambda path: path.name)
-def test_synth_knows_no_learning(path):
-    assert not tops(path) & {"torch", "lightning"}
-
-
-def test_only_the_commands_know_hydra():
-    files = [*(ROOT / "dmae").rglob("*.py"), *(ROOT / "synth").rglob("*.py")]
-    knowing = {path.relative_to(ROOT).as_posix() for path in files if tops(path) & {"hydra", "omegaconf"}}
-    assert knowing <= {"dmae/cli.py", "synth/cli.py"}

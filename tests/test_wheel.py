@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dmae.clip import Source
-from dmae.store import load_clip, save_clip
-from dmae.weights import shipped
-
-from .dmae.strollers import clip_of, strollers
+from dmae.completion.weights import shipped
+from dmae.data.clip import Source
+from dmae.data.store import load_clip, save_clip
+from tests.support.circling_people import circling_people, clip_of
 
 ROOT = Path(__file__).parent.parent
 
@@ -41,6 +40,7 @@ def test_it_is_the_wheel_that_runs(site, tmp_path):
     assert all(name.startswith(str(site)) for name in done.stdout.split())
 
 
+@pytest.mark.slow
 def test_it_generates_and_captures(site, tmp_path):
     arguments = "'synth', 'generate', 'out=set', 'clips=1', 'scene=office', 'scene.seconds=0.4'"
     done = run(site, f"import sys; sys.argv = [{arguments}]; from synth.cli import main; main()", tmp_path)
@@ -53,7 +53,7 @@ def test_it_generates_and_captures(site, tmp_path):
 
 @pytest.mark.skipif(not shipped(), reason="no weights are in this checkout")
 def test_it_brings_weights_and_completes_with_them(site, tmp_path):
-    poses = strollers(20, 1, rng=np.random.default_rng(0))
+    poses = circling_people(20, 1, rng=np.random.default_rng(0))
     hidden = np.zeros(poses.source.shape, bool)
     hidden[8:12, :, 4] = True
     save_clip(replace(clip_of(poses, "walk"), poses=poses.without(hidden)), tmp_path / "captured")

@@ -1,1 +1,5 @@
-"""Foreign formats, one file each, reader and writer together."""
+"""WHICH FORMAT IS A FILE IN? Formats of recordings and poses: a file a format, with its reader and its writers.
+
+`registry` lists the formats, `reading` and `writing` use them, `calibrations` has the formats of cameras, `recordings`
+what formats of several cameras share.
+"""

@@ -6,29 +6,27 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.cameras import CameraRig
-from dmae.formats.openpose import BY_COUNT
-from dmae.formats.recording import Recording, frame_number, natural
-from dmae.skeleton import SKELETONS, Skeleton
-from dmae.store import read_json, write_atomic
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.skeleton import Skeleton
+from dmae.data.store import read_json, write_atomic
+from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
+from dmae.formats.openpose import CALIBRATION
+from dmae.formats.recordings.camera_matching import frame_number, natural
+from dmae.formats.recordings.coco_categories import category_joints, joint_names, recognise_skeleton
+from dmae.formats.recordings.joint_flags import joint_flags
+from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.registry import pose_writer, reader, recording_writer
+from dmae.formats.writing import exported_poses
 
+KEYPOINTS = "keypoints.json"
 HIDDEN_SCORE = 0.5
 """Confidence of a joint that is labelled and not visible (v = 1), where the file has no other; visible ones get 1."""
-_SIDES = {"l_": "left_", "r_": "right_"}
-
-
-def joint_names(skeleton: Skeleton) -> list[str]:
-    """The joints as COCO calls them: left_eye."""
-    names = []
-    for joint in skeleton.joints:
-        part, dot, bare = joint.rpartition(".")
-        names.append(part + dot + _SIDES.get(bare[:2], bare[:2]) + bare[2:])
-    return names
 
 
 @dataclass
 class _Found:
-    """What the files said so far."""
+    """What was read so far."""
 
     views: dict[str, dict[int, list]] = field(default_factory=dict)
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -37,7 +35,36 @@ class _Found:
     joints: int | None = None
 
 
-def read_coco(path: Path, skeleton: Skeleton | None = None) -> Recording:
+@reader(
+    "coco",
+    signs=[["*keypoints*.json"], ["annotations*.json"], ["coco*.json"]],
+    file="*.json",
+    general=True,
+)
+def read_coco(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """COCO keypoints of all cameras in one JSON, or in one each, beside a calibration of any format.
+
+    Args:
+        path: The recording, or its file of annotations.
+        calibration: Where its calibration is, and what that does not say.
+        detections: File or folder of the annotations; by default `path`.
+        fps: Frames per second, where `info` does not hold them.
+        skeleton: As in `read_detections`.
+
+    Raises:
+        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
+    """
+    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
+
+
+def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
     """Read the annotations of a file, or of those of a folder that are no calibration.
 
     One file holds all cameras where its images say `camera` or lie in a folder for each; of several each is
@@ -46,7 +73,7 @@ def read_coco(path: Path, skeleton: Skeleton | None = None) -> Recording:
     each x, y, v: as it stands, or where all are 0, 1 and 2, none, `HIDDEN_SCORE` and 1.
 
     Args:
-        skeleton: By default that whose joints the category names, or else the one of as many joints.
+        skeleton: By default that of the joints that the category names, or else the one of as many joints.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -69,17 +96,17 @@ def read_coco(path: Path, skeleton: Skeleton | None = None) -> Recording:
                 raise ValueError(f"{file}: expected a file for each camera where files are lists of results, found one")
             images = _result_images(file, annotations)
         elif "categories" in content:
-            found.names = _category(file, content["categories"]) or found.names
+            found.names = category_joints(file, content["categories"]) or found.names
         places = _images(file, images, camera, found)
         _annotations(file, annotations, places, found)
         rate = content.get("info", {}).get("fps") if isinstance(content, dict) else None
         found.fps = found.fps or rate
-    skeleton = skeleton or _recognise(path, found)
+    skeleton = skeleton or recognise_skeleton(path, found.names, found.joints)
     if found.joints not in (None, len(skeleton)):
         raise ValueError(f"{path}: expected {len(skeleton)} keypoints as of {skeleton.name}, found {found.joints}")
     empty = np.empty((0, len(skeleton), 3))
     views = {name: {n: np.array(people or empty) for n, people in view.items()} for name, view in found.views.items()}
-    return Recording(skeleton, views, found.fps, sizes=found.sizes)
+    return NumberedDetections(skeleton, views, found.fps, sizes=found.sizes)
 
 
 def _parts(file: Path, content) -> tuple[list | None, list]:
@@ -136,7 +163,7 @@ def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> 
         here = f"{file}: annotations[{number}]"
         if not isinstance(annotation, dict) or annotation.get("image_id") not in places:
             raise ValueError(
-                f"{here}: expected an object whose image_id is one of the images, found {annotation!r:.60}"
+                f"{here}: expected an object with the image_id of one of the images, found {annotation!r:.60}"
             )
         keypoints = annotation.get("keypoints")
         if annotation.get("iscrowd") or not keypoints:
@@ -170,31 +197,7 @@ def _numbers(place: str, found, each: int) -> np.ndarray:
         raise ValueError(f"{place}: expected a list of numbers, {each} for each joint, found {found!r:.60}") from None
 
 
-def _category(file: Path, categories) -> list[str] | None:
-    """Names of the joints of the one category that has any."""
-    if not isinstance(categories, list) or not all(isinstance(category, dict) for category in categories):
-        raise ValueError(f"{file}: expected a list of categories, found {categories!r:.60}")
-    named = [category["keypoints"] for category in categories if category.get("keypoints")]
-    if len(named) > 1:
-        raise ValueError(f"{file}: expected one category with keypoints, found {len(named)}")
-    return [str(name).lower().replace(" ", "_") for name in named[0]] if named else None
-
-
-def _recognise(path: Path, found: _Found) -> Skeleton:
-    for skeleton in SKELETONS.values():
-        if found.names and found.names in (joint_names(skeleton), list(skeleton.joints)):
-            return skeleton
-    if found.names is None and found.joints is None:
-        raise ValueError(f"{path}: no keypoints in any annotation, and no category that names them")
-    if found.names or found.joints not in BY_COUNT:
-        raise ValueError(
-            f"{path}: no skeleton has the keypoints {found.names or found.joints}; there are {sorted(SKELETONS)}, "
-            "data.skeleton=... names the one to take them for"
-        )
-    return BY_COUNT[found.joints]
-
-
-def write_coco(
+def write_annotations(
     path: Path,
     rig: CameraRig,
     fps: float,
@@ -265,3 +268,21 @@ def write_coco(
     }
     content = {"info": {"fps": fps}, "images": images, "annotations": annotations, "categories": [category]}
     write_atomic(Path(path), json.dumps(content))
+
+
+@pose_writer("coco")
+def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
+    """COCO keypoints of poses as the cameras see them, labelled visible or hidden."""
+    xy, flags = joint_flags(clip, exported_poses(clip), poses.skeleton)
+    first = clip.provenance.get("first_frame", 0)
+    write_annotations(path, clip.rig, clip.fps, poses.skeleton, xy, flags, sources=poses.source, first=first)
+
+
+@recording_writer("coco")
+def write_coco(clip: Clip, path: Path) -> None:
+    """COCO keypoints of the detections, with a Pose2Sim calibration."""
+    write_calibration(clip.rig, path / CALIBRATION, "pose2sim")
+    found, first = clip.detections, clip.provenance.get("first_frame", 0)
+    flags = np.where(found.observed, 2, 0)
+    file = path / KEYPOINTS
+    write_annotations(file, clip.rig, clip.fps, found.skeleton, found.xy, flags, scores=found.score, first=first)

@@ -1,154 +1,57 @@
-"""EasyMocap: `intri.yml` and `extri.yml` of OpenCV's FileStorage, and detections, a JSON a view and frame."""
+"""EasyMocap's detections: a JSON file a view and frame."""
 
 import json
-import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
-from scipy.spatial.transform import Rotation
 
-from dmae.cameras import CameraRig
-from dmae.clip import Detections2D
-from dmae.conventions import Convention
-from dmae.formats.cameras import Camera, Entry, make_rig, orthonormal, require
-from dmae.formats.recording import Recording, frame_number, natural
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Detections2D
+from dmae.data.skeleton import BODY25, Skeleton
+from dmae.data.store import read_json, write_atomic
+from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
+from dmae.formats.openpose import body25_or_body25b
+from dmae.formats.recordings.camera_matching import frame_number, natural
+from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.registry import reader, recording_writer
 from dmae.progress import progress
-from dmae.skeleton import BODY25, Skeleton
-from dmae.store import read_json, write_atomic
 
-CONVENTION = Convention()
-INTRINSICS, EXTRINSICS, ANNOTATIONS = "intri.yml", "extri.yml", "annots"
-# EasyMocap itself writes six decimals, earlier versions of it three.
-_AGREE = 2e-3
+ANNOTATIONS = "annots"
 
 
-def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
-    """Cameras as a pair of files writes them: world to camera; those that `extri.yml` names.
+@reader("easymocap", signs=[["intri.yml"], ["annots"]])
+def read_easymocap(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """An EasyMocap sequence: intri.yml, extri.yml, annots/<camera>/<frame number>.json.
 
     Args:
-        path: One of `intri.yml` and `extri.yml`, or the folder of both.
+        path: The recording.
+        calibration: Where its calibration is, and what that does not say.
+        detections: Folder of the folders of the cameras; by default `annots` in `path`.
+        fps: Frames per second, which the files do not hold.
+        skeleton: Skeleton of the detections; by default BODY_25 or BODY_25B.
 
     Raises:
-        FileNotFoundError: one of the files is missing.
-        ValueError: they are malformed or contradict each other; the message names camera and key.
+        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
     """
-    folder = path if path.is_dir() else path.parent
-    intrinsics, extrinsics = (_read_storage(folder / name) for name in (INTRINSICS, EXTRINSICS))
-    # Intrinsics are often kept of more cameras than a recording was made with.
-    names = extrinsics.get("names", intrinsics.get("names"))
-    if not isinstance(names, list):
-        raise ValueError(f"{folder / EXTRINSICS}: expected names to be a list of cameras, found {names!r:.60}")
-    return make_rig(folder, (_camera(folder, str(name), intrinsics, extrinsics) for name in names), size)
-
-
-def _read_storage(path: Path) -> dict:
-    """What an OpenCV FileStorage holds at its top: matrices as arrays, lists of texts, numbers.
-
-    OpenCV's own reader corrupts memory on files that are cut short.
-    """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; EasyMocap keeps {INTRINSICS} and {EXTRINSICS} side by side")
     try:
-        # YAML proper has no colon in this line, and takes `01` for a number, which a camera's name is not.
-        text = re.sub(r"^\s*%YAML.*", "", path.read_text())
-        content = yaml.load(text, yaml.BaseLoader)
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"{path}: expected YAML of OpenCV's FileStorage, {' '.join(str(error).split())}") from None
-    if not isinstance(content, dict):
-        raise ValueError(f"{path}: expected K_<camera>, T_<camera>, ... of OpenCV's FileStorage, found {content!r:.60}")
-    keys = re.findall(r"^([^\s:#-][^\s:]*):", text, re.MULTILINE)
-    if len(keys) > len(content):
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"{path}: expected every key once, found {twice} {keys.count(twice)} times")
-    return {key: _value(path, key, value) for key, value in content.items()}
+        found = read_detections(detections or path, skeleton or BODY25)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{error}; name it by data.detections=...") from None
+    if skeleton is None:
+        recognised, notes = body25_or_body25b(found.views)
+        found = replace(found, skeleton=recognised, notes=(*found.notes, *notes))
+    return with_cameras(found, path, calibration, fps)
 
 
-def _value(path: Path, key: str, value):
-    if not isinstance(value, dict):
-        return _number(value)
-    try:
-        data = np.array(value["data"], np.float64)
-        if data.ndim == 1 and data.size == int(value["rows"]) * int(value["cols"]):
-            return data
-    except (KeyError, ValueError, TypeError):
-        pass
-    raise ValueError(
-        f"{path}: expected {key} to be a matrix of rows, cols and as many numbers of data, found {value!r:.90}"
-    )
-
-
-def _number(text):
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return text
-
-
-def _camera(folder: Path, name: str, intrinsics: dict, extrinsics: dict) -> Camera:
-    inner, outer = Entry(folder / INTRINSICS, name, intrinsics), Entry(folder / EXTRINSICS, name, extrinsics)
-    K, R, rotation, distortion = (f"{key}_{name}" for key in ("K", "R", "Rot", "dist"))
-    if distortion not in intrinsics and f"D_{name}" in intrinsics:
-        distortion = f"D_{name}"
-    turned = outer.rodrigues(R) if R in extrinsics or rotation not in extrinsics else outer.rotation(rotation)
-    if R in extrinsics and rotation in extrinsics:
-        apart = np.abs(outer.numbers(rotation, 9).reshape(3, 3) - turned).max()
-        if apart > _AGREE:
-            raise outer.error(
-                rotation, f"to be the matrix of {R}, which is its Rodrigues vector", f"one that is off by {apart:.1e}"
-            )
-    height, width, size = f"H_{name}", f"W_{name}", None
-    if height in intrinsics or width in intrinsics:
-        size = inner.size(width, height)
-    return Camera(
-        name,
-        inner.intrinsics(K),
-        inner.numbers(distortion, 4, 5, 8),
-        turned,
-        outer.numbers(f"T_{name}", 3),
-        size,
-    )
-
-
-def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write `intri.yml` and `extri.yml` into a folder; rounded rotations become exact.
-
-    Raises:
-        ValueError: a lens or a camera name that the format cannot hold.
-    """
-    require("an EasyMocap calibration", rig, coefficients=8)
-    R, t = orthonormal(rig)
-    intrinsics, extrinsics = [_names(rig)], [_names(rig)]
-    for view, name in enumerate(rig.names):
-        if not (name.isascii() and name.replace("_", "").replace("-", "").isalnum()):
-            raise ValueError(f"camera {name!r}: an EasyMocap calibration takes names of letters, digits, - and _")
-        width, height = rig.size[view]
-        intrinsics += [
-            _matrix(f"K_{name}", rig.K[view]),
-            _matrix(f"dist_{name}", rig.dist[view, None, : 8 if rig.dist[view, 5:].any() else 5]),
-            f"H_{name}: {height}",
-            f"W_{name}: {width}",
-        ]
-        extrinsics += [
-            _matrix(f"R_{name}", Rotation.from_matrix(R[view]).as_rotvec()[:, None]),
-            _matrix(f"Rot_{name}", R[view]),
-            _matrix(f"T_{name}", t[view][:, None]),
-        ]
-    for file, lines in ((INTRINSICS, intrinsics), (EXTRINSICS, extrinsics)):
-        write_atomic(Path(path) / file, "\n".join(["%YAML:1.0", "---", *lines, ""]))
-
-
-def _names(rig: CameraRig) -> str:
-    return "\n".join(["names:", *(f'   - "{name}"' for name in rig.names)])
-
-
-def _matrix(key: str, values: np.ndarray) -> str:
-    rows, columns = values.shape
-    data = ", ".join(map(repr, map(float, values.ravel())))
-    return f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [ {data} ]"
-
-
-def read_detections(path: Path, skeleton: Skeleton = BODY25) -> Recording:
+def read_detections(path: Path, skeleton: Skeleton = BODY25) -> NumberedDetections:
     """Read `annots/<camera>/<frame number>.json`.
 
     A joint of confidence 0 is absent. A file that is not JSON, cut short for instance, makes its frame absent and
@@ -181,7 +84,7 @@ def read_detections(path: Path, skeleton: Skeleton = BODY25) -> Recording:
             raise ValueError(f"{file}: expected images of {sizes[name]} px as before of camera {name!r}, found {size}")
     if not any(views.values()):
         raise ValueError(f"{path}: not one file could be read; {next(iter(unreadable.values()))[0]}")
-    return Recording(skeleton, views, unreadable=unreadable, sizes=sizes)
+    return NumberedDetections(skeleton, views, unreadable=unreadable, sizes=sizes)
 
 
 def _camera_folders(path: Path) -> dict[str, Path]:
@@ -194,7 +97,7 @@ def _camera_folders(path: Path) -> dict[str, Path]:
 
 
 def _size(file: Path, content) -> tuple[int, int] | None:
-    """Image width and height, px, where a file of detections says."""
+    """Return image width and height, px; None where a file does not hold them."""
     if not isinstance(content, dict) or "width" not in content or "height" not in content:
         return None
     size = content["width"], content["height"]
@@ -251,3 +154,10 @@ def write_detections(detections: Detections2D, rig: CameraRig, folder: Path, fir
             image = f"images/{name}/{first + frame:06d}.jpg"
             content = {"filename": image, "height": height, "width": width, "annots": people, "isKeyframe": False}
             write_atomic(Path(folder) / ANNOTATIONS / name / f"{first + frame:06d}.json", json.dumps(content))
+
+
+@recording_writer("easymocap", lacks=["fps", "skeleton"])
+def write_easymocap(clip: Clip, path: Path) -> None:
+    """EasyMocap's calibration and detections."""
+    write_calibration(clip.rig, path, "easymocap")
+    write_detections(clip.detections, clip.rig, path, clip.provenance.get("first_frame", 0))

@@ -5,25 +5,54 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.cameras import CameraRig
-from dmae.clip import Detections2D, Poses3D, Source
-from dmae.formats.recording import Recording, frame_number, natural
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Detections2D, Poses3D, Source
+from dmae.data.skeleton import BODY21, BODY25, BODY25B, COCO17, COCO18, HALPE26, PANOPTIC19, SHELF14, Skeleton
+from dmae.data.store import read_json, write_atomic
+from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
+from dmae.formats.recordings.camera_matching import frame_number, natural
+from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.progress import progress
-from dmae.skeleton import BODY21, BODY25, BODY25B, COCO17, COCO18, HALPE26, PANOPTIC19, SHELF14, Skeleton
-from dmae.store import read_json, write_atomic
 
+CALIBRATION = "calibration.toml"
+"""File of the calibration beside formats that have none of their own: Pose2Sim's."""
 FOLDERS = ("openpose", "keypoints", "pose", "json")
-"""Where the folders of the cameras are looked for inside a recording, after the recording itself."""
+"""Folders in a recording where those of the cameras are looked for, after the recording itself."""
 _SUFFIXES = ("_keypoints", "_json")
 _PANOPTIC = "body3DScene"
-"""So begin files in a folder beside the cameras', which are numbered too."""
+"""Beginning of the names of Panoptic's files of poses, which are no detections."""
 BY_COUNT = {len(skeleton): skeleton for skeleton in (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14)}
-"""The skeleton that people of so many joints have, unless something else says otherwise."""
+"""By number of joints, the skeleton that detections have by default."""
 COMPLETED_SCORE = 0.5
-"""Confidence written for joints no camera measured; those measured get 1."""
+"""Confidence written for completed joints; measured ones have 1."""
 
 
-def read_openpose(path: Path, skeleton: Skeleton | None = None) -> Recording:
+@reader("openpose", signs=[["*/*_keypoints.json"], ["openpose"], ["keypoints"], ["json"]], general=True)
+def read_openpose(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """OpenPose's <camera>/<name>_<frame number>_keypoints.json, with a calibration of any format.
+
+    Args:
+        path: The recording.
+        calibration: Where its calibration is, and what that does not say.
+        detections: Folder of the folders of the cameras; by default found in `path`.
+        fps: Frames per second, which the files do not hold.
+        skeleton: As in `read_detections`.
+
+    Raises:
+        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
+    """
+    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
+
+
+def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
     """Read `<camera>/<anything><frame number>[_keypoints].json`, as OpenPose and Pose2Sim name them.
 
     A joint of confidence 0 is absent. A file that is not JSON, cut short for instance, makes its frame absent
@@ -31,7 +60,7 @@ def read_openpose(path: Path, skeleton: Skeleton | None = None) -> Recording:
     by where the neck lies between the shoulders.
 
     Args:
-        skeleton: That of the files, where their number of joints does not tell.
+        skeleton: Skeleton of the files; by default known by the number of joints.
 
     Raises:
         FileNotFoundError: there are no such files.
@@ -67,7 +96,7 @@ def read_openpose(path: Path, skeleton: Skeleton | None = None) -> Recording:
     arrays = {name: {n: np.array([*found] or empty) for n, found in view.items()} for name, view in views.items()}
     _check_pixels(path, arrays)
     skeleton, note = (skeleton, ()) if skeleton else _recognise(path, arrays, *joints)
-    return Recording(skeleton, arrays, unreadable=unreadable, notes=note)
+    return NumberedDetections(skeleton, arrays, unreadable=unreadable, notes=note)
 
 
 def camera_folders(path: Path) -> dict[str, Path]:
@@ -114,7 +143,7 @@ def _frame_files(folder: Path) -> dict[int, Path]:
 
 
 def _people(file: Path, content) -> list[np.ndarray]:
-    """(J, 3) arrays of those that have joints at all."""
+    """Return (J, 3) arrays of the people that have any joint."""
     if not isinstance(content, dict) or not isinstance(content.get("people"), list):
         raise ValueError(f"{file}: expected an object with a list of people, found {content!r:.60}")
     people = []
@@ -152,11 +181,11 @@ def _recognise(path: Path, views: dict, joints: int, file: Path) -> tuple[Skelet
         raise ValueError(f"{file}: found people of {joints} joints, which is no skeleton known; there are {known}")
     if joints != len(BODY25):
         return BY_COUNT[joints], ()
-    return tell_apart(views)
+    return body25_or_body25b(views)
 
 
-def tell_apart(views: dict[str, dict[int, np.ndarray]]) -> tuple[Skeleton, tuple[str, ...]]:
-    """BODY_25 or BODY_25B for people of 25 joints, by where necks lie between shoulders; and a note of it."""
+def body25_or_body25b(views: dict[str, dict[int, np.ndarray]]) -> tuple[Skeleton, tuple[str, ...]]:
+    """Decide between BODY_25 and BODY_25B by the position of necks between shoulders; return a note of BODY_25B."""
     people = [found for view in views.values() for found in view.values() if len(found)]
     if not people or _neck_error(BODY25, np.concatenate(people)) <= _neck_error(BODY25B, np.concatenate(people)):
         return BODY25, ()
@@ -166,7 +195,7 @@ def tell_apart(views: dict[str, dict[int, np.ndarray]]) -> tuple[Skeleton, tuple
 
 
 def _neck_error(skeleton: Skeleton, people: np.ndarray) -> float:
-    """How far necks are from the middle of the shoulders, in median, relative to the size of the person."""
+    """Return the median distance of necks from the middle of the shoulders, relative to the size of the person."""
     neck, left, right = (people[:, skeleton.index(name)[0], :2] for name in ("neck", "l_shoulder", "r_shoulder"))
     known = ~np.isnan(neck + left + right).any(-1)
     if not known.any():
@@ -175,7 +204,7 @@ def _neck_error(skeleton: Skeleton, people: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(neck - (left + right) / 2, axis=-1)[known] / np.maximum(size, 1e-9)))
 
 
-def write_openpose(
+def write_detections(
     detections: Detections2D, cameras: tuple[str, ...], folder: Path, first: int = 0, sources: np.ndarray | None = None
 ) -> None:
     """Write detections as OpenPose does, `<camera>/<camera>_<frame number>_keypoints.json`, to 0.001 px.
@@ -203,7 +232,7 @@ def write_openpose(
 
 
 def reproject(poses: Poses3D, rig: CameraRig) -> Detections2D:
-    """What cameras see of poses: a detection for each person, confidence 1, of completed joints `COMPLETED_SCORE`.
+    """Project poses into cameras: a detection for each person, confidence 1, of completed joints `COMPLETED_SCORE`.
 
     Joints out of the image are absent.
     """
@@ -215,3 +244,18 @@ def reproject(poses: Poses3D, rig: CameraRig) -> Detections2D:
         np.where(inside[..., None], xy, np.nan),
         np.where(inside, np.broadcast_to(score, inside.shape), np.nan),
     )
+
+
+@pose_writer("openpose", folder=True)
+def write_openpose_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
+    """OpenPose's JSON of poses as the cameras see them, with a Pose2Sim calibration."""
+    first = clip.provenance.get("first_frame", 0)
+    write_calibration(clip.rig, path / CALIBRATION, "pose2sim")
+    write_detections(reproject(poses, clip.rig), clip.rig.names, path, first, poses.source)
+
+
+@recording_writer("openpose", lacks=["fps", "skeleton"])
+def write_openpose(clip: Clip, path: Path) -> None:
+    """OpenPose's JSON of detections, with a Pose2Sim calibration."""
+    write_calibration(clip.rig, path / CALIBRATION, "pose2sim")
+    write_detections(clip.detections, clip.rig.names, path, clip.provenance.get("first_frame", 0))

@@ -1,94 +1,72 @@
-"""CMU Panoptic Studio: calibrations of up to 521 cameras, and 3D poses, a JSON a frame."""
+"""CMU Panoptic Studio: 3D poses, a JSON a frame, beside the detections of OpenPose."""
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from dmae.cameras import CameraRig
-from dmae.clip import Poses3D, Source
-from dmae.conventions import Convention, Unit, Up
-from dmae.formats.cameras import Camera, Entry, make_rig, require
-from dmae.formats.openpose import COMPLETED_SCORE
-from dmae.formats.recording import frame_number
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.skeleton import PANOPTIC19, Skeleton
+from dmae.data.store import read_json, write_atomic
+from dmae.formats import openpose
+from dmae.formats.calibrations.conventions import Convention
+from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
+from dmae.formats.calibrations.panoptic import CONVENTION
+from dmae.formats.recordings.camera_matching import frame_number
+from dmae.formats.recordings.numbered_detections import with_cameras
+from dmae.formats.registry import pose_writer, reader
 from dmae.progress import progress
-from dmae.skeleton import PANOPTIC19
-from dmae.store import read_json, write_atomic
 
-CONVENTION = Convention(unit=Unit.cm, up=Up.minus_y)
 POSES = "hdPose3d_stage1_coco19"
 _SCENE = "body3DScene_"
 
 
-def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
-    """Cameras as the file writes them: cm, y down, world to camera.
+@reader(
+    "panoptic",
+    signs=[["hdPose3d_stage1_coco19"], ["calibration_*.json", "hdVideos"], ["*/body3DScene_*.json"]],
+)
+def read_panoptic(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """A CMU Panoptic sequence: calibration_<sequence>.json, poses as truth, and OpenPose's JSON of the cameras in use.
+
+    Panoptic publishes cameras and poses; detections are OpenPose's.
+
+    Args:
+        path: The sequence.
+        calibration: Where its calibration is, and what that does not say; `unit` and `up` hold of the truth too.
+        detections: Folder of the folders of the cameras; by default found in `path`.
+        fps: Frames per second; by default those of the poses.
+        skeleton: As in `dmae.formats.openpose.read_detections`.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is malformed; the message names camera and key.
+        FileNotFoundError, ValueError: as `dmae.formats.openpose.read_detections`, `read_poses` and `with_cameras`.
     """
-    content = read_json(path)
-    cameras = content.get("cameras") if isinstance(content, dict) else None
-    if not isinstance(cameras, list):
-        raise ValueError(f"{path}: expected an object with a list of cameras, found {content!r:.60}")
-    return make_rig(path, (_camera(path, number, values) for number, values in enumerate(cameras)), size)
-
-
-def _camera(path: Path, number: int, values: dict) -> Camera:
-    name = values.get("name") if isinstance(values, dict) else None
-    entry = Entry(path, f"number {number}" if name is None else str(name), values)
-    if name is None:
-        raise entry.error("name", "of the camera", f"no such key among {sorted(values)}")
-    return Camera(
-        entry.camera,
-        entry.intrinsics("K"),
-        entry.numbers("distCoef", 5),
-        entry.rotation("R"),
-        entry.numbers("t", 3),
-        entry.size("resolution") if "resolution" in values else None,
-    )
-
-
-def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras, their pose as it stands in `cam_from_world`.
-
-    Panel and node are those of names like 00_12; other cameras become nodes of panel 0.
-
-    Raises:
-        ValueError: a lens that the format cannot hold.
-    """
-    require("a Panoptic calibration", rig, coefficients=5)
-    cameras = []
-    for view, name in enumerate(rig.names):
-        place = re.fullmatch(r"(\d\d)_(\d\d)", name)
-        panel, node = map(int, place.groups()) if place else (0, view)
-        cameras.append(
-            {
-                "name": name,
-                "type": "hd",
-                "resolution": rig.size[view].tolist(),
-                "panel": panel,
-                "node": node,
-                "K": rig.K[view].tolist(),
-                "distCoef": rig.dist[view, :5].tolist(),
-                "R": rig.cam_from_world[view, :3, :3].tolist(),
-                "t": rig.cam_from_world[view, :3, 3:].tolist(),
-            }
-        )
-    write_atomic(path, json.dumps({"calibDataSource": "dmae", "cameras": cameras}, indent=1))
+    found = openpose.read_detections(detections or path, skeleton)
+    try:
+        poses = read_poses(path, replace(calibration, inverse=None).convention(CONVENTION))
+    except FileNotFoundError:
+        return with_cameras(found, path, calibration, fps)
+    found = replace(found, fps=poses.fps, notes=(*found.notes, *poses.notes))
+    return with_cameras(found, path, calibration, fps, poses.xyz, PANOPTIC19)
 
 
 @dataclass(frozen=True)
 class PanopticPoses:
-    """What the 3D pose files say.
+    """The content of 3D pose files.
 
     Attributes:
         xyz: By frame number, (P, 19, 3) m, our world; NaN where absent. A person is a body's id: all frames have
             the same P, in the order of the ids.
         fps: Frames per second.
-        notes: Which files could not be read, and which ids the persons have if not 0 to P - 1.
+        notes: Files that could not be read, and the ids of the persons if not 0 to P - 1.
     """
 
     xyz: dict[int, np.ndarray]
@@ -99,7 +77,7 @@ class PanopticPoses:
 def read_poses(path: Path, convention: Convention = CONVENTION) -> PanopticPoses:
     """Read `hdPose3d_stage1_coco19/body3DScene_<frame number>.json`: PANOPTIC19 joints, cm, y down.
 
-    Joints whose confidence is not positive are absent, and so are those that `write_poses` marked as completed. A
+    Joints without positive confidence are absent, and so are those that `write_poses` marked as completed. A
     file that is not JSON, cut short for instance, makes its frame absent and is noted.
 
     Args:
@@ -198,7 +176,7 @@ def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> Non
     if poses.skeleton != PANOPTIC19:
         raise ValueError(f"expected poses of panoptic19, found {poses.skeleton.name}; convert them first")
     confidence = np.select(
-        [poses.source == Source.ABSENT, poses.source == Source.COMPLETED], [-1.0, COMPLETED_SCORE], 1.0
+        [poses.source == Source.ABSENT, poses.source == Source.COMPLETED], [-1.0, openpose.COMPLETED_SCORE], 1.0
     )
     joints = np.concatenate([np.nan_to_num(CONVENTION.written_points(poses.xyz)), confidence[..., None]], -1)
     for frame, persons in enumerate(progress(np.round(joints, 4), "writing poses", len(joints))):
@@ -214,3 +192,10 @@ def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> Non
             "bodies": bodies,
         }
         write_atomic(Path(folder) / POSES / f"{_SCENE}{first + frame:08d}.json", json.dumps(content))
+
+
+@pose_writer("panoptic", folder=True, skeleton="panoptic19")
+def write_panoptic(poses: Poses3D, clip: Clip, path: Path) -> None:
+    """A folder of CMU Panoptic's poses and calibration, always of its skeleton."""
+    write_calibration(clip.rig, path / f"calibration_{clip.id}.json", "panoptic")
+    write_poses(poses, clip.fps, path, clip.provenance.get("first_frame", 0))

@@ -1,13 +1,16 @@
-"""A trial of a Pose2Sim session, with what its Config.toml files say."""
+"""Pose2Sim: a trial of a session, with the settings of its Config.toml files."""
 
 from dataclasses import replace
 from pathlib import Path
 
-from dmae.formats.openpose import read_openpose
-from dmae.formats.recording import Recording
-from dmae.formats.toml import read_toml
+from dmae.data.clip import Clip
+from dmae.data.skeleton import BODY25, BODY25B, COCO17, COCO18, HALPE26, Skeleton
+from dmae.formats import openpose
+from dmae.formats.calibrations.files import FOUND, CalibrationSource
+from dmae.formats.calibrations.pose2sim import read_toml
+from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.registry import reader
 from dmae.formats.trc import trc_rate
-from dmae.skeleton import BODY25, BODY25B, COCO17, COCO18, HALPE26, Skeleton
 
 _LEVELS = 3
 """A trial, the participant above, the session above that."""
@@ -19,12 +22,36 @@ _MODELS = {
 }  # fmt: skip
 
 
-def read_pose2sim(path: Path, detections: Path | None = None, skeleton: Skeleton | None = None) -> Recording:
-    """The detections of a trial: `pose-sync/` or `pose/`, not the associated ones, persons are found anew.
+@reader("pose2sim", signs=[["pose"], ["pose-sync"]])
+def read_pose2sim(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """A trial of a Pose2Sim session; its Config.toml files and the calibration of the session are found from there.
+
+    Args:
+        path: The trial.
+        calibration: Where its calibration is, and what that does not say.
+        detections: Folder of the folders of the cameras; by default `pose-sync` or `pose` in `path`.
+        fps: Frames per second; by default those of the session.
+        skeleton: Skeleton of the detections; by default that of the session.
+
+    Raises:
+        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
+    """
+    return with_cameras(read_detections(path, detections, skeleton), path, calibration, fps)
+
+
+def read_detections(path: Path, detections: Path | None = None, skeleton: Skeleton | None = None) -> NumberedDetections:
+    """Read the detections of a trial: `pose-sync/` or `pose/`, not the associated ones, as persons are found anew.
 
     Settings come from the Config.toml nearest to the trial that has them: `pose.pose_model` says the skeleton
-    and `project.frame_rate` the frame rate. Where it is not there, the rate is that of `videos/*`, or else of
-    the trial's own `pose-3d/*.trc`.
+    and `project.frame_rate` the frame rate. Without it, the rate is that of `videos/*`, or else of the
+    trial's own `pose-3d/*.trc`.
 
     Raises:
         FileNotFoundError: the folder is no trial; the message names those below it.
@@ -41,14 +68,14 @@ def read_pose2sim(path: Path, detections: Path | None = None, skeleton: Skeleton
     model = _setting(path, "pose", "pose_model")
     named = _MODELS.get(str(model).lower().replace("_", "").replace("-", ""))
     try:
-        recording = read_openpose(folder, skeleton or named)
+        found = openpose.read_detections(folder, skeleton or named)
     except ValueError:
-        # A model that the files were not made with: let them speak for themselves.
+        # The files were made with another model, which their number of joints tells.
         if skeleton or not named:
             raise
-        recording = read_openpose(folder)
-        recording = replace(recording, notes=(*recording.notes, f"{path}: not the {model} that Config.toml says"))
-    return replace(recording, fps=_rate(path))
+        found = openpose.read_detections(folder)
+        found = replace(found, notes=(*found.notes, f"{path}: not the {model} that Config.toml says"))
+    return replace(found, fps=_rate(path))
 
 
 def _rate(path: Path) -> float | None:
@@ -75,7 +102,7 @@ def _video_rate(path: Path) -> float | None:
 
 
 def _setting(path: Path, table: str, key: str):
-    """A setting of the nearest Config.toml that has it, None if none has."""
+    """Return a setting of the nearest Config.toml that has it, None if none has."""
     for level in [path, *path.parents][:_LEVELS]:
         file = level / "Config.toml"
         if not file.is_file():

@@ -9,22 +9,26 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.cameras import CameraRig
-from dmae.formats.cameras import Camera, Entry, make_rig
-from dmae.formats.recording import Recording, frame_number, natural
-from dmae.skeleton import BODY21, BODY25, SHELF14
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+from dmae.data.skeleton import BODY21, BODY25, SHELF14
+from dmae.formats.calibrations.entries import CameraTable, ParsedCamera, make_rig
+from dmae.formats.recordings.camera_matching import frame_number, natural
+from dmae.formats.recordings.numbered_detections import NumberedDetections, to_clip
+from dmae.formats.registry import reader
 
 CAMERAS, DETECTIONS, TRUTH = "camera_params.npy", "*2d_detection_dict.npy", "*3d_eval*.npy"
+FPS = 25.0
 _ARRAYS = ("numpy.core.multiarray", "numpy._core.multiarray")
 
 
 def load_released(path: Path):
-    """What a `.npy` file holds: an array, or of one pickled object that object.
+    """Return what a `.npy` file holds: an array, or the one object that it pickles.
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: it is no such file, or asks for anything but arrays and Python's own containers; the message
-            names what it asks for, and nothing of that has been run.
+        ValueError: it is no such file, or refers to anything but arrays and Python's own containers; the
+            message names that, and none of it has been run.
     """
     path = Path(path)
     if not path.is_file():
@@ -55,7 +59,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 def _empty(*_) -> np.ndarray:
-    """What pickle then fills with shape, type and values."""
+    """Return an array that pickle then fills with shape, type and values."""
     return np.ndarray((0,), "b")
 
 
@@ -66,30 +70,32 @@ def _scalar(dtype: np.dtype, data: bytes):
 
 
 def _latin1(text: str, *_) -> bytes:
-    """Bytes in pickles that Python 2 can read."""
+    """Return the bytes in pickles that Python 2 can read."""
     return text.encode("latin1")
 
 
-def read_released(path: Path) -> tuple[CameraRig, Recording, dict[int, np.ndarray] | None]:
-    """Read a folder of `camera_params.npy`, `*2d_detection_dict.npy` and, if it is there, `*3d_eval*.npy`.
+@reader("released", signs=[["camera_params.npy"]])
+def read_released(path: Path, *, fps: float | None = None) -> Clip:
+    """The dictionaries of the paper's code: camera_params.npy, *2d_detection_dict.npy, maybe *3d_eval*.npy.
 
-    Returns:
-        rig: The cameras, named by their ids.
-        recording: Detections of BODY_25, or where they were cut to that, of the paper's 21 joints.
-        truth: By frame number, (4, 14, 3) m of SHELF14, NaN where an actor is not annotated.
+    Detections are of BODY_25, or of the paper's 21 joints where they were cut to those. Truth is of SHELF14, NaN where
+    an actor is not annotated.
+
+    Args:
+        path: Folder of the files.
+        fps: Frames per second; by default those of the Shelf recording.
 
     Raises:
         FileNotFoundError: cameras or detections are missing.
         ValueError: a file is malformed, or asks for code.
     """
-    path = Path(path)
     rig = read_cameras(path / CAMERAS)
     file = _one(path, DETECTIONS)
     if file is None:
         raise FileNotFoundError(f"{path}: expected {DETECTIONS}, found none")
-    recording = _detections(file, rig)
-    truth = _one(path, TRUTH)
-    return rig, recording, None if truth is None else _truth(truth, sorted(next(iter(recording.views.values()))))
+    found, truth = _detections(file, rig), _one(path, TRUTH)
+    annotated = None if truth is None else _truth(truth, sorted(next(iter(found.views.values()))))
+    return to_clip(found, rig, fps or FPS, path, annotated, SHELF14)
 
 
 def _one(folder: Path, pattern: str) -> Path | None:
@@ -100,16 +106,16 @@ def _one(folder: Path, pattern: str) -> Path | None:
 
 
 def read_cameras(path: Path) -> CameraRig:
-    """The cameras of `camera_params.npy`: world to camera, m; errors as in `load_released`."""
+    """Return the cameras of `camera_params.npy`: world to camera, m; errors as in `load_released`."""
     cameras = load_released(path)
     if not isinstance(cameras, list):
         raise ValueError(f"{path}: expected a list of cameras, found {cameras!r:.60}")
-    return make_rig(path, (_camera(Entry(path, str(n), values)) for n, values in enumerate(cameras)), None)
+    return make_rig(path, (_camera(CameraTable(path, str(n), values)) for n, values in enumerate(cameras)), None)
 
 
-def _camera(entry: Entry) -> Camera:
+def _camera(entry: CameraTable) -> ParsedCamera:
     name = str(entry.values.get("id", entry.camera))
-    return Camera(
+    return ParsedCamera(
         name,
         entry.numbers("K", 9).reshape(3, 3),
         np.zeros(5),
@@ -119,7 +125,7 @@ def _camera(entry: Entry) -> Camera:
     )
 
 
-def _detections(path: Path, rig: CameraRig) -> Recording:
+def _detections(path: Path, rig: CameraRig) -> NumberedDetections:
     content = load_released(path)
     if not isinstance(content, dict) or not all(isinstance(view, dict) for view in content.values()):
         raise ValueError(f"{path}: expected detections by view and frame, found {content!r:.60}")
@@ -136,7 +142,7 @@ def _detections(path: Path, rig: CameraRig) -> Recording:
             values = np.array(found).reshape(-1, joints or len(BODY25), 3) * scale
             values[~(values[..., 2] > 0)] = np.nan
             views[name][frame_number(path, str(frame))] = values
-    return Recording(BODY21 if joints == len(BODY21) else BODY25, views)
+    return NumberedDetections(BODY21 if joints == len(BODY21) else BODY25, views)
 
 
 def _person(place: str, person) -> np.ndarray:

@@ -1,19 +1,15 @@
 """The Shelf recording in the text format of the 4DAssociation release."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 
-from dmae.assemble import BODY25_LINKS, assemble
-from dmae.cameras import CameraRig
-from dmae.clip import Clip, Detections2D, Poses3D
-from dmae.conventions import Convention
-from dmae.formats.cameras import Camera, Entry, make_rig, require
-from dmae.skeleton import BODY25, SHELF14
-from dmae.store import read_json, write_atomic
+from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.skeleton import BODY25, SHELF14
+from dmae.formats.calibrations.shelf import read_cameras
+from dmae.formats.recordings.candidate_assembly import BODY25_LINKS, assemble
+from dmae.formats.registry import reader
 
-CONVENTION = Convention()
 FPS = 25.0
 FIRST_FRAME = 300
 """Number of the bundle's frame 0 in the recording as published."""
@@ -22,11 +18,12 @@ _TRUTH_JOINTS = 15
 _ACTORS = 4
 
 
+@reader("shelf", signs=[["calibration.json", "detection/*.txt"]])
 def read_shelf(path: Path) -> Clip:
-    """Read a bundle: `calibration.json`, `detection/<camera>.txt` and, if it is there, `gt.txt`.
+    """The Shelf recording as 4DAssociation releases it: calibration.json, detection/<camera>.txt, maybe gt.txt.
 
-    Detections are assembled here from joint candidates and part affinities. Truth has a row for each
-    of the actors 0 to 3, NaN where not annotated.
+    Detections are assembled from joint candidates and part affinities. Truth has a row for each of the actors 0 to
+    3, NaN where an actor is not annotated.
 
     Raises:
         FileNotFoundError: the calibration, or the detections of one of its cameras, are missing.
@@ -58,45 +55,8 @@ def read_shelf(path: Path) -> Clip:
     )
 
 
-def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
-    """The cameras of a 4DAssociation calibration: world to camera, m.
-
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is malformed; the message names camera and key.
-    """
-    cameras = read_json(path)
-    if not isinstance(cameras, dict) or not cameras:
-        raise ValueError(f"{path}: expected an object of cameras, found {cameras!r:.60}")
-    return make_rig(path, (_camera(Entry(path, name, values)) for name, values in cameras.items()), size)
-
-
-def _camera(entry: Entry) -> Camera:
-    pose = entry.numbers("RT", 12).reshape(3, 4)
-    R = entry.rotation("RT", pose[:, :3])
-    return Camera(entry.camera, entry.intrinsics("K"), np.zeros(5), R, pose[:, 3], entry.size("imgSize"))
-
-
-def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write the calibration of a bundle.
-
-    Raises:
-        ValueError: a lens that the format cannot hold.
-    """
-    require("a 4DAssociation calibration", rig, coefficients=0)
-    cameras = {
-        name: {
-            "K": rig.K[view].ravel().tolist(),
-            "RT": rig.cam_from_world[view, :3].ravel().tolist(),
-            "imgSize": rig.size[view].tolist(),
-        }
-        for view, name in enumerate(rig.names)
-    }
-    write_atomic(path, json.dumps(cameras, indent=1))
-
-
 class _Numbers:
-    """A text file as a stream of numbers, which knows where it is when something is wrong."""
+    """A text file as a stream of numbers; errors name file, line and position."""
 
     def __init__(self, path: Path):
         if not path.is_file():
@@ -113,7 +73,7 @@ class _Numbers:
             raise self.error("a number", repr(self.tokens[self.position])) from None
 
     def error(self, expected: str, found: str) -> ValueError:
-        """What is wrong with the number at the current position."""
+        """Return an error about the number at the current position."""
         ends = np.cumsum([len(line.split()) for line in self.path.read_text().splitlines()])
         line = max(min(np.searchsorted(ends, self.position, side="right") + 1, len(ends)), 1)
         place = f", {self.place}" if self.place else ""
@@ -122,7 +82,7 @@ class _Numbers:
         )
 
     def take(self, length: int, what: str) -> np.ndarray:
-        """The next `length` numbers."""
+        """Return the next `length` numbers."""
         start, end = self.position, self.position + length
         if end > self.finite:
             self.position = self.finite if end <= len(self.values) else len(self.values)
@@ -133,7 +93,7 @@ class _Numbers:
         return self.values[start:end]
 
     def count(self, what: str, at_most: int = 1_000_000) -> int:
-        """The next number, which counts something."""
+        """Return the next number, a count."""
         value = self.take(1, what).item()
         if value != int(value) or not 0 <= value <= at_most:
             self.position -= 1
@@ -141,7 +101,7 @@ class _Numbers:
         return int(value)
 
     def header(self, kind: int, what: str) -> int:
-        """The two numbers a file starts with; returns the number of frames."""
+        """Check the two numbers at the start of a file, and return the second, the number of frames."""
         found = self.count(what)
         if found != kind:
             self.position = 0

@@ -4,23 +4,24 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.clip import Poses3D, Source
-from dmae.conventions import METRES, Unit
-from dmae.skeleton import SKELETONS, Skeleton
-from dmae.store import write_atomic
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.skeleton import SKELETONS, Skeleton
+from dmae.data.store import write_atomic
+from dmae.formats.calibrations.conventions import METRES, LengthUnit
+from dmae.formats.registry import pose_writer
 
-# Where in a TRC's x, y, z our x, y, z are: TRC (x, y, z) = world (y, z, x).
+# Indices of our x, y, z in those of a TRC, and back: TRC (x, y, z) = world (y, z, x).
 _WORLD = (2, 0, 1)
 _TRC = (1, 2, 0)
 _SIDES = {"l_": "L", "r_": "R"}
 _ALIASES = {"Head": "head_top", "CHip": "mid_hip", "Hip": "mid_hip"}
-"""Markers that Pose2Sim calls otherwise than after our joints."""
+"""Markers of Pose2Sim that are not called like our joints."""
 _FIRST_ROW = 5
 """Lines of the header; OpenSim's own files have an empty one after it."""
 
 
 def marker(joint: str) -> str:
-    """The name of a joint's marker, as in OpenPose: l_big_toe is LBigToe, mid_hip MidHip."""
+    """Return the name of a joint's marker, as in OpenPose: l_big_toe is LBigToe, mid_hip MidHip."""
     part, side, bare = "", joint[:2], joint
     if side in _SIDES:
         part, bare = _SIDES[side], joint[2:]
@@ -28,9 +29,9 @@ def marker(joint: str) -> str:
 
 
 def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, float]:
-    """The markers of a TRC, of one person, in our world, m, and the frame rate.
+    """Return the markers of a TRC, of one person, in our world, m, and the frame rate.
 
-    `source` is that of the file written beside it by `write_trc`; without one all markers count as measured,
+    `source` is that of the second file that `write_trc` writes; without one all markers count as measured,
     though some programs write interpolated ones.
 
     Args:
@@ -54,7 +55,7 @@ def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, flo
 
 
 def trc_rate(path: Path) -> float:
-    """Frames per second of a TRC; ValueError as in `read_trc`."""
+    """Return the frames per second of a TRC; ValueError as in `read_trc`."""
     return _header(path, _lines(path))[0]["DataRate"]
 
 
@@ -71,13 +72,13 @@ def _lines(path: Path) -> list[str]:
 
 
 def _header(path: Path, lines: list[str]) -> tuple[dict, list[str]]:
-    """Rate and unit of line 2 and 3, marker names of line 4."""
+    """Return rate and unit of lines 2 and 3, and marker names of line 4."""
     header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     try:
-        rate, unit = float(header["DataRate"]), Unit(header["Units"].strip())
+        rate, unit = float(header["DataRate"]), LengthUnit(header["Units"].strip())
     except (KeyError, ValueError):
         raise ValueError(
-            f"{path}, lines 2 and 3: expected a DataRate and Units of {', '.join(Unit)}, found {header}"
+            f"{path}, lines 2 and 3: expected a DataRate and Units of {', '.join(LengthUnit)}, found {header}"
         ) from None
     names = [name.strip() for name in lines[3].split("\t")[2::3] if name.strip()]
     if not rate > 0 or not names or len(set(names)) < len(names):
@@ -120,17 +121,23 @@ def _skeleton(path: Path, names: list[str]) -> Skeleton:
 
 
 def trc_paths(path: Path, persons: int) -> list[Path]:
-    """The files of several persons, `<name>_P1.trc` and on; of a single one the path itself."""
+    """Return the files of several persons, `<name>_P1.trc` and on; of a single one the path itself."""
     path = Path(path)
     if persons == 1:
         return [path]
     return [path.with_name(f"{path.stem}_P{person + 1}{path.suffix}") for person in range(persons)]
 
 
-def write_trc(poses: Poses3D, fps: float, path: Path, unit: Unit = Unit.m) -> list[Path]:
+@pose_writer("trc")
+def write_trc_poses(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> None:
+    """OpenSim's markers, a file for each person, with the sources of joints in a second file."""
+    write_trc(poses, clip.fps, path, unit)
+
+
+def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthUnit.m) -> list[Path]:
     """Write a file for each person, at the `trc_paths`, to a micrometre; frame 1 is at time 0.
 
-    A TRC cannot say that a joint is not measured, so `<name>.source.csv` beside it does: measured, denoised,
+    A TRC cannot say that a joint is not measured, so a second file, `<name>.source.csv`, does: measured, denoised,
     completed or absent for each frame and marker.
 
     Returns:
@@ -138,7 +145,7 @@ def write_trc(poses: Poses3D, fps: float, path: Path, unit: Unit = Unit.m) -> li
     """
     names = [marker(joint) for joint in poses.skeleton.joints]
     paths = trc_paths(path, poses.xyz.shape[1])
-    digits = {Unit.m: 6, Unit.cm: 4, Unit.mm: 3}[unit]
+    digits = {LengthUnit.m: 6, LengthUnit.cm: 4, LengthUnit.mm: 3}[unit]
     for person, file in enumerate(paths):
         xyz = poses.xyz[:, person][..., _TRC].astype(np.float64) / METRES[unit]
         write_atomic(
@@ -153,7 +160,7 @@ def write_trc(poses: Poses3D, fps: float, path: Path, unit: Unit = Unit.m) -> li
     return paths
 
 
-def _written_header(path: Path, names: list[str], frames: int, fps: float, unit: Unit) -> list[str]:
+def _written_header(path: Path, names: list[str], frames: int, fps: float, unit: LengthUnit) -> list[str]:
     return [
         f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",

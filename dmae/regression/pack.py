@@ -1,4 +1,4 @@
-"""The frozen pack: what cameras saw of points, and where the points are. Numbers in a file, the same for ever."""
+"""The frozen pack: detections of points in several views, and the true points. Its numbers never change."""
 
 import hashlib
 import io
@@ -8,7 +8,7 @@ from importlib import resources
 
 import numpy as np
 
-from dmae.store import write_atomic
+from dmae.data.store import write_atomic
 
 _FILE = resources.files("dmae.regression") / "pack.npz"
 _SHA256 = "65cbda4622427e2844cfc640e477bdc4851cc8fabffb635244330b4a542e6990"
@@ -16,7 +16,7 @@ _SHA256 = "65cbda4622427e2844cfc640e477bdc4851cc8fabffb635244330b4a542e6990"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Case:
-    """n points seen by V views, all of one difficulty.
+    """n points seen by V views, with one kind of difficulty.
 
     Attributes:
         name: Unique in the pack.
@@ -26,8 +26,8 @@ class Case:
         size: (V, 2) image width and height, px.
         xy: (n, V, 2) pixels as detected, distorted; NaN where a view does not see the point.
         confidence: (n, V) in [0, 1], larger is surer; NaN where `xy` is.
-        xyz: (n, 3) the true points, m, world; NaN where nothing can have been seen and no point must be given.
-        usable: (n, V) True for the views whose detection is not a gross error.
+        xyz: (n, 3) the true points, m, world; NaN where no view can have seen the point, and none must be given.
+        usable: (n, V) True for the views with a detection that is not a gross error.
         sigma: Standard deviation of the usable pixels along one axis, px; 0 if they are exact.
     """
 
@@ -46,7 +46,7 @@ class Case:
         return f"Case({self.name!r})"
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What a solver is given, by keyword: copies, which it may spoil."""
+        """Return the arguments of a solver, by keyword: copies, which it may change."""
         names = ("K", "dist", "cam_from_world", "size", "xy", "confidence")
         return {name: getattr(self, name).copy() for name in names}
 
@@ -57,13 +57,13 @@ class Case:
 
     @property
     def unknowable(self) -> np.ndarray:
-        """(n,) True for the points that nobody can know: one view or none, or rays that meet behind the cameras."""
+        """(n,) True for the points that cannot be known: one view or none, or rays that meet behind the cameras."""
         return np.isnan(self.xyz[:, 0]) | (np.isfinite(self.xy[..., 0]).sum(-1) < 2)
 
 
 @cache
 def cases() -> tuple[Case, ...]:
-    """The cases of the pack, easy ones first.
+    """Return the cases of the pack, easy ones first.
 
     Raises:
         ValueError: the file is not the one this version was released with.
@@ -75,7 +75,7 @@ def cases() -> tuple[Case, ...]:
 
 
 def unpack(data: bytes) -> list[Case]:
-    """The cases in the bytes of a pack."""
+    """Return the cases in the bytes of a pack."""
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         arrays = dict(file)
     names = list(dict.fromkeys(key.partition("/")[0] for key in arrays))
@@ -89,7 +89,7 @@ def unpack(data: bytes) -> list[Case]:
 
 
 def write_pack(pack: list[Case]) -> str:
-    """Replace the pack; returns the checksum to state in this file."""
+    """Replace the pack, and return the checksum to write into this file."""
     arrays = {f"{case.name}/{field.name}": getattr(case, field.name) for case in pack for field in fields(Case)[1:]}
     for key in arrays:
         if key.endswith(("/xy", "/confidence")):

@@ -1,10 +1,10 @@
-"""How the pack was made: everything from seeds but the crowd, which is a simulated clip.
+"""How the pack was made: from seeds, except the crowd, which is a simulated clip.
 
     synth generate out=runs/crowd seed=11 clips=1 scene.persons=[6,6] scene.seconds=6 scene.props=[2,2]
     python -m dmae.regression.recipe runs/crowd/000000
 
-writes the pack anew and prints the checksum to put into pack.py. A new pack is a new yardstick: every project that
-is measured by it should hear of it.
+writes a new pack and prints the checksum to write into pack.py. Results on a new pack cannot be compared with older
+ones; announce it to the projects that use it.
 """
 
 import sys
@@ -13,21 +13,21 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmae.cameras import CameraRig
-from dmae.clip import Clip
-from dmae.mapping import convert
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+from dmae.data.skeleton_conversion import convert
+from dmae.data.store import load_clip
 from dmae.regression.pack import Case, write_pack
-from dmae.store import load_clip
 
 _SIZE = (1280, 1024)
 _CENTRE = ((_SIZE[0] - 1) / 2, (_SIZE[1] - 1) / 2)
 _ROOM = np.array([[-1.2, -1.2, 0], [1.2, 1.2, 2]])
 _GROSS = (50, 300)
-"""px; the least and the most that a gross error is off."""
+"""px; the smallest and the largest gross error."""
 _GROSS_ON_PERSON = 0.07
-"""m; a detection of the crowd that is farther off at the person's depth is a gross error; 94 % are nearer."""
+"""m; a larger error of a detection of the crowd, at the person's depth, is gross; 94 % are smaller."""
 _FAR = (500_000, 5_400_000, 300)
-"""m; where a room in Bavaria has its origin in UTM coordinates."""
+"""m; UTM coordinates of the origin of a room in Bavaria."""
 _CROWD_FRAMES = slice(0, None, 12)
 _CROWD_JOINTS = (
     "nose", "neck", "r_shoulder", "r_elbow", "r_wrist", "l_shoulder", "l_elbow", "l_wrist",
@@ -36,7 +36,7 @@ _CROWD_JOINTS = (
 
 
 def seeded_cases() -> list[Case]:
-    """The pack but for the crowd."""
+    """Return the pack without the crowd."""
     return [*_exact_cases(), *_noisy_cases(), *_gross_cases()]
 
 
@@ -51,17 +51,17 @@ def _exact_cases() -> list[Case]:
     far_points = _room(far, 150, rng=rng) + _FAR
     far.cam_from_world[:, :3, 3] -= far.cam_from_world[:, :3, :3] @ np.array(_FAR, float)
     walk = _walk()
-    absent = _seen("absent", rig, _room(rig, 200, rng=rng))
+    absent = _project("absent", rig, _room(rig, 200, rng=rng))
     absent.xy[rng.random((200, 5)) < 0.6] = np.nan
     absent.confidence[np.isnan(absent.xy[..., 0])] = np.nan
     absent.usable[:] = np.isfinite(absent.confidence)
     return [
-        _seen("clean", rig, points),
-        _seen("off-centre", off_centre, _room(off_centre, 150, rng=rng)),
+        _project("clean", rig, points),
+        _project("off-centre", off_centre, _room(off_centre, 150, rng=rng)),
         _distorted("distorted-5", (-0.28, 0.11, 0.002, -0.0015, -0.02), rng=rng),
         _distorted("distorted-8", (0.35, 0.12, -0.0012, 0.0018, 0.01, 0.62, 0.22, 0.03), rng=rng),
-        _seen("far-world", far, far_points),
-        _seen("moving", rig, walk),
+        _project("far-world", far, far_points),
+        _project("moving", rig, walk),
         absent,
         _behind(rng=rng),
     ]
@@ -74,10 +74,10 @@ def _noisy_cases() -> list[Case]:
     for views in (2, 3, 4, 6, 8, 12):
         # Two views on a circle would face each other.
         rig = ring[:2] if views == 2 else _ring(views, rng=rng)
-        found.append(_seen(f"views-{views}", rig, _room(rig, 250, rng=rng), 1.0, rng=rng))
-    found.append(_seen("noisy", ring, _room(ring, 250, rng=rng), 3.0, rng=rng))
+        found.append(_project(f"views-{views}", rig, _room(rig, 250, rng=rng), 1.0, rng=rng))
+    found.append(_project("noisy", ring, _room(ring, 250, rng=rng), 3.0, rng=rng))
     row = _wall(0.3, 0.0, rng=rng)
-    found.append(_seen("short-baseline", row, _room(row, 250, rng=rng), 0.5, rng=rng))
+    found.append(_project("short-baseline", row, _room(row, 250, rng=rng), 0.5, rng=rng))
     return found
 
 
@@ -86,7 +86,7 @@ def _gross_cases() -> list[Case]:
     found = []
     for name, views, wrong in (("outliers-1-of-5", 5, 1), ("outliers-2-of-8", 8, 2), ("doubted", 4, 1)):
         rig = _ring(views, rng=rng)
-        case = _seen(name, rig, _room(rig, 250, rng=rng), 1.0, rng=rng)
+        case = _project(name, rig, _room(rig, 250, rng=rng), 1.0, rng=rng)
         order = rng.permuted(np.tile(np.arange(views), (250, 1)), axis=1)[:, :wrong]
         point = np.arange(250)[:, None]
         case.xy[point, order] += _any_direction((250, wrong), rng=rng) * rng.uniform(*_GROSS, (250, wrong, 1))
@@ -98,15 +98,15 @@ def _gross_cases() -> list[Case]:
 
 
 def crowd_cases(clip: Clip) -> list[Case]:
-    """A simulated clip of five views, some of its frames and joints, and the same from three of the views.
+    """Return some frames and joints of a simulated clip of five views, and the same of three of the views.
 
-    Detections are as they come, sorted by whom they are of: of several of one person in a view the fullest.
+    Detections are sorted by person; of several detections of a person in a view the one with most joints is used.
     """
     clip = clip.select(_CROWD_FRAMES)
     joints = clip.detections.skeleton.index(*_CROWD_JOINTS)
     truth = convert(clip.truth, clip.detections.skeleton).xyz[:, :, joints].astype(np.float64)
-    # (F, V, D, P), then (F, V, P, 1): no detection is less than one without joints.
-    of_person = clip.detected_person[..., None] == np.arange(truth.shape[1])
+    # (F, V, D, P), then (F, V, P, 1): a detection without joints counts more than none.
+    of_person = clip.detection_labels.person[..., None] == np.arange(truth.shape[1])
     fullness = np.where(of_person, 1 + clip.detections.observed.sum(-1)[..., None], 0)
     fullest, there = fullness.argmax(2)[..., None], fullness.max(2)[..., None] > 0
     score = np.where(there, np.take_along_axis(clip.detections.score, fullest, 2)[..., joints], np.nan)
@@ -148,8 +148,8 @@ def _calibration(rig: CameraRig) -> tuple[np.ndarray, ...]:
     return rig.K, rig.dist, rig.cam_from_world, rig.size
 
 
-def _seen(name: str, rig: CameraRig, points: np.ndarray, sigma: float = 0.0, rng=None) -> Case:
-    """What a rig sees of points (n, 3), all of it, with noise of `sigma` px."""
+def _project(name: str, rig: CameraRig, points: np.ndarray, sigma: float = 0.0, rng=None) -> Case:
+    """Project points (n, 3) into all views of a rig, with noise of `sigma` px."""
     xy = rig.project(points)[0]
     if sigma:
         xy = xy + rng.normal(0, sigma, xy.shape)
@@ -158,15 +158,15 @@ def _seen(name: str, rig: CameraRig, points: np.ndarray, sigma: float = 0.0, rng
 
 
 def _distorted(name: str, coefficients: tuple[float, ...], *, rng: np.random.Generator) -> Case:
-    """Wide lenses that bend the corners of the image by many pixels."""
+    """Return a case of wide lenses that move the corners of the image by many pixels."""
     rig = _ring(5, focal=720, rng=rng)
     dist = np.array(coefficients) * rng.uniform(0.8, 1.2, (5, 1))
     rig = CameraRig(rig.names, rig.K, dist, rig.cam_from_world, rig.size)
-    return _seen(name, rig, _room(rig, 150, 1.6, rng=rng))
+    return _project(name, rig, _room(rig, 150, 1.6, rng=rng))
 
 
 def _behind(*, rng: np.random.Generator) -> Case:
-    """Half the points are real; the lines of sight of the others meet behind all the cameras, in no view's front."""
+    """Return a case where half the points are real; the lines of sight of the others meet behind all cameras."""
     rig = _wall(1.2, 0.12, rng=rng)
     front, back = _room(rig, 75, rng=rng), np.empty((0, 3))
     R, centre = rig.cam_from_world[1, :3, :3], rig.centers[1]
@@ -176,7 +176,7 @@ def _behind(*, rng: np.random.Generator) -> Case:
         homogeneous = np.einsum("vij,nj->nvi", rig.projections, np.c_[offered, np.ones(500)])
         inside = rig.inside((homogeneous[..., :2] / homogeneous[..., 2:])[:, :, None])[..., 0]
         back = np.concatenate([back, offered[(inside & (homogeneous[..., 2] < -0.5)).all(-1)]])[:75]
-    case = _seen("behind", rig, np.concatenate([front, back]))
+    case = _project("behind", rig, np.concatenate([front, back]))
     homogeneous = np.einsum("vij,nj->nvi", rig.projections, np.c_[back, np.ones(75)])
     case.xy[75:] = homogeneous[..., :2] / homogeneous[..., 2:]
     case.xyz[75:] = np.nan
@@ -184,7 +184,7 @@ def _behind(*, rng: np.random.Generator) -> Case:
 
 
 def _walk() -> np.ndarray:
-    """(300, 3) m: 20 frames of 15 joints that cross the room at 1.5 m/s and 25 frames/s, arms and legs swinging."""
+    """Return (300, 3) m: 20 frames, at 25/s, of 15 joints that cross the room at 1.5 m/s with swinging limbs."""
     frame, joint = np.arange(20)[:, None], np.arange(15)
     swing = 0.2 * np.sin(2 * np.pi * (frame / 20 + joint / 5))
     x, y = -0.6 + 0.06 * frame + swing, 0.25 * np.cos(2.4 * joint) + 0.3 * swing
@@ -192,13 +192,13 @@ def _walk() -> np.ndarray:
 
 
 def _any_direction(shape: tuple[int, ...], *, rng: np.random.Generator) -> np.ndarray:
-    """Unit vectors (*shape, 2)."""
+    """Return random unit vectors (*shape, 2)."""
     angle = rng.uniform(0, 2 * np.pi, shape)
     return np.stack([np.cos(angle), np.sin(angle)], -1)
 
 
 def _room(rig: CameraRig, count: int, scale: float = 1.0, *, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3) points, m, uniform among those of the room that every camera sees."""
+    """Return (count, 3) points, m, uniform in the part of the room that every camera sees."""
     found = np.empty((0, 3))
     while len(found) < count:
         offered = rng.uniform(*_ROOM * scale, (4 * count, 3))
@@ -207,7 +207,7 @@ def _room(rig: CameraRig, count: int, scale: float = 1.0, *, rng: np.random.Gene
 
 
 def _ring(views: int, focal: float = 1100.0, *, rng: np.random.Generator) -> CameraRig:
-    """Pinholes with square pixels, centred; on a circle of about 4.5 m, 0.8 to 2.8 m up, rolled by up to 25 degrees."""
+    """Return centred pinholes with square pixels on a circle of about 4.5 m, 0.8 to 2.8 m high, rolled up to 25 deg."""
     angle = 2 * np.pi * (np.arange(views) + rng.uniform(-0.15, 0.15, views)) / views
     radius = rng.uniform(4, 5, views)
     centres = np.stack([radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0.8, 2.8, views)], -1)
@@ -215,7 +215,7 @@ def _ring(views: int, focal: float = 1100.0, *, rng: np.random.Generator) -> Cam
 
 
 def _wall(apart: float, toe_in: float, *, rng: np.random.Generator) -> CameraRig:
-    """Three cameras side by side on a wall 4.5 m from the middle of the room, each `apart` metres from the next."""
+    """Return three cameras side by side on a wall 4.5 m from the middle of the room, `apart` metres from each other."""
     side = apart * np.arange(-1, 2)
     centres = np.stack([np.full(3, -4.5), side, 1.4 + rng.uniform(-0.05, 0.05, 3)], -1)
     aims = centres + np.stack([np.ones(3), -toe_in * np.arange(-1, 2), np.full(3, -0.05)], -1)
@@ -223,7 +223,7 @@ def _wall(apart: float, toe_in: float, *, rng: np.random.Generator) -> CameraRig
 
 
 def _looking(centres: np.ndarray, aims: np.ndarray, focal: float, roll: np.ndarray) -> CameraRig:
-    """Pinhole cameras at centres (V, 3) that look at aims (V, 3), m, rolled about their axes, rad."""
+    """Return pinhole cameras at centres (V, 3) that look at aims (V, 3), m, rolled about their axes, rad."""
     views = len(centres)
     forward = (aims - centres) / np.linalg.norm(aims - centres, axis=-1, keepdims=True)
     right = np.cross(forward, (0, 0, 1.0))

@@ -1,4 +1,4 @@
-"""Examples of solvers to check: `dmae regress solver=dmae.regression.solvers:ours`, `:dlt`, `:opencv`.
+"""Examples of solvers: `dmae regress solver=dmae.regression.solvers:ours`, `:dlt`, `:opencv`.
 
 Each takes the arrays of a rig and of n points, and returns (n, 3) points in metres, NaN where it refuses.
 """
@@ -6,46 +6,46 @@ Each takes the arrays of a rig and of n points, and returns (n, 3) points in met
 import cv2
 import numpy as np
 
-from dmae.cameras import CameraRig
-from dmae.triangulate import triangulate
+from dmae.data.cameras import CameraRig
+from dmae.reconstruction.triangulation import triangulate
 
 
 def ours(*, K, dist, cam_from_world, size, xy, confidence) -> np.ndarray:
-    """`dmae.triangulate`: robust, weighed by confidence, every view."""
+    """Triangulate by `dmae.reconstruction.triangulation`: robust, weighted by confidence, with every view."""
     rig = CameraRig(tuple(range(len(K))), K, dist, cam_from_world, size)
     return triangulate(rig, rig.undistort(xy), confidence).xyz
 
 
 def dlt(*, K, dist, cam_from_world, size, xy, confidence) -> np.ndarray:
-    """The textbook's linear solution (Hartley & Zisserman, 2nd ed., 12.2) of all views, each counted alike.
+    """Triangulate linearly (Hartley & Zisserman, 2nd ed., 12.2) from all views with equal weights.
 
-    Breaks on gross errors, on points that would lie behind the cameras, and far from the origin of the world.
+    It fails on gross errors, on points that would lie behind the cameras, and far from the origin of the world.
     """
     xy, P = _undistort(K, dist, xy), K @ cam_from_world[:, :3]
     rows = xy[..., None] * P[:, None, 2] - P[:, :2]
-    seen = np.isfinite(xy)
-    rows = np.where(seen[..., None], rows, 0).reshape(len(xy), -1, 4)
+    observed = np.isfinite(xy)
+    rows = np.where(observed[..., None], rows, 0).reshape(len(xy), -1, 4)
     homogeneous = np.linalg.svd(rows)[2][:, -1]
-    return np.where(seen[..., 0].sum(-1)[:, None] >= 2, homogeneous[:, :3] / homogeneous[:, 3:], np.nan)
+    return np.where(observed[..., 0].sum(-1)[:, None] >= 2, homogeneous[:, :3] / homogeneous[:, 3:], np.nan)
 
 
 def opencv(*, K, dist, cam_from_world, size, xy, confidence) -> np.ndarray:
-    """`cv2.triangulatePoints` takes two views: the first two that saw the point.
+    """Triangulate by `cv2.triangulatePoints` from two views: the first two that saw the point.
 
-    Breaks as `dlt` does, and wastes what the other views know.
+    It fails as `dlt` does, and does not use the other views.
     """
     xy, P = _undistort(K, dist, xy), K @ cam_from_world[:, :3]
-    seen = np.isfinite(xy[..., 0])
-    pairs = np.argsort(~seen, axis=-1, kind="stable")[:, :2]
+    observed = np.isfinite(xy[..., 0])
+    pairs = np.argsort(~observed, axis=-1, kind="stable")[:, :2]
     xyz = np.full((len(xy), 3), np.nan)
     for a, b in np.unique(pairs, axis=0):
-        some = np.flatnonzero((pairs == (a, b)).all(-1) & (seen.sum(-1) >= 2))
+        some = np.flatnonzero((pairs == (a, b)).all(-1) & (observed.sum(-1) >= 2))
         if len(some):
             xyz[some] = (found := cv2.triangulatePoints(P[a], P[b], xy[some, a].T, xy[some, b].T))[:3].T / found[3:].T
     return xyz
 
 
 def _undistort(K: np.ndarray, dist: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """(n, V, 2) pixels of the pinhole cameras of the same K, as OpenCV does by default."""
+    """Return (n, V, 2) pixels of pinhole cameras of the same K, undistorted by OpenCV's defaults."""
     views = [cv2.undistortPoints(xy[:, v, None], K[v], dist[v], P=K[v])[:, 0] for v in range(len(K))]
     return np.stack(views, 1)

@@ -1,42 +1,31 @@
-"""People who carry something, and hand it on."""
+"""People who carry a box and pass it on."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from synth.body import Body
-from synth.interactions.script import (
-    Cast,
-    Grip,
-    Load,
-    Poses,
-    Reach,
-    Role,
-    Script,
-    approach,
-    arm_length,
-    arrival,
-    during,
-    standing,
-    within_reach,
-    wrapped,
-)
-from synth.motion.upper import minimum_jerk
+from synth.interactions.body_measures import arm_length, within_reach
+from synth.interactions.paths import approach, arrival, during, standing, wrapped
+from synth.interactions.registry import interaction
+from synth.interactions.script import Cast, Grip, Load, Poses, Reach, Role, Script
+from synth.motion.easing import minimum_jerk
+from synth.people.body import Body
+from synth.rooms.props import prop_size
 
-_HALF_WIDTH = 0.16
-"""Of `scenes/props/box.xml`, m."""
+_BOX = "box"
 _CLOTH = 0.013
-"""How far from the box palms feel it, m."""
+"""Distance of palms from the box at which contact begins, m."""
 _LOW, _HIGH = 0.02, 0.10
-"""How far above the box's middle the first and the second person hold it, m: both above, so that it does not tip."""
+"""Height of the first and the second person's grip above the box's middle, m: both above, so that it does not tip."""
 
 
+@interaction(persons=(2, 2))
 def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
-    """One carries a box to another, who takes it, turns, and carries it away."""
+    """One person carries a box to another, who takes it, turns, and carries it away."""
     seconds, last = cast.seconds, cast.seconds[-1]
     yaw = rng.uniform(0, 2 * np.pi)
     ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
-    held, _ = before_trunks(cast.bodies)
+    held, _ = holding_place(cast.bodies)
     when = min(1.9, 0.36 * last)
     start = np.array((*(-(held[0] + min(1.1, 0.6 * when)) * ahead), yaw))
     there = np.array((*(-held[0] * ahead), yaw))
@@ -59,10 +48,10 @@ def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
     return Script(roles, clearance=0.5, loads=(load,), reaches=hold)
 
 
-def before_trunks(bodies: Sequence[Body]) -> tuple[list[float], float]:
-    """How far before the hips of each of two a box is that they hand on, and at what height, m."""
+def holding_place(bodies: Sequence[Body]) -> tuple[list[float], float]:
+    """Distance of the box ahead of each of two people's hips as they pass it on, and its height, m."""
     arms = [arm_length(body) for body in bodies]
-    # The nearer the box, the lower or higher it can be; small ones take it from tall ones close by.
+    # The nearer the box, the larger its range of heights: people of different stature pass it close by.
     for share in (0.66, 0.58, 0.50, 0.44):
         held = [share * arm for arm in arms]
         low, high = within_reach(bodies, held)
@@ -74,19 +63,20 @@ def before_trunks(bodies: Sequence[Body]) -> tuple[list[float], float]:
 def hand_over(
     cast: Cast, people: tuple[int, int], paths: Sequence[np.ndarray], taken: float
 ) -> tuple[Load, Callable[[Poses], list[Reach]]]:
-    """A box that one of two people has from the first frame on and the other from some time on.
+    """A box that the first of two people holds at the start of the clip and the second takes.
 
     Args:
-        cast: Who there is.
-        people: Who gives it, and who takes it.
-        paths: (F, 3) those of the two, who face each other at that time, the box between them.
-        taken: When the second has it, s.
+        cast: All people.
+        people: Indices of the person who gives and of the person who takes.
+        paths: (F, 3) of both; they face each other at the time `taken`, with the box between them.
+        taken: Time at which the second person has the box, s.
 
     Returns:
-        The box, and what the hands of both do.
+        The box, and the function for the reaches of both people's hands.
     """
+    half_width = float(prop_size(_BOX).reach[1])
     seconds = cast.seconds
-    held, height = before_trunks([cast.bodies[person] for person in people])
+    held, height = holding_place([cast.bodies[person] for person in people])
 
     def front(k: int) -> np.ndarray:
         heading = paths[k][:, 2]
@@ -102,11 +92,11 @@ def hand_over(
         reaches = []
         for k, (way, up) in enumerate(((1, _LOW), (-1, _HIGH))):
             for side, sign in (("l", way), ("r", -way)):
-                # Hands open before they take hold, and after they have let go.
-                grip = _HALF_WIDTH + _CLOTH + 0.06 * (1 - shares[k][:, None])
+                # Hands are open before they grip and after they let go.
+                grip = half_width + _CLOTH + 0.06 * (1 - shares[k][:, None])
                 palm = middle + sign * grip * across + (0, 0, up)
                 reaches.append(Reach(people[k], side, shares[k], palm, -sign * across))
         return reaches
 
     grips = (Grip(people[0], -1.0, taken + 0.4, _LOW), Grip(people[1], taken, float(seconds[-1]) + 1.0, _HIGH))
-    return Load("box", tuple(float(x) for x in middle[0]), float(turned[0]), _HALF_WIDTH + _CLOTH, grips), hold
+    return Load(_BOX, tuple(float(x) for x in middle[0]), float(turned[0]), half_width + _CLOTH, grips), hold

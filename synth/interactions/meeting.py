@@ -1,24 +1,28 @@
-"""People who meet without touching: they cross, walk together, queue, talk in a circle."""
+"""People who meet without contact: crossing, walking together, queuing, talking in a circle."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from synth.interactions.script import Cast, Poses, Reach, Role, Script, approach, arm_length, during, standing
+from synth.interactions.body_measures import arm_length
+from synth.interactions.paths import approach, during, standing
+from synth.interactions.registry import interaction
+from synth.interactions.script import Cast, Poses, Reach, Role, Script
 
 _TIGHTEST = 1.0
-"""Radius of the tightest turn that people walk, m."""
+"""Radius of the tightest walked turn, m."""
 _SLOWEST = 0.75
 """Speed of a leisurely walk, m/s."""
 _GAP = 0.62
-"""Between people who walk abreast, m."""
+"""Distance between people who walk abreast, m."""
 
 
+@interaction(persons=(2, 6))
 def crossing(cast: Cast, *, rng: np.random.Generator) -> Script:
-    """Everybody walks through the middle, from all sides, at about the same time."""
+    """People walk through the middle, from all sides, at about the same time."""
     count = len(cast.bodies)
     first, side = rng.uniform(0, 2 * np.pi), rng.choice((-1, 1))
-    # One just after the other: nobody can be where somebody else is.
+    # One just after the other, so that no two are in the middle at once.
     order = (rng.permutation(count) - (count - 1) / 2) * min(0.4, 0.3 * cast.seconds[-1] / count)
     roles = []
     for person in range(count):
@@ -30,13 +34,14 @@ def crossing(cast: Cast, *, rng: np.random.Generator) -> Script:
     return Script(tuple(roles))
 
 
+@interaction(persons=(2, 6))
 def walking_together(cast: Cast, *, rng: np.random.Generator) -> Script:
-    """Everybody walks the same way at the same pace, side by side, behind each other from four people on."""
+    """People walk the same way at the same pace, side by side; four or more walk in two rows."""
     count = len(cast.bodies)
     rows = 1 if count < 4 else 2
     within = replace(cast, radius=max(0.5, cast.radius - 0.5 * (rows - 1)))
     way = _through(within, rng.uniform(0, 2 * np.pi), rng.uniform(0.8, 1.2), rng.choice((-1, 1)))
-    # Half the way to the other side of where they turn: then nobody strays twice as far as they need to.
+    # Centre the path, which keeps its farthest point near the middle.
     way[:, :2] -= (way[:, :2].min(0) + way[:, :2].max(0)) / 2
     ahead = np.stack([np.cos(way[:, 2]), np.sin(way[:, 2])], 1)
     left = np.stack([-ahead[:, 1], ahead[:, 0]], 1)
@@ -57,6 +62,7 @@ def walking_together(cast: Cast, *, rng: np.random.Generator) -> Script:
     return Script(tuple(roles), clearance=min(_GAP - 0.12, 0.5))
 
 
+@interaction(persons=(3, 6))
 def queue(cast: Cast, *, rng: np.random.Generator) -> Script:
     """People stand in a line; the first leaves, and the others move up one after the other."""
     count, seconds = len(cast.bodies), cast.seconds
@@ -80,8 +86,9 @@ def queue(cast: Cast, *, rng: np.random.Generator) -> Script:
     return Script(tuple(roles), clearance=0.45)
 
 
+@interaction(persons=(3, 6))
 def circle_talk(cast: Cast, *, rng: np.random.Generator) -> Script:
-    """People stand in a circle; one after the other speaks with a hand, and the others look there."""
+    """People stand in a circle; one after the other gestures, and the others look there."""
     count, seconds = len(cast.bodies), cast.seconds
     radius = max(0.48, 0.42 / np.sin(np.pi / count)) + rng.uniform(0, 0.12)
     first = rng.uniform(0, 2 * np.pi)
@@ -114,9 +121,9 @@ def circle_talk(cast: Cast, *, rng: np.random.Generator) -> Script:
 
 
 def _through(cast: Cast, heading: float, speed: float, side: float, late: float = 0.0) -> np.ndarray:
-    """(F, 3) path that leads through the origin at half time, or that much later, s.
+    """(F, 3) path through the origin at half time, or later by `late`, s.
 
-    It is walked more slowly, and bent, as far as that takes to stay within the radius.
+    It is slower, and bent towards a `side`, as far as it takes to stay within the radius.
     """
     farthest = cast.seconds[-1] / 2 + abs(late)
     speed = max(min(speed, cast.radius / max(farthest, 1e-9)), _SLOWEST)

@@ -1,4 +1,4 @@
-"""The floor under recorded feet: where it is, and how soles lie on it."""
+"""The floor of a recording: find and level it, and lay soles flat on it."""
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -6,26 +6,34 @@ from scipy.spatial.transform import Rotation
 
 from synth.motion.rotations import about
 
+_STANDING_SPEED = 0.15
+"""Greatest speed of the ankle of a standing foot, m/s."""
+_STANDING_TIME = 0.1
+"""Least time for which a foot stands to show where the floor is, s."""
+
 
 def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np.ndarray, float]:
-    """What makes the floor level and puts it at z = 0: a rotation (3, 3), then a height to subtract, m.
+    """Fit the floor of a recording.
 
-    Recorded floors lie up to 7 cm beside zero and tilt by up to 2 cm a metre, which is calibration error, not a slope.
-    The floor is the plane `ankle_height` below the ankles wherever one has stood for 0.1 s as the lower of the two,
-    fitted robustly. A prior of one degree holds down the tilt, of which those who stay on the spot tell nothing.
+    Recorded floors lie up to 7 cm from zero and tilt by up to 2 cm a metre, which is calibration error, not a slope.
+    The floor is fitted robustly as the plane `ankle_height` below the ankles, wherever an ankle stood for 0.1 s as the
+    lower of the two. A prior of one degree limits the tilt, which a person who stays on one spot does not determine.
 
     Args:
         ankles: (F, 2, 3) m, z roughly up.
         fps: Frames per second.
-        ankle_height: Of an ankle over its flat foot, m.
+        ankle_height: Height of an ankle above its flat foot, m.
+
+    Returns:
+        (3, 3) rotation that levels the floor, and the height to subtract after it, m.
     """
     speed = np.linalg.norm(np.gradient(ankles, 1 / fps, axis=0), axis=2) if len(ankles) > 1 else np.zeros((1, 2))
-    standing = (speed < 0.15) & (ankles[..., 2] < ankles[..., 2].min(1, keepdims=True) + 0.05)
+    standing = (speed < _STANDING_SPEED) & (ankles[..., 2] < ankles[..., 2].min(1, keepdims=True) + 0.05)
     spots = []
     for foot in range(2):
         edges = np.flatnonzero(np.diff(standing[:, foot], prepend=False, append=False))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
-            if last - first >= 0.1 * fps:
+            if last - first >= _STANDING_TIME * fps:
                 spots.append(np.median(ankles[first:last, foot], axis=0))
     if not spots:
         return np.eye(3), float(np.percentile(ankles[..., 2].min(1), 5)) - ankle_height
@@ -42,19 +50,21 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
     return level, float((level @ (*centre[:2], height))[2]) - ankle_height
 
 
-def lay_soles(feet: np.ndarray, heights: np.ndarray, ankle_height: float) -> np.ndarray:
-    """Feet turned about their length so that soles near the floor lie on it.
+def flatten_soles(feet: np.ndarray, heights: np.ndarray, ankle_height: float) -> np.ndarray:
+    """Turn feet about their length so that soles near the floor lie flat on it.
 
-    The skeletons of CMU's recordings have ankles that cannot tilt sideways, so that their soles lean with the shins,
-    by 35 degrees in a wide stance. Within 2 cm of where a standing ankle is the sole is made level, from 12 cm on left
-    as it is.
+    Ankles of CMU's skeletons cannot tilt sideways, so that soles lean with the shins, by 35 degrees in a wide stance.
+    Up to 2 cm above the height of a standing ankle the sole is levelled, from 12 cm it is left as it is.
 
     Args:
-        feet: (F, 3, 3) orientations.
-        heights: (F,) of the ankles over the floor, m.
-        ankle_height: Of an ankle over its flat foot, m.
+        feet: (F, 3, 3) orientations, world.
+        heights: (F,) of the ankles above the floor, m.
+        ankle_height: Height of an ankle above its flat foot, m.
+
+    Returns:
+        (F, 3, 3) orientations.
     """
     lean = np.arctan2(feet[:, 2, 1], feet[:, 2, 2])
-    # A foot that stands on its toes has no sideways lean to speak of.
+    # The sideways lean of a foot that stands on its toes is not defined.
     share = np.hypot(feet[:, 2, 1], feet[:, 2, 2]) * np.clip((ankle_height + 0.12 - heights) / 0.10, 0, 1)
     return feet @ about("x", -share * np.clip(lean, -np.radians(35), np.radians(35)))

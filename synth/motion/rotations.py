@@ -1,4 +1,4 @@
-"""Rotation matrices from angles and from directions."""
+"""Rotation matrices from angles and directions."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -8,22 +8,22 @@ UPRIGHT = {
     "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
     "z": np.eye(3),
 }
-"""Rotations (3, 3) from a world in which an axis points up to one in which z does."""
+"""(3, 3) rotations from a world in which this axis points up to one in which z does."""
 
 
 def about(axis: str, angle: np.ndarray | float) -> np.ndarray:
-    """(..., 3, 3) rotations by `angle` (...), radians, about axis x, y or z."""
+    """Return rotations (..., 3, 3) by angles (...), rad, about axis x, y or z."""
     angle = np.asarray(angle, np.float64)
     return Rotation.from_euler(axis, angle.reshape(-1, 1)).as_matrix().reshape(*angle.shape, 3, 3)
 
 
 def aligned(along: np.ndarray, forward: np.ndarray, axis: tuple[float, float, float]) -> np.ndarray:
-    """Rotations that take `axis` along a direction, and x as near to another direction as that leaves it.
+    """Return rotations that take `axis` along one direction, and x as near as possible to another.
 
     Args:
-        along: (F, 3) directions, of any length.
-        forward: (F, 3) directions, none along the other.
-        axis: A unit vector orthogonal to x.
+        along: (F, 3) directions of any length.
+        forward: (F, 3) directions of any length, not parallel to `along`.
+        axis: Unit vector orthogonal to x.
 
     Returns:
         (F, 3, 3) rotations.

@@ -1,4 +1,4 @@
-"""Motion for a clip: which take or recipe, which stretch of it, and where on the floor."""
+"""The motion of a clip: draw a take or a procedural recipe, cut a stretch of it, and place it on the floor."""
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -8,39 +8,25 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from synth.motion import Motion
-from synth.motion.agenda import ACTIONS
-from synth.motion.amc import read_amc
-from synth.motion.bvh import read_bvh
-from synth.motion.c3d import read_c3d
-from synth.motion.cmu import true_fps
-from synth.motion.dialects import known_joints
-from synth.motion.mapping import read_mapping, renamed
-from synth.motion.npz import read_npz
-from synth.motion.procedural import ProceduralConfig, make_motion
-from synth.motion.retarget import retarget
+from synth.motion.motion import Motion
+from synth.motion.procedural.agenda import ACTIONS
+from synth.motion.procedural.sequence import SEATED, WEIGHTS, check_actions, make_sequence
+from synth.motion.procedural.walking import ProceduralConfig, make_motion
+from synth.motion.readers import ReadOptions, reader, reader_of
+from synth.motion.readers.joint_names import read_mapping
 from synth.motion.rotations import about
-from synth.motion.sequence import SEATED, WEIGHTS, check_actions, make_sequence
 
 _TURN_TIME = 0.3
-"""Seconds in which a take that is played to and fro comes to rest at its ends."""
+"""Time in which a take that is played back and forth comes to rest at its ends, s."""
+PROCEDURAL = "procedural"
+"""The choice of motion that is made, not read from files."""
 
 
-class MotionKind(Enum):
-    """Where motion comes from."""
-
-    procedural = "procedural"
-    bvh = "bvh"
-    amc = "amc"
-    npz = "npz"
-    c3d = "c3d"
-
-
-class Up(Enum):
-    """Which axis of the world of a recording points up."""
+class UpAxis(Enum):
+    """Which axis of a recording's world points up."""
 
     auto = "auto"
-    """As its format has it: y in BVH and AMC, z in AMASS's npz, in C3D what the file says."""
+    """As the format has it: y in BVH and AMC, z in AMASS's npz; in C3D as the file says."""
     x = "x"
     y = "y"
     z = "z"
@@ -51,32 +37,33 @@ class MotionConfig:
     """Motion of one person.
 
     Attributes:
-        kind: Made from published kinematics, or recorded: in BVH, ASF/AMC, AMASS-style npz or C3D files.
-        path: File, or folder whose files of the kind, at any depth, are drawn from; for recorded kinds.
-        fps: Rate of the recordings, frames per second, where their files state a wrong one. Takes of the CMU database
-            that are known to be stated wrongly are put right without.
-        unit: Metres a unit of the recordings' lengths, where those of the legs do not tell.
-        up: Which axis of the recordings' world points up.
-        mapping: YAML file of lines `their name: our name`, of joints, or of markers, that recordings call otherwise.
-            Ours are those of any skeleton that is known, or `pelvis spine chest head`, and `l_` and `r_` before
-            `upper_arm forearm hand knuckle thigh shin foot`.
-        actions: What people do, one thing after the other, who follow no recording. Of none, they walk or stand
-            throughout, as `procedural` says, which else only tells how fast they walk.
-        weights: How often each action is done relative to the others, 1 if it is not named.
-        procedural: How people move who follow no recording.
+        kind: `procedural`, or the format of recordings, or `<module>:<function>`, a reader of your own.
+        path: File, or folder whose files of the format, at any depth, are drawn from; for recorded motion.
+        fps: Frames per second of the recordings, where files state a wrong rate. Known wrong rates of takes of the CMU
+            database are corrected without it.
+        unit: Metres per unit of length in the recordings, where the length of the legs does not show it.
+        up: Axis of the recordings' world that points up.
+        mapping: YAML file of lines `their name: our name` for joints or markers with other names. Our names are those
+            of any known skeleton, or `pelvis spine chest head`, and `l_` and `r_` before `upper_arm forearm hand
+            knuckle thigh shin foot`.
+        actions: Actions of procedural people, performed one after another. If empty, people walk or stand throughout,
+            as `procedural` says, of which otherwise only the speed applies.
+        weights: Relative frequency of each action, 1 if it is not named.
+        procedural: Procedural people who walk or stand throughout.
     """
 
-    kind: MotionKind = MotionKind.procedural
+    kind: str = PROCEDURAL
     path: str | None = None
     fps: float | None = None
     unit: float | None = None
-    up: Up = Up.auto
+    up: UpAxis = UpAxis.auto
     mapping: str | None = None
     actions: list[str] = field(default_factory=lambda: list(ACTIONS))
     weights: dict[str, float] = field(default_factory=lambda: dict(WEIGHTS))
     procedural: ProceduralConfig = field(default_factory=ProceduralConfig)
 
     def __post_init__(self):
+        reader.check(self.kind, PROCEDURAL)
         check_actions(self.actions, self.weights)
         for name in ("fps", "unit"):
             value = getattr(self, name)
@@ -87,25 +74,25 @@ class MotionConfig:
 def load_motion(
     config: MotionConfig, *, seconds: float, fps: float, rng: np.random.Generator, seated: float = SEATED
 ) -> Motion:
-    """A stretch of motion, drawn at random.
+    """Draw a stretch of motion.
 
-    Of recorded kinds, a take is drawn from `takes(config)`, each as likely, and of that a start (`cut`).
+    For recorded motion, a take is drawn from `takes(config)`, each as likely, and a start in it (`cut`).
 
     Args:
-        config: Where it comes from.
-        seconds: Length wanted.
+        config: The source.
+        seconds: Length, s.
         fps: Frames per second.
-        rng: Draws it.
-        seated: Height of the hips in sitting on a stool over that in standing, for motion that is made.
+        rng: Draws everything.
+        seated: For procedural motion, height of the hips in sitting on a stool as a fraction of that in standing.
 
     Returns:
-        round(seconds * fps) frames, wherever on the floor the source has them; `place` moves them.
+        round(seconds * fps) frames, anywhere on the floor; `place` moves them.
 
     Raises:
-        FileNotFoundError: no such file or folder, or no files of the kind in it.
-        ValueError: a file is malformed, or of a skeleton that is not known.
+        FileNotFoundError: there is no such file or folder, or no file of the format in it.
+        ValueError: a file is malformed, or has an unknown skeleton.
     """
-    if config.kind is MotionKind.procedural:
+    if config.kind == PROCEDURAL:
         span = {"seconds": seconds, "fps": fps, "rng": rng}
         if not config.actions:
             return make_motion(config.procedural, **span)
@@ -117,18 +104,18 @@ def load_motion(
 
 
 def takes(config: MotionConfig) -> list[Path]:
-    """The files that a recorded kind draws from, sorted.
+    """Return the files that recorded motion is drawn from, sorted.
 
     Raises:
-        ValueError: no path is given, or the kind is not recorded.
-        FileNotFoundError: no such file or folder, or no files of the kind in it.
+        ValueError: no path is given, or the kind is procedural.
+        FileNotFoundError: there is no such file or folder, or no file of the format in it.
     """
-    if config.kind is MotionKind.procedural or not config.path:
+    if config.kind == PROCEDURAL or not config.path:
         raise ValueError(
-            f"motion of kind {config.kind.name!r} with path {config.path!r} has no takes; "
-            "expected motion=bvh, amc, npz or c3d, and motion.path=<file or folder>"
+            f"motion of kind {config.kind!r} with path {config.path!r} has no takes; "
+            f"expected motion={'|'.join(reader)} and motion.path=<file or folder>"
         )
-    path, suffix = Path(config.path), f".{config.kind.name}"
+    path, suffix = Path(config.path), f".{reader.find(config.kind).name}"
     if not path.exists():
         raise FileNotFoundError(f"motion path {path}: no such file or folder")
     found = sorted(path.rglob("*")) if path.is_dir() else [path]
@@ -144,18 +131,18 @@ def read_take(
     fps: float | None = None,
     *,
     unit: float | None = None,
-    up: Up = Up.auto,
+    up: UpAxis = UpAxis.auto,
     mapping: str | None = None,
 ) -> Motion:
-    """A whole take, retargeted and levelled, read once as long as its file does not change.
+    """Read a whole take, retargeted and on a level floor. It is cached until its file changes.
 
     Args:
-        path: A .bvh, .amc, .npz or .c3d file.
-        fps: Replaces the rate that the file states, and what is known of the CMU database's.
+        path: A file of a format that has a reader.
+        fps: Frame rate in place of the one that the file states, and of what is known about the CMU database.
         unit, up, mapping: As in `MotionConfig`.
 
     Returns:
-        The take; its arrays are read-only. Its name says what was repaired.
+        The take, with read-only arrays. Its name lists what was repaired.
 
     Raises:
         FileNotFoundError, ValueError: as `load_motion`.
@@ -163,45 +150,34 @@ def read_take(
     if not path.is_file():
         raise FileNotFoundError(f"no motion file {path}")
     names = tuple(read_mapping(Path(mapping)).items()) if mapping else ()
-    return _read_take(path.resolve(), fps, unit, None if up is Up.auto else up.value, names, path.stat().st_mtime_ns)
+    return _read_take(
+        path.resolve(), fps, unit, None if up is UpAxis.auto else up.value, names, path.stat().st_mtime_ns
+    )
 
 
 @lru_cache(maxsize=128)
 def _read_take(
     path: Path, fps: float | None, unit: float | None, up: str | None, names: tuple[tuple[str, str], ...], mtime_ns: int
 ) -> Motion:
-    mapping, kind = dict(names), path.suffix.lower()
-    if kind == ".c3d":
-        motion = read_c3d(path, fps=fps, unit=unit, up=up, mapping=mapping)
-    elif kind == ".npz":
-        if mapping:
-            raise ValueError(f"{path}: motion.mapping names joints, but npz files have them by number, not by name")
-        motion = read_npz(path, fps=fps, unit=unit, up=up)
-    else:
-        recording = read_amc(path) if kind == ".amc" else read_bvh(path)
-        recording = replace(
-            recording,
-            fps=fps or true_fps(path.stem, recording.fps),
-            joints=renamed(recording.joints, mapping, known_joints(), path),
-        )
-        motion = retarget(recording, unit=unit, up=up)
+    options = ReadOptions(fps=fps, unit=unit, up=up, mapping=dict(names))
+    motion = reader_of(path).function(path, options)
     motion.root.setflags(write=False)
     motion.rotations.setflags(write=False)
     return motion
 
 
 def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
-    """A stretch of a take at another rate, rotations by slerp, places linearly.
+    """Cut a stretch of a take and resample it: rotations by slerp, positions linearly.
 
-    A take that is too short is played to and fro, coming to rest within 0.3 s of its ends so that the turns are
-    smooth. People then walk backwards in part, which bodies can, where a loop would make them jump and a hold freeze.
+    A take that is too short is played back and forth, and comes to rest within 0.3 s of its ends so that it reverses
+    smoothly. People then walk backwards at times, which bodies can; a loop would make them jump, and a hold freeze.
 
     Args:
         take: The take.
-        start: Share, 0 to 1, of the possible starts, the first to the last at which the take suffices; a take that is
-            too short may start anywhere, either way.
-        seconds: Length wanted.
-        fps: Rate wanted.
+        start: Where to begin: a share, 0 to 1, of the possible starts, from the first to the last from which the take
+            is long enough. A take that is too short may start anywhere, in either direction.
+        seconds: Length, s.
+        fps: Frames per second.
     """
     frames = max(round(seconds * fps), 1)
     times = np.arange(frames) / fps
@@ -211,11 +187,11 @@ def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
         name = f"{take.name} {times[0]:.2f}-{times[-1]:.2f} s"
     else:
         ease = min(_TURN_TIME, length) or _TURN_TIME
-        way = length + ease
-        phase = (times + start * 2 * way) % (2 * way)
-        phase = np.minimum(phase, 2 * way - phase)
-        # Speed grows evenly from rest over `ease`, and falls likewise; exact at both ends.
-        rising, falling = phase**2 / (2 * ease), length - (way - phase) ** 2 / (2 * ease)
+        period = length + ease
+        phase = (times + start * 2 * period) % (2 * period)
+        phase = np.minimum(phase, 2 * period - phase)
+        # Constant acceleration from rest over `ease`, and likewise to rest; exact at both ends.
+        rising, falling = phase**2 / (2 * ease), length - (period - phase) ** 2 / (2 * ease)
         times = np.where(phase < ease, rising, np.where(phase > length, falling, phase - ease / 2))
         name = f"{take.name} to and fro from {times[0]:.2f} s"
     position = np.clip(times * take.fps, 0, len(take) - 1)
@@ -235,13 +211,14 @@ def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
 
 
 def place(motion: Motion, xy: tuple[float, float], yaw: float, leader: Motion | None = None) -> Motion:
-    """The motion elsewhere on the floor.
+    """Move a motion over the floor.
 
     Args:
         motion: The motion to move.
-        xy: Where the mean of the root lands, m, world.
-        yaw: Where the pelvis faces on the whole (the direction of the mean of its x axis), rad from +x to +y.
-        leader: The motion whose root and facing land there instead, along with which this one is moved: its partner.
+        xy: Target of the mean of the root, m, world.
+        yaw: Target of the mean heading of the pelvis (the direction of the mean of its x axis), rad from +x to +y.
+        leader: Another motion whose mean root and heading land there instead; `motion` moves along with it as its
+            partner.
     """
     leader = leader or motion
     facing = leader.rotations[:, 0, :2, 0].mean(0)

@@ -1,29 +1,18 @@
-"""How fast capture is, beside what it cannot do without."""
-
-import time
+"""Speed of capture, and the share of it that reading and triangulation take."""
 
 import cv2
 import numpy as np
 import pytest
 
-from dmae.capture import CaptureConfig, capture
 from dmae.formats.shelf import read_shelf
-from dmae.triangulate import Noise, triangulate
-
-from ..dmae.examples import looking_at_origin, looking_inwards
-from ..dmae.film import film, walk
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.triangulation import triangulate
+from tests.support.clips import looking_at_origin, looking_inwards
+from tests.support.detected_people import detected_clip, walk
+from tests.support.timing import seconds
 
 pytestmark = pytest.mark.bench
-
-
-def seconds(function, times=3):
-    """The shortest of some runs."""
-    spent = []
-    for _ in range(times):
-        start = time.perf_counter()
-        function()
-        spent.append(time.perf_counter() - start)
-    return min(spent)
 
 
 def test_capture_of_shelf(data_folder):
@@ -35,13 +24,13 @@ def test_capture_of_shelf(data_folder):
 
 
 def test_capture_of_a_crowd_in_a_dome():
-    """Eight people who cross each other's ways, some joints missed, noise of 3 px."""
+    """Eight people who cross each other's paths, some joints missed, noise of 3 px."""
     index = np.arange(31)
     height, angle = 0.5 + 4.5 * index / 30, index * np.pi * (3 - 5**0.5)
     centres = np.stack([6 * np.cos(angle), 6 * np.sin(angle), height], -1)
     starts = 1.5 * np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], -1)
     people = np.stack([walk(start, 0.4 * start[::-1] - start, 0.9 + 0.03 * i, i) for i, start in enumerate(starts)], 1)
-    clip = film(people, rig=looking_inwards(centres))
+    clip = detected_clip(people, rig=looking_inwards(centres))
     poses = capture(clip, CaptureConfig())
     assert poses.xyz.shape[1] == 8
     whole = seconds(lambda: capture(clip, CaptureConfig()), 1)
@@ -54,7 +43,7 @@ def test_triangulation_beside_opencv():
     rig = looking_at_origin(5)
     xyz = rng.normal(0, 0.5, (20_000, 3)) + (0, 0, 1)
     xy = rig.project(xyz)[0] + rng.normal(0, 1, (20_000, 5, 2))
-    ours = seconds(lambda: triangulate(rig, xy, np.ones((20_000, 5)), Noise()))
+    ours = seconds(lambda: triangulate(rig, xy, np.ones((20_000, 5))))
     first, second = xy[:, 0].T.copy(), xy[:, 1].T.copy()
     theirs = seconds(lambda: cv2.triangulatePoints(*rig.projections[:2], first, second))
     print(

@@ -10,21 +10,27 @@ import torch
 import yaml
 from torch import Tensor, nn
 
-from dmae.capture import CaptureConfig, capture
-from dmae.clip import Clip, Poses3D, Source
-from dmae.complete import load_completer
-from dmae.examples import AugmentConfig, Examples, Recipe, Recording, TrainingBatches
-from dmae.hiding import HidingConfig
-from dmae.model import DMAE, ModelConfig, Prediction
-from dmae.skeleton import BODY25
-from dmae.stream import replayed
-from dmae.weights import find_shipped
-from dmae.windows import rest_pose
+from dmae.completion.network.build import build_network
+from dmae.completion.network.config import model_config
+from dmae.completion.network.layers import Prediction
+from dmae.completion.network.paper import DMAE
+from dmae.completion.normalisation import rest_pose
+from dmae.completion.pipeline import load_completer
+from dmae.completion.training.augmentation import AugmentConfig
+from dmae.completion.training.batches import TrainingBatches
+from dmae.completion.training.examples import Examples, Recipe
+from dmae.completion.training.masking import MaskingConfig
+from dmae.completion.training.pose_pairs import PosePair
+from dmae.completion.weights import find_shipped
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.skeleton import BODY25
+from dmae.online.completion import complete_online
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
+from tests.support.circling_people import circling_people
+from tests.support.detected_people import detected_clip, walk
 
-from ..dmae.film import film, walk
-from ..dmae.strollers import strollers
-
-pytestmark = [pytest.mark.bench, pytest.mark.usefixtures("one_thread")]
+pytestmark = pytest.mark.bench
 
 PAPER = yaml.safe_load((Path(__file__).parents[2] / "configs/model/paper.yaml").read_text())
 
@@ -43,7 +49,7 @@ def interleaved(*functions, times: int) -> list[float]:
 def four_people() -> tuple[Clip, Poses3D]:
     """Seen by five cameras that miss half of the joints: a quarter of them have to be completed."""
     ways = [((-1.5, 0), (1.5, 0.2)), ((1.5, -0.3), (-1.5, 0.7)), ((0, -1.5), (0.4, 1.5)), ((1, 1.8), (-1, 1.6))]
-    clip = film(np.stack([walk(*way, 1 - 0.03 * i, i) for i, way in enumerate(ways)], 1), views=5, miss=0.5)
+    clip = detected_clip(np.stack([walk(*way, 1 - 0.03 * i, i) for i, way in enumerate(ways)], 1), views=5, miss=0.5)
     poses = capture(clip, CaptureConfig())
     assert poses.xyz.shape[1] == 4
     return clip, poses
@@ -56,7 +62,7 @@ def test_completing_four_people_from_five_cameras():
     captured, completed, online = interleaved(
         lambda: capture(clip, CaptureConfig()),
         lambda: completer(poses, clip.fps),
-        lambda: replayed(completer, poses, clip.fps),
+        lambda: complete_online(completer, poses, clip.fps),
         times=3,
     )
     frames = len(clip)
@@ -74,13 +80,13 @@ class Plain(nn.Module):
     def __init__(self, like: DMAE):
         super().__init__()
         config = like.config
-        self.like, self.token = like, nn.Parameter(torch.zeros(config.dim))
+        self.like, self.token = like, nn.Parameter(torch.zeros(config.encoder.dim))
         self.encoder, self.decoder = (
             nn.TransformerEncoder(
                 nn.TransformerEncoderLayer(
                     dim,
-                    config.heads,
-                    config.mlp * dim // config.dim,
+                    config.encoder.heads,
+                    config.encoder.mlp * dim // config.encoder.dim,
                     config.dropout,
                     "gelu",
                     batch_first=True,
@@ -90,7 +96,7 @@ class Plain(nn.Module):
                 nn.LayerNorm(dim),
                 enable_nested_tensor=False,
             )
-            for dim, depth in ((config.dim, config.depth), (config.decoder_dim, config.decoder_depth))
+            for dim, depth in ((config.encoder.dim, config.encoder.depth), (config.decoder.dim, config.decoder.depth))
         )
         for layer in (*self.encoder.layers, *self.decoder.layers):
             layer.self_attn.dropout = 0.0
@@ -128,12 +134,14 @@ def taught(model: nn.Module, batches: list[Examples]):
 def test_teaching_the_paper_s_network_beside_a_plain_transformer(device):
     if device == "cuda" and not torch.cuda.is_available():
         pytest.skip("no GPU")
-    config = ModelConfig(**PAPER["model"])
-    truth = strollers(250, 4, rng=np.random.default_rng(0))
+    config = model_config(PAPER["model"])
+    truth = circling_people(250, 4, rng=np.random.default_rng(0))
     rest = rest_pose(truth.xyz, BODY25)
-    recipe = Recipe(config, rest, HidingConfig(**PAPER["hiding"]), AugmentConfig(**PAPER["augment"]))
+    recipe = Recipe(
+        config, rest, MaskingConfig(**PAPER["examples"]["masking"]), AugmentConfig(**PAPER["examples"]["augment"])
+    )
     count, size = (1, 16) if device == "cpu" else (20, 256)
-    batches = TrainingBatches([Recording(truth)], recipe, seed=0, epoch=0, steps=count, batch=size)
+    batches = TrainingBatches([PosePair(truth)], recipe, seed=0, epoch=0, steps=count, batch=size)
     batches = [
         Examples(type(batch.windows)(*(part.to(device) for part in batch.windows)), *(t.to(device) for t in batch[1:]))
         for batch in batches
@@ -148,8 +156,8 @@ def test_teaching_the_paper_s_network_beside_a_plain_transformer(device):
 
         return run
 
-    ours = DMAE(config, len(BODY25)).to(device)
-    plain = Plain(DMAE(replace(config), len(BODY25))).to(device)
+    ours = build_network(config, len(BODY25)).to(device)
+    plain = Plain(build_network(replace(config), len(BODY25))).to(device)
     for unused in (plain.like.encoder, plain.like.decoder, plain.like.encoder_norm, plain.like.decoder_norm):
         unused.requires_grad_(False)
     first, second = interleaved(synchronised(taught(ours, batches)), synchronised(taught(plain, batches)), times=5)

@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from synth.detect import detect
-from synth.generate import GenerateConfig, generate_clip
-from synth.spec import SceneConfig
-
-from ..synth.detecting import PRESETS, preset
-from .test_capture import seconds
+from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.detector.simulated_detector import detect
+from synth.scene.spec import SceneConfig
+from tests.support.detectors import PRESETS, preset
+from tests.support.timing import seconds
 
 pytestmark = pytest.mark.bench
 
@@ -28,7 +27,7 @@ def test_detections_of_four_people_in_five_views():
         detector = preset(name)
         of_detections = seconds(
             lambda detector=detector: detect(
-                clip.truth, clip.visibility, clip.hidden_by, clip.rig, clip.fps, detector, rng=np.random.default_rng(0)
+                clip.truth, clip.occlusion, clip.rig, clip.fps, detector, rng=np.random.default_rng(0)
             )
         )
         print(f"  {name}: {of_detections:.2f} s, {of_detections / whole:.0%} of that")

@@ -10,17 +10,18 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from dmae.images import KINDS
-from synth.dataset import generate
-from synth.generate import GenerateConfig, ImageKinds, generate_clip
+from dmae.data.images import KINDS
+from synth.datasets.clip import GenerateConfig, ImageKinds, generate_clip
+from synth.datasets.generate import generate
+from synth.errors import FailedSimulation
 from synth.motion.source import MotionConfig
-from synth.quality import FailedSimulation
-from synth.render import Quality, Renderer, find_backend, render_images
-from synth.sample import sample_spec
-from synth.simulate import simulate
-from synth.spec import SceneConfig
-
-from ..synth.people import RIG
+from synth.physics.simulation import simulate
+from synth.rendering.backend import find_backend
+from synth.rendering.image_files import render_images
+from synth.rendering.renderer import ImageQuality, Renderer
+from synth.scene.sampling import sample_scene
+from synth.scene.spec import SceneConfig
+from tests.support.scenes import RIG
 
 pytestmark = pytest.mark.bench
 
@@ -29,12 +30,12 @@ MOST_MEMORY = 2**30
 CLIPS = 100
 
 
-@pytest.mark.parametrize("quality", list(Quality), ids=lambda quality: quality.name)
+@pytest.mark.parametrize("quality", list(ImageQuality), ids=lambda quality: quality.name)
 @pytest.mark.parametrize("kinds", [("rgb",), KINDS], ids=["rgb", "all"])
 def test_rendering_of_four_people(quality, kinds, tmp_path, monkeypatch):
     if not find_backend():
         pytest.skip("no OpenGL works here")
-    spec = sample_spec(SceneConfig(persons=[4, 4], seconds=0.4), MotionConfig(), seed=0, clip=0)
+    spec = sample_scene(SceneConfig(persons=[4, 4], seconds=0.4), MotionConfig(), seed=0, clip=0).spec
     made = simulate(spec, RIG)
     engine = dict.fromkeys(ENGINE, 0.0)
 
@@ -80,7 +81,7 @@ def test_workers(tmp_path, monkeypatch):
     def seconds(workers: int) -> float:
         scene, out = SceneConfig(persons=[2, 2], seconds=0.4), tmp_path / f"{workers}"
         config = GenerateConfig(
-            str(out), clips=16, workers=workers, images=ImageKinds.rgb, quality=Quality.draft, scene=scene
+            str(out), clips=16, workers=workers, images=ImageKinds.rgb, quality=ImageQuality.draft, scene=scene
         )
         start = time.perf_counter()
         generate(config)

@@ -5,10 +5,10 @@ import time
 import numpy as np
 import pytest
 
-from synth.generate import GenerateConfig, generate_clip
-from synth.occlusion import OcclusionConfig
-from synth.quality import FailedSimulation
-from synth.spec import SceneConfig
+from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.datasets.occlusion import OcclusionConfig
+from synth.errors import FailedSimulation
+from synth.scene.spec import SceneConfig
 
 pytestmark = pytest.mark.bench
 

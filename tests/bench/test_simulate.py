@@ -1,4 +1,4 @@
-"""What making labels costs beside the engine calls it contains."""
+"""The time that labels take beside the engine calls that they contain."""
 
 import time
 
@@ -6,15 +6,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from dmae.rng import Stream, generator
-from synth import simulate
+from dmae.data.cameras import CameraRig
+from dmae.data.rng import Stream, generator
+from synth.errors import FailedSimulation
+from synth.labels.visibility import joint_visibility
 from synth.motion.source import MotionConfig
-from synth.quality import FailedSimulation
-from synth.rigs import RigConfig, make_rig
-from synth.sample import load_motions, sample_spec
-from synth.simulate import simulate_motions
-from synth.spec import SceneConfig
-from synth.visibility import joint_visibility
+from synth.physics import simulation
+from synth.physics.simulation import simulate
+from synth.rigs.rig import RigConfig, make_rig
+from synth.scene.sampling import SampledScene, sample_scene
+from synth.scene.spec import SceneConfig
 
 pytestmark = pytest.mark.bench
 
@@ -73,37 +74,34 @@ def see(made, rig):
     return joint_visibility(made.model, made.qpos, made.joints, made.depth, made.geom_ids, rig, made.bodies)
 
 
-def drawn(scene: SceneConfig):
-    """The first clip that succeeds, of a rig of five cameras: its number, specification and cameras."""
+def drawn(scene: SceneConfig) -> tuple[int, SampledScene, CameraRig]:
+    """The first clip that succeeds, of a rig of five cameras: its number, scene and cameras."""
     for clip in range(20):
         rig = make_rig(RigConfig(), rng=generator(0, clip, Stream.CAMERAS))
         try:
-            spec = sample_spec(scene, MotionConfig(), seed=0, clip=clip)
-            simulate_motions(spec, load_motions(spec), rig, painted=False)
+            found = sample_scene(scene, MotionConfig(), seed=0, clip=clip)
+            simulate(found.spec, rig, found.motions, painted=False)
         except FailedSimulation:
             continue
-        return clip, spec, rig
+        return clip, found, rig
     raise FailedSimulation("none of 20 clips succeeds")
 
 
 @pytest.mark.parametrize("scene", [APART, TOUCHING], ids=["apart", "touching"])
 def test_labels_of_four_people_in_five_views(scene, monkeypatch):
-    clip, spec, rig = drawn(scene)
-    clock, run = Clock(), simulate._run
-    monkeypatch.setattr(simulate, "_run", lambda *given: clock.time("simulating", run, *given))
+    clip, (spec, motions), rig = drawn(scene)
+    clock, run = Clock(), simulation._run
+    monkeypatch.setattr(simulation, "_run", lambda *given: clock.time("simulating", run, *given))
     for _ in range(REPEATS):
-        # Another clip in between, lest its motions be remembered.
-        sample_spec(scene, MotionConfig(), seed=1, clip=clip)
-        clock.time("planning", sample_spec, scene, MotionConfig(), seed=0, clip=clip)
-        motions = clock.time("planning again", load_motions, spec)
-        made = clock.time("the rest", simulate_motions, spec, motions, rig, painted=False)
+        clock.time("sampling", sample_scene, scene, MotionConfig(), seed=0, clip=clip)
+        made = clock.time("the rest", simulate, spec, rig, motions, painted=False)
         clock.time("visibility", see, made, rig)
     with monkeypatch.context() as patch:
         steps, rays = Calls(patch, "mj_step"), Calls(patch, "mj_multiRay")
-        see(simulate_motions(spec, motions, rig, painted=False), rig)
+        see(simulate(spec, rig, motions, painted=False), rig)
     step, ray = (min(calls.bare() for _ in range(REPEATS)) for calls in (steps, rays))
     simulating, seeing = clock["simulating"], clock["visibility"]
-    preparing = clock["planning"] + clock["planning again"] + clock["the rest"] - simulating
+    preparing = clock["sampling"] + clock["the rest"] - simulating
     whole = preparing + simulating + seeing
     frames, quality = len(made.qpos), made.quality
     print(f"\n{frames} frames, of which in contact {quality['contact_frames']}; s:")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dmae.clip import Clip
+from dmae.data.clip import Clip
 from dmae.formats.shelf import read_shelf
 
 

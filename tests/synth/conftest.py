@@ -6,12 +6,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from dmae.clip import Poses3D
-from synth import render
-from synth.render import find_backend
-
-from .detecting import three_persons, what_is_seen
-from .test_rigs import preset
+from dmae.data.clip import Poses3D
+from synth.rendering import renderer as rendering
+from synth.rendering.backend import find_backend
+from tests.support.detectors import occlusion_of, three_persons
+from tests.support.rigs import preset
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -26,7 +25,7 @@ def surfaces_of_tests(tmp_path_factory) -> Iterator[None]:
 def painter(request, monkeypatch) -> str:
     """Once by OpenGL, where there is one, and once by ray casting."""
     if request.param == "rays":
-        monkeypatch.setattr(render, "find_backend", lambda: None)
+        monkeypatch.setattr(rendering, "find_backend", lambda: None)
         return "rays"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -47,8 +46,8 @@ def truth() -> Poses3D:
 
 
 @pytest.fixture(scope="module")
-def seen(truth, rig):
-    return what_is_seen(truth, rig)
+def occlusion(truth, rig):
+    return occlusion_of(truth, rig)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,1 @@
+"""Are the cameras right: faults of a calibration, found and named."""

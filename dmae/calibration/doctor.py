@@ -1,0 +1,137 @@
+"""The doctor: whether the cameras and the detections of a recording agree, and if not, why."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dmae.calibration.agreement import Pairs, measure_agreement, pairs_to_compare, triangulate_matches
+from dmae.calibration.epipolar import ViewSample
+from dmae.calibration.fault_search import find_fault
+from dmae.calibration.faults import Fault
+from dmae.calibration.findings import (
+    MIN_DETECTIONS,
+    Finding,
+    corrected_fault,
+    disagreeing_cameras,
+    size_faults,
+    unexplained_fault,
+    world_faults,
+)
+from dmae.calibration.hypothesis import CHECKED_FRAMES, Hypothesis
+from dmae.data.clip import Clip
+from dmae.formats.calibrations.conventions import Convention
+
+_MIN_SENSITIVITY = 0.08
+"""Agreement that motion must cost at wrong offsets, to decide whether cameras are synchronised."""
+
+
+@dataclass(frozen=True)
+class PairFit:
+    """How two cameras fit each other.
+
+    Attributes:
+        cameras: Their names.
+        residual: Median distance of joints from epipolar lines in detections that agree, px; None without any.
+        agreeing: Share of detections that agree with one of the other camera, in frames in which both detect people.
+        agreement: Mean agreement of these detections, from 0 to 1.
+        detections: Number of these detections.
+    """
+
+    cameras: tuple[str, str]
+    residual: float | None
+    agreeing: float
+    agreement: float
+    detections: int
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What is wrong with a recording.
+
+    Attributes:
+        pairs: How the cameras fit as the recording was read.
+        corrected: How they fit with the findings corrected.
+        findings: Faults, in the order in which to correct them; empty for a sound recording.
+        unknown: What could not be decided, and why.
+    """
+
+    pairs: tuple[PairFit, ...]
+    corrected: tuple[PairFit, ...]
+    findings: tuple[Finding, ...]
+    unknown: tuple[str, ...]
+
+
+def diagnose(
+    clip: Clip, convention: Convention | None = None, offsets: list[int] | None = None, max_offset: int = 50
+) -> Diagnosis:
+    """Compare cameras and detections, and find the usual faults.
+
+    Args:
+        clip: F frames of V cameras; only cameras and detections are read.
+        convention: How the files were assumed to write the calibration; None if the format has no such options.
+        offsets: (V,) frames by which the files' detections are delayed already.
+        max_offset: Largest time offset between two cameras that is tried, in frames, either way.
+
+    Raises:
+        ValueError: `max_offset` is negative.
+    """
+    if max_offset < 0:
+        raise ValueError(f"max_offset={max_offset}: expected a number of frames, 0 or more")
+    hypothesis = Hypothesis.of(clip, convention or Convention())
+    pairs = pairs_to_compare(len(clip.rig))
+    frames = hypothesis.sample_frames(CHECKED_FRAMES)
+    detected = np.isfinite(hypothesis.xy[..., 0]).any((0, 2, 3))
+    unknown = tuple(
+        f"camera {name} detects no people" for name, some in zip(clip.rig.names, detected, strict=True) if not some
+    )
+    if len(clip.rig) < 2 or not len(frames):
+        reason = "there is one camera" if len(clip.rig) < 2 else "no two cameras detect people in the same frame"
+        return Diagnosis((), (), (), (*unknown, f"nothing can be compared: {reason}"))
+    fits = _pair_fits(hypothesis, pairs, frames)
+    if sum(fit.detections for fit in fits) < MIN_DETECTIONS:
+        return Diagnosis(fits, fits, (), (*unknown, "nothing can be compared: too few people are seen by two cameras"))
+    findings, sensitivity = [], 0.0
+    # A fault can hide another; every camera can have one.
+    for _ in range(len(clip.rig) + 2):
+        correction, sensitivity = find_fault(hypothesis, max_offset)
+        if correction is None:
+            break
+        findings.append(corrected_fault(correction, hypothesis, convention, offsets, frames))
+        hypothesis = correction.hypothesis
+        if correction.fault == Fault.inverse and len(correction.views) == len(clip.rig):
+            written = replace(hypothesis.convention, inverse=not hypothesis.convention.inverse)
+            hypothesis = replace(hypothesis, convention=written)
+    frames = hypothesis.sample_frames(CHECKED_FRAMES)
+    sample = ViewSample.of(hypothesis, frames)
+    found = measure_agreement(sample, pairs)
+    people = triangulate_matches(sample, pairs, found)
+    disagreeing, apart = disagreeing_cameras(hypothesis, people, found, pairs)
+    if disagreeing:
+        findings.append(unexplained_fault(hypothesis, disagreeing))
+    unknown += tuple(f"camera {name} sees no people that the others see" for name in apart)
+    if len(disagreeing) < len(clip.rig):
+        if sensitivity < _MIN_SENSITIVITY:
+            unknown += ("people move too little to decide whether the cameras are synchronised",)
+        more, undecided = world_faults(hypothesis, people, convention is not None)
+        findings += more
+        unknown += undecided
+    findings += size_faults(hypothesis)
+    return Diagnosis(fits, _pair_fits(hypothesis, pairs, frames), tuple(findings), unknown)
+
+
+def _pair_fits(hypothesis: Hypothesis, pairs: Pairs, frames: np.ndarray) -> tuple[PairFit, ...]:
+    """Return how each pair of cameras fits in frames (S,)."""
+    found = measure_agreement(ViewSample.of(hypothesis, frames), pairs)
+    fits = []
+    for index, (a, b) in enumerate(pairs):
+        residual, detections = found.residual[found.pair == index], int(found.detections[index].sum())
+        fits.append(
+            PairFit(
+                (hypothesis.rig.names[a], hypothesis.rig.names[b]),
+                float(np.nanmedian(residual)) if len(residual) else None,
+                2 * len(residual) / max(detections, 1),
+                float(found.total[index].sum() / max(detections, 1)),
+                detections,
+            )
+        )
+    return tuple(fits)

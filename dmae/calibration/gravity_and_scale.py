@@ -1,0 +1,43 @@
+"""Gravity and scale: which way is up in the world, and how long its unit is, from the people measured in it."""
+
+import numpy as np
+
+from dmae.data.skeleton import Skeleton
+from dmae.numerics.robust import mean_known
+
+_ADULT = {("shoulder", "hip"): 0.50, ("hip", "knee"): 0.42, ("knee", "ankle"): 0.41}
+"""m, mean of both sides: limbs of an adult of 1.72 m."""
+_MIN_COUNT = 10
+"""Fewest limbs, or people, for an answer."""
+
+
+def relative_size(people: np.ndarray, skeleton: Skeleton) -> float | None:
+    """Return the size of people (n, J, 3) relative to adults measured in metres; None if too few limbs are known."""
+    ratios = []
+    for (start, end), adult in _ADULT.items():
+        for side in (side for side in "lr" if {f"{side}_{start}", f"{side}_{end}"} <= set(skeleton.joints)):
+            first, second = skeleton.index(f"{side}_{start}", f"{side}_{end}")
+            ratios.append(np.linalg.norm(people[:, first] - people[:, second], axis=-1) / adult)
+    ratios = np.concatenate(ratios) if ratios else np.empty(0)
+    ratios = ratios[np.isfinite(ratios)]
+    return float(np.median(ratios)) if len(ratios) >= _MIN_COUNT else None
+
+
+def upright_direction(people: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, float] | None:
+    """Find the direction in which people (n, J, 3) stand.
+
+    Returns:
+        The unit vector (3,), and from 0 to 1 how much people agree in it; None if too few people are known.
+    """
+    ends = []
+    for parts in (("shoulder", "neck", "nose"), ("ankle", "knee")):
+        joints = [i for i, joint in enumerate(skeleton.joints) if joint.removeprefix("l_").removeprefix("r_") in parts]
+        ends.append(mean_known(people[:, joints], 1) if joints else np.full((len(people), 3), np.nan))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        direction = (ends[0] - ends[1]) / np.linalg.norm(ends[0] - ends[1], axis=-1, keepdims=True)
+    direction = direction[np.isfinite(direction).all(-1)]
+    if len(direction) < _MIN_COUNT:
+        return None
+    mean = direction.mean(0)
+    length = float(np.linalg.norm(mean))
+    return mean / max(length, 1e-12), length

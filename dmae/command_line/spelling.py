@@ -1,0 +1,259 @@
+"""Overrides held against the options of a command before anything heavy is imported; each mistake is one line."""
+
+import re
+from collections.abc import Collection, Iterable
+from difflib import SequenceMatcher, get_close_matches
+from itertools import pairwise
+from pathlib import Path
+
+from dmae.command_line.options import REQUIRED, Group, Option
+
+_OVERRIDE = re.compile(
+    r"(?P<prefix>\+\+|\+|~)?(?P<key>[^=@]+)(?P<package>@[^=]*)?(?P<equals>=)?(?P<value>.*)", re.DOTALL
+)
+_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|nan)", re.IGNORECASE)
+_EXPECTED = {"whole number": re.compile(r"[-+]?\d[\d_]*"), "number": _NUMBER}
+_FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+"""`package.module:function`, which registries take beside their own names."""
+_BOOLEANS = {"true", "false", "yes", "no", "on", "off", "1", "0"}
+FLAGS = (
+    "--cfg", "-c", "--resolve", "--package", "-p", "--run", "-r", "--multirun", "-m", "--info", "-i", "--config-path",
+    "-cp", "--config-name", "-cn", "--config-dir", "-cd", "--shell-completion", "-sc", "--hydra-help",
+    "--experimental-rerun",
+)  # fmt: skip
+_WITH_VALUE = ("--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd")
+_LOOKING = ("--cfg", "-c", "--info", "-i", "--shell-completion", "-sc", "--hydra-help")
+"""Flags with which nothing is run, so that nothing need be given."""
+
+
+def nearest(word: str, words: Iterable[str]) -> str | None:
+    """The most similar of some words; None if none is similar."""
+    found = get_close_matches(word, list(words), 1, 0.6)
+    return found[0] if found else None
+
+
+def suggestion(word: str, words: Iterable[str], what: str = "there are") -> str:
+    """What to say of a word that is none of these: the nearest, or if none is near, all of them."""
+    words = list(words)
+    near = nearest(word, words)
+    return f"did you mean {near}?" if near else f"{what} {', '.join(words)}"
+
+
+def split_flags(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """Hydra's flags, with their values, and the overrides.
+
+    Raises:
+        ValueError: there is no such flag.
+    """
+    flags, overrides, rest = [], [], iter(arguments)
+    for argument in rest:
+        if not argument.startswith("-"):
+            overrides.append(argument)
+            continue
+        name, equals, _ = argument.partition("=")
+        if name not in FLAGS:
+            near = nearest(name, ("--help", *FLAGS))
+            usual = "options are given as key=value, and the usual flags are --help, -m, --config-dir and --cfg"
+            raise ValueError(f"{name}: no such flag; {f'did you mean {near}?' if near else usual}")
+        flags.append(argument)
+        if name in _WITH_VALUE and not equals:
+            value = next(rest, None)
+            if value is None:
+                raise ValueError(f"{name}: expected a value after it")
+            flags.append(value)
+    return flags, overrides
+
+
+def flag_values(flags: list[str], *names: str) -> list[str]:
+    """The values that flags of these names were given."""
+    found = [flag.partition("=")[2] for flag in flags if flag.partition("=")[0] in names and "=" in flag]
+    return found + [value for flag, value in pairwise(flags) if flag in names]
+
+
+def check(options: Group, overrides: list[str], flags: list[str]) -> None:
+    """Find mistyped options, presets and choices, values of the wrong type, and options that are not given.
+
+    Raises:
+        ValueError: the message names what was given, and the nearest that there is.
+    """
+    sweep = "-m" in flags or "--multirun" in flags
+    given = [_check(options, override, sweep) for override in overrides]
+    looking = any(flag.partition("=")[0] in _LOOKING for flag in flags)
+    if looking or flag_values(flags, "--config-name", "-cn", "--config-dir", "-cd"):
+        return
+    if missing := required(options, set(given)):
+        raise ValueError(f"expected {', '.join(f'{key}=...' for key in missing)}; --help says what they are")
+
+
+def required(options: Group, given: Collection[str] = ()) -> list[str]:
+    """Options that have to be given, and are not; of a preset that has to be chosen nothing else is asked."""
+    missing = []
+    for member in options.members:
+        if isinstance(member, Group) and member.preset == REQUIRED and member.key not in given:
+            missing.append(member.key)
+        elif isinstance(member, Group):
+            missing += required(member, given)
+        elif member.default == REQUIRED and member.key not in given:
+            missing.append(member.key)
+    return missing
+
+
+def _check(options: Group, override: str, sweep: bool) -> str:
+    """Check one override; the key that it gives."""
+    match = _OVERRIDE.fullmatch(override)
+    key, value, prefix = match["key"].strip(), match["value"], match["prefix"]
+    if key.split(".")[0].split("/")[0] == "hydra":
+        return key
+    if not match["equals"] and prefix != "~":
+        raise ValueError(f"{override}: expected key=value{_meant(options, key)}")
+    found = options.find(key)
+    if found is None:
+        if _below_dictionary(options, key):
+            return key
+        raise ValueError(f"{key}: no such option; {_like(options, key)}")
+    if prefix == "+":
+        raise ValueError(f"{override}: there is an option {key}; leave out the +")
+    if prefix == "~":
+        raise ValueError(f"{override}: options cannot be removed; give {key} another value")
+    values = _elements(value)
+    if len(values) > 1 and not sweep:
+        raise ValueError(
+            f"{override}: several values are tried in turn with -m; a list is written as {key}=[a,b], a text "
+            f"with commas in quotes within quotes, as \"{key}='a,b'\""
+        )
+    for each in values:
+        if any(sign in each for sign in "$("):
+            continue  # an interpolation, or a sweep of Hydra's own
+        if isinstance(found, Group):
+            _check_preset(found, each)
+        else:
+            _check_value(found, each)
+    return key
+
+
+def _check_preset(group: Group, value: str) -> None:
+    if not group.presets:
+        names = ", ".join(member.key for member in group.members)
+        raise ValueError(f"{group.key}={value}: expected one of its options: {names}")
+    if value.strip("'\"") not in group.presets:
+        raise ValueError(f"{group.key}={value}: no such choice; {_choices(value, group.presets)}")
+
+
+def _check_value(option: Option, value: str) -> None:
+    value = value.strip()
+    if option.keyed:
+        return
+    if value == "null":
+        if not option.optional:
+            raise ValueError(f"{option.key}=null: expected {_expected(option)}")
+        return
+    bracketed = value.startswith("[") and value.endswith("]")
+    if option.many != bracketed:
+        raise ValueError(f"{option.key}={value}: expected {_expected(option)}")
+    for each in _elements(value[1:-1]) if bracketed else [value]:
+        plain = each.strip().strip("'\"")
+        if option.kind == "text" and ":" in plain:
+            continue  # module:function, a user's own
+        # A function of users' own, module:function, is checked when it is imported.
+        if option.choices and plain not in option.choices and ":" not in plain:
+            raise ValueError(f"{option.key}={value}: {_no(option, plain)}; {_choices(plain, option.choices)}")
+        pattern = _EXPECTED.get(option.kind)
+        wrong_number = pattern and not pattern.fullmatch(plain)
+        if wrong_number or (option.kind == "true or false" and plain.lower() not in _BOOLEANS):
+            raise ValueError(f"{option.key}={value}: expected {_expected(option)}")
+
+
+def _no(option: Option, value: str) -> str:
+    return f"no {option.key.rpartition('.')[2].removesuffix('s')} {value!r}" if option.many else "no such choice"
+
+
+def _choices(value: str, choices: Iterable[str]) -> str:
+    """The nearest of some, and all of them."""
+    near = nearest(value, choices)
+    return f"did you mean {near}? There are {', '.join(choices)}" if near else f"there are {', '.join(choices)}"
+
+
+def _expected(option: Option) -> str:
+    if option.choices:
+        one = f"one of {', '.join(option.choices)}"
+        return f"a list, as {option.key}=[{','.join(option.choices[:2])}]" if option.many else one
+    what = {"true or false": "true or false", "text": "text"}.get(option.kind, f"a {option.kind}")
+    if option.many:
+        return f"a list of {option.kind}s, as {option.key}=[...]" if "number" in option.kind else (
+            f"a list, as {option.key}=[...]"
+        )  # fmt: skip
+    return what
+
+
+def _like(options: Group, key: str) -> str:
+    """The option that was probably meant: of the same last name, or else the most similar."""
+    keys = [member.key for member in options.walk() if not key.startswith(f"{member.key}.")]
+    last = key.rpartition(".")[2]
+    same = [each for each in keys if each.rpartition(".")[2] == last]
+    if len(same) > 1:
+        same = [nearest(key, same) or ""] if nearest(key, same) else same
+    if len(same) == 1:
+        return f"did you mean {same[0]}?"
+    if same:
+        return f"did you mean one of {', '.join(same[:6])}?"
+    lasts = {each.rpartition(".")[2]: each for each in reversed(keys)}
+    similar = {near: SequenceMatcher(None, key, near).ratio() for near in [nearest(key, keys)] if near}
+    similar |= {lasts[near]: SequenceMatcher(None, last, near).ratio() for near in [nearest(last, lasts)] if near}
+    if similar:
+        return f"did you mean {max(similar, key=similar.get)}?"
+    return f"there are {', '.join(member.key for member in options.members)}"
+
+
+def _meant(options: Group, word: str) -> str:
+    keys = [member.key for member in options.walk()]
+    near = word if word in keys else nearest(word, keys)
+    return f", as in {near}=..." if near else ""
+
+
+def _below_dictionary(options: Group, key: str) -> bool:
+    """Whether a key is an entry of an option that is a dictionary."""
+    parents = [key.rpartition(".")[0]] if "." in key else []
+    found = [options.find(parent) for parent in parents]
+    return any(isinstance(each, Option) and each.keyed for each in found)
+
+
+def _elements(text: str) -> list[str]:
+    """Parts of a text between commas that are in no bracket or quotes."""
+    parts, depth, quote = [""], 0, ""
+    for sign in text:
+        if quote:
+            quote = "" if sign == quote else quote
+        elif sign in "'\"":
+            quote = sign
+        depth += (sign in "[({") - (sign in "])}")
+        if sign == "," and not depth and not quote:
+            parts.append("")
+        else:
+            parts[-1] += sign
+    return [part for part in parts if part.strip()]
+
+
+def expand_data(options: Group, overrides: list[str]) -> list[str]:
+    """`data=<folder>` is short for `data=<its format> data.path=<folder>`.
+
+    Raises:
+        ValueError: it is neither a format nor a folder; the message lists the formats.
+    """
+    data = options.find("data")
+    if not isinstance(data, Group) or not data.presets:
+        return overrides
+    expanded = []
+    for override in overrides:
+        key, _, value = override.partition("=")
+        if key != "data" or not value or set(value.split(",")) <= data.presets.keys():
+            expanded.append(override)
+            continue
+        folders = [each.strip().strip("'\"") for each in _elements(value)]
+        if len(folders) == 1 and _FUNCTION.fullmatch(folders[0]):
+            expanded += ["data=clip", f"data.name={value}"]
+            continue
+        for folder in folders:
+            if not (Path(folder).exists() or "$" in folder or "(" in folder):
+                raise ValueError(f"data={folder}: neither a folder nor a format; {_choices(folder, data.presets)}")
+        expanded += ["data=clip", "data.name=null", f"data.path={value}"]
+    return expanded

@@ -1,0 +1,15 @@
+"""WHAT CAN BE RUN? A file for each sub-command of `dmae`: its configuration, its examples, and `run(config, out)`."""
+
+COMMANDS = {
+    "capture": "Turn detections into 3D poses",
+    "complete": "Fill what no camera measured, marked as such",
+    "evaluate": "Score methods over clips and camera subsets",
+    "report": "Put scores and pictures on one page",
+    "convert": "Turn a recording into another format, or into a clip",
+    "export": "Write poses to a file that other programs read",
+    "doctor": "Find what is wrong with a calibration and its detections",
+    "train": "Learn to complete poses from clips with truth",
+    "card": "Describe trained weights: what they are made of and how they score",
+    "regress": "Check any triangulation against a frozen pack of cases",
+}
+"""Each sub-command and what it does, in the order of the help; `dmae a-b` is the module `dmae.commands.a_b`."""

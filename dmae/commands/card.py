@@ -1,0 +1,29 @@
+"""`dmae card`: a model card beside trained weights."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dmae.completion.model_card import model_card
+from dmae.data.store import write_atomic
+
+WRITES = None
+EXAMPLES = ('dmae card weights=runs/model scores=[runs/scores] command="make weights"',)
+
+
+@dataclass(frozen=True)
+class CardCommand:
+    """Describe trained weights: what they are made of and how they score. Writes `MODEL_CARD.md` beside them."""
+
+    weights: str = "???"
+    """Folder that `dmae train` wrote; the card is written there."""
+    scores: list[str] = field(default_factory=list)
+    """Folders that `dmae evaluate` wrote with these weights."""
+    command: str = "???"
+    """Command line that makes these weights, data included."""
+
+
+def run(config: CardCommand, out: None) -> None:
+    folder = Path(config.weights)
+    path = folder / "MODEL_CARD.md"
+    write_atomic(path, model_card(folder, [Path(scores) for scores in config.scores], config.command))
+    print(path)

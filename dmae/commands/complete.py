@@ -1,0 +1,68 @@
+"""`dmae complete`: fill what no camera measured, with trained weights."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from dmae.commands.data_sets import Manifest, describe_joints, finished
+from dmae.completion.pipeline import completers
+from dmae.data.store import clip_folders, load_clip, save_clip
+from dmae.online.completion import DELAY, complete_online
+from dmae.progress import progress
+
+WRITES = "folder"
+EXAMPLES = (
+    "dmae complete clip=runs/captured out=runs/completed",
+    "dmae complete clip=runs/captured weights=runs/model reject=true out=runs/completed",
+    "dmae complete clip=runs/captured online=true delay=0.2 out=runs/online",
+)
+
+
+@dataclass(frozen=True)
+class CompleteCommand:
+    """Fill what no camera measured, marked as such."""
+
+    clip: str = "???"
+    """Folder of a captured clip, or of a data set of them."""
+    weights: str | None = None
+    """Folder that `dmae train` wrote; by default the weights that come with the package, for the skeleton of the
+    poses."""
+    denoise: bool = False
+    """Let the model move joints measured by fewer than three views too; they are then marked denoised."""
+    reject: bool = False
+    """Drop joints of two views that the frames around contradict (`dmae.completion.rejection`), and complete them as
+    well."""
+    online: bool = False
+    """Complete as while cameras run: each frame by what is known `delay` after it."""
+    delay: float = DELAY
+    """s; delay of `online`."""
+    out: str = "runs/complete"
+    """Folder of the completed clip; of a data set a folder for each clip is made in it."""
+
+
+def run(config: CompleteCommand, out: Path) -> None:
+    completer_for = completers(
+        Path(config.weights) if config.weights else None, denoise=config.denoise, reject=config.reject
+    )
+    folders = clip_folders(Path(config.clip))
+    several = folders != [Path(config.clip)]
+    with Manifest(out, several) as manifest:
+        for folder in progress(folders, "completing"):
+            clip = load_clip(folder)
+            if clip.poses is None:
+                raise ValueError(f"{folder}: has no poses to complete; run dmae capture on it first")
+            completer = completer_for(clip.poses.skeleton)
+            for note in completer.notes(clip.poses, clip.fps):
+                print(f"{clip.id}: {note}")
+            if config.online:
+                print(f"{clip.id}: each frame by what is known {config.delay:g} s after it")
+                poses = complete_online(completer, clip.poses, clip.fps, config.delay)
+            else:
+                poses = completer(clip.poses, clip.fps)
+            save_clip(replace(clip, poses=poses), out / folder.name if several else out)
+            manifest.add(folder.name)
+            print(f"{clip.id}: {describe_joints(poses)}")
+    print(out)
+
+
+def interrupted(config: CompleteCommand, out: Path) -> str:
+    return f"{finished(out)}; the same command completes all clips anew"

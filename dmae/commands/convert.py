@@ -1,0 +1,43 @@
+"""`dmae convert`: a recording to another format, or to a clip."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dmae.commands.data_sets import Manifest, each_clip
+from dmae.formats.reading import is_data_set
+from dmae.formats.recordings.data_config import DataConfig
+from dmae.formats.registry import recording_writer
+from dmae.formats.writing import write_recording
+
+WRITES = "folder"
+EXAMPLES = (
+    "dmae convert data=pose2sim data.path=session/trial out=runs/session",
+    "dmae convert data=runs/data format=openpose out=runs/openpose",
+)
+
+
+@dataclass(frozen=True)
+class ConvertCommand:
+    """Turn a recording into another format, or into a clip."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    format: str = field(default="clip", metadata={"choices": recording_writer})
+    """Format to convert to."""
+    out: str = "???"
+    """Folder to write; of a data set a folder for each clip is made in it."""
+
+
+def run(config: ConvertCommand, out: Path) -> None:
+    with Manifest(out, is_data_set(config.data) and config.format == "clip") as manifest:
+        for clip, name, folder in each_clip(config.data, out, "converting"):
+            lacking = write_recording(clip, folder, config.format)
+            manifest.add(name)
+            print(f"{folder}: {len(clip)} frames, {len(clip.rig)} cameras, {clip.detections.skeleton.name}")
+            for note in clip.provenance.get("notes", ()):
+                print(f"  {note}")
+            if lacking:
+                print(f"  read it with {lacking}, which the format does not hold")
+
+
+def interrupted(config: ConvertCommand, out: Path) -> str:
+    return f"{out} may lack files; remove it, and give the same command again"

@@ -1,0 +1,99 @@
+"""`dmae doctor`: what is wrong with a calibration and its detections."""
+
+import json
+import sys
+from dataclasses import asdict, dataclass, field
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from dmae.calibration.doctor import Diagnosis, PairFit, diagnose
+from dmae.commands.data_sets import each_clip
+from dmae.data.clip import Clip
+from dmae.data.store import write_atomic
+from dmae.formats.reading import DataConfig, written_convention
+from dmae.reporting.tables import Table, print_tables
+
+WRITES = "folder"
+EXAMPLES = (
+    "dmae doctor data=pose2sim data.path=session/trial",
+    "dmae doctor data=openpose data.path=session data.fps=60 max_offset=100 out=runs/doctor",
+)
+
+
+@dataclass(frozen=True)
+class DoctorCommand:
+    """Find what is wrong with a calibration and its detections, and print how to correct it.
+
+    Exits with status 1 if anything is wrong. Writes `doctor.json` and `doctor.png`.
+    """
+
+    data: DataConfig = field(default_factory=DataConfig)
+    max_offset: int = 50
+    """frames; the largest time offset between two cameras that is tried, either way."""
+    out: str = "runs/doctor"
+    """Folder of what was found; of a data set a folder for each clip is made in it."""
+
+
+def run(config: DoctorCommand, out: Path) -> None:
+    """Print how the cameras fit and what to correct; exits with status 1 if there is anything."""
+    faulty = 0
+    for clip, _, to in each_clip(config.data, out, "examining"):
+        offsets = None if config.data.cameras else list(config.data.offsets or [0] * len(clip.rig))
+        diagnosis = diagnose(clip, written_convention(config.data), offsets, config.max_offset)
+        _print(clip, diagnosis)
+        write_atomic(to / "doctor.json", json.dumps({"clip": clip.id, **asdict(diagnosis)}, indent=1))
+        if diagnosis.pairs:
+            write_atomic(to / "doctor.png", _picture(clip, diagnosis))
+        faulty += bool(diagnosis.findings)
+    print(out)
+    if faulty:
+        sys.exit(1)
+
+
+def _print(clip: Clip, diagnosis: Diagnosis) -> None:
+    """Print a diagnosis."""
+    for note in clip.provenance.get("notes", ()):
+        print(f"{clip.id}: {note}")
+    header = ("cameras", "residual px", "agreeing", "agreement", "detections")
+    rows = [_row(fit) for fit in diagnosis.pairs]
+    if diagnosis.findings:
+        header += ("corrected: residual px", "agreeing", "agreement")
+        rows = [(*row, *_row(fit)[1:4]) for row, fit in zip(rows, diagnosis.corrected, strict=True)]
+    if rows:
+        print_tables([Table(f"{clip.id}: epipolar residuals", header, rows)])
+    for number, finding in enumerate(diagnosis.findings, 1):
+        print(f"{number}. {finding.fault}: {', '.join(finding.cameras)}\n   because {finding.evidence}")
+        print(f"   correction: {finding.remedy}")
+    for unknown in diagnosis.unknown:
+        print(f"not known: {unknown}")
+    if diagnosis.pairs and not diagnosis.findings:
+        print(f"{clip.id}: nothing found wrong")
+
+
+def _row(fit: PairFit) -> tuple[str, ...]:
+    residual = "-" if fit.residual is None else f"{fit.residual:.1f}"
+    return ("-".join(fit.cameras), residual, f"{fit.agreeing:.0%}", f"{fit.agreement:.2f}", str(fit.detections))
+
+
+def _picture(clip: Clip, diagnosis: Diagnosis) -> bytes:
+    """PNG: agreement of every two cameras, as read and, where there are findings, corrected."""
+    from matplotlib.figure import Figure
+
+    sides = {"as read": diagnosis.pairs} | ({"corrected": diagnosis.corrected} if diagnosis.findings else {})
+    figure = Figure(figsize=(0.5 + 4.5 * len(sides), 4), layout="constrained")
+    for axes, (title, fits) in zip(figure.subplots(1, len(sides), squeeze=False)[0], sides.items(), strict=True):
+        matrix = np.full((len(clip.rig),) * 2, np.nan)
+        for fit in fits:
+            a, b = (clip.rig.names.index(name) for name in fit.cameras)
+            matrix[a, b] = matrix[b, a] = fit.agreement
+            for place in ((a, b), (b, a)):
+                axes.text(*place, _row(fit)[1], ha="center", va="center", fontsize=8)
+        drawn = axes.imshow(matrix, vmin=0, vmax=0.8, cmap="RdYlGn")
+        axes.set_xticks(range(len(clip.rig)), clip.rig.names, rotation=90)
+        axes.set_yticks(range(len(clip.rig)), clip.rig.names)
+        axes.set_title(f"{clip.id}, {title}: median residual, px", fontsize=9)
+    figure.colorbar(drawn, ax=figure.axes, label="agreement, 0 to 1")
+    figure.savefig(buffer := BytesIO(), format="png", dpi=100)
+    return buffer.getvalue()

@@ -1,0 +1,41 @@
+"""`dmae export`: poses to a file that other programs read."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dmae.command_line.outputs import check_out
+from dmae.data.store import load_clip
+from dmae.formats.calibrations.conventions import LengthUnit
+from dmae.formats.registry import pose_writer
+from dmae.formats.writing import write_poses
+
+WRITES = None
+EXAMPLES = (
+    "dmae export clip=runs/completed out=runs/completed/poses.npz",
+    "dmae export clip=runs/completed format=trc unit=mm out=runs/walk.trc",
+    "dmae export clip=runs/data/000000 format=coco out=runs/keypoints.json",
+)
+
+
+@dataclass(frozen=True)
+class ExportCommand:
+    """Write poses to a file that other programs read."""
+
+    clip: str = "???"
+    """Folder of a clip; its captured or completed poses are exported, its truth where it has none."""
+    format: str = field(default="npz", metadata={"choices": pose_writer})
+    """Format of the file."""
+    skeleton: str | None = None
+    """Skeleton of the file; by default the one the poses are in, and of two fused the first, except for npz."""
+    unit: LengthUnit = LengthUnit.m
+    """Unit of lengths in a TRC."""
+    out: str = "???"
+    """File to write; for panoptic and openpose a folder."""
+
+
+def run(config: ExportCommand, out: Path) -> None:
+    writer = pose_writer.find(config.format)
+    check_out(out, "folder" if writer.folder else "file")
+    written = write_poses(load_clip(Path(config.clip)), out, config.format, skeleton=config.skeleton, unit=config.unit)
+    frames, persons = written.xyz.shape[:2]
+    print(f"{out}: {frames} frames, {persons} persons, {written.skeleton.name}")

@@ -1,0 +1,41 @@
+"""`dmae train`: learn to complete poses."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from dmae.command_line import interruption
+from dmae.completion.training.config import TrainConfig
+from dmae.completion.training.train import train
+from dmae.data.clip import Clip
+from dmae.formats.reading import Clips, DataConfig, load
+
+WRITES = "folder"
+EXAMPLES = (
+    "dmae train data=runs/captured out=runs/model max_minutes=5",
+    "dmae train data=runs/captured validation_data=[runs/held_back] learning.steps=20000 out=runs/model",
+    "dmae train -m data=runs/clips model=paper model.codes.no_joint=true,false out=runs/ablation",
+)
+
+
+def run(config: TrainConfig, out: Path) -> None:
+    paths = (config.extra_data, config.validation_data)
+    extra, validation = ([load(DataConfig(path=path)) for path in group] for group in paths)
+    # What the user waits for begins with the command, not when torch is loaded.
+    since = time.monotonic() if interruption.began is None else interruption.began
+    print(train(config, _named([load(config.data)]), out, _named(validation), _named(extra, first=1), since=since))
+
+
+def interrupted(config: TrainConfig, out: Path) -> str:
+    if (Path(out) / "checkpoint.ckpt").is_file():
+        return f"{out} holds a checkpoint; the same command goes on from there"
+    epoch = f"learning.epoch={config.learning.epoch}"
+    return f"{out} holds no checkpoint yet (one is written every {epoch} steps); the same command begins anew"
+
+
+def _named(sets: list[Clips], first: int = 0) -> Iterator[Clip]:
+    """Clips called as their folders are, and outside set 0 with the set's folder: each set counts from 0."""
+    for number, clips in enumerate(sets, first):
+        for clip, folder in zip(clips, clips.folders, strict=True):
+            yield replace(clip, id=f"{folder.parent.name}/{folder.name}" if number else folder.name)

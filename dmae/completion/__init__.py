@@ -1,0 +1,1 @@
+"""What was not seen: joints that no camera measured, completed."""

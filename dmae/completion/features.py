@@ -1,0 +1,118 @@
+"""Input features: what the network is given about joints beside their coordinates.
+
+Shapes: F frames, P persons, J joints.
+"""
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from dmae.numerics.bones import Bones, parent_bone_lengths
+from dmae.numerics.gaps import neighbours
+from dmae.numerics.heading import rotate_z
+from dmae.numerics.interpolation import take_frames
+from dmae.numerics.robust import median_over_frames
+
+_BONE_FRAMES, _JOINT_FRAMES, _PERSON_FRAMES = 3, 9, 51
+"""Frames over which the stretch of a bone, the jitter of a joint, and either of a whole person are averaged."""
+_UNIT, _SMALLEST = 0.01, 1e-3
+"""m; of which noise levels are multiples, and what is added before the logarithm is taken."""
+
+
+def held_offsets(base: np.ndarray, observed: np.ndarray, parents: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Return how far from `base` a hidden joint is if held as it was last observed, or as it is next observed.
+
+    It is held once relative to its parent, in a frame that turns with the body, and once in the world.
+
+    Args:
+        base: (F, P, J, 3) m, world; interpolated where not observed.
+        observed: (F, P, J)
+        parents: (J,) indices of the parents; a root is its own.
+        heading: (F, P) rad, of the body.
+
+    Returns:
+        (F, P, J, 4, 3) m, world: last and next in the body, last and next in the world. Zero where the joint is
+        observed, and for a side on which it never is.
+    """
+    angle = heading[..., None]
+
+    def held(values: np.ndarray) -> list[np.ndarray]:
+        offsets = (take_frames(values, edge) - values for edge in neighbours(observed))
+        return [np.where(observed[..., None], 0, np.nan_to_num(offset)) for offset in offsets]
+
+    in_body = held(rotate_z(base - base[:, :, parents], -angle))
+    return np.stack([*(rotate_z(offset, angle) for offset in in_body), *held(base)], -2)
+
+
+def bone_length_offsets(base: np.ndarray, xyz: np.ndarray, bones: Bones) -> np.ndarray:
+    """Return how far from `base` hidden joints are if their bones have their median measured length.
+
+    Args:
+        base: (F, P, J, 3) m, interpolated where not measured.
+        xyz: (F, P, J, 3) m; NaN where not measured.
+        bones: Pairs of parent and joint.
+
+    Returns:
+        (F, P, J, 2, 3) m: for the bone from the joint's parent, and on average for those to its children. Zero where
+        the joint is measured, and for bones that never are.
+    """
+    current = np.maximum(parent_bone_lengths(base, bones), _SMALLEST)
+    missing = np.nan_to_num(median_over_frames(parent_bone_lengths(xyz, bones)) / current - 1)
+    offsets, children = np.zeros((*base.shape[:-1], 2, 3)), np.zeros(base.shape[2])
+    for parent, joint in bones:
+        offsets[:, :, joint, 0] = missing[..., joint, None] * (base[:, :, joint] - base[:, :, parent])
+        offsets[:, :, parent, 1] -= offsets[:, :, joint, 0]
+        children[parent] += 1
+    offsets[..., 1, :] /= np.maximum(children, 1)[:, None]
+    return np.where(np.isnan(xyz[..., :1, None]), offsets, 0)
+
+
+def jitter(xyz: np.ndarray) -> np.ndarray:
+    """Return how much measured paths jump from frame to frame, (F, P, J, 3), logarithms, 0 at a centimetre.
+
+    The jump is the third difference of neighbouring frames, close to zero for motion without errors. It is averaged
+    over the person for about two seconds, and over the joint where it was last observed and where it is next. Where
+    too little was measured, a joint takes the value of its person, and that is 0.
+
+    Args:
+        xyz: (F, P, J, 3) m; NaN where not measured.
+    """
+    jump = np.full(xyz.shape[:-1], np.nan)
+    if len(xyz) > 3:
+        jump[2:-1] = np.linalg.norm(np.diff(xyz, 3, axis=0), axis=-1)
+    return _noise_levels(jump, _JOINT_FRAMES)
+
+
+def bone_stretch(xyz: np.ndarray, bones: Bones) -> np.ndarray:
+    """Return how much measured bones differ from their median length, (F, P, J, 3) as `jitter`.
+
+    A joint's bone is that from its parent. Fast limbs jitter as noisy ones do, but their bones keep their lengths.
+
+    Args:
+        xyz: (F, P, J, 3) m; NaN where not measured.
+        bones: Pairs of parent and joint.
+    """
+    lengths = parent_bone_lengths(xyz, bones)
+    return _noise_levels(np.abs(lengths - median_over_frames(lengths)), _BONE_FRAMES)
+
+
+def _noise_levels(sizes: np.ndarray, frames: int) -> np.ndarray:
+    """Return logarithms (F, P, J, 3) of means of `sizes` (F, P, J), m, where known.
+
+    The means are: of the person, and of the joint over so many frames about where it is last known, and next known.
+    """
+    known = ~np.isnan(sizes)
+    sizes = np.nan_to_num(sizes)
+    own = _moving_mean(sizes, known, frames)
+    person = _moving_mean(sizes.sum(-1), known.sum(-1), _PERSON_FRAMES)[..., None]
+    person = np.broadcast_to(np.where(np.isnan(person), _UNIT, person), own.shape)
+    sides = (take_frames(own[..., None], edge)[..., 0] for edge in neighbours(~np.isnan(own)))
+    levels = np.stack([person, *(np.where(np.isnan(side), person, side) for side in sides)], -1)
+    return np.log((levels + _SMALLEST) / _UNIT)
+
+
+def _moving_mean(sums: np.ndarray, counts: np.ndarray, frames: int) -> np.ndarray:
+    """Return the mean of sums (F, ...) of counts (F, ...) within so many frames; NaN where the count is zero."""
+    total = uniform_filter1d(sums, frames, axis=0, mode="constant")
+    count = uniform_filter1d(counts.astype(float), frames, axis=0, mode="constant")
+    some = count * frames > 0.5
+    return np.where(some, total / np.where(some, count, 1), np.nan)

@@ -1,0 +1,70 @@
+"""The registry of completion methods: each is a function under the decorator `completion_method`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dmae.registry import Entry, Registry
+
+if TYPE_CHECKING:
+    from dmae.data.clip import Poses3D
+
+    Fill = Callable[[Poses3D, float], Poses3D]
+    """Takes poses and their frames per second; returns poses of the same shape, in which what was filled is `COMPLETED`
+    and used no views."""
+
+RENAMED = {"recall": "gaussian_process", "reject_recall": "reject_gaussian_process"}
+"""Old names and the new ones."""
+
+
+@dataclass(frozen=True)
+class CompletionMethod(Entry):
+    """How joints that no camera measured are filled.
+
+    Attributes:
+        learned: The function takes the folder of trained weights, or None for those that come with the package, and
+            returns what fills poses. Other functions fill poses themselves.
+    """
+
+    learned: bool = False
+
+    def load(self, weights: Path | None = None) -> Fill:
+        """Return what fills poses: a function of poses and their frames per second.
+
+        Args:
+            weights: Folder that `dmae train` wrote, for a learned method; by default the weights that come with the
+                package.
+        """
+        return self.function(weights) if self.learned else self.function
+
+
+completion_method = Registry(
+    "completion_method", CompletionMethod, __package__, "dmae.online", option="method", renamed=RENAMED
+)
+find_method = completion_method.find
+
+
+class _Untrained(Mapping):
+    """The functions of the methods that need no training, by name; modules are imported when one is taken."""
+
+    def __getitem__(self, name: str) -> Fill:
+        try:
+            method = find_method(name)
+        except ValueError as error:
+            raise KeyError(str(error)) from error
+        if method.learned:
+            raise KeyError(f"completion method {name!r} needs weights: use find_method({name!r}).load(weights)")
+        return method.function
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name, method in completion_method.items() if not method.learned)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+METHODS: Mapping[str, Fill] = _Untrained()
+"""Functions of poses and their frames per second, by name: those that need no training."""

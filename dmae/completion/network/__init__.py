@@ -1,0 +1,1 @@
+"""What does the network look like? The paper's (`paper`), the default one (`residual`), and their layers."""

@@ -1,0 +1,91 @@
+"""Layers of the networks: Fourier codes, attention, transformer layers.
+
+Shapes: B windows, T frames, J joints, N = T * J tokens, C channels.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from dmae.completion.network.config import CodesConfig
+
+
+class Prediction(NamedTuple):
+    """Where joints are, and how large the error of that is expected to be."""
+
+    xyz: Tensor
+    """(B, T, J, 3) m."""
+    log_scale: Tensor
+    """(B, T, J) the logarithm of s in m; the error e has the density exp(-|e| / s) / (8 π s^3)."""
+
+
+class FourierCode(nn.Module):
+    """[cos 2πBx, sin 2πBx] of x (..., D), with a fixed Gaussian matrix B (C/2, D) that is saved with the weights."""
+
+    def __init__(self, inputs: int, channels: int, sigma: float):
+        super().__init__()
+        self.register_buffer("B", torch.randn(channels // 2, inputs) * sigma)
+
+    def forward(self, x: Tensor) -> Tensor:
+        phase = 2 * math.pi * x @ self.B.T
+        return torch.cat([phase.cos(), phase.sin()], -1)
+
+
+class ContextCode(nn.Module):
+    """γ(j) + γ(t): the codes of joint and time of each token, (N, C); both indices are scaled to [0, 1]."""
+
+    def __init__(self, config: CodesConfig, frames: int, joints: int, channels: int):
+        super().__init__()
+        self.joint = None if config.no_joint else FourierCode(1, channels, config.joint_sigma)
+        self.time = None if config.no_time else FourierCode(1, channels, config.time_sigma)
+        self.register_buffer("t", torch.linspace(0, 1, frames).repeat_interleave(joints)[:, None], persistent=False)
+        self.register_buffer("j", torch.linspace(0, 1, joints).repeat(frames)[:, None], persistent=False)
+
+    def forward(self) -> Tensor | float:
+        code = 0.0
+        if self.joint is not None:
+            code = code + self.joint(self.j)
+        if self.time is not None:
+            code = code + self.time(self.t)
+        return code
+
+
+class Attention(nn.Module):
+    """Multi-head self-attention. With `key_init` keys start as that multiple of the queries."""
+
+    def __init__(self, dim: int, heads: int, head_dim: int, key_init: float):
+        super().__init__()
+        self.heads = heads
+        self.qkv = nn.Linear(dim, 3 * heads * head_dim, bias=False)
+        if key_init:
+            with torch.no_grad():
+                queries, keys, _ = self.qkv.weight.chunk(3)
+                keys.copy_(key_init * queries)
+        self.out = nn.Linear(heads * head_dim, dim)
+
+    def forward(self, x: Tensor, valid: Tensor | None) -> Tensor:
+        """x (B, n, C); `valid` (B, n) True for the tokens that may be attended to, None for all."""
+        batch, count, _ = x.shape
+        q, k, v = self.qkv(x).view(batch, count, 3, self.heads, -1).permute(2, 0, 3, 1, 4)  # (B, heads, n, head_dim)
+        mask = None if valid is None else valid[:, None, None, :]
+        y = F.scaled_dot_product_attention(q, k, v, attn_mask=mask)
+        return self.out(y.transpose(1, 2).reshape(batch, count, -1))
+
+
+class Block(nn.Module):
+    """Pre-norm transformer layer."""
+
+    def __init__(self, dim: int, heads: int, head_dim: int, mlp: int, dropout: float, key_init: float):
+        super().__init__()
+        self.attention_norm = nn.LayerNorm(dim)
+        self.attention = Attention(dim, heads, head_dim, key_init)
+        self.mlp_norm = nn.LayerNorm(dim)
+        self.mlp = nn.Sequential(nn.Linear(dim, mlp), nn.GELU(), nn.Dropout(dropout), nn.Linear(mlp, dim))
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, x: Tensor, valid: Tensor | None = None) -> Tensor:
+        x = x + self.dropout(self.attention(self.attention_norm(x), valid))
+        return x + self.dropout(self.mlp(self.mlp_norm(x)))

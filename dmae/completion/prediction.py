@@ -1,0 +1,99 @@
+"""Prediction: a network's corrections of a whole recording, blended over overlapping windows."""
+
+from math import ceil
+
+import numpy as np
+import torch
+
+from dmae.completion.blending import correction_weight
+from dmae.completion.network.paper import DMAE
+from dmae.completion.windows import Rows, make_rows
+from dmae.data.clip import Poses3D
+from dmae.data.skeleton import Skeleton
+from dmae.numerics.heading import rotate_z
+from dmae.numerics.resampling import resample
+
+_BATCH = 128
+_SAME_RATE = 0.01
+"""Rates within this share of each other are taken as equal."""
+
+
+def has_rate(model: DMAE, fps: float) -> bool:
+    """Return whether poses at a rate need no resampling for a model."""
+    return abs(model.config.fps / fps - 1) < _SAME_RATE
+
+
+def stride(model: DMAE) -> int:
+    """Return the frames from one window to the next."""
+    return max(1, model.config.frames // 3)
+
+
+def predict(
+    model: DMAE, poses: Poses3D, fps: float, frames: slice, target: Skeleton | None, denoise: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Predict every joint in some frames of a recording, by all of its frames.
+
+    Args:
+        target: Skeleton that the model turns poses into, if any; its joints follow those of the poses.
+        denoise: Predict measured joints too.
+
+    Returns:
+        (F, P, J, 3) m, world, meaningful while a person is present; and the scale of the error, (F, P, J) m, NaN where
+        the model was not used.
+    """
+    config = model.config
+    rest = model.rest.cpu().numpy()
+    count, persons = poses.xyz.shape[:2]
+    asked = range(count)[frames]
+    rows = make_rows(poses, fps, rest, config.frames, target=target)
+    base = _by_frame(rows.base, persons)[:count]
+    if has_rate(model, fps):
+        correction = _by_frame(_corrections(model, rows, persons, asked, denoise), persons)[:count]
+    else:
+        rows = make_rows(resample(poses, fps, config.fps), config.fps, rest, config.frames, target=target)
+        ratio = config.fps / fps
+        around = range(int(asked.start * ratio), ceil(asked.stop * ratio) + 1)
+        resampled = _by_frame(_corrections(model, rows, persons, around, denoise), persons)
+        time = np.arange(count) * ratio
+        first = np.minimum(time.astype(int), len(resampled) - 1)
+        weight = (time - first).clip(0, 1)[:, None, None, None]
+        second = np.minimum(first + 1, len(resampled) - 1)
+        correction = resampled[first] * (1 - weight) + resampled[second] * weight
+    # The target's joints lie elsewhere than what they are derived from, however short a gap is.
+    weight = 1 if target else correction_weight(poses, fps)
+    return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]
+
+
+def _corrections(model: DMAE, rows: Rows, persons: int, asked: range, denoise: bool) -> np.ndarray:
+    """Return what the model adds to the interpolation, m, world, and the logarithm of its error scale, (S, J, 4).
+
+    Windows overlap by two thirds and are weighted by a triangle; NaN where there is no window.
+    """
+    config = model.config
+    frames, device = config.frames, next(model.parameters()).device
+    length = len(rows.base) // persons
+    start = rows.starts % length
+    time = np.arange(len(rows.base)) % length
+    inside = rows.present & (time >= asked.start) & (time < asked.stop)
+    wanted = (inside[:, None] & (~rows.observed | denoise)).any(1)
+    useful = wanted[rows.starts[:, None] + np.arange(frames)].any(1)
+    starts = rows.starts[useful & ((start % stride(model) == 0) | (start == length - frames))]
+    triangle = np.minimum(np.arange(1, frames + 1), np.arange(frames, 0, -1)).astype(float)
+
+    total, weights = np.zeros((*rows.observed.shape, 4)), np.zeros(len(rows.base))
+    for begin in range(0, len(starts), _BATCH):
+        batch = starts[begin : begin + _BATCH]
+        windows, _, frame = rows.cut(batch, frames, config.align_heading)
+        with torch.inference_mode():
+            xyz, log_scale = (part.cpu() for part in model(*(tensor.to(device) for tensor in windows)))
+        added = rotate_z((xyz - windows.base).numpy().astype(np.float64), frame.heading[:, None, None])
+        added = np.concatenate([added, log_scale.numpy()[..., None]], -1)
+        for t in range(frames):
+            total[batch + t] += triangle[t] * added[:, t]
+            weights[batch + t] += triangle[t]
+    return total / np.where(weights > 0, weights, np.nan)[:, None, None]
+
+
+def _by_frame(rows: np.ndarray, persons: int) -> np.ndarray:
+    """Return rows (S, ...) as (frames, P, ...)."""
+    return rows.reshape(persons, -1, *rows.shape[1:]).swapaxes(0, 1)

@@ -1,0 +1,1 @@
+"""How does D-MAE learn? Examples, losses and training, and the calibration of its uncertainty."""

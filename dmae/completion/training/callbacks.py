@@ -1,0 +1,74 @@
+"""Callbacks of training: averaged weights, the progress bar, the time limit; and fewer messages of Lightning."""
+
+import logging
+import warnings
+from contextlib import contextmanager
+
+from lightning.pytorch.callbacks import Callback, WeightAveraging
+from torch import Tensor
+
+from dmae.completion.training.time_limit import TimeLimit
+from dmae.progress import progress
+
+
+class AverageWeights(WeightAveraging):
+    """Exponential moving average of the weights, over few steps at first."""
+
+    def __init__(self, decay: float):
+        def blend(average: Tensor, current: Tensor, count: int | Tensor) -> Tensor:
+            return average.lerp(current, 1 - min(decay, (1 + float(count)) / (10 + float(count))))
+
+        super().__init__(avg_fn=blend, use_buffers=False)
+
+
+class ShowProgress(Callback):
+    """The project's progress bar, by the share of the training that is done."""
+
+    def on_train_start(self, trainer, learner):
+        self.ticks = progress(range(1000), "training") if trainer.is_global_zero else iter(())
+        self.shown = 0
+
+    def on_train_batch_end(self, trainer, learner, *_):
+        while self.shown < int(1000 * learner.fraction()):
+            next(self.ticks, None)
+            self.shown += 1
+
+    def on_train_end(self, trainer, learner):
+        self.on_train_batch_end(trainer, learner)
+        for _ in self.ticks:
+            pass
+
+
+class StopInTime(Callback):
+    """Stops when the time for training is over, or before an epoch with examples that would take longer to make."""
+
+    def __init__(self, limit: TimeLimit):
+        self.limit = limit
+
+    def on_train_batch_end(self, trainer, learner, *_):
+        self._stop(trainer, learner, 0.0)
+
+    def on_train_epoch_end(self, trainer, learner):
+        self._stop(trainer, learner, self.limit.preparing)
+
+    def _stop(self, trainer, learner, needed: float) -> None:
+        if self.limit.limited:
+            over = self.limit.training(learner.timer.time_elapsed()) <= needed
+            trainer.should_stop = trainer.strategy.broadcast(over) or trainer.should_stop
+
+
+@contextmanager
+def quiet_lightning():
+    """Suppress Lightning's tips and summaries; its other warnings stay."""
+    logger = logging.getLogger("lightning.pytorch")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", ".*does not have many workers.*")
+            # Lightning calls a deprecated function of torch.
+            warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)
+            warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
+            yield
+    finally:
+        logger.setLevel(level)

@@ -1,0 +1,137 @@
+"""A trained model on disk: `weights.safetensors`, and `model.json` with its configuration and how it was made.
+
+The models that come with the package are in `dmae/models`, a folder each, named after its skeleton.
+"""
+
+import hashlib
+import json
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load as load_tensors
+from safetensors.torch import save as save_tensors
+from torch import Tensor
+
+from dmae.completion.network.build import build_network
+from dmae.completion.network.config import model_config
+from dmae.completion.network.paper import DMAE
+from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.store import read_json, write_atomic
+
+FORMAT = 5
+
+_FORMAT_4_OPTIONS = {
+    **{name: f"encoder.{name}" for name in ("dim", "depth", "heads", "head_dim", "mlp")},
+    "decoder_dim": "decoder.dim",
+    "decoder_depth": "decoder.depth",
+    "signal_codes": "codes.signal",
+    "signal_sigma": "codes.signal_sigma",
+    "time_sigma": "codes.time_sigma",
+    "joint_sigma": "codes.joint_sigma",
+    "no_time_code": "codes.no_time",
+    "no_joint_code": "codes.no_joint",
+    "alike": "key_init",
+    "turn_to_front": "align_heading",
+    "blind": "ablate",
+}
+_FORMAT_4_FEATURES = {"carried": "held", "mended": "bone_length", "roughness": "jitter", "stretch": "bone_stretch"}
+_FORMAT_4_LAYERS = {"amount": "residual_scale", "embed_base": "embed_hidden"}
+"""Names of format 4, which the models of version 0.1 have, and those of today. The tensors are the same."""
+
+SHIPPED = Path(__file__).parents[1] / "models"
+
+
+def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> None:
+    """Write a model, replacing the one that is there.
+
+    Args:
+        record: JSON-able; how the model was made.
+    """
+    folder = Path(folder)
+    data = save_tensors({name: tensor.contiguous().cpu() for name, tensor in model.state_dict().items()})
+    meta = {
+        "format": FORMAT,
+        "skeleton": skeleton.name,
+        "model": asdict(model.config),
+        "versions": {name: metadata.version(name) for name in ("dmae-synth", "torch")},
+        **record,
+        "sha256": hashlib.sha256(data).hexdigest(),
+    }
+    # The JSON goes last and holds the checksum: files of two models are noticed on loading.
+    write_atomic(folder / "weights.safetensors", data)
+    write_atomic(folder / "model.json", json.dumps(meta, indent=1))
+
+
+def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
+    """Return a model in evaluation mode, on the CPU; its skeleton; and the contents of `model.json`.
+
+    Raises:
+        FileNotFoundError: there is no model in the folder.
+        ValueError: a file is malformed, damaged, or of another version of the format or of the network.
+    """
+    folder = Path(folder)
+    described, path = folder / "model.json", folder / "weights.safetensors"
+    if not described.is_file() or not path.is_file():
+        raise FileNotFoundError(
+            f"{folder}: expected a folder that `dmae train` wrote, holding model.json and weights.safetensors"
+        )
+    meta = read_json(described)
+    if not isinstance(meta, dict) or meta.get("format") not in (4, FORMAT):
+        found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
+        raise ValueError(f"{described}: expected a model of format {FORMAT}, found {found!r}; train it again")
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
+        raise ValueError(f"{path}: does not match the checksum in model.json; the weights are damaged, train again")
+    try:
+        skeleton, tensors, options = get_skeleton(meta["skeleton"]), load_tensors(data), meta["model"]
+        if meta["format"] == 4:
+            tensors, options = _from_format_4(tensors, options)
+        model = build_network(model_config(options), len(skeleton))
+        model.load_state_dict(tensors)
+    except (KeyError, TypeError, AttributeError, RuntimeError, SafetensorError) as error:
+        raise ValueError(f"{folder}: not a model of this version of dmae: {error}") from None
+    return model.eval(), skeleton, meta
+
+
+def _from_format_4(tensors: dict[str, Tensor], options: dict) -> tuple[dict[str, Tensor], dict]:
+    """Return the same tensors and options under today's names."""
+    nested: dict = {"encoder": {}, "decoder": {}, "codes": {}}
+    for name, value in options.items():
+        group, _, option = _FORMAT_4_OPTIONS.get(name, name).rpartition(".")
+        (nested[group] if group else nested)[option] = value
+    nested["ablate"] = [_FORMAT_4_FEATURES.get(name, name) for name in nested.get("ablate", ())]
+    renamed = {}
+    for name, tensor in tensors.items():
+        layer, dot, rest = name.partition(".")
+        renamed[_FORMAT_4_LAYERS.get(layer, layer) + dot + rest] = tensor
+    return renamed, nested
+
+
+def shipped() -> list[str]:
+    """Return the names of the skeletons for which weights come with the package."""
+    return sorted(path.parent.name for path in SHIPPED.glob("*/model.json"))
+
+
+def find_shipped(skeleton: Skeleton) -> Path:
+    """Return the folder of the shipped weights for a skeleton, or else for the one that shares most joints with it.
+
+    Raises:
+        ValueError: no weights are shipped for a skeleton with a joint of the same name.
+    """
+    common = {name: len(set(get_skeleton(name).joints) & set(skeleton.joints)) for name in shipped()}
+    best = max(common, key=lambda name: (name == skeleton.name, common[name]), default=None)
+    if best is None or not common[best]:
+        raise ValueError(
+            f"no weights for skeleton {skeleton.name!r} come with this package, which has those for "
+            f"{', '.join(common) or 'no skeleton'}; convert the poses (dmae.data.skeleton_conversion.convert), or "
+            f"train on that skeleton (dmae train) and name the folder by weights=..."
+        )
+    return SHIPPED / best
+
+
+def pick_device(device: str) -> torch.device:
+    """Return the named device; `auto` is a GPU if there is one."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else torch.device(device)

@@ -1,0 +1,29 @@
+"""Array fields of frozen dataclasses: converted to their type and checked for their shape."""
+
+from typing import Any
+
+import numpy as np
+
+ANY = -1
+"""In an expected shape: an axis of any length."""
+
+
+def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], default: float | None = None) -> None:
+    """Convert a field of a frozen dataclass to an array of a checked shape. Call it in `__post_init__`.
+
+    Args:
+        owner: The dataclass instance.
+        name: The field.
+        dtype: Type of the array.
+        shape: Expected shape; `ANY` matches any length.
+        default: What fills the array where the field is None.
+
+    Raises:
+        ValueError: the array has another shape.
+    """
+    value = getattr(owner, name)
+    array = np.full(shape, default, dtype) if value is None else np.asarray(value, dtype)
+    if array.ndim != len(shape) or any(want not in (ANY, n) for want, n in zip(shape, array.shape, strict=True)):
+        expected = tuple("any" if n == ANY else n for n in shape)
+        raise ValueError(f"{type(owner).__name__}.{name}: expected shape {expected}, found {array.shape}")
+    object.__setattr__(owner, name, array)

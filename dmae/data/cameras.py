@@ -1,0 +1,255 @@
+"""Calibrated cameras: project points to pixels, cast rays through pixels."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import prod
+
+import cv2
+import numpy as np
+
+# OpenCV's default criteria leave up to 0.07 px; these converge to 1e-10.
+_UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+
+
+@dataclass(frozen=True)
+class CameraRig:
+    """V calibrated cameras in OpenCV's convention (x right, y down, z forward).
+
+    Pixel (0, 0) is the centre of the first pixel. World is metres, z up.
+
+    Attributes:
+        names: V camera names, unique.
+        K: (V, 3, 3) intrinsics, px.
+        dist: (V, 5..8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole; of a fisheye its
+            k1 k2 k3 k4, then zeros.
+        cam_from_world: (V, 4, 4) rigid transforms, m.
+        size: (V, 2) image width and height, px.
+        fisheye: (V,) True for lenses of OpenCV's fisheye model (Kannala & Brandt, PAMI 2006); by default none.
+    """
+
+    names: tuple[str, ...]
+    K: np.ndarray
+    dist: np.ndarray
+    cam_from_world: np.ndarray
+    size: np.ndarray
+    fisheye: np.ndarray = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "names", tuple(str(name) for name in self.names))
+        for field in ("K", "dist", "cam_from_world"):
+            object.__setattr__(self, field, np.asarray(getattr(self, field), np.float64))
+        object.__setattr__(self, "size", np.asarray(self.size, np.int64))
+        fisheye = np.zeros(len(self.names), bool) if self.fisheye is None else np.asarray(self.fisheye, bool)
+        object.__setattr__(self, "fisheye", fisheye)
+        self._check_shapes()
+        self._check_values()
+
+    def _check_shapes(self):
+        views = len(self.names)
+        if len(set(self.names)) != views:
+            raise ValueError(f"camera names must be unique, got {self.names}")
+        for field, shape in (("K", (3, 3)), ("cam_from_world", (4, 4)), ("size", (2,)), ("fisheye", ())):
+            found = getattr(self, field).shape
+            if found != (views, *shape):
+                raise ValueError(f"rig of {views} cameras: expected {field} of shape {(views, *shape)}, found {found}")
+        if self.dist.ndim != 2 or len(self.dist) != views or not 5 <= self.dist.shape[1] <= 8:
+            raise ValueError(f"rig of {views} cameras: expected dist of shape ({views}, 5..8), found {self.dist.shape}")
+
+    def _check_values(self):
+        for view, name in enumerate(self.names):
+            K, T = self.K[view], self.cam_from_world[view]
+            if not (np.isfinite(K).all() and np.isfinite(T).all() and np.isfinite(self.dist[view]).all()):
+                raise ValueError(f"camera {name!r}: calibration has values that are not finite")
+            if K[0, 0] <= 0 or K[1, 1] <= 0:
+                raise ValueError(f"camera {name!r}: focal lengths must be positive, found {K[0, 0]}, {K[1, 1]}")
+            if not np.allclose(K[2], (0, 0, 1)) or not np.allclose(T[3], (0, 0, 0, 1)):
+                raise ValueError(f"camera {name!r}: last rows must be K (0 0 1) and cam_from_world (0 0 0 1)")
+            # Published calibrations round their rotations to about 1e-4.
+            error = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
+            if error > 1e-3 or np.linalg.det(T[:3, :3]) < 0:
+                raise ValueError(
+                    f"camera {name!r}: cam_from_world holds no rotation (R R^T is off by {error:.1e}, "
+                    f"det {np.linalg.det(T[:3, :3]):+.3f}); expected an orthonormal right-handed 3x3"
+                )
+            if (self.size[view] <= 0).any():
+                raise ValueError(f"camera {name!r}: image size must be positive, found {tuple(self.size[view])}")
+            if self.fisheye[view] and self.dist[view, 4:].any():
+                raise ValueError(f"camera {name!r}: a fisheye has four coefficients, found {self.dist[view]}")
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __getitem__(self, views) -> "CameraRig":
+        """Return the rig of some views: a slice, or a list of indices. One camera is `rig[2:3]`."""
+        index = np.arange(len(self))[views]
+        if index.ndim != 1:
+            raise TypeError(f"a rig is indexed by a slice or a list; for one camera use rig[{views}:{views} + 1]")
+        return CameraRig(
+            tuple(self.names[i] for i in index),
+            self.K[index],
+            self.dist[index],
+            self.cam_from_world[index],
+            self.size[index],
+            self.fisheye[index],
+        )
+
+    @property
+    def distorted(self) -> np.ndarray:
+        """(V,) True for cameras with distortion."""
+        return self.dist.any(-1) | self.fisheye
+
+    @property
+    def undistorted(self) -> "CameraRig":
+        """The pinhole cameras of the same K, for the pixels that `undistort` returns."""
+        return replace(self, dist=np.zeros((len(self), 5)), fisheye=None) if self.distorted.any() else self
+
+    @property
+    def centers(self) -> np.ndarray:
+        """(V, 3) camera centres in the world, m."""
+        R, t = self.cam_from_world[:, :3, :3], self.cam_from_world[:, :3, 3]
+        return np.linalg.solve(R, -t[..., None])[..., 0]
+
+    @property
+    def projections(self) -> np.ndarray:
+        """(V, 3, 4) pinhole projection matrices K [R | t], for undistorted pixels."""
+        return self.K @ self.cam_from_world[:, :3]
+
+    def project(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Project points of the world into each camera.
+
+        Args:
+            xyz: (F, ..., 3) points, m, world.
+
+        Returns:
+            xy: (F, V, ..., 2) px; NaN for points that are NaN, not in front of the camera, or so far off its axis that
+                its distortion is not defined there.
+            depth: (F, V, ...) distance along the optical axis, m.
+        """
+        xyz = np.asarray(xyz, np.float64)
+        flat = xyz.reshape(len(xyz), 1, prod(xyz.shape[1:-1]), 3)
+        R, t = self.cam_from_world[:, :3, :3], self.cam_from_world[:, :3, 3]
+        in_camera = flat @ R.transpose(0, 2, 1) + t[:, None]
+        depth = in_camera[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normalised = np.where(depth[..., None] > 0, in_camera[..., :2] / depth[..., None], np.nan)
+        xy = self._pixels(normalised)
+        shape = (len(xyz), len(self), *xyz.shape[1:-1])
+        return xy.reshape(*shape, 2), depth.reshape(shape)
+
+    def _pixels(self, normalised: np.ndarray) -> np.ndarray:
+        """Distort normalised image points (F, V, N, 2) and apply K."""
+        if self.distorted.any() and normalised.size:
+            # OpenCV would drop the skew of K, so it only distorts.
+            xy = np.empty_like(normalised)
+            for view in range(len(self)):
+                xy[:, view] = self._distort(view, normalised[:, view].reshape(-1, 1, 2)).reshape(xy[:, view].shape)
+            radius = np.linalg.norm(normalised, axis=-1, keepdims=True)
+            normalised = np.where(radius < self._reach[:, None, None], xy, np.nan)
+        return normalised @ self.K[:, :2, :2].swapaxes(-1, -2) + self.K[:, None, :2, 2]
+
+    def _distort(self, view: int, points: np.ndarray) -> np.ndarray:
+        """Distort normalised points (n, 1, 2) by the lens of a view."""
+        if self.fisheye[view]:
+            return cv2.fisheye.distortPoints(points, np.eye(3), self.dist[view, :4])
+        rays = np.concatenate([points, np.ones_like(points[..., :1])], -1)
+        return cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), self._opencv_dist(view))[0]
+
+    @cached_property
+    def _reach(self) -> np.ndarray:
+        """(V,) tangent of the angle off axis up to which distortion is monotonic; inf if everywhere.
+
+        Beyond it the polynomial turns back and would project points far outside the image into it.
+        """
+        return np.array(
+            [
+                np.tan(_fisheye_reach(dist[:4])) if fisheye else _radial_reach(dist)
+                for dist, fisheye in zip(self.dist, self.fisheye, strict=True)
+            ]
+        )
+
+    def _opencv_dist(self, view: int) -> np.ndarray:
+        """Return 5 or 8 coefficients: OpenCV accepts neither 6 nor 7."""
+        dist = self.dist[view]
+        return dist if len(dist) == 5 else np.pad(dist, (0, 8 - len(dist)))
+
+    def undistort(self, xy: np.ndarray) -> np.ndarray:
+        """Return the pixels (F, V, ..., 2) of ideal pinhole cameras of the same K; NaN stays NaN.
+
+        Raises:
+            ValueError: another shape.
+        """
+        xy = np.asarray(xy, np.float64)
+        if xy.ndim < 3 or xy.shape[1] != len(self) or xy.shape[-1] != 2:
+            raise ValueError(f"expected pixels of shape (F, {len(self)}, ..., 2), found {xy.shape}")
+        if not self.distorted.any():
+            return xy
+        ideal = np.full_like(xy, np.nan)
+        for view in range(len(self)):
+            seen = np.isfinite(xy[:, view]).all(-1)
+            if seen.any():
+                K = self.K[view, :2]
+                distorted = np.linalg.solve(K[:, :2], (xy[:, view][seen] - K[:, 2]).T).T
+                points = self._undistort(view, distorted[:, None])[:, 0]
+                ideal[:, view][seen] = points @ K[:, :2].T + K[:, 2]
+        return ideal
+
+    def _undistort(self, view: int, points: np.ndarray) -> np.ndarray:
+        """Invert `_distort`."""
+        if self.fisheye[view]:
+            # OpenCV's own inverse clips distorted angles at 90 degrees.
+            return points * _undistorted_ratio(self.dist[view, :4], np.linalg.norm(points, axis=-1, keepdims=True))
+        return cv2.undistortPoints(points, np.eye(3), self._opencv_dist(view), criteria=_UNDISTORT_CRITERIA)
+
+    def rays(self, xy: np.ndarray) -> np.ndarray:
+        """Return unit directions (F, V, ..., 3), world, from the camera centres through pixels (F, V, ..., 2)."""
+        ideal = self.undistort(xy)
+        flat = ideal.reshape(*ideal.shape[:2], prod(ideal.shape[2:-1]), 2)
+        homogeneous = np.concatenate([flat, np.ones_like(flat[..., :1])], -1)
+        world_from_pixel = np.linalg.inv(self.K @ self.cam_from_world[:, :3, :3])
+        direction = homogeneous @ world_from_pixel.swapaxes(-1, -2)
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+        return direction.reshape(*ideal.shape[:-1], 3)
+
+    def inside(self, xy: np.ndarray) -> np.ndarray:
+        """Return (F, V, ...) True for pixels (F, V, ..., 2) in the image; False for NaN."""
+        xy = np.asarray(xy)
+        size = self.size.reshape(1, len(self), *(1,) * (xy.ndim - 3), 2)
+        with np.errstate(invalid="ignore"):
+            return ((xy >= -0.5) & (xy <= size - 0.5)).all(-1)
+
+
+def _radial_reach(dist: np.ndarray) -> float:
+    """Return the tangent of the angle off axis up to which OpenCV's rational polynomial grows; inf if everywhere."""
+    square = np.linspace(0, 10, 10001) ** 2
+    k1, k2, _, _, k3, k4, k5, k6 = np.pad(dist, (0, 8 - len(dist)))
+    above, below = (1 + square * (a + square * (b + square * c)) for a, b, c in ((k1, k2, k3), (k4, k5, k6)))
+    growing = (np.diff(np.sqrt(square) * above / below) > 0) & (below[1:] > 0)
+    return np.inf if growing.all() else np.sqrt(square[growing.argmin()])
+
+
+def _distorted_angle(k: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Return the distorted angles, rad, of a fisheye of coefficients k1..k4."""
+    square = angle**2
+    return angle * (1 + square * (k[0] + square * (k[1] + square * (k[2] + square * k[3]))))
+
+
+def _fisheye_reach(k: np.ndarray) -> float:
+    """Return the angle off axis, rad, up to which a fisheye is monotonic; at most just under a right angle."""
+    angle = np.linspace(0, np.pi / 2 - 1e-3, 10001)
+    growing = np.diff(_distorted_angle(k, angle)) > 0
+    return angle[-1] if growing.all() else angle[growing.argmin()]
+
+
+def _undistorted_ratio(k: np.ndarray, distorted: np.ndarray) -> np.ndarray:
+    """Return the ratio of ideal to distorted radius, of distorted radii; NaN beyond the lens's reach.
+
+    Newton's method, started from a table of angles: four steps are enough.
+    """
+    table = np.linspace(0, _fisheye_reach(k), 1001)
+    angle = np.interp(distorted, _distorted_angle(k, table), table, right=np.nan)
+    for _ in range(4):
+        square = angle**2
+        slope = 1 + square * (3 * k[0] + square * (5 * k[1] + square * (7 * k[2] + square * 9 * k[3])))
+        angle -= (_distorted_angle(k, angle) - distorted) / slope
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(distorted > 0, np.tan(angle) / distorted, 1.0)

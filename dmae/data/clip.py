@@ -1,0 +1,203 @@
+"""Clips: a stretch of multi-view capture with its cameras, detections and, where known, its truth."""
+
+from dataclasses import dataclass, field, fields, replace
+from enum import IntEnum
+
+import numpy as np
+
+from dmae.data.array_fields import ANY, set_array
+from dmae.data.cameras import CameraRig
+from dmae.data.images import Images
+from dmae.data.labels import DetectionLabels, OcclusionLabels
+from dmae.data.skeleton import Skeleton
+
+
+class Source(IntEnum):
+    """Where a 3D joint comes from. A joint that no camera measured is never `MEASURED`."""
+
+    ABSENT = 0
+    MEASURED = 1
+    DENOISED = 2
+    """Measured, then moved by a model or a filter."""
+    COMPLETED = 3
+    """Not measured: interpolated, or predicted by a model."""
+
+
+@dataclass(frozen=True)
+class Detections2D:
+    """The output of a 2D detector in V views. The order of the D detections within a view carries no identity.
+
+    Attributes:
+        skeleton: J joints.
+        xy: (F, V, D, J, 2) px, NaN where a joint, or a whole detection, is absent.
+        score: (F, V, D, J) confidence, NaN exactly where `xy` is.
+    """
+
+    skeleton: Skeleton
+    xy: np.ndarray
+    score: np.ndarray
+
+    def __post_init__(self):
+        set_array(self, "xy", np.float32, (ANY, ANY, ANY, len(self.skeleton), 2))
+        set_array(self, "score", np.float32, self.xy.shape[:-1])
+        if not np.array_equal(np.isnan(self.xy).any(-1), np.isnan(self.score)):
+            raise ValueError("Detections2D: score must be NaN exactly where xy is")
+
+    @property
+    def observed(self) -> np.ndarray:
+        """(F, V, D, J) True where a joint was detected."""
+        return ~np.isnan(self.score)
+
+    def select(self, frames=slice(None), views=slice(None)) -> "Detections2D":
+        """Return the detections of some frames and views (a slice or a list of indices each)."""
+        return Detections2D(self.skeleton, self.xy[frames][:, views], self.score[frames][:, views])
+
+
+@dataclass(frozen=True)
+class Poses3D:
+    """Joints of P persons in the world, in F frames. A person keeps its index through the clip.
+
+    True, captured and completed poses are all of this type.
+
+    Attributes:
+        skeleton: J joints.
+        xyz: (F, P, J, 3) m, world; NaN where absent.
+        source: (F, P, J) `Source`; by default measured where `xyz` is known.
+        cov: (F, P, J, 3, 3) covariance, m^2; NaN where unknown.
+        views: (F, P, J) number of views used; 0 where none or unknown.
+        rays: (F, P, J, 2, 3) the ray on which one camera saw the joint: the camera's centre, m, world, and a unit
+            direction. Of several cameras it is the one of greatest confidence. NaN where no camera saw the joint, or
+            where this is unknown. A joint that a single camera saw is absent, yet it lies on that ray.
+    """
+
+    skeleton: Skeleton
+    xyz: np.ndarray
+    source: np.ndarray = None
+    cov: np.ndarray = None
+    views: np.ndarray = None
+    rays: np.ndarray = None
+
+    def __post_init__(self):
+        set_array(self, "xyz", np.float32, (ANY, ANY, len(self.skeleton), 3))
+        joints = self.xyz.shape[:-1]
+        absent = np.isnan(self.xyz).any(-1)
+        if self.source is None:
+            object.__setattr__(self, "source", np.where(absent, Source.ABSENT, Source.MEASURED))
+        set_array(self, "source", np.uint8, joints)
+        set_array(self, "cov", np.float32, (*joints, 3, 3), np.nan)
+        set_array(self, "views", np.uint8, joints, 0)
+        set_array(self, "rays", np.float32, (*joints, 2, 3), np.nan)
+        if not np.array_equal(absent, self.source == Source.ABSENT):
+            raise ValueError("Poses3D: source must be ABSENT exactly where xyz is NaN")
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(F, P, J) True where cameras measured the joint, denoised or not."""
+        return (self.source == Source.MEASURED) | (self.source == Source.DENOISED)
+
+    def without(self, dropped: np.ndarray) -> "Poses3D":
+        """Return the poses with the joints where `dropped` (F, P, J) is True made absent."""
+        if not dropped.any():
+            return self
+        return replace(
+            self,
+            xyz=np.where(dropped[..., None], np.nan, self.xyz),
+            source=np.where(dropped, Source.ABSENT, self.source),
+            cov=np.where(dropped[..., None, None], np.nan, self.cov),
+            views=np.where(dropped, 0, self.views),
+        )
+
+    def select(self, frames) -> "Poses3D":
+        """Return the poses of some frames (a slice or a list of indices)."""
+        arrays = {f.name: getattr(self, f.name)[frames] for f in fields(self) if f.name != "skeleton"}
+        return Poses3D(self.skeleton, **arrays)
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A stretch of multi-view capture of F frames and V views.
+
+    Attributes:
+        id: Name within its data set.
+        fps: Frames per second.
+        rig: The V cameras.
+        detections: Output of a 2D detector, (F, V, D, J, ...).
+        truth: True poses of P persons, where known. Frames without annotation are all NaN.
+        poses: Poses that capture or completion made of the detections. Their persons are tracks, in no relation to
+            the order of `truth`.
+        occlusion: Visibility of the joints of `truth` in each view. Simulated clips only.
+        detection_labels: The truth of `detections`. Simulated clips only; capture never reads it.
+        images: Images on disk, if any.
+        true_rig: The true cameras, where `rig` is a calibration with errors. Simulated clips only; capture never reads
+            it.
+        provenance: JSON-able record of the clip's origin.
+
+    Raises:
+        ValueError: the fields do not fit together; the message names the field and the expected shape.
+    """
+
+    id: str
+    fps: float
+    rig: CameraRig
+    detections: Detections2D
+    truth: Poses3D | None = None
+    poses: Poses3D | None = None
+    occlusion: OcclusionLabels | None = None
+    detection_labels: DetectionLabels | None = None
+    images: Images | None = None
+    true_rig: CameraRig | None = None
+    provenance: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        frames, views = self.detections.xy.shape[:2]
+        if views != len(self.rig):
+            raise ValueError(f"clip {self.id!r}: {len(self.rig)} cameras but detections in {views} views")
+        if not self.fps > 0:
+            raise ValueError(f"clip {self.id!r}: fps must be positive, found {self.fps}")
+        for name in ("truth", "poses"):
+            poses = getattr(self, name)
+            if poses is not None and len(poses.xyz) != frames:
+                raise ValueError(f"clip {self.id!r}: {frames} frames of detections but {len(poses.xyz)} of {name}")
+        if self.true_rig is not None and self.true_rig.names != self.rig.names:
+            raise ValueError(f"clip {self.id!r}: expected true_rig of {self.rig.names}, found {self.true_rig.names}")
+        self._check_labels()
+
+    def _check_labels(self) -> None:
+        if self.occlusion is not None:
+            if self.truth is None:
+                raise ValueError(f"clip {self.id!r}: occlusion labels the joints of truth, but there is no truth")
+            frames, *joints = self.truth.xyz.shape[:3]
+            self._check_shape("occlusion.visibility", self.occlusion.visibility, (frames, len(self.rig), *joints))
+        if self.detection_labels is not None:
+            shape = self.detections.score.shape
+            self._check_shape("detection_labels.person", self.detection_labels.person, shape[:3])
+            for name in ("joint_person", "error", "offset_px"):
+                array = getattr(self.detection_labels, name)
+                if array is not None:
+                    self._check_shape(f"detection_labels.{name}", array, shape)
+
+    def _check_shape(self, name: str, array: np.ndarray, expected: tuple[int, ...]) -> None:
+        if array.shape != expected:
+            raise ValueError(f"clip {self.id!r}: {name}: expected shape {expected}, found {array.shape}")
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.detections.xy)
+
+    def select(self, frames=slice(None), views=slice(None)) -> "Clip":
+        """Return the clip of some frames and views (a slice or a list of indices each); all fields are cut together.
+
+        `poses` are dropped when views are left out: they were made with those views.
+        """
+        rig = self.rig[views]
+        return replace(
+            self,
+            rig=rig,
+            detections=self.detections.select(frames, views),
+            truth=self.truth and self.truth.select(frames),
+            poses=self.poses and self.poses.select(frames) if len(rig) == len(self.rig) else None,
+            occlusion=self.occlusion and self.occlusion.select(frames, views),
+            detection_labels=self.detection_labels and self.detection_labels.select(frames, views),
+            images=self.images and self.images.select(frames, rig.names),
+            true_rig=None if self.true_rig is None else self.true_rig[views],
+        )

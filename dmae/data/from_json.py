@@ -1,0 +1,55 @@
+"""Decode frozen dataclasses from the JSON of their fields.
+
+Written by hand: cattrs turns "3" and 2.7 into the integers 3 and 2, and dacite's messages lose the path of a nested
+field.
+"""
+
+import types
+from dataclasses import MISSING, fields, is_dataclass
+from enum import Enum
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+
+def decode(kind: Any, value: Any, name: str = "") -> Any:
+    """Return the value of type `kind` that was written as the JSON `value`.
+
+    Args:
+        kind: A dataclass of dataclasses, tuples, lists, dicts, enums, optionals and JSON's own types.
+        value: As `json.loads` returns it.
+        name: Path of the value, for messages.
+
+    Raises:
+        ValueError: the value is not of that type; the message names the field.
+    """
+    where = name or getattr(kind, "__name__", str(kind))
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        if value is None and type(None) in inner:
+            return None
+        (kind,) = (one for one in inner if one is not type(None))
+        return decode(kind, value, name)
+    if is_dataclass(kind):
+        names = {f.name for f in fields(kind)}
+        # Fields with a default may be missing: they were added later.
+        needed = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
+        if not isinstance(value, dict) or not needed <= set(value) <= names:
+            found = sorted(value) if isinstance(value, dict) else type(value).__name__
+            raise ValueError(f"{where}: expected the fields {sorted(names)}, found {found}")
+        of_fields = get_type_hints(kind)
+        return kind(**{field: decode(of_fields[field], item, f"{where}.{field}") for field, item in value.items()})
+    if origin in (list, tuple):
+        if not isinstance(value, list):
+            raise ValueError(f"{where}: expected a list, found {type(value).__name__}")
+        each = inner if origin is tuple and inner[-1] is not Ellipsis else (inner[0],) * len(value)
+        if len(each) != len(value):
+            raise ValueError(f"{where}: expected {len(each)} values, found {len(value)}")
+        return origin(decode(one, item, f"{where}[{i}]") for i, (one, item) in enumerate(zip(each, value, strict=True)))
+    if origin is dict:
+        return {key: decode(inner[1], item, f"{where}.{key}") for key, item in value.items()}
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return kind(value)
+    if kind is float and isinstance(value, int):
+        return float(value)
+    if isinstance(kind, type) and not isinstance(value, kind):
+        raise ValueError(f"{where}: expected {kind.__name__}, found {value!r}")
+    return value

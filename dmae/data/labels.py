@@ -1,0 +1,140 @@
+"""Labels of simulated clips: what hides each joint, and what is wrong with each detected joint."""
+
+from dataclasses import dataclass, fields, replace
+from enum import IntEnum
+
+import numpy as np
+
+from dmae.data.array_fields import ANY, set_array
+
+
+class Visibility(IntEnum):
+    """How a joint appears in a view, and if it is hidden, by what."""
+
+    VISIBLE = 0
+    HIDDEN_BY_SELF = 1
+    HIDDEN_BY_PERSON = 2
+    HIDDEN_BY_OBJECT = 3
+    OUTSIDE_IMAGE = 4
+    BEHIND_CAMERA = 5
+    ABSENT = 6
+    """The person is not in the scene."""
+
+
+class JointError(IntEnum):
+    """The error of a detected joint, after Ronchi and Perona (ICCV 2017), with the errors of whole detections.
+
+    Errors of position are classed by COCO's keypoint similarity to the true joint of the detected person:
+    exp(-d^2 / (2 s^2 k^2)) for a joint d px off, where s^2 is the person's area in the image and k the joint's spread.
+    """
+
+    ABSENT = 0
+    """No joint was detected."""
+    GOOD = 1
+    """Similarity of 0.85 or more."""
+    JITTER = 2
+    """Similarity from 0.5 to 0.85: near, but off."""
+    FAR = 3
+    """Similarity below 0.5, and none of the other errors."""
+    INVERTED = 4
+    """On the joint of the other side."""
+    SWAPPED = 5
+    """On the same joint of another person."""
+    MERGED = 6
+    """A joint of another person, in a detection made of two people."""
+    GHOST = 7
+    """A joint of a person who does not exist."""
+
+
+@dataclass(frozen=True)
+class OcclusionLabels:
+    """What each of V views shows of the J joints of P true persons, in F frames.
+
+    Attributes:
+        visibility: (F, V, P, J) uint8 `Visibility`.
+        occluder: (F, V, P, J) int16 index of what hides the joint: a person, or one of `objects`; -1 for none.
+        depth_margin: (F, V, P, J) float32 distance from the occluder to the joint along the camera's ray, m; NaN
+            where the joint is not hidden.
+        visible_pixels: (F, V, P) int32 number of pixels that show each person. Known if images of ids were rendered.
+        amodal_pixels: (F, V, P) int32 number of pixels that would show each person if nothing else were there.
+        objects: Names of the things that can hide a joint.
+    """
+
+    visibility: np.ndarray
+    occluder: np.ndarray | None = None
+    depth_margin: np.ndarray | None = None
+    visible_pixels: np.ndarray | None = None
+    amodal_pixels: np.ndarray | None = None
+    objects: tuple[str, ...] = ()
+
+    def __post_init__(self):
+        set_array(self, "visibility", np.uint8, (ANY,) * 4)
+        joints = self.visibility.shape
+        _set_known(self, {"occluder": (np.int16, joints), "depth_margin": (np.float32, joints)})
+        _set_known(self, dict.fromkeys(("visible_pixels", "amodal_pixels"), (np.int32, joints[:3])))
+        object.__setattr__(self, "objects", tuple(self.objects))
+
+    @property
+    def visible_views(self) -> np.ndarray:
+        """(F, P, J) number of views in which each joint is visible."""
+        return (self.visibility == Visibility.VISIBLE).sum(1)
+
+    @property
+    def visible_fraction(self) -> np.ndarray | None:
+        """(F, V, P) fraction of each person's pixels that is not hidden; NaN for persons outside the image.
+
+        None where pixels were not counted.
+        """
+        if self.amodal_pixels is None:
+            return None
+        in_image = self.amodal_pixels > 0
+        return np.where(in_image, self.visible_pixels / np.where(in_image, self.amodal_pixels, 1), np.nan)
+
+    def select(self, frames=slice(None), views=slice(None)) -> "OcclusionLabels":
+        """Return the labels of some frames and views (a slice or a list of indices each)."""
+        return _select(self, frames, views)
+
+
+NOT_DETECTED = {"person": -1, "joint_person": -1, "error": JointError.ABSENT, "offset_px": np.nan}
+"""What each array of `DetectionLabels` holds where nothing is detected."""
+
+
+@dataclass(frozen=True)
+class DetectionLabels:
+    """The truth of simulated detections. Capture never reads it.
+
+    Attributes:
+        person: (F, V, D) int16 index of the true person of each detection; -1 for a ghost or none.
+        joint_person: (F, V, D, J) int16 index of the person whose joint each detected joint lies on. It differs from
+            `person` where joints are swapped or people merged; -1 for a ghost or none.
+        error: (F, V, D, J) uint8 `JointError`.
+        offset_px: (F, V, D, J) float32 distance to the true joint of `person` at the time of the frame, px; NaN for a
+            ghost or none, and where the true joint is behind the camera.
+    """
+
+    person: np.ndarray
+    joint_person: np.ndarray | None = None
+    error: np.ndarray | None = None
+    offset_px: np.ndarray | None = None
+
+    def __post_init__(self):
+        set_array(self, "person", np.int16, (ANY,) * 3)
+        joints = (*self.person.shape, ANY)
+        _set_known(self, {"joint_person": (np.int16, joints), "error": (np.uint8, joints)})
+        _set_known(self, {"offset_px": (np.float32, joints)})
+
+    def select(self, frames=slice(None), views=slice(None)) -> "DetectionLabels":
+        """Return the labels of some frames and views (a slice or a list of indices each)."""
+        return _select(self, frames, views)
+
+
+def _set_known(labels, types: dict[str, tuple[type, tuple[int, ...]]]) -> None:
+    for name, (dtype, shape) in types.items():
+        if getattr(labels, name) is not None:
+            set_array(labels, name, dtype, shape)
+
+
+def _select(labels, frames, views):
+    arrays = {f.name: getattr(labels, f.name) for f in fields(labels)}
+    cut = {name: array[frames][:, views] for name, array in arrays.items() if isinstance(array, np.ndarray)}
+    return replace(labels, **cut)

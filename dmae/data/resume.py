@@ -1,0 +1,45 @@
+"""Folders of runs that can be resumed: their settings are written at the start, and compared on every later run."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from dmae.data.store import read_json, write_atomic
+
+_LISTED = 8
+"""Most names of settings in a message."""
+
+
+def claim_folder(path: Path, settings: dict, contents: str) -> None:
+    """Write the settings of a run, or check that an earlier run in the same folder had the same ones.
+
+    Args:
+        path: JSON file of the settings, in the folder of the run.
+        settings: Everything that the results depend on, JSON-able.
+        contents: What the folder holds, for the message: "a data set".
+
+    Raises:
+        ValueError: an earlier run had other settings; the message names those that differ.
+    """
+    path = Path(path)
+    if not path.is_file():
+        write_atomic(path, json.dumps(settings, indent=1))
+        return
+    wanted, found = dict(_flat(json.loads(json.dumps(settings)))), dict(_flat(read_json(path)))
+    missing = object()
+    differing = sorted(key for key in wanted | found if wanted.get(key, missing) != found.get(key, missing))
+    if differing:
+        more = f" and {len(differing) - _LISTED} more" if len(differing) > _LISTED else ""
+        raise ValueError(
+            f"{path.parent} holds {contents} of another configuration: {path.name} differs in "
+            f"{', '.join(differing[:_LISTED])}{more}. Choose another folder for out, or remove this one"
+        )
+
+
+def _flat(settings: dict, prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Yield (dotted name, value) of nested settings."""
+    for key, value in settings.items():
+        if isinstance(value, dict) and value:
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value

@@ -1,0 +1,156 @@
+"""Convert poses between skeletons by geometry: shared names, midpoints, and a formula for the head."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dmae.data.clip import Poses3D, Source
+from dmae.data.skeleton import Skeleton, get_skeleton
+
+_MIDPOINTS = {"neck": ("l_shoulder", "r_shoulder"), "mid_hip": ("l_hip", "r_hip")}
+_HEAD = ("bottom_head", "top_head")
+
+# The annotated head of Shelf and Campus, as the 4DAssociation release (Zhang et al. 2020) converts to it.
+_TOP_FORWARD, _TOP_UP = 0.125, 0.145
+# Adult averages: half the distance between the ears, and from the line of the ears to nose tip and eyes.
+_HALF_HEAD, _EARS_TO_NOSE, _EARS_TO_EYES = 0.075, 0.11, 0.085
+
+
+def convert(poses: Poses3D, target: Skeleton) -> Poses3D:
+    """Return the same poses on another skeleton.
+
+    Joints of the same name are copied; of a fused skeleton (`a+b`) from the part that is the target, otherwise from the
+    first part. Missing joints are derived where possible: `neck` and `mid_hip` as midpoints, `bottom_head` and
+    `top_head` by `head_ends`. All others are absent. A derived joint has the weakest source and the fewest views of the
+    joints that it is made of, and no ray. Midpoints propagate covariance as of independent joints; the head formula
+    leaves it NaN.
+
+    Raises:
+        KeyError: no joint of the target can be derived from the source.
+    """
+    source = poses.skeleton
+    if source.name == target.name:
+        return poses
+    parts = source.name.split("+")
+    if len(parts) > 1:
+        part = get_skeleton(target.name if target.name in parts else parts[0])
+        return convert(Poses3D(part, **_take(poses, [f"{part.name}.{joint}" for joint in part.joints])), target)
+
+    derived = [joint for joint in target.joints if joint not in source.joints and _derivable(joint, source)]
+    if not derived and not set(target.joints) & set(source.joints):
+        raise KeyError(
+            f"no way from skeleton {source.name!r} to {target.name!r}: "
+            f"it has none of {list(target.joints)}, but {list(source.joints)}"
+        )
+    arrays = _take(poses, target.joints)
+    for joint in derived:
+        for name, values in _derive(poses, joint).items():
+            arrays[name][:, :, target.index(joint)[0]] = values
+    return Poses3D(target, **arrays)
+
+
+def _take(poses: Poses3D, joints: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return the fields of poses on some joints; joints that the poses lack are absent."""
+    known = poses.skeleton.joints
+    index = np.array([known.index(joint) if joint in known else -1 for joint in joints])
+    absent = {"xyz": np.nan, "source": Source.ABSENT, "cov": np.nan, "views": 0, "rays": np.nan}
+    arrays = {name: getattr(poses, name)[:, :, index] for name in absent}
+    for name, value in absent.items():
+        arrays[name][:, :, index < 0] = value
+    return arrays
+
+
+def _derivable(joint: str, source: Skeleton) -> bool:
+    needs = {"l_shoulder", "r_shoulder", "l_ear", "r_ear"} if joint in _HEAD else set(_MIDPOINTS.get(joint, {None}))
+    return needs <= set(source.joints)
+
+
+def _derive(poses: Poses3D, joint: str) -> dict[str, np.ndarray]:
+    """Return xyz, source, cov and views of one derived joint, (F, P, ...) each."""
+    if joint in _HEAD:
+        ends, used = head_ends(poses)
+        xyz = ends[:, :, _HEAD.index(joint)]
+        names = list(poses.skeleton.joints)
+        cov = np.full((*xyz.shape, 3), np.nan)
+    else:
+        names = list(_MIDPOINTS[joint])
+        used = np.ones((*poses.xyz.shape[:2], 2), bool)
+        index = poses.skeleton.index(*names)
+        xyz = poses.xyz[:, :, index].mean(2)
+        cov = poses.cov[:, :, index].sum(2) / 4
+    index = poses.skeleton.index(*names)
+    absent = np.isnan(xyz).any(-1)
+    # ABSENT < MEASURED < DENOISED < COMPLETED: of the joints used, all present, the weakest is the largest.
+    source = np.where(absent, Source.ABSENT, np.where(used, poses.source[:, :, index], 0).max(-1))
+    views = np.where(absent, 0, np.where(used, poses.views[:, :, index], 255).min(-1))
+    return {"xyz": xyz, "source": source, "cov": np.where(absent[..., None, None], np.nan, cov), "views": views}
+
+
+def head_ends(poses: Poses3D) -> tuple[np.ndarray, np.ndarray]:
+    """Derive bottom and top of the head from shoulders, ears, eyes and nose.
+
+    The bottom is midway between the centre of the shoulders and that of the ears. The top lies 0.125 m along the face
+    normal and 0.145 m up (world z) from it. The face normal is horizontal and perpendicular to the line from right to
+    left ear. Where an ear is unknown, the line of the eyes replaces it, then that of the shoulders (a head turns less
+    than 90 degrees from them). Where a single ear is known, the centre of the ears lies half a head from it along that
+    line; where none is known, the nose or else an eye is moved back by its average distance from the ears. Without both
+    shoulders, or without any joint of the face, the head is absent. Completed joints are used only where the measured
+    ones are not enough: a face made of its measured joints is nearer the truth than one of interpolated ears.
+
+    Returns:
+        ends: (F, P, 2, 3) bottom and top, m; NaN where underdetermined.
+        used: (F, P, J) True for the joints that they are derived from.
+    """
+    xyz = poses.xyz.astype(np.float64)
+    ends, used = _head_ends(np.where(poses.measured[..., None], xyz, np.nan), poses.skeleton)
+    lacking = np.isnan(ends).any((2, 3))
+    ends[lacking], used[lacking] = (part[lacking] for part in _head_ends(xyz, poses.skeleton))
+    return ends, used
+
+
+def _head_ends(xyz: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+    """Derive `head_ends` from joints (F, P, J, 3)."""
+    nowhere = np.full((*xyz.shape[:2], 3), np.nan)
+    at = {
+        name: xyz[:, :, skeleton.index(name)[0]] if name in skeleton.joints else nowhere
+        for name in ("l_ear", "r_ear", "l_eye", "r_eye", "nose", "l_shoulder", "r_shoulder")
+    }
+    used = np.zeros(xyz.shape[:3], bool)
+
+    def choose(*options: tuple[np.ndarray, tuple[str, ...]]) -> np.ndarray:
+        """Return the first option that is known, frame by frame and person by person."""
+        chosen = nowhere.copy()
+        for value, names in options:
+            here = np.isnan(chosen).any(-1) & ~np.isnan(value).any(-1)
+            chosen[here] = value[here]
+            for name in names:
+                if name in skeleton.joints:
+                    used[here, skeleton.index(name)[0]] = True
+        return chosen
+
+    def pair(part: str) -> tuple[str, str]:
+        return f"l_{part}", f"r_{part}"
+
+    left = choose(*((_level(at[f"l_{part}"] - at[f"r_{part}"]), pair(part)) for part in ("ear", "eye", "shoulder")))
+    forward = np.stack([left[..., 1], -left[..., 0], left[..., 2]], -1)
+    half = _HALF_HEAD * left
+    ears = choose(
+        ((at["l_ear"] + at["r_ear"]) / 2, pair("ear")),
+        (at["l_ear"] - half, ("l_ear",)),
+        (at["r_ear"] + half, ("r_ear",)),
+        (at["nose"] - _EARS_TO_NOSE * forward, ("nose",)),
+        ((at["l_eye"] + at["r_eye"]) / 2 - _EARS_TO_EYES * forward, pair("eye")),
+        (at["l_eye"] - _EARS_TO_EYES * forward, ("l_eye",)),
+        (at["r_eye"] - _EARS_TO_EYES * forward, ("r_eye",)),
+    )
+    shoulders = choose(((at["l_shoulder"] + at["r_shoulder"]) / 2, pair("shoulder")))
+    bottom = (ears + shoulders) / 2
+    top = bottom + _TOP_FORWARD * forward + (0, 0, _TOP_UP)
+    return np.stack([bottom, top], 2), used
+
+
+def _level(vector: np.ndarray) -> np.ndarray:
+    """Return unit vectors along the horizontal part of (..., 3) vectors; NaN where it is zero."""
+    level = vector * (1, 1, 0)
+    length = np.linalg.norm(level, axis=-1, keepdims=True)
+    return np.divide(level, length, out=np.full_like(level, np.nan), where=length > 1e-6)

@@ -1,0 +1,238 @@
+"""Clips and data sets on disk: a folder a clip, arrays in one safetensors file, everything else in one JSON."""
+
+import hashlib
+import json
+import os
+import tempfile
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load as load_tensors
+from safetensors.numpy import save as save_tensors
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.images import Images
+from dmae.data.labels import DetectionLabels, OcclusionLabels
+from dmae.data.skeleton import get_skeleton
+
+FORMAT = 1
+MANIFEST = "manifest.jsonl"
+_LABELS = {
+    "occlusion": {
+        "visibility": "visibility",
+        "occluder": "hidden_by",
+        "depth_margin": "depth_margin",
+        "visible_pixels": "visible_pixels",
+        "amodal_pixels": "amodal_pixels",
+    },
+    "detection_labels": {
+        "person": "detected_person",
+        "joint_person": "detected_joint_person",
+        "error": "detected_error",
+        "offset_px": "detected_off",
+    },
+}
+"""Fields of a clip's labels, and the names of their arrays on disk. Older clips lack some of them."""
+
+
+def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None:
+    """Write a file whole or not at all: temporary name, fsync, rename.
+
+    Args:
+        path: The file; its folder is made.
+        data: Contents.
+        lasting: Whether to fsync. Unnecessary for files that are checked on reading and can be made again: a loss of
+            power may damage them.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    data = data.encode() if isinstance(data, str) else data
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            if lasting:
+                os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def read_json(path: Path):
+    """Read a JSON file.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: malformed JSON, or a key twice in an object; the message names file, line and column, or the key.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        return json.loads(path.read_text(), object_pairs_hook=_unique)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: expected JSON, {error}") from None
+
+
+def _unique(pairs: list[tuple]) -> dict:
+    """Refuse repeated keys: `json` would keep the last of two cameras of the same name."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"key {next(key for key in keys if keys.count(key) > 1)!r} twice in an object")
+    return found
+
+
+def save_clip(clip: Clip, folder: Path) -> None:
+    """Write a clip to a folder, replacing any that is there. Images stay where they are; their folder is noted."""
+    folder = Path(folder)
+    data = save_tensors({name: np.ascontiguousarray(array) for name, array in _arrays(clip).items()})
+    meta = {
+        "format": FORMAT,
+        "id": clip.id,
+        "fps": clip.fps,
+        "cameras": clip.rig.names,
+        "skeletons": {
+            name: getattr(clip, name).skeleton.name
+            for name in ("detections", "truth", "poses")
+            if getattr(clip, name) is not None
+        },
+        "objects": clip.occlusion.objects if clip.occlusion else (),
+        "images": _images_meta(clip.images, folder),
+        "provenance": clip.provenance,
+        "sha256": hashlib.sha256(data).hexdigest(),
+    }
+    # The JSON is written last and holds the checksum: loading detects files that do not belong together.
+    write_atomic(folder / "arrays.safetensors", data)
+    write_atomic(folder / "clip.json", json.dumps(meta, indent=1))
+
+
+def _arrays(clip: Clip) -> dict[str, np.ndarray]:
+    rigs = {"rig": clip.rig} | ({} if clip.true_rig is None else {"true_rig": clip.true_rig})
+    arrays = {f"{key}.{f.name}": getattr(rig, f.name) for key, rig in rigs.items() for f in fields(rig)[1:]}
+    for name in ("detections", "truth", "poses"):
+        part = getattr(clip, name)
+        if part is not None:
+            arrays |= {f"{name}.{f.name}": getattr(part, f.name) for f in fields(part) if f.name != "skeleton"}
+    arrays = {name: array for name, array in arrays.items() if not (name.endswith(".rays") and np.isnan(array).all())}
+    for part, names in _LABELS.items():
+        labels = getattr(clip, part)
+        stored = {} if labels is None else {stored: getattr(labels, name) for name, stored in names.items()}
+        arrays |= {name: array for name, array in stored.items() if array is not None}
+    return arrays
+
+
+def _images_meta(images: Images | None, folder: Path) -> dict | None:
+    if images is None:
+        return None
+    where = os.path.relpath(images.folder.resolve(), folder.resolve())
+    return {"folder": where} | {name: getattr(images, name) for name in ("views", "frames", "kinds", "parts")}
+
+
+def load_clip(folder: Path) -> Clip:
+    """Read a clip from a folder.
+
+    Raises:
+        FileNotFoundError: no clip in the folder.
+        ValueError: a file is malformed, damaged or of another format version.
+    """
+    folder = Path(folder)
+    if not (folder / "clip.json").is_file():
+        raise FileNotFoundError(f"{folder}: expected a clip folder holding clip.json and arrays.safetensors")
+    meta = read_json(folder / "clip.json")
+    found = meta.get("format") if isinstance(meta, dict) else None
+    if found != FORMAT:
+        raise ValueError(f"{folder / 'clip.json'}: expected a clip of format {FORMAT}, found format {found!r}")
+    path = folder / "arrays.safetensors"
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
+        raise ValueError(f"{path}: does not match the checksum in clip.json; the clip is damaged, make it again")
+    try:
+        return _assemble(folder, meta, load_tensors(data))
+    except (SafetensorError, ValueError) as error:
+        raise ValueError(f"{folder}: {error}") from None
+    except KeyError as error:
+        raise ValueError(f"{folder}: clip.json or arrays.safetensors lacks {error}") from None
+
+
+def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
+    parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
+    images = meta["images"]
+    if images:
+        listed = (tuple(images[name]) for name in ("views", "frames", "kinds"))
+        # Older clips have no images of parts, and no names of them.
+        images = Images(folder / images["folder"], *listed, tuple(images.get("parts", ())))
+    return Clip(
+        id=meta["id"],
+        fps=meta["fps"],
+        rig=_rig("rig", meta, arrays),
+        true_rig=_rig("true_rig", meta, arrays) if "true_rig.K" in arrays else None,
+        images=images,
+        provenance=meta["provenance"],
+        **parts,
+        occlusion=_labels("occlusion", OcclusionLabels, arrays, objects=tuple(meta["objects"])),
+        detection_labels=_labels("detection_labels", DetectionLabels, arrays),
+    )
+
+
+def _rig(name: str, meta: dict, arrays: dict[str, np.ndarray]) -> CameraRig:
+    # Older clips have no fisheye lenses.
+    values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(CameraRig)[1:-1]}
+    return CameraRig(meta["cameras"], **values, fisheye=arrays.get(f"{name}.fisheye"))
+
+
+def _part(name: str, skeleton: str, arrays: dict[str, np.ndarray]) -> Detections2D | Poses3D:
+    kind = Detections2D if name == "detections" else Poses3D
+    values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(kind) if f.name not in ("skeleton", "rays")}
+    if kind is Poses3D:
+        # Poses without any ray are stored without rays.
+        values["rays"] = arrays.get(f"{name}.rays")
+    return kind(get_skeleton(skeleton), **values)
+
+
+def _labels(part: str, kind: type, arrays: dict[str, np.ndarray], **more) -> OcclusionLabels | DetectionLabels | None:
+    """Return the labels of a clip, None where their first array was not stored."""
+    first, *_ = _LABELS[part].values()
+    if first not in arrays:
+        return None
+    return kind(**{name: arrays.get(stored) for name, stored in _LABELS[part].items()}, **more)
+
+
+def clip_folders(path: Path) -> list[Path]:
+    """Return the folders of the clips at a path: of a data set those of status ok, in the order of its manifest; or the
+    clip itself.
+
+    Raises:
+        FileNotFoundError: the path is neither a clip nor a data set.
+    """
+    path = Path(path)
+    if (path / "clip.json").is_file():
+        return [path]
+    if (path / MANIFEST).is_file():
+        return [path / line["id"] for line in read_manifest(path) if line["status"] == "ok"]
+    raise FileNotFoundError(f"{path}: expected a clip (clip.json) or a data set ({MANIFEST}), found neither")
+
+
+def read_manifest(path: Path) -> list[dict]:
+    """Read the lines of a data set's manifest, one a clip: `id`, `status`, `seed`, `quality` and more."""
+    lines = []
+    for number, line in enumerate((Path(path) / MANIFEST).read_text().splitlines(), 1):
+        try:
+            lines.append(json.loads(line))
+        except json.JSONDecodeError as error:
+            raise ValueError(f"{Path(path) / MANIFEST}, line {number}: expected JSON, {error}") from None
+        if not isinstance(lines[-1], dict) or not {"id", "status"} <= set(lines[-1]):
+            raise ValueError(f"{Path(path) / MANIFEST}, line {number}: expected an object with id and status: {line}")
+    return lines
+
+
+def write_manifest(path: Path, lines: list[dict]) -> None:
+    """Write a data set's manifest, sorted by clip id."""
+    ordered = sorted(lines, key=lambda line: line["id"])
+    write_atomic(Path(path) / MANIFEST, "".join(json.dumps(line) + "\n" for line in ordered))

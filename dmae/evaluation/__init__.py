@@ -1,0 +1,1 @@
+"""Where does it break: methods scored over clips and camera subsets."""

@@ -1,0 +1,92 @@
+"""Scores of a prediction, and their averages over runs."""
+
+import numpy as np
+
+from dmae.data.clip import Poses3D
+from dmae.data.skeleton_conversion import convert
+from dmae.metrics.comparison import Comparison
+from dmae.metrics.registry import metrics
+from dmae.numerics.robust import mean_known
+
+
+def score(
+    poses: Poses3D,
+    captured: Poses3D,
+    truth: Poses3D,
+    actors: tuple[int, ...] | None = None,
+    matches: np.ndarray | None = None,
+    *,
+    fps: float = 25.0,
+    compared: np.ndarray | None = None,
+) -> dict:
+    """Return all scores of one prediction.
+
+    Args:
+        poses: The prediction, on any skeleton that `convert` can bring to that of the truth.
+        captured: The same persons before anything was filled; defines which joints were hidden.
+        truth: True poses; where they have covariances, the regions of predictions allow for those.
+        actors: True persons that PCP is averaged over; by default all that are annotated.
+        matches: (F, T) index of the predicted person that is each true one, -1 for none; by default by
+            `dmae.metrics.matching.match`.
+        fps: Frames per second: gaps are classed by their length in time.
+        compared: (F, T, J) True where joints count in `gaps`; by default all.
+
+    Returns:
+        The score of each metric by its name, see `dmae.metrics.registry.metrics`; NaN for a score of nothing.
+
+    Raises:
+        ValueError: `poses` and `captured` have not the same persons.
+    """
+    if actors is None:
+        actors = tuple(np.flatnonzero((~np.isnan(truth.xyz).any(-1)).any((0, 2))))
+    skeleton = truth.skeleton
+    comparison = Comparison(
+        convert(poses, skeleton), convert(captured, skeleton), truth, actors, matches, fps, compared
+    )
+    return {metric.name: metric.function(comparison) for metric in metrics()}
+
+
+def summary(runs: list[dict]) -> dict:
+    """Return the scores of one method and number of views, over clips and subsets of cameras.
+
+    Args:
+        runs: What `score` returned, and with it `clip` and `cameras`.
+
+    Returns:
+        JSON-able `mean`, `worst` and `runs`, see `evaluate`.
+    """
+    by_subset: dict[tuple[int, ...], list[dict]] = {}
+    for run in runs:
+        by_subset.setdefault(tuple(run["cameras"]), []).append(run)
+    pooled = {metric.name: metric.pool([run[metric.name] for run in runs]) for metric in metrics() if metric.pool}
+    several = len({run["clip"] for run in runs}) > 1
+    averaged = [metric.name for metric in metrics() if not metric.pool and not (several and metric.one_clip)]
+    means = {
+        cameras: _average([{name: run[name] for name in averaged} for run in group])
+        for cameras, group in by_subset.items()
+    }
+    worst = min(means, key=lambda cameras: np.nan_to_num(means[cameras]["pcp"], nan=np.inf))
+    return _jsonable(
+        {
+            "mean": _average(list(means.values())) | pooled,
+            "worst": {"pcp": means[worst]["pcp"], "cameras": list(worst)},
+            "runs": runs,
+        }
+    )
+
+
+def _average(scores: list):
+    """Return the mean of equally nested dictionaries and lists of numbers, number by number, without NaN."""
+    if isinstance(scores[0], dict):
+        return {key: _average([part[key] for part in scores]) for key in scores[0]}
+    if isinstance(scores[0], list):
+        return [_average(list(parts)) for parts in zip(*scores, strict=True)]
+    return float(mean_known(np.array(scores, float)))
+
+
+def _jsonable(scores):
+    if isinstance(scores, dict):
+        return {key: _jsonable(value) for key, value in scores.items()}
+    if isinstance(scores, list):
+        return [_jsonable(value) for value in scores]
+    return None if isinstance(scores, float) and np.isnan(scores) else scores

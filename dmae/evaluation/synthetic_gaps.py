@@ -1,0 +1,100 @@
+"""Synthetic gaps in true poses, and perturbation like the errors of capture: what completion is tested on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmae.completion.training.masking import MaskingConfig, mask_bursts
+from dmae.data.clip import Poses3D
+from dmae.numerics.gaps import neighbours
+from dmae.numerics.noise import ar1_filter
+
+_NOISE = 0.02
+"""m; the standard deviation of a person's joints is uniform up to this."""
+_CORRELATION = 0.75
+"""Of errors in frames 40 ms apart, about as of those of OpenPose."""
+_DRIFT = 0.05
+"""m; mean error of a joint in the last frame before a gap, and in the first one after it."""
+_DRIFT_TIME = 0.2
+"""s; a joint drifts away, and comes back, over at most this time."""
+_OUTLIER_RATE = 0.1
+"""Outliers a second and joint; each lasts up to `_DRIFT_TIME` and is off by `_OUTLIER_SIZE`."""
+_OUTLIER_SIZE = (0.05, 0.5)
+"""m; log-uniform between these."""
+
+
+@dataclass(frozen=True)
+class GapConfig:
+    """Synthetic gaps: bursts in which a body part, or now and then a whole person, is hidden."""
+
+    bursts: float = 2.0
+    """1/s; bursts of each person."""
+    longest: int = 60
+    """Frames at 25/s; the longest burst. Lengths are log-uniform from 2."""
+    absence: int = 15
+    """Frames at 25/s; the longest burst in which a whole person is hidden."""
+
+    def __post_init__(self):
+        if self.bursts < 0 or self.longest < 2 or self.absence < 2:
+            raise ValueError(f"gaps: expected bursts >= 0, longest >= 2 and absence >= 2, found {self}")
+
+
+def cut_gaps(truth: Poses3D, fps: float, config: GapConfig, *, rng: np.random.Generator) -> Poses3D:
+    """Return true poses with synthetic gaps, each with a known sample before and after it.
+
+    Args:
+        truth: Poses of P persons.
+        fps: Frames per second.
+        config: How many gaps, and how long.
+        rng: Source of randomness.
+    """
+    known = ~np.isnan(truth.xyz).any(-1)
+    bursts = MaskingConfig(bursts=config.bursts, longest=config.longest, absence=config.absence)
+    hidden = mask_bursts(*known.shape[:2], truth.skeleton, fps, bursts, rng=rng)
+    before, after = neighbours(known & ~hidden)
+    hidden &= (before >= 0) & (after < len(known))
+    return Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, truth.xyz))
+
+
+def perturb(poses: Poses3D, fps: float, *, rng: np.random.Generator) -> Poses3D:
+    """Return poses with errors like those of capture: correlated noise, drift beside gaps, and outliers."""
+    xyz = poses.xyz.astype(np.float64)
+    error = _noise(xyz.shape, fps, rng) + _drift(~np.isnan(xyz).any(-1), fps, rng) + _outliers(xyz.shape, fps, rng)
+    return Poses3D(poses.skeleton, xyz + error)
+
+
+def _noise(shape: tuple[int, ...], fps: float, rng: np.random.Generator) -> np.ndarray:
+    """Return AR(1) noise (F, P, J, 3), m, with the same correlation over time at any frame rate."""
+    noise = ar1_filter(rng.normal(size=shape), _CORRELATION ** (25 / fps))
+    return rng.uniform(0, _NOISE, (shape[1], 1, 1)) * noise
+
+
+def _drift(observed: np.ndarray, fps: float, rng: np.random.Generator) -> np.ndarray:
+    """Return offsets (F, P, J, 3), m, that grow evenly in the frames before each gap, and shrink in those after it."""
+    last, first = neighbours(~observed)
+    index = np.arange(len(observed))[:, None, None]
+    drift = np.zeros((*observed.shape, 3))
+    for gap, distance in ((first, first - index), (last, index - last)):
+        # One draw for each side of each gap: that of the frame where the gap begins or ends.
+        edge = np.clip(gap, 0, len(observed) - 1)
+        size, frames = rng.exponential(_DRIFT, observed.shape), rng.uniform(0, _DRIFT_TIME * fps, observed.shape)
+        direction = rng.normal(size=drift.shape)
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+        size, frames = (np.take_along_axis(drawn, edge, 0) for drawn in (size, frames))
+        fraction = np.clip(1 - (distance - 1) / np.maximum(frames, 1), 0, 1)
+        beside = observed & (gap >= 0) & (gap < len(observed))
+        drift += np.where(beside, fraction * size, 0)[..., None] * np.take_along_axis(direction, edge[..., None], 0)
+    return drift
+
+
+def _outliers(shape: tuple[int, ...], fps: float, rng: np.random.Generator) -> np.ndarray:
+    """Return offsets (F, P, J, 3), m, of outliers; zero elsewhere."""
+    offsets = np.zeros(shape)
+    frames, persons, joints, _ = shape
+    for _ in range(rng.poisson(_OUTLIER_RATE * frames / fps * persons * joints)):
+        start, person, joint = (int(rng.integers(length)) for length in (frames, persons, joints))
+        length = max(round(rng.uniform(0, _DRIFT_TIME) * fps), 1)
+        direction = rng.normal(size=3)
+        size = np.exp(rng.uniform(*np.log(_OUTLIER_SIZE)))
+        offsets[start : start + length, person, joint] += size * direction / np.linalg.norm(direction)
+    return offsets

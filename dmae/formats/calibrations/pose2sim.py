@@ -1,0 +1,100 @@
+"""Calibration of Pose2Sim and anipose: TOML, a table a camera."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+from scipy.spatial.transform import Rotation
+
+from dmae.data.cameras import CameraRig
+from dmae.data.store import write_atomic
+from dmae.formats.calibrations.entries import CameraTable, ParsedCamera, make_rig, orthonormal, require
+from dmae.formats.calibrations.registry import calibration_format
+
+_METADATA = "metadata"
+
+
+def read_toml(path: Path) -> dict:
+    """Return the content of a TOML file; ValueError names file, line and column of what is malformed."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        return tomllib.loads(path.read_text())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: expected TOML, {error}") from None
+
+
+def _camera(entry: CameraTable) -> ParsedCamera:
+    fisheye = entry.values.get("fisheye", False)
+    if not isinstance(fisheye, bool):
+        raise entry.error("fisheye", "to be true or false", repr(fisheye))
+    return ParsedCamera(
+        str(entry.values.get("name", entry.camera)),
+        entry.intrinsics("matrix"),
+        entry.numbers("distortions", *((4,) if fisheye else (4, 5, 8))),
+        entry.rodrigues("rotation"),
+        entry.numbers("translation", 3),
+        entry.size("size") if "size" in entry.values else None,
+        fisheye,
+    )
+
+
+def write_cameras(rig: CameraRig, path: Path) -> None:
+    """Write cameras, with their pose as it is in `cam_from_world`; rounded rotations become exact.
+
+    Raises:
+        ValueError: distortion that the format cannot hold.
+    """
+    require("a Pose2Sim calibration", rig, coefficients=8, fisheye=True)
+    R, t = orthonormal(rig)
+    rotation = Rotation.from_matrix(R).as_rotvec()
+    tables = {}
+    for view, name in enumerate(rig.names):
+        # A camera may have any name, a table may not: `[metadata]` is no camera.
+        tables[f"camera_{name}" if name == _METADATA else name] = {
+            "name": name,
+            "size": rig.size[view].astype(float).tolist(),
+            "matrix": rig.K[view].tolist(),
+            "distortions": _coefficients(rig, view).tolist(),
+            "rotation": rotation[view].tolist(),
+            "translation": t[view].tolist(),
+            "fisheye": bool(rig.fisheye[view]),
+        }
+    write_atomic(path, tomlkit.dumps(tables))
+
+
+def _coefficients(rig: CameraRig, view: int) -> np.ndarray:
+    """Return four coefficients where the others are zero; Pose2Sim itself writes no more."""
+    dist = np.pad(rig.dist[view], (0, 8 - rig.dist.shape[1]))
+    return dist[: 4 if not dist[4:].any() else 5 if not dist[5:].any() else 8]
+
+
+def _matches(content: dict) -> bool:
+    return any(isinstance(table, dict) and "matrix" in table for table in content.values())
+
+
+@calibration_format(
+    "pose2sim",
+    syntax="toml",
+    matches=_matches,
+    write=write_cameras,
+    files=("*alib*.toml", "*alib*/*.toml"),
+    # Pose2Sim keeps one calibration for all trials of a session.
+    files_above=("*alib*/*.toml",),
+)
+def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
+    """TOML tables with matrix, distortions, rotation (Pose2Sim, anipose).
+
+    Return cameras as the file writes them: world to camera, rotations as Rodrigues vectors.
+
+    A camera without `name` is called as its table. Distortion is OpenCV's k1 k2 p1 p2 [k3
+    [k4 k5 k6]], or with `fisheye = true` k1 k2 k3 k4. `[metadata]` is not read.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is malformed; the message names camera and key.
+    """
+    tables = {name: table for name, table in read_toml(path).items() if name != _METADATA}
+    return make_rig(path, (_camera(CameraTable(path, name, table)) for name, table in tables.items()), size)

@@ -1,0 +1,134 @@
+"""Read recordings: recognise the format, call its reader, select frames and views."""
+
+from collections.abc import Sequence
+from dataclasses import fields
+from fnmatch import fnmatch
+from pathlib import Path
+
+from dmae.data.clip import Clip
+from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.store import clip_folders
+from dmae.formats.calibrations.conventions import Convention
+from dmae.formats.calibrations.files import CalibrationSource, convention_of
+from dmae.formats.recordings.data_config import DataConfig
+from dmae.formats.recordings.selection import select_frames, select_views, shift_views
+from dmae.formats.registry import RecordingReader, reader
+
+_OPTIONS = {
+    "calibration": ("calibration", "size", "unit", "up", "inverse"),
+    "detections": ("detections",),
+    "fps": ("fps",),
+    "skeleton": ("skeleton",),
+}
+"""The arguments that readers can have, and the fields of `DataConfig` that each is made of."""
+
+
+class Clips(Sequence):
+    """The clips of a data set, or of a single recording, each read when it is accessed."""
+
+    def __init__(self, config: DataConfig):
+        self.config = config
+        self.reader = _reader(config)
+        self.folders = _folders(config, self.reader)
+
+    def __len__(self) -> int:
+        return len(self.folders)
+
+    def __getitem__(self, index: int) -> Clip:
+        config, folder = self.config, self.folders[index]
+        clip = self.reader.function(folder, **_arguments(config, self.reader, folder))
+        return select_views(select_frames(shift_views(clip, config.offsets), config.frames), config.cameras)
+
+
+def load(config: DataConfig) -> Clips:
+    """Return the clips that a configuration names, restricted to its frames and cameras.
+
+    Notes on missing frames, and on decisions of a reader that can be wrong, are in `provenance["notes"]` of the clips.
+
+    Raises:
+        FileNotFoundError: there is no such recording.
+        ValueError: a file is malformed, an option that the files make necessary is missing, or a clip lacks one
+            of the cameras or frames; raised when the clip is read.
+    """
+    return Clips(config)
+
+
+def is_data_set(config: DataConfig) -> bool:
+    """Return whether the path holds clips in folders of their own, instead of being one itself."""
+    return _folders(config, _reader(config)) != [Path(config.path)]
+
+
+def written_convention(config: DataConfig) -> Convention | None:
+    """Return the convention in which the calibration is taken to be written; None for formats without such options."""
+    if "calibration" not in _reader(config).options:
+        return None
+    path = Path(config.calibration or config.path)
+    return convention_of(path, unit=config.unit, up=config.up, inverse=config.inverse)
+
+
+def recognise(path: Path) -> str:
+    """Return the name of the format of a recording, by the names of its files.
+
+    Raises:
+        FileNotFoundError: there is nothing at the path.
+        ValueError: no format is recognised, or several are.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: expected a clip, a data set or a recording, found no such file or folder")
+    for general in (False, True):
+        entries = [entry for entry in reader.values() if entry.general == general]
+        found = [entry.name for entry in entries if _is_recognised(path, entry)]
+        if len(found) > 1:
+            raise ValueError(f"{path}: expected files of one format, found {', '.join(found)}; name it by data=...")
+        if found:
+            return found[0]
+    there = ", ".join(sorted(item.name for item in path.iterdir())[:6]) if path.is_dir() else "a file"
+    raise ValueError(
+        f"{path}: expected a clip, a data set or a recording, found {there or 'an empty folder'}; no format is "
+        f"recognised, data=... names one of {', '.join(reader)}"
+    )
+
+
+def _is_recognised(path: Path, entry: RecordingReader) -> bool:
+    if path.is_file():
+        return fnmatch(path.name, entry.file)
+    return any(all(any(path.glob(pattern)) for pattern in signs) for signs in entry.signs)
+
+
+def _reader(config: DataConfig) -> RecordingReader:
+    return reader.find(recognise(Path(config.path)) if config.name is None else config.name)
+
+
+def _folders(config: DataConfig, entry: RecordingReader) -> list[Path]:
+    path = Path(config.path)
+    return clip_folders(path) if entry.data_set else [path]
+
+
+def _arguments(config: DataConfig, entry: RecordingReader, path: Path) -> dict:
+    """The options that a reader takes.
+
+    Raises:
+        ValueError: options were given that it does not take.
+    """
+    refusable = {name for option, names in _OPTIONS.items() if option not in entry.options for name in names}
+    given = [field.name for field in fields(config) if getattr(config, field.name) is not None]
+    refused = [name for name in given if name in refusable]
+    if refused:
+        options = ", ".join(f"data.{name}" for name in refused)
+        raise ValueError(f"{path}: data={entry.name} says that itself; leave out {options}")
+    size = tuple(config.size) if config.size else None
+    values = {
+        "calibration": CalibrationSource(config.calibration, size, config.unit, config.up, config.inverse),
+        "detections": None if config.detections is None else Path(config.detections),
+        "fps": config.fps,
+        "skeleton": None if config.skeleton is None else _skeleton(config.skeleton),
+    }
+    return {option: values[option] for option in entry.options}
+
+
+def _skeleton(name: str) -> Skeleton:
+    try:
+        return get_skeleton(name)
+    except KeyError as error:
+        raise ValueError(f"data.skeleton={name}: {error.args[0]}") from None

@@ -1,0 +1,1 @@
+"""What formats of several cameras share: numbered detections, matching of cameras, selection of frames and views."""

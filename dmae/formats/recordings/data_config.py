@@ -1,0 +1,38 @@
+"""Which recording is read, and what its files do not say."""
+
+from dataclasses import dataclass, field
+
+from dmae.formats.calibrations.conventions import LengthUnit, UpDirection
+from dmae.formats.registry import reader
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """The recording, clip or data set to read."""
+
+    name: str | None = field(default=None, metadata={"choices": reader})
+    """Format; by default recognised by the files in `path`."""
+    path: str = "???"
+    """Folder of the recording, of a clip, or of a data set of clips."""
+    cameras: list[int] | None = None
+    """Views to use, counted from 0; by default all."""
+    frames: list[int] | None = None
+    """First frame to use, and the one after the last; by default all."""
+    calibration: str | None = None
+    """Calibration file, or folder of them; by default the one found in `path`."""
+    detections: str | None = None
+    """Folder of the detections, or file of COCO's; by default found in `path`."""
+    fps: float | None = None
+    """1/s; frame rate, where the files do not hold it."""
+    size: list[int] | None = None
+    """px; image width and height, where the files do not hold them."""
+    skeleton: str | None = None
+    """Skeleton of the detections, where the files do not hold it or are wrong."""
+    unit: LengthUnit | None = None
+    """Unit of lengths in the calibration; by default that of its format."""
+    up: UpDirection | None = None
+    """Axis that points up in the calibration; by default that of its format."""
+    inverse: bool | None = None
+    """Whether extrinsics of the calibration are world_from_cam; by default as in its format."""
+    offsets: list[int] | None = None
+    """Frames by which each camera started late, in the order of the calibration: its frame k is frame k + offset."""

@@ -1,0 +1,165 @@
+"""Detections of several cameras by the frame numbers and camera names of their files, and the clip made of them."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.skeleton import Skeleton
+from dmae.formats.calibrations.files import CalibrationSource
+from dmae.formats.recordings.camera_matching import match_cameras
+
+_MAX_SPAN = 20
+"""Frames that a recording may span for each frame with a file; more, and the numbers do not count frames."""
+
+
+@dataclass(frozen=True)
+class NumberedDetections:
+    """Detections of several cameras, as their files have them.
+
+    Attributes:
+        skeleton: J joints.
+        views: By camera and frame number, detections (D, J, 3): x, y px, confidence; NaN where absent.
+        fps: Frames per second, None where the files do not hold it.
+        unreadable: By camera, errors of the files that could not be read.
+        notes: Decisions made in reading that can be wrong.
+        sizes: By camera, image width and height, px, where the files hold them.
+    """
+
+    skeleton: Skeleton
+    views: dict[str, dict[int, np.ndarray]]
+    fps: float | None = None
+    unreadable: dict[str, list[str]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Image size of all cameras, None where they differ or the files do not hold them."""
+        sizes = set(self.sizes.values())
+        return sizes.pop() if len(sizes) == 1 and set(self.sizes) == set(self.views) else None
+
+
+def to_clip(
+    found: NumberedDetections,
+    rig: CameraRig,
+    fps: float,
+    path: Path,
+    truth: dict[int, np.ndarray] | None = None,
+    truth_skeleton: Skeleton | None = None,
+) -> Clip:
+    """Return detections and cameras as a clip from the first to the last frame that any camera has.
+
+    Frames are aligned by number; where a camera lacks one, its detections are absent. Missing frames are counted in
+    `provenance["notes"]`, which has the other notes too.
+
+    Args:
+        found: The detections.
+        rig: The cameras, and maybe more: those without detections are left out.
+        fps: Frames per second.
+        path: Of the recording, for the clip's id and for messages.
+        truth: By frame number, (P, K, 3) m; P is the same in all.
+        truth_skeleton: K joints.
+
+    Raises:
+        ValueError: cameras do not fit together, nothing could be read, or the numbers do not count frames.
+    """
+    index, how = match_cameras(list(found.views), rig, path)
+    numbers = [number for view in found.views.values() for number in view]
+    for name, view in found.views.items():
+        if not view:
+            broken = found.unreadable.get(name, [])
+            raise ValueError(
+                f"{path}: camera {name!r} has no readable frame{': ' * bool(broken)}{'; '.join(broken[:1])}"
+            )
+    first, frames = min(numbers), max(numbers) - min(numbers) + 1
+    if frames > _MAX_SPAN * max(len(view) for view in found.views.values()) + 1000:
+        raise ValueError(
+            f"{path}: expected files numbered by frame, found {len(numbers)} that count from {first} to "
+            f"{max(numbers)}; name files of detections <anything><frame number>.json"
+        )
+    for name, view in zip(found.views, index, strict=True):
+        expected = tuple(rig.size[view].tolist())
+        if found.sizes.get(name, expected) != expected:
+            raise ValueError(
+                f"{path}: camera {name!r}: expected images of {expected} px as its calibration says, found "
+                f"{found.sizes[name]}; detect in images of the size that was calibrated"
+            )
+    order = np.argsort(index)
+    names = [list(found.views)[i] for i in order]
+    values = _stack([found.views[name] for name in names], first, frames, len(found.skeleton))
+    notes = [how] if how else []
+    notes += [*found.notes, *_absences(found, names, first, frames)]
+    return Clip(
+        id=path.resolve().stem,
+        fps=fps,
+        rig=rig[sorted(index)],
+        detections=Detections2D(found.skeleton, values[..., :2], values[..., 2]),
+        truth=None if truth is None else _truth(truth, truth_skeleton, first, frames),
+        provenance={"path": str(path), "first_frame": first, "notes": notes},
+    )
+
+
+def with_cameras(
+    found: NumberedDetections,
+    path: Path,
+    calibration: CalibrationSource,
+    fps: float | None,
+    truth: dict[int, np.ndarray] | None = None,
+    truth_skeleton: Skeleton | None = None,
+) -> Clip:
+    """Read the calibration of a recording, and return its clip.
+
+    Args:
+        found: The detections.
+        path: Of the recording.
+        calibration: Where the calibration is.
+        fps: Frames per second; None for those of the files.
+        truth, truth_skeleton: As in `to_clip`.
+
+    Raises:
+        FileNotFoundError: there is no calibration.
+        ValueError: as `to_clip`, the calibration is malformed, or the frame rate is unknown.
+    """
+    rig = calibration.read(path, found.size)
+    return to_clip(found, rig, known_rate(fps, found, path), path, truth, truth_skeleton)
+
+
+def known_rate(fps: float | None, found: NumberedDetections, path: Path) -> float:
+    """Return the frame rate that was given, else that of the files; ValueError where both are unknown."""
+    fps = fps or found.fps
+    if fps is None:
+        raise ValueError(f"{path}: no file says the frame rate; give data.fps=...")
+    return fps
+
+
+def _stack(views: list[dict[int, np.ndarray]], first: int, frames: int, joints: int) -> np.ndarray:
+    """(F, V, D, J, 3)."""
+    most = max((len(found) for view in views for found in view.values()), default=0)
+    values = np.full((frames, len(views), most, joints, 3), np.nan)
+    for v, view in enumerate(views):
+        for number, found in view.items():
+            values[number - first, v, : len(found)] = found
+    values[~np.isfinite(values).all(-1)] = np.nan
+    return values
+
+
+def _truth(truth: dict[int, np.ndarray], skeleton: Skeleton, first: int, frames: int) -> Poses3D:
+    persons = max((len(found) for found in truth.values()), default=0)
+    xyz = np.full((frames, persons, len(skeleton), 3), np.nan)
+    for number, found in truth.items():
+        if first <= number < first + frames:
+            xyz[number - first] = found
+    return Poses3D(skeleton, xyz)
+
+
+def _absences(found: NumberedDetections, names: list[str], first: int, frames: int) -> list[str]:
+    notes = []
+    for name in names:
+        absent, broken = frames - len(found.views[name]), found.unreadable.get(name, [])
+        if absent or broken:
+            note = f"camera {name}: {absent} of frames {first} to {first + frames - 1} are absent"
+            notes.append(note + (f"; {len(broken)} files could not be read, first {broken[0]}" if broken else ""))
+    return notes

@@ -1,0 +1,92 @@
+"""Write poses and recordings in any format."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton_conversion import convert
+from dmae.formats.calibrations.conventions import LengthUnit
+from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
+
+
+def write_poses(
+    clip: Clip, path: Path, format: str = "npz", *, skeleton: str | None = None, unit: LengthUnit = LengthUnit.m
+) -> Poses3D:
+    """Write the captured or completed poses of a clip, or its truth where it has none.
+
+    Args:
+        clip: Has poses or truth.
+        path: File to write; for some formats a folder, which must be empty or not exist.
+        format: Name of a pose writer, or `package.module:function`.
+        skeleton: Skeleton to write; by default that of the poses, of two fused the first unless the format has both.
+        unit: Unit of lengths, for formats that have one.
+
+    Returns:
+        The poses on the skeleton that was written.
+
+    Raises:
+        ValueError: there are neither poses nor truth, no such format, the format does not have the skeleton or units,
+            or the folder is not empty.
+        KeyError: there is no such skeleton.
+    """
+    writer, path = pose_writer.find(format), Path(path)
+    poses = exported_poses(clip)
+    if poses is None:
+        raise ValueError(f"clip {clip.id!r} has neither poses nor truth to export; run dmae capture on it first")
+    written = convert(poses, _skeleton(writer, poses, skeleton))
+    options = {}
+    if "unit" in writer.options:
+        options["unit"] = LengthUnit(unit)
+    elif unit != LengthUnit.m:
+        raise ValueError(f"unit={unit}: format={writer.name} is always in m; leave it out")
+    if writer.folder:
+        _check_empty(path)
+    if poses is clip.truth and clip.true_rig is not None:
+        # Truth is seen by the true cameras, not by those of a calibration in error.
+        clip = replace(clip, rig=clip.true_rig)
+    writer.function(written, clip, path, **options)
+    return written
+
+
+def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
+    """Write the detections and cameras of a clip; as a clip, all of it.
+
+    Args:
+        clip: Any clip.
+        path: Folder to write; except for clips it must be empty or not exist.
+        format: Name of a recording writer, or `package.module:function`.
+
+    Returns:
+        The options of `DataConfig` that a reader has to be given, as the format does not hold them, as commands take
+        them; empty where there are none.
+
+    Raises:
+        ValueError: there is no such format, the folder is not empty, or the format cannot hold the cameras.
+    """
+    writer, path = recording_writer.find(format), Path(path)
+    if writer.name != "clip":
+        _check_empty(path)
+    writer.function(clip, path)
+    values = {"fps": f"{clip.fps:g}", "skeleton": clip.detections.skeleton.name}
+    return " ".join(f"data.{option}={values[option]}" for option in writer.lacks)
+
+
+def exported_poses(clip: Clip) -> Poses3D | None:
+    """Return the poses of a clip that `write_poses` writes: captured or completed ones, else the truth."""
+    return clip.truth if clip.poses is None else clip.poses
+
+
+def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleton:
+    only = writer.skeleton
+    if only and wanted not in (None, only):
+        raise ValueError(f"skeleton={wanted}: format={writer.name} is always of {only}; leave it out")
+    if only or wanted:
+        return get_skeleton(only or wanted)
+    return poses.skeleton if writer.fused else get_skeleton(poses.skeleton.name.split("+")[0])
+
+
+def _check_empty(folder: Path) -> None:
+    """Refuse a folder with files, which would be read as part of the new recording."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ValueError(f"{folder}: expected no such folder yet, or an empty one, to write a file for each frame into")

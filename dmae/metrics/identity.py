@@ -1,0 +1,56 @@
+"""How well persons keep their identity through a clip."""
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from dmae.metrics.comparison import Comparison
+from dmae.metrics.matching import GATE, distances
+from dmae.metrics.registry import Column, metric
+from dmae.numerics.robust import mean_known
+
+
+def identity_switches(matches: np.ndarray) -> int:
+    """Count how often a true person is matched to another prediction than when last matched.
+
+    Two predictions of one person that take turns at being the nearer count every time.
+
+    Args:
+        matches: (F, T) index of the prediction, -1 for none, from `match`.
+    """
+    switches = 0
+    for person in matches.T:
+        matched = person[person >= 0]
+        switches += int((matched[1:] != matched[:-1]).sum())
+    return switches
+
+
+def idf1(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> float:
+    """Return the identity F1 score (Ristani et al. 2016), %; NaN where there is neither a person nor a prediction.
+
+    Each true person is assigned one prediction for the whole clip, or none, and each prediction one person or none, so
+    that they are together in as many frames as possible: apart by no more than the gate, on the average of the joints
+    that both have. The score is twice those frames, of all frames of true persons and of predictions. It is too low
+    where not every person is annotated.
+
+    Args:
+        pred: (F, P, J, 3) m.
+        truth: (F, T, J, 3) m.
+        gate: m.
+    """
+    here, predicted = (~np.isnan(xyz).any(-1) for xyz in (truth, pred))
+    total = here.any(-1).sum() + (predicted.any(-1) & here.any((1, 2))[:, None]).sum()
+    together = (mean_known(distances(pred, truth), -1) <= gate).sum(0)
+    found = together[linear_sum_assignment(together, maximize=True)].sum()
+    return float(200 * found / total) if total else float("nan")
+
+
+@metric("identity_switches", order=10, columns=(Column("switches", "", order=8),))
+def _identity_switches(comparison: Comparison) -> int:
+    """Number of times that a true person is matched to another prediction than before."""
+    return identity_switches(comparison.matches)
+
+
+@metric("idf1", order=11, columns=(Column("IDF1", "%", order=9),))
+def _idf1(comparison: Comparison) -> float:
+    """Identity F1 score, %."""
+    return idf1(comparison.pred.xyz, comparison.truth.xyz)

@@ -1,0 +1,87 @@
+"""Scores as tables: PCP, the columns of all metrics, errors by length of gap, and regions."""
+
+from dmae.metrics.registry import metrics
+from dmae.reporting.tables import Table
+
+
+def score_tables(scores: dict) -> list[Table]:
+    """Return the tables of scores, with a row for each method and number of views.
+
+    They are narrow enough, at up to four persons, for a terminal of 80 columns.
+
+    Args:
+        scores: What `dmae.evaluation.evaluate.evaluate` returned, or its JSON.
+    """
+    results = scores["results"]
+    means = [result["mean"] for result in results]
+    firsts = [(result["method"], str(result["views"] or "-")) for result in results]
+    lengths = [gap["frames"] for gap in means[0]["gaps"]]
+    rows = list(zip(firsts, means, strict=True))
+    tables = [_pcp_table(scores, firsts), _columns_table(rows)]
+    poses = f" in {scores['poses']}" if "poses" in scores else ""
+    tables.append(
+        Table(
+            f"MPJPE, mm, of joints hidden{poses} for so many frames at 25/s, those that all methods filled",
+            ("method", "views", *lengths),
+            [
+                row
+                for views in dict.fromkeys(views for _, views in firsts)
+                for row in _gap_rows([(first, mean["gaps"]) for first, mean in rows if first[1] == views])
+            ],
+        )
+    )
+    regions = [
+        (*first, *(_text(gap["held"]) for gap in mean["gaps"]))
+        for first, mean in rows
+        if any(gap["stated"] for gap in mean["gaps"])
+    ]
+    if regions:
+        caption = "True joints within the 90 % regions that methods state, %, by how long they were hidden"
+        tables.append(Table(caption, ("method", "views", *lengths), regions))
+    return tables
+
+
+def _pcp_table(scores: dict, firsts: list[tuple[str, str]]) -> Table:
+    results = scores["results"]
+    persons = [f"person {person}" for person in range(len(results[0]["mean"].get("pcp_persons", ())))]
+    cells = [
+        (result["mean"]["pcp"], result["worst"]["pcp"], *result["mean"].get("pcp_persons", ())) for result in results
+    ]
+    return Table(
+        f"Strict PCP on {scores['skeleton']}, %",
+        ("method", "views", "mean", "worst", *persons),
+        [(*first, *map(_text, row)) for first, row in zip(firsts, cells, strict=True)],
+    )
+
+
+def _columns_table(rows: list[tuple[tuple[str, str], dict]]) -> Table:
+    """The columns that metrics declare; scores from before a metric was added have nothing in its columns."""
+    columns = [(metric.name, column) for metric in metrics() for column in metric.columns]
+    columns.sort(key=lambda each: each[1].order)
+    units = dict.fromkeys(column.unit for _, column in columns if column.unit)
+    captions = [
+        f"{', '.join(column.heading for _, column in columns if column.unit == unit)} in {unit}" for unit in units
+    ]
+    return Table(
+        f"Joints within 0.2 m and identities: {'; '.join(captions)}",
+        ("method", "views", *(column.heading for _, column in columns)),
+        [
+            (*first, *(_text(column.value(mean[name]) if name in mean else None) for name, column in columns))
+            for first, mean in rows
+        ],
+    )
+
+
+def _gap_rows(gaps: list[tuple[tuple[str, str], list[dict]]]) -> list[tuple[str, ...]]:
+    """Rows of the methods with one number of views, and a row of how many joints they are compared on."""
+    columns = list(zip(*(entries for _, entries in gaps), strict=True))
+    # A method that fills little is matched in fewer frames, and then fewer joints are known to be hidden.
+    counts = [(max(gap["filled"] for gap in column), max(gap["hidden"] for gap in column)) for column in columns]
+    return [
+        *((*first, *(_text(gap["mpjpe"]) for gap in entries)) for first, entries in gaps),
+        ("joints", gaps[0][0][1], *(f"{filled} of {hidden}" for filled, hidden in counts)),
+    ]
+
+
+def _text(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"

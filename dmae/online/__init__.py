@@ -1,0 +1,1 @@
+"""What now: capture and completion of frames as they come."""

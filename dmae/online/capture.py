@@ -1,0 +1,167 @@
+"""Capture of frames as they come, with a bounded delay."""
+
+from __future__ import annotations
+
+from math import ceil
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Detections2D
+from dmae.data.skeleton import Skeleton
+from dmae.online.completion import BATCH, FinishedFrame, OnlineCompleter, split_frames
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.false_positives import false_positives, well_measured
+from dmae.reconstruction.merging import merge, same_person
+from dmae.reconstruction.pipeline import measure
+from dmae.reconstruction.pruning import LONGEST_JUMP
+from dmae.reconstruction.tracking import Tracker
+from dmae.reconstruction.tracks import TrackedFrame, Tracks
+
+if TYPE_CHECKING:
+    from dmae.completion.completer import Completer
+
+_MIN_MEMORY = 2.0
+"""s of frames that are remembered at least: bone lengths are measured over them."""
+
+
+class OnlineCapture:
+    """`dmae.reconstruction.pipeline.capture` for frames as they come.
+
+    The steps are the same; each looks ahead by no more than the delay. The result differs from the offline one where
+    that needs to know more: a re-entry is recognised by the bone lengths of its first frames; a duplicate that was
+    taken for a person before it came near is not withdrawn; paths are interpolated and joints pruned by what is known
+    within the delay; bone lengths are measured over the last seconds; clothes are not compared, as there are no images.
+
+    With `complete`, frames are completed as well (`dmae.online.completion.OnlineCompleter`), which adds to the delay.
+
+    Attributes:
+        delay: Largest number of frames pushed after a frame until it is finished.
+    """
+
+    def __init__(
+        self,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        fps: float,
+        config: CaptureConfig,
+        complete: Completer | None = None,
+    ):
+        """
+        Args:
+            rig: V cameras.
+            skeleton: Skeleton of the detections.
+            fps: Frames per second.
+            config: As for `capture`.
+            complete: Completes captured poses, see `dmae.completion.pipeline.completers`; None for none.
+
+        Raises:
+            ValueError: fewer than two cameras.
+        """
+        if len(rig) < 2:
+            raise ValueError(f"capture needs at least 2 cameras, found {len(rig)}")
+        self._rig, self._skeleton, self._fps, self._config = rig, skeleton, fps, config
+        self._tracker = Tracker(skeleton, fps, config)
+        self._batch = max(round(BATCH * fps), 1)
+        self._jump = ceil(LONGEST_JUMP * fps) if config.prune else 0
+        gap = config.reassignment.max_gap_s if config.reassignment.distance_m > 0 else 0
+        self._ahead = max(ceil(max(gap, config.tracking.min_duration_s) * fps), self._jump) + self._batch - 1
+        self._completing = OnlineCompleter(complete, fps) if complete else None
+        self.delay = self._ahead + (self._completing.delay if self._completing else 0)
+        self._memory = ceil(max(_MIN_MEMORY, 2 * config.tracking.reentry_s) * fps)
+        self._tracked: list[TrackedFrame] = []
+        self._measured: list[tuple[np.ndarray, np.ndarray]] = []
+        self._waiting: list[Detections2D] = []
+        self._number = 0
+        self._person_of: dict[int, int] = {}
+        self._frames_of: dict[int, int] = {}
+
+    def push(self, detections: Detections2D) -> list[FinishedFrame]:
+        """Take the next frame, of shape (1, V, D, J, ...) with any D; return the frames that it finishes, in order.
+
+        Raises:
+            ValueError: not one frame, or not of the announced cameras and joints.
+        """
+        if len(detections.xy) != 1 or detections.skeleton != self._skeleton:
+            raise ValueError(
+                f"expected one frame of {self._skeleton.name}, found {len(detections.xy)} of {detections.skeleton.name}"
+            )
+        self._tracked.append(self._tracker.step(self._evidence([detections], self._config.th_p), 0))
+        self._waiting.append(detections)
+        captured = self._finish(self._batch) if len(self._waiting) > self._ahead else []
+        return self._completing.push(captured) if self._completing else captured
+
+    def flush(self) -> list[FinishedFrame]:
+        """Return the frames that still wait, at the end of the recording."""
+        captured = self._finish(len(self._waiting)) if self._waiting else []
+        return self._completing.push(captured) + self._completing.flush() if self._completing else captured
+
+    def _evidence(self, frames: list[Detections2D], th_p: float) -> Evidence:
+        """Return the evidence of frames with different numbers of detections."""
+        most = max(frame.xy.shape[2] for frame in frames)
+        xy = np.full((len(frames), len(self._rig), most, len(self._skeleton), 2), np.nan)
+        score = np.full(xy.shape[:-1], np.nan)
+        for i, frame in enumerate(frames):
+            if frame.xy.shape[1] != len(self._rig):
+                raise ValueError(f"{len(self._rig)} cameras but detections in {frame.xy.shape[1]} views")
+            xy[i, :, : frame.xy.shape[2]], score[i, :, : frame.xy.shape[2]] = frame.xy[0], frame.score[0]
+        clip = Clip("", self._fps, self._rig, Detections2D(self._skeleton, xy, score))
+        return Evidence.of(clip, th_p, self._config)
+
+    def _finish(self, count: int) -> list[FinishedFrame]:
+        """Finish the first `count` waiting frames, as `capture` would with all frames that are remembered."""
+        past = len(self._tracked) - len(self._waiting)
+        persons, tracks = self._persons(slice(past, past + count))
+        ahead = min(count + self._jump, len(self._waiting))
+        reassignment = self._config.reassignment
+        th_p = reassignment.th_p if reassignment.distance_m > 0 else self._config.th_p
+        evidence = self._evidence(self._waiting[:ahead], th_p)
+        before = np.full((past, *tracks.xyz.shape[1:]), np.nan)
+        for frame, (known, xyz) in zip(before, self._measured, strict=True):
+            both = np.isin(known, persons)
+            frame[np.searchsorted(persons, known[both])] = xyz[both]
+        poses, xyz = measure(evidence, tracks, slice(past, past + ahead), before, self._skeleton, self._fps)
+        finished = split_frames(poses.select(slice(count)), persons, self._number)
+        self._measured += [(persons, joints) for joints in xyz[:count]]
+        self._number += count
+        del self._waiting[:count]
+        self._tracked = self._tracked[-self._memory - len(self._waiting) :]
+        self._measured = self._measured[len(self._measured) - (len(self._tracked) - len(self._waiting)) :]
+        return finished
+
+    def _persons(self, window: slice) -> tuple[np.ndarray, Tracks]:
+        """Return the numbers (P,), ascending, and tracks of people; settle those of the frames in the window.
+
+        A track that was settled stays with its person, so that the number of a person never changes.
+        """
+        config, fps = self._config, self._fps
+        index = np.unique(np.concatenate([frame.track for frame in self._tracked]))
+        tracks = Tracks.of(self._tracked, index, len(self._rig), len(self._skeleton))
+        person = np.array([self._person_of.get(track, track) for track in index.tolist()], int)
+        label = np.array([np.flatnonzero(person == p)[0] for p in person], int)
+        tracks = merge(tracks, label)
+        first = np.unique(label)
+        settled = np.array([track in self._person_of for track in index.tolist()], bool)[first]
+        number = person[first]
+        same = same_person(tracks.xyz, self._skeleton, fps, config.tracking.reentry_s)
+        for i in np.flatnonzero(~settled):
+            group = np.flatnonzero(same == same[i])
+            candidates = group[settled[group]] if settled[group].any() else group
+            number[i] = person[first[candidates[0]]]
+        for track, i in zip(index.tolist(), np.searchsorted(first, label).tolist(), strict=True):
+            if not np.isnan(tracks.xyz[window, i]).all():
+                self._person_of[track] = int(number[i])
+
+        order = np.argsort(number, kind="stable")
+        number = number[order]
+        tracks = merge(tracks.select(order), np.searchsorted(number, number))
+        number = np.unique(number)
+        measured = well_measured(tracks.xyz[window.start :], config.tracking.birth_joints)
+        earlier = np.array([self._frames_of.get(p, 0) for p in number.tolist()], int)
+        frames = self._number + len(self._waiting)
+        kept = ~false_positives(tracks, earlier + measured.sum(0), frames, fps, config)
+        for p, more in zip(number.tolist(), measured[: window.stop - window.start].sum(0).tolist(), strict=True):
+            self._frames_of[p] = self._frames_of.get(p, 0) + more
+        return number[kept], tracks.select(kept)

@@ -1,0 +1,207 @@
+"""Motion of people: capture, complete, train, triangulate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.skeleton import Skeleton
+from dmae.numerics import filling
+from dmae.reconstruction import pipeline, triangulation
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.triangulation import Points
+
+if TYPE_CHECKING:
+    from dmae.completion.completer import Completer
+
+
+def capture(
+    clip: Clip, config: CaptureConfig | str | None = None, *, fill: str = "none", smooth: float = 0.0
+) -> Poses3D:
+    """Reconstruct the people of a clip in 3D from its 2D detections (Adaptive Triangulation).
+
+    Args:
+        clip: V views, at least 2.
+        config: Thresholds and steps, or the name of a preset of `dmae capture`, as "tight".
+        fill: How joints that no camera measured are filled: a completion method of `dmae capture`, or `none`.
+        smooth: Length of a light smoothing after that, s; 0 for none.
+
+    Returns:
+        (F, P, J, 3) m, world, a person a track. A joint that fewer than `config.th_v` views agree on is NaN and
+        `Source.ABSENT`; measured joints have a covariance.
+
+    Raises:
+        ValueError: the clip has a single camera, or there is no such preset.
+        KeyError: there is no such method.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> poses = dmae.capture(clip)
+        >>> poses.xyz.shape == (len(clip), *poses.xyz.shape[1:])
+        True
+        >>> bool((poses.views[poses.source == dmae.Source.MEASURED] >= 2).all())
+        True
+    """
+    from dmae.completion.methods import METHODS
+
+    if isinstance(config, str):
+        config = _composed("capture", f"capture={config}").capture
+    poses = pipeline.capture(clip, config or CaptureConfig())
+    if fill != "none":
+        poses = METHODS[fill](poses, clip.fps)
+    return filling.smooth(poses, clip.fps, smooth)
+
+
+def complete(
+    poses: Poses3D,
+    fps: float,
+    *,
+    weights: str | Path | None = None,
+    denoise: bool = False,
+    reject: bool = False,
+    online: bool = False,
+    delay: float = 0.28,
+) -> Poses3D:
+    """Predict the joints that no camera measured, and mark them `Source.COMPLETED`.
+
+    Args:
+        poses: Captured poses (F, P, J).
+        fps: Their frames per second; another rate than the model's is resampled.
+        weights: Folder that `dmae train` wrote; by default the weights that come with the package.
+        denoise: Also move joints that fewer than three views measured; they become `Source.DENOISED`.
+        reject: First drop joints of fewer than three views that the frames around them contradict.
+        online: Complete each frame from what is known `delay` seconds after it, as while cameras run.
+        delay: s.
+
+    Returns:
+        Poses of the same shape. Completed joints have a covariance, unknown (NaN) farther than 0.2 s from any
+        measurement of the person. No person is completed before the first or after the last measurement.
+
+    Raises:
+        FileNotFoundError: there are no such weights, or none for this skeleton.
+        ValueError: the skeletons have no joint in common, or fps is not positive.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> captured = dmae.capture(clip)
+        >>> full = dmae.complete(captured, fps=clip.fps)
+        >>> bool((full.source == dmae.Source.ABSENT).sum() < (captured.source == dmae.Source.ABSENT).sum())
+        True
+        >>> bool(np.array_equal(full.xyz[captured.measured], captured.xyz[captured.measured]))
+        True
+    """
+    from dmae.online.completion import complete_online
+
+    completer_for = completer(poses.skeleton, weights=weights, denoise=denoise, reject=reject)
+    return complete_online(completer_for, poses, fps, delay) if online else completer_for(poses, fps)
+
+
+def completer(
+    skeleton: Skeleton, *, weights: str | Path | None = None, denoise: bool = False, reject: bool = False
+) -> Completer:
+    """Load a model once, to complete many clips with it, or the frames of `OnlineCapture`.
+
+    Args:
+        skeleton: Of the poses that are to be completed.
+        weights: As for `complete`.
+        denoise: As for `complete`.
+        reject: As for `complete`.
+
+    Returns:
+        A function of poses and frames per second that completes the poses.
+
+    Raises:
+        FileNotFoundError: there are no such weights, or none for this skeleton.
+        ValueError: the files of the weights are malformed, or the model was not trained to denoise.
+
+    Examples:
+        >>> complete = dmae.completer(dmae.get_skeleton("body25"))
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> complete(dmae.capture(clip), clip.fps).skeleton.name
+        'body25'
+    """
+    return _loaded(weights and str(weights), denoise, reject)(skeleton)
+
+
+@lru_cache(maxsize=4)
+def _loaded(weights: str | None, denoise: bool, reject: bool):
+    from dmae.completion.pipeline import completers
+
+    return completers(weights and Path(weights), denoise=denoise, reject=reject)
+
+
+def train(
+    clips: Iterable[Clip],
+    out: str | Path,
+    *overrides: str,
+    validation_data: Iterable[Clip] = (),
+    extra_data: Iterable[Clip] = (),
+) -> Path:
+    """Train a completion model, or continue one that was interrupted.
+
+    Args:
+        clips: Clips with truth; those that also have `poses` are learned from as captured.
+        out: Folder of the model.
+        overrides: Options as on the command line: `"max_minutes=10"`, `"model=paper"`.
+        validation_data: Clips to validate and calibrate on; by default some of `clips` are held back.
+        extra_data: Further clips, those that `examples.replay` is a share of.
+
+    Returns:
+        The folder, which `complete(weights=...)` takes.
+
+    Raises:
+        ValueError: there is nothing to learn from, two clips share an id, the folder holds another training, or an
+            option is unknown.
+
+    Examples:
+        >>> clips = list(synth.generate("scene.seconds=1", clips=2, seed=7))
+        >>> folder = dmae.train(clips, "model", "learning.steps=2", "learning.epoch=2")
+        >>> captured = dmae.capture(clips[0])
+        >>> dmae.complete(captured, clips[0].fps, weights=folder).xyz.shape == captured.xyz.shape
+        True
+    """
+    from dmae.completion.training.train import train as run
+
+    return run(_composed("train", *overrides), clips, Path(out), validation_data, extra_data)
+
+
+def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray) -> Points:
+    """Triangulate points robustly from pixels of several cameras.
+
+    Args:
+        rig: V cameras.
+        xy: (..., V, 2) px as detected, lens distortion included; NaN where a view does not see the point.
+        confidence: (..., V) from 0 to 1.
+
+    Returns:
+        `xyz` (..., 3) m, world, NaN where fewer than two views agree; `cov` (..., 3, 3) m^2; `used` (..., V) True for
+        the views that agree; `residual` (...) px.
+
+    Raises:
+        ValueError: the arrays do not fit the rig.
+
+    Examples:
+        >>> rig = next(synth.generate("scene.seconds=1", clips=1, seed=7)).rig
+        >>> xy, _ = rig.project(np.array([[0.3, 0.2, 1.1]]))
+        >>> points = dmae.triangulate(rig, xy, np.ones((1, len(rig))))
+        >>> points.xyz.round(4)
+        array([[0.3, 0.2, 1.1]])
+    """
+    xy = np.asarray(xy, np.float64)
+    if xy.shape[-2:] != (len(rig), 2):
+        raise ValueError(f"rig of {len(rig)} cameras: expected xy (..., {len(rig)}, 2) px, found shape {xy.shape}")
+    return triangulation.triangulate(rig, rig.undistort(xy), confidence)
+
+
+def _composed(command: str, *overrides: str):
+    """Return the configuration of a command."""
+    from dmae.cli import DMAE, compose
+
+    # The commands require data, which is given as objects here.
+    return compose(DMAE.commands[command], ["data=clip", "data.path=-", *overrides])

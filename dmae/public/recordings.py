@@ -1,0 +1,152 @@
+"""Recordings and clips: read, load, save, export."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.store import load_clip, save_clip
+from dmae.formats.reading import Clips
+from dmae.formats.recordings.data_config import DataConfig
+from dmae.formats.writing import write_poses, write_recording
+
+
+def read(path: str | Path, fps: float | None = None, format: str | None = None, **options: object) -> Clip:
+    """Read a recording that any supported program wrote.
+
+        clip = dmae.read("recordings/session", fps=60)
+        clip = dmae.read("shelf", format="shelf", cameras=[0, 1, 3], frames=[0, 100])
+
+    Args:
+        path: Folder of the recording, or its file.
+        fps: Frames per second, where the files do not say.
+        format: A format of `dmae convert`; by default recognised by what the folder holds.
+        **options: The `data.*` options of the commands: `calibration`, `detections`, `size`, `skeleton`, `unit`,
+            `up`, `inverse`, `offsets`, `cameras`, `frames` (see `dmae.formats.recordings.data_config.DataConfig`).
+
+    Returns:
+        A clip of F frames and V views. What was absent or guessed is in `clip.provenance["notes"]`.
+
+    Raises:
+        FileNotFoundError: no such recording, or a file that it needs is missing.
+        ValueError: the format is not recognised, a file is malformed, an option is missing, or there are several
+            clips (use `load_dataset`).
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> dmae.save(clip, "walk")
+        >>> dmae.read("walk", cameras=[0, 2]).rig.names
+        ('0', '2')
+    """
+    path = Path(path)
+    clips = Clips(DataConfig(name=format, path=str(path), fps=fps, **options))
+    if len(clips) != 1:
+        raise ValueError(f"{path}: expected one recording, found a data set of {len(clips)}; use dmae.load_dataset")
+    return clips[0]
+
+
+def load(folder: str | Path) -> Clip:
+    """Read one clip that `save`, or any command, wrote.
+
+    Args:
+        folder: Holds `clip.json` and `arrays.safetensors`.
+
+    Raises:
+        FileNotFoundError: there is no clip in the folder.
+        ValueError: a file is malformed, damaged, or of another format version.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> dmae.save(clip, "walk")
+        >>> np.array_equal(dmae.load("walk").truth.xyz, clip.truth.xyz)
+        True
+    """
+    return load_clip(Path(folder))
+
+
+def save(clip: Clip, folder: str | Path) -> None:
+    """Write a clip to a folder: `clip.json` and `arrays.safetensors`.
+
+    Args:
+        clip: Its images are referred to, not copied.
+        folder: A clip that is there is replaced.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> dmae.save(clip, "walk")
+        >>> sorted(path.name for path in Path("walk").iterdir())
+        ['arrays.safetensors', 'clip.json']
+    """
+    save_clip(clip, Path(folder))
+
+
+def load_dataset(path: str | Path) -> Sequence[Clip]:
+    """Open a data set: a sequence of its clips, each read when it is asked for.
+
+    Args:
+        path: Folder that `synth generate`, `dmae capture` or `dmae complete` wrote. Clips that failed are left out.
+
+    Raises:
+        FileNotFoundError: neither a clip nor a data set is there.
+
+    Examples:
+        >>> for clip in synth.generate("scene.seconds=1", clips=2, seed=7, out="walks"): pass
+        >>> clips = dmae.load_dataset("walks")
+        >>> len(clips), clips[1].id
+        (2, '000001')
+    """
+    return Clips(DataConfig(path=str(path)))
+
+
+def export(
+    clip: Clip,
+    out: str | Path,
+    format: str = "npz",
+    *,
+    poses: Poses3D | None = None,
+    skeleton: str | None = None,
+    unit: str = "m",
+) -> None:
+    """Write poses to a file that other programs read.
+
+    Args:
+        clip: Its captured or completed poses are exported, or its truth where it has none.
+        out: The file; of `panoptic` and `openpose` the folder.
+        format: `npz`, `trc`, `panoptic`, `coco` or `openpose`. Each marks completed joints in its own way.
+        poses: Export these instead.
+        skeleton: Convert to this skeleton first.
+        unit: `m`, `cm` or `mm`, of a TRC.
+
+    Raises:
+        ValueError: there are no poses, or the folder is not empty.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> dmae.export(clip, "poses.npz", poses=dmae.capture(clip), skeleton="shelf14")
+        >>> np.load("poses.npz")["joints"].shape[-2:]
+        (14, 3)
+    """
+    given = clip if poses is None else replace(clip, poses=poses)
+    write_poses(given, Path(out), format, skeleton=skeleton, unit=unit)
+
+
+def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:
+    """Write the detections and cameras of a clip in the format of another program.
+
+    Args:
+        clip: Any clip.
+        out: Folder to write, empty or not there yet.
+        format: `clip`, `openpose`, `easymocap`, `coco`, or another recording writer.
+
+    Raises:
+        ValueError: there is no such format, the folder is not empty, or the format cannot hold the cameras.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> dmae.convert(clip, "walk", "openpose")
+        >>> dmae.read("walk", fps=25).rig.names == clip.rig.names
+        True
+    """
+    write_recording(clip, Path(out), format)

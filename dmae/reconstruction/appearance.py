@@ -1,0 +1,103 @@
+"""Appearance: the colour of people's clothes, measured on the torso."""
+
+from itertools import islice
+
+import cv2
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.reconstruction.association import NONE
+from dmae.reconstruction.config import CaptureConfig
+
+_TORSO = ("neck", "l_shoulder", "r_shoulder", "mid_hip", "l_hip", "r_hip")
+_PATCH_SHARE = 0.25
+"""Half the side of the patch as a share of the torso's extent: arms and background stay outside."""
+_MIN_HALF_SIDE = 2.0
+"""px; half the side of the smallest patch."""
+_SAMPLED_FRAMES = 8
+"""Number of frames of a track, evenly spread, from which its colour is taken."""
+
+
+def has_appearance(clip: Clip, config: CaptureConfig) -> bool:
+    """Return whether a clip has colour images, and the configuration gives them weight."""
+    return config.association.colour_weight > 0 and clip.images is not None and "rgb" in clip.images.kinds
+
+
+class TorsoColours:
+    """Median colour of a patch in the middle of each detection's torso.
+
+    Videos are decoded once, in order, up to the last frame that is asked for; frames must be asked for in order.
+
+    Raises:
+        ValueError: the clip has no colour images.
+        FileNotFoundError: a video is missing; raised when it is first read.
+    """
+
+    def __init__(self, clip: Clip):
+        if clip.images is None or "rgb" not in clip.images.kinds:
+            raise ValueError(f"clip {clip.id!r} has no rgb images")
+        skeleton = clip.detections.skeleton
+        torso = clip.detections.xy[:, :, :, skeleton.index(*(joint for joint in _TORSO if joint in skeleton.joints))]
+        known = np.isfinite(torso).all(-1, keepdims=True)
+        low = np.where(known, torso, np.inf).min(-2)
+        high = np.where(known, torso, -np.inf).max(-2)
+        with np.errstate(invalid="ignore"):
+            middle, half = (low + high) / 2, np.maximum(_PATCH_SHARE * (high - low), _MIN_HALF_SIDE)
+            self._boxes = np.stack([np.floor(middle - half), np.ceil(middle + half) + 1], -2)
+        self._known = known.any((-1, -2))
+        self._videos = [clip.images.video(name) for name in clip.rig.names]
+        self._next = 0
+
+    def __call__(self, frame: int) -> np.ndarray:
+        """Return the colours (V, D, 3) of the detections of a frame, float32 CIELAB with L from 0 to 100.
+
+        NaN where no joint of the torso is detected, or the patch is outside the image.
+
+        Raises:
+            ValueError: the frame is before the one asked for last.
+        """
+        if frame < self._next:
+            raise ValueError(f"frame {frame} was read already, the next is {self._next}: ask for frames in order")
+        skipped, self._next = frame - self._next, frame + 1
+        colours = np.full((*self._known.shape[1:], 3), np.nan, np.float32)
+        for view, video in enumerate(self._videos):
+            image = next(islice(video, skipped, None))()
+            for detection in np.flatnonzero(self._known[frame, view]):
+                (left, top), (right, bottom) = np.clip(
+                    self._boxes[frame, view, detection], 0, image.shape[1::-1]
+                ).astype(int)
+                patch = image[top:bottom, left:right].reshape(-1, 3)
+                if len(patch):
+                    colour = np.median(patch, 0).astype(np.float32) / 255
+                    colours[view, detection] = cv2.cvtColor(colour[None, None], cv2.COLOR_RGB2Lab)[0, 0]
+        return colours
+
+
+def appearance_differs(clip: Clip, assigned: np.ndarray, min_difference: float) -> np.ndarray:
+    """Find the tracks with clothes of different colours, medians over some frames and all views.
+
+    Args:
+        assigned: (F, P, V, J) detections that the tracks are made of, or `NONE`.
+        min_difference: Smallest difference of two colours, CIELAB units.
+
+    Returns:
+        (P, P) True where two tracks differ; False where a colour is unknown.
+
+    Raises:
+        ValueError, FileNotFoundError: see `TorsoColours`.
+    """
+    colours_of, whole = TorsoColours(clip), assigned.max(-1)
+    sampled: dict[int, list[int]] = {}
+    for person in range(assigned.shape[1]):
+        present = np.flatnonzero((whole[:, person] != NONE).any(-1))
+        for index in np.unique(np.linspace(0, len(present) - 1, _SAMPLED_FRAMES).astype(int)) if len(present) else ():
+            sampled.setdefault(int(present[index]), []).append(person)
+    samples = [[np.empty((0, 3))] for _ in range(assigned.shape[1])]
+    for frame in sorted(sampled):
+        colours = colours_of(frame)
+        for person in sampled[frame]:
+            view = np.flatnonzero(whole[frame, person] != NONE)
+            samples[person].append(colours[view, whole[frame, person, view]])
+    known = [rows[~np.isnan(rows).any(-1)] for rows in map(np.concatenate, samples)]
+    typical = np.array([np.median(rows, 0) if len(rows) else np.full(3, np.nan) for rows in known])
+    return np.linalg.norm(typical[:, None] - typical[None], axis=-1) >= min_difference

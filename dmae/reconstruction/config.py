@@ -1,0 +1,131 @@
+"""Configuration of capture: thresholds of the paper, association, tracking, reassignment, noise."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+
+class DistanceUnit(StrEnum):
+    """Unit of distances between detections and reprojections."""
+
+    metres = "metres"
+    """At the person's depth: px x depth / focal length."""
+    diagonals = "diagonals"
+    """Diagonals of the image, as in the paper."""
+
+
+class ComparedJoints(StrEnum):
+    """Joints by which detections of different views are compared."""
+
+    all = "all"
+    mid_hip = "mid_hip"
+    """As in the paper; both hips if the skeleton has no middle one."""
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Expected error of detected joints, and when triangulation rejects a view or a point.
+
+    Detectors err in proportion to the size of the person in the image. Sigma, the standard deviation along one axis,
+    is therefore a length at the person's depth. It is linear in the confidence. The defaults fit the errors of
+    OpenPose on adults, measured by leaving one view out (median by confidence).
+    """
+
+    sigma_unsure_m: float = 0.065
+    """Sigma of a joint of confidence 0, m."""
+    sigma_sure_m: float = 0.012
+    """Sigma of a joint of confidence 1, m."""
+    min_sigma_px: float = 1.0
+    """Smallest sigma in the image, px."""
+    gate_sigmas: float = 5.0
+    """Largest standardised residual of a view, in sigmas and corrected for redundancy; views beyond it are not used."""
+    max_error_m: float = 0.25
+    """Largest standard error of a point along its worst direction, m; points beyond it are absent."""
+
+    def sigma(self, confidence: np.ndarray) -> np.ndarray:
+        """Return sigma at the person's depth, m, for confidences of any shape; NaN stays NaN."""
+        return self.sigma_unsure_m + (self.sigma_sure_m - self.sigma_unsure_m) * np.clip(confidence, 0, 1)
+
+
+@dataclass(frozen=True)
+class AssociationConfig:
+    """Identity matching: which detections of different views show one person."""
+
+    joints: ComparedJoints = ComparedJoints.all
+    """Joints with rays that are compared between views."""
+    ray_distance_m: float = 0.1
+    """Distance between two rays at which their affinity is 1/2, m."""
+    colour_difference: float = 20.0
+    """Colour difference of clothes at which their affinity is 1/2, CIELAB units."""
+    colour_weight: float = 0.3
+    """Weight of clothes in the affinity of two detections, 0 to 1; only for clips with images, 0 does not read them."""
+    min_affinity: float = 0.5
+    """Smallest affinity of detections of one person, 0 to 1."""
+
+    def __post_init__(self):
+        _check_positive("association", self, "ray_distance_m", "colour_difference")
+
+
+@dataclass(frozen=True)
+class TrackingConfig:
+    """Tracking: birth, coasting and re-entry of persons, and how their motion is predicted."""
+
+    birth_joints: int = 4
+    """Number of joints on which two views or more must agree for a new track."""
+    confirmation_s: float = 0.2
+    """Measured time after which a track is confirmed, s; confirmed tracks take detections first."""
+    velocity_gain: float = 0.3
+    """Share of each step that is added to the velocity for the next prediction; 0 predicts no motion."""
+    coasting_s: float = 0.5
+    """Longest time for which a track is predicted without being measured, s."""
+    reentry_s: float = 2.0
+    """Longest absence after which a person of the same build who re-enters nearby keeps the track, s."""
+    reentry_colour_difference: float = 30.0
+    """Colour difference of clothes from which on a re-entry is another person, CIELAB units; needs images."""
+    min_duration_s: float = 0.3
+    """Shortest time for which a person is measured with `birth_joints`, s; shorter tracks are false positives."""
+
+
+@dataclass(frozen=True)
+class ReassignmentConfig:
+    """Second pass: each joint takes the detection nearest to its own path, known from past and future."""
+
+    distance_m: float = 0.2
+    """Largest distance of a detection from the path, m; 0 turns the second pass off."""
+    th_p: float = 0.1
+    """Smallest confidence of a 2D joint in the second pass; lower than `capture.th_p`, as its place is known."""
+    max_gap_s: float = 0.4
+    """Longest gap over which the path is interpolated, s."""
+
+
+@dataclass(frozen=True)
+class CaptureConfig:
+    """How people are reconstructed. Lengths are on the person and durations in seconds: nothing depends on the rig."""
+
+    th_p: float = 0.2
+    """Smallest confidence of a 2D joint that is used (joint-level filtering)."""
+    th_v: int = 2
+    """Number of views that must agree on a 3D joint."""
+    th_d: float = 0.25
+    """Largest distance of a joint from the reprojection of its person (identity propagation), in `th_d_unit`."""
+    th_d_unit: DistanceUnit = DistanceUnit.metres
+    """Unit of `th_d`."""
+    association: AssociationConfig = field(default_factory=AssociationConfig)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    reassignment: ReassignmentConfig = field(default_factory=ReassignmentConfig)
+    noise: NoiseModel = field(default_factory=NoiseModel)
+    prune: bool = True
+    """Drop joints that break bones, or that jump away and return."""
+
+    def __post_init__(self):
+        if self.th_v < 2:
+            raise ValueError(f"th_v={self.th_v}: expected 2 or more, as a point needs at least 2 views")
+        _check_positive("", self, "th_d")
+
+
+def _check_positive(group: str, config: object, *names: str) -> None:
+    """Raise ValueError unless the named fields are positive."""
+    for name in names:
+        if not getattr(config, name) > 0:
+            raise ValueError(f"{group}.{name}={getattr(config, name)}: expected a positive number".lstrip("."))

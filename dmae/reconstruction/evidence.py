@@ -1,0 +1,67 @@
+"""Evidence: the confident detections of a clip, undistorted, ready to be compared with each other and with people."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+from dmae.reconstruction.association import NONE
+from dmae.reconstruction.config import CaptureConfig, DistanceUnit
+from dmae.reconstruction.triangulation import Points, triangulate
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Confident detections of F frames, V views, D detections a view, J joints.
+
+    Attributes:
+        rig: V pinhole cameras, in whose undistorted pixels `xy` is.
+        xy: (F, V, D, J, 2) undistorted px; NaN where absent.
+        confidence: (F, V, D, J) in [0, 1]; NaN where absent.
+        config: How detections are compared and triangulated.
+    """
+
+    rig: CameraRig
+    xy: np.ndarray
+    confidence: np.ndarray
+    config: CaptureConfig
+
+    @classmethod
+    def of(cls, clip: Clip, th_p: float, config: CaptureConfig) -> Evidence:
+        """Return the detections of a clip with confidence `th_p` or more (joint-level filtering of the paper)."""
+        xy, score = clip.detections.xy, clip.detections.score.astype(np.float64)
+        confident = (score >= th_p) & np.isfinite(xy).all(-1)
+        xy = clip.rig.undistort(np.where(confident[..., None], xy, np.nan))
+        return cls(clip.rig.undistorted, xy, np.where(confident, np.clip(score, 0, 1), np.nan), config)
+
+    def triangulate(self, frame: int | np.ndarray, assigned: np.ndarray, iterations: int = 8) -> Points:
+        """Triangulate joints (..., J) from the detections assigned to them.
+
+        Args:
+            frame: Index of the frame, or indices (..., 1, 1).
+            assigned: (..., V, J) index of the detection that shows the joint in each view, or `NONE`.
+            iterations: Largest number of iterations, see `dmae.reconstruction.triangulation.triangulate`.
+
+        Returns:
+            Points (..., J), with xyz NaN where fewer than `th_v` views agree.
+        """
+        view, joint = np.arange(len(self.rig))[:, None], np.arange(assigned.shape[-1])
+        absent = assigned == NONE
+        xy = np.where(absent[..., None], np.nan, self.xy[frame, view, assigned, joint])
+        confidence = np.where(absent, np.nan, self.confidence[frame, view, assigned, joint])
+        points = triangulate(self.rig, xy.swapaxes(-3, -2), confidence.swapaxes(-2, -1), self.config.noise, iterations)
+        points.xyz[points.views < self.config.th_v] = np.nan
+        return points
+
+    def distances(self, frames: slice, xyz: np.ndarray, unit: DistanceUnit) -> np.ndarray:
+        """Return distances (F, V, P, D, J) from reprojections of people (F, P, J, 3) to detections of F frames."""
+        pixels, depth = self.rig.project(xyz)
+        if unit == DistanceUnit.metres:
+            scale = depth / np.sqrt(self.rig.K[:, 0, 0] * self.rig.K[:, 1, 1])[:, None, None]
+        else:
+            scale = np.broadcast_to(1 / np.hypot(*self.rig.size.T)[:, None, None], depth.shape)
+        offset = pixels[:, :, :, None] - self.xy[frames, :, None]
+        return np.sqrt(offset[..., 0] ** 2 + offset[..., 1] ** 2) * scale[:, :, :, None]

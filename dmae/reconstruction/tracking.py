@@ -1,0 +1,171 @@
+"""Tracking, frame by frame: identity propagation and identity matching (Algorithm 1 of the paper)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from dmae.data.clip import Clip
+from dmae.data.skeleton import Skeleton
+from dmae.numerics.robust import median_known
+from dmae.progress import progress
+from dmae.reconstruction.appearance import TorsoColours, has_appearance
+from dmae.reconstruction.association import NONE, affinity, cluster, propagate, ray_distances
+from dmae.reconstruction.config import CaptureConfig, ComparedJoints
+from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
+
+_MIN_JOINTS = 3
+"""Fewest joints of a person that is measured, and of a detection that is compared."""
+_LONGEST_BONE = 0.8
+"""m; a person with a longer bone is made of the detections of two."""
+_DUPLICATE_DISTANCE = 0.2
+"""m; a new person at a smaller median distance from a tracked one is a duplicate of it."""
+_REENTRY_DISTANCE, _WALKING_SPEED = 0.3, 1.5
+"""m and m/s: how far from the predicted place a person re-enters."""
+_ITERATIONS = 2
+"""Of refinement: for assignment, points need not be exact."""
+
+
+class Tracker:
+    """Assign detections to people frame by frame, without looking ahead."""
+
+    def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig):
+        self._config, self._dt = config, 1 / fps
+        self._compared = _compared_joints(skeleton, config.association.joints)
+        self._bones = np.array(skeleton.bones).reshape(-1, 2)
+        self._state = TrackState.birth(0, np.empty((0, len(skeleton), 3)))
+        self._births = 0
+
+    def step(self, evidence: Evidence, frame: int, colours: TorsoColours | None = None) -> TrackedFrame:
+        """Track people into the next frame, which has index `frame` in the evidence."""
+        config, bones = self._config, self._bones
+        state = self._state.predicted(self._dt)
+        assigned, owner = _propagate(evidence, frame, state)
+        xyz = evidence.triangulate(frame, assigned, _ITERATIONS).xyz
+        plausible = _plausible(xyz, assigned, bones, _MIN_JOINTS, config.th_v)
+        xyz[~plausible] = np.nan
+        free = (owner == NONE) | ~np.append(plausible, False)[owner]
+        groups = _match(evidence, frame, free, colours, self._compared)
+        if len(groups):
+            new = evidence.triangulate(frame, groups, _ITERATIONS).xyz
+            plausible = _plausible(new, groups, bones, config.tracking.birth_joints, config.th_v)
+            groups, new = groups[plausible], new[plausible]
+            track, born = _reenter(new, state, np.isnan(xyz[..., 0]).all(-1))
+            found = track != NONE
+            assigned[track[found]], xyz[track[found]] = groups[found], new[found]
+            state += TrackState.birth(self._births, new[born])
+            self._births += born.sum()
+            assigned, xyz = np.concatenate([assigned, groups[born]]), np.concatenate([xyz, new[born]])
+        state = state.updated(xyz, self._dt, config.tracking.velocity_gain)
+        absent = np.isnan(xyz[..., 0]).all(-1)
+        coasting_s = config.tracking.coasting_s
+        state.xyz[state.joint_unseen > coasting_s] = np.nan
+        self._state = state[(state.unseen <= coasting_s) & ~np.isnan(state.xyz[..., 0]).all(-1)]
+        return TrackedFrame(state.track, np.where(absent[:, None, None], NONE, assigned), xyz)
+
+
+def track(evidence: Evidence, clip: Clip, config: CaptureConfig) -> Tracks:
+    """Assign the detections of a clip to people, in the order of the births of their tracks."""
+    frames, views, _, joints = evidence.confidence.shape
+    colours = TorsoColours(clip) if has_appearance(clip, config) else None
+    tracker = Tracker(clip.detections.skeleton, clip.fps, config)
+    tracked = [tracker.step(evidence, frame, colours) for frame in progress(range(frames), "tracking people")]
+    births = max((frame.track.max(initial=-1) + 1 for frame in tracked), default=0)
+    return Tracks.of(tracked, np.arange(births), views, joints)
+
+
+def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
+    """Return the indices of the joints to compare."""
+    if joints == ComparedJoints.all:
+        return list(range(len(skeleton)))
+    return skeleton.index("mid_hip") if "mid_hip" in skeleton.joints else skeleton.index("l_hip", "r_hip")
+
+
+def _propagate(evidence: Evidence, frame: int, state: TrackState) -> tuple[np.ndarray, np.ndarray]:
+    """Identity propagation: assign detections to the T tracks.
+
+    Returns:
+        assigned: (T, V, J) detections, or `NONE`.
+        owner: (V, D) index of the track of each detection, or `NONE`.
+    """
+    config, confidence = evidence.config, evidence.confidence[frame]
+    present = ~np.isnan(confidence)
+    distance = evidence.distances(slice(frame, frame + 1), state.xyz[None], config.th_d_unit)[0]
+    closeness = confidence[:, None] * np.maximum(1 - distance / config.th_d, -1)
+    owner, primary = propagate(closeness, state.age > config.tracking.confirmation_s)
+    view = np.arange(len(primary))[:, None]
+    assigned = np.where(present[view, primary] & (primary != NONE)[..., None], primary[..., None], NONE)
+    # A fragment or a duplicate supplies the joints that the primary detection lacks in this view, if they are near.
+    for v, d in np.argwhere(owner != NONE):
+        t = owner[v, d]
+        if d != primary[v, t]:
+            supplied = present[v, d] & (assigned[v, t] == NONE) & ~(closeness[v, t, d] <= 0)
+            assigned[v, t, supplied] = d
+    return assigned.swapaxes(0, 1), owner
+
+
+def _match(
+    evidence: Evidence, frame: int, free: np.ndarray, colours: TorsoColours | None, compared: list[int]
+) -> np.ndarray:
+    """Identity matching: group free detections (V, D) by rays and clothes; return (G, V, J) detections, or `NONE`."""
+    config, confidence = evidence.config.association, evidence.confidence[frame]
+    present = ~np.isnan(confidence)
+    view, detection = np.nonzero(free & (present.sum(-1) >= _MIN_JOINTS) & present[..., compared].any(-1))
+    joints = confidence.shape[-1]
+    if len(np.unique(view)) < 2:
+        return np.empty((0, len(confidence), joints), int)
+    rays = evidence.rig.rays(evidence.xy[frame][None])[0, view, detection][:, compared]
+    confidences = confidence[view, detection][:, compared]
+    distances = ray_distances(evidence.rig.centers[view], rays)
+    affinities = affinity(distances, np.sqrt(confidences[:, None] * confidences[None]), config.ray_distance_m)
+    # Images are decoded only if clothes of the same colour could make a pair.
+    highest = np.where(view[:, None] != view, affinities + config.colour_weight * (1 - affinities), 0)
+    if colours is not None and (highest >= config.min_affinity).any():
+        colour = colours(frame)[view, detection]
+        square = ((colour[:, None] - colour[None]) ** 2).sum(-1)
+        similarity = 1 / (1 + square / config.colour_difference**2)
+        blended = affinities + config.colour_weight * (similarity - affinities)
+        affinities = np.where(np.isnan(similarity), affinities, blended)
+    clusters = cluster(affinities, view, config.min_affinity)
+    groups = np.full((len(clusters), len(confidence), joints), NONE)
+    for group, members in zip(groups, clusters, strict=True):
+        for v, d in zip(view[members], detection[members], strict=True):
+            group[v] = np.where(present[v, d], d, NONE)
+    return groups
+
+
+def _plausible(xyz: np.ndarray, assigned: np.ndarray, bones: np.ndarray, min_joints: int, views: int) -> np.ndarray:
+    """Return (T,) True where assigned detections (T, V, J) are of one person, judging by their joints (T, J, 3).
+
+    At least `min_joints` are known, and at least half of those that so many views detected: of two people, hardly any
+    two rays meet. No bone is longer than that of a body.
+    """
+    known = (~np.isnan(xyz[..., 0])).sum(-1)
+    detected = ((assigned != NONE).sum(1) >= views).sum(-1)
+    length = np.linalg.norm(xyz[:, bones[:, 0]] - xyz[:, bones[:, 1]], axis=-1)
+    return (known >= min_joints) & (2 * known >= detected) & ~(length > _LONGEST_BONE).any(-1)
+
+
+def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find out which of G new persons re-enter a track that is not measured in this frame.
+
+    Args:
+        new: (G, J, 3) m.
+        unmeasured: (T,) True for tracks without a measurement.
+
+    Returns:
+        track: (G,) index of the track that each person re-enters, or `NONE`.
+        born: (G,) True for persons that start a new track; the others are duplicates of measured ones.
+    """
+    offset = np.linalg.norm(new[:, None] - state.xyz[None], axis=-1)
+    distance = median_known(offset[..., None])[..., 0]
+    distance = np.where(np.isnan(distance), np.inf, distance)
+    duplicate = (distance[:, ~unmeasured] < _DUPLICATE_DISTANCE).any(-1)
+    reachable = distance < _REENTRY_DISTANCE + _WALKING_SPEED * state.unseen
+    allowed = unmeasured & ~duplicate[:, None] & reachable
+    track = np.full(len(new), NONE)
+    for g, t in zip(*linear_sum_assignment(np.where(allowed, distance, 1e6)), strict=True):
+        if allowed[g, t]:
+            track[g] = t
+    return track, ~duplicate & (track == NONE)

@@ -1,0 +1,117 @@
+"""Tracks: the detections and joints of each person over time, and the state from which the next frame is predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dmae.numerics.robust import median_known
+from dmae.reconstruction.association import NONE
+
+_VELOCITY_FADE = 0.5
+"""s; velocities fall to 1/e in this time unless measured again."""
+
+
+class TrackedFrame(NamedTuple):
+    """The T persons of one frame.
+
+    Attributes:
+        track: (T,) index of their tracks.
+        assigned: (T, V, J) index of the detection that shows the joint in the view, or `NONE`.
+        xyz: (T, J, 3) m, joints triangulated from these; NaN where absent.
+    """
+
+    track: np.ndarray
+    assigned: np.ndarray
+    xyz: np.ndarray
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """P tracks over F frames.
+
+    Attributes:
+        assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
+        xyz: (F, P, J, 3) m, joints triangulated from these; NaN where absent.
+    """
+
+    assigned: np.ndarray
+    xyz: np.ndarray
+
+    @classmethod
+    def of(cls, frames: Sequence[TrackedFrame], track: np.ndarray, views: int, joints: int) -> Tracks:
+        """Return the tracks with indices `track` (P,), ascending, from tracked frames."""
+        assigned = np.full((len(frames), len(track), views, joints), NONE, np.int16)
+        xyz = np.full((len(frames), len(track), joints, 3), np.nan)
+        for number, frame in enumerate(frames):
+            wanted = np.isin(frame.track, track)
+            column = np.searchsorted(track, frame.track[wanted])
+            assigned[number, column], xyz[number, column] = frame.assigned[wanted], frame.xyz[wanted]
+        return cls(assigned, xyz)
+
+    def select(self, persons: np.ndarray) -> Tracks:
+        """Return some of the tracks, by indices or by a mask (P,)."""
+        return Tracks(self.assigned[:, persons], self.xyz[:, persons])
+
+
+@dataclass
+class TrackState:
+    """State of the T tracks that are followed now.
+
+    Attributes:
+        track: (T,) index of each track in the result.
+        xyz: (T, J, 3) m, expected joints; NaN where unknown.
+        velocity: (T, 3) m/s of the whole body.
+        joint_unseen: (T, J) s since the joint was measured.
+        unseen: (T,) s since the person was measured.
+        age: (T,) s for which the person has been measured.
+    """
+
+    track: np.ndarray
+    xyz: np.ndarray
+    velocity: np.ndarray
+    joint_unseen: np.ndarray
+    unseen: np.ndarray
+    age: np.ndarray
+
+    @classmethod
+    def birth(cls, first: int, xyz: np.ndarray) -> TrackState:
+        """Return new tracks, numbered from `first` on, of people with joints (T, J, 3)."""
+        count, joints = xyz.shape[:2]
+        zero = np.zeros(count)
+        return cls(first + np.arange(count), xyz, np.zeros((count, 3)), np.zeros((count, joints)), zero, zero)
+
+    def __getitem__(self, index) -> TrackState:
+        return TrackState(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def __add__(self, others: TrackState) -> TrackState:
+        return TrackState(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
+
+    def predicted(self, dt: float) -> TrackState:
+        """Return the state after `dt` s without a measurement."""
+        return replace(
+            self,
+            xyz=self.xyz + self.velocity[:, None] * dt,
+            velocity=self.velocity * np.exp(-dt / _VELOCITY_FADE),
+            joint_unseen=self.joint_unseen + dt,
+            unseen=self.unseen + dt,
+        )
+
+    def updated(self, xyz: np.ndarray, dt: float, velocity_gain: float) -> TrackState:
+        """Return the state with measured joints (T, J, 3) m; NaN where a joint or a person was not measured."""
+        measured = ~np.isnan(xyz[..., 0])
+        velocity = self.velocity.copy()
+        step = median_known(xyz - self.xyz)
+        moved = ~np.isnan(step[:, 0])
+        velocity[moved] += velocity_gain * step[moved] / dt
+        return replace(
+            self,
+            xyz=np.where(measured[..., None], xyz, self.xyz),
+            velocity=velocity,
+            joint_unseen=np.where(measured, 0, self.joint_unseen),
+            unseen=np.where(measured.any(-1), 0, self.unseen),
+            age=self.age + np.where(measured.any(-1), dt, 0),
+        )

@@ -1,0 +1,197 @@
+"""Registries: functions of one kind by name, each under a decorator in a file of its own.
+
+    reader = Registry("reader", RecordingReader, __package__, option="data")
+
+    @reader("lizard", signs=[["lizard.json"]])
+    def read_lizard(path: Path, *, fps: float | None = None) -> Clip:
+        '''Recording of the Lizard tracker.'''
+
+Names, help and settings of the functions in a registry's packages are read from the source, so that commands list them
+without importing them; a function is imported on first use. Functions elsewhere are registered when their module is
+imported, and an option takes any as `package.module:function`.
+"""
+
+import ast
+import importlib.util
+import inspect
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache, cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from dmae.plugins import load_function
+
+E = TypeVar("E", bound="Entry")
+UNTIL = "0.3"
+"""The release in which renamed entries and options stop working under their old names."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A registered function. The fields that a subclass adds are the settings that its decorator takes.
+
+    Attributes:
+        name: As users type it.
+        help: First line of the docstring.
+        options: Names of the keyword-only arguments.
+        home: `module:function`.
+    """
+
+    name: str
+    help: str
+    options: tuple[str, ...]
+    home: str
+
+    @cached_property
+    def function(self) -> Callable:
+        """The function, imported on first use."""
+        module, _, name = self.home.partition(":")
+        return getattr(import_module(module), name)
+
+
+class Registry(Mapping[str, E], Generic[E]):
+    """Functions of one kind by name, in alphabetical order.
+
+    Args:
+        decorator: Name of the registry in the modules that use it as a decorator.
+        entry: Class of the entries; settings without a default are required.
+        packages: Packages whose modules are searched. A module is imported to list its functions only if a setting of
+            one is not a literal.
+        kind: What the functions are, for messages; by default the name of the decorator.
+        option: Option that takes a name or `package.module:function`; by default only names are taken.
+        plain: Whether `package.module:function` may be without the decorator, and so without settings.
+        renamed: Old names and the new ones.
+    """
+
+    def __init__(
+        self,
+        decorator: str,
+        entry: type[E],
+        *packages: str,
+        kind: str = "",
+        option: str = "",
+        plain: bool = True,
+        renamed: Mapping[str, str] | None = None,
+    ):
+        self.decorator, self.kind, self.option = decorator, kind or decorator.replace("_", " "), option
+        self.renamed = dict(renamed or {})
+        self._entry, self._packages, self._plain = entry, packages, plain
+        self._added: dict[str, E] = {}
+        self._imported: dict[str, E] = {}
+
+    def __call__(self, name: str | None = None, **settings) -> Callable[[Callable], Callable]:
+        """Register the decorated function.
+
+        Args:
+            name: By default that of the function.
+            settings: Fields of the entry.
+
+        Raises:
+            ValueError: the name is taken, or the function has no docstring.
+        """
+
+        def register(function: Callable) -> Callable:
+            key, home = name or function.__name__, _home(function)
+            searched = function.__module__.rpartition(".")[0] in self._packages
+            if not searched and key in self and self[key].home != home:
+                raise ValueError(f"{self.kind} {key!r}: there is one already, {self[key].home}")
+            entry = self._describe(function, key, self._help(function.__doc__, key), home, settings)
+            (self._imported if searched else self._added)[home if searched else key] = entry
+            return function
+
+        return register
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted({*self._declared, *self._added}))
+
+    def __len__(self) -> int:
+        return len({*self._declared, *self._added})
+
+    def __getitem__(self, name: str) -> E:
+        return self._added[name] if name in self._added else self._declared[name]
+
+    def find(self, name: str) -> E:
+        """Return the entry of a name, or of `package.module:function`.
+
+        Raises:
+            ValueError: there is none; the message has the nearest name.
+        """
+        if name in self.renamed:
+            old, name = name, self.renamed[name]
+            warnings.warn(f"{old} is now called {name}; the old name works until {UNTIL}", FutureWarning, 2)
+        self.check(name)
+        if name in self:
+            return self[name]
+        function = load_function(self.option, name)
+        known = next((entry for entry in self.values() if entry.home == _home(function)), None)
+        if known is None and not self._plain:
+            raise ValueError(f"{self.option}={name}: expected a function under the decorator {self.decorator}(...)")
+        return known or self._describe(function, name, f"The function {name}.", name, {})
+
+    def check(self, name: str, *others: str) -> None:
+        """Raise ValueError, with the nearest name, if `name` is not in the registry, one of `others`, or a function."""
+        known = [*others, *self]
+        if name not in known and not (self.option and ":" in name):
+            another = ", and package.module:function names another" if self.option else ""
+            raise ValueError(f"{unknown(self.kind, name, known)}{another}")
+
+    @cached_property
+    def _declared(self) -> dict[str, E]:
+        """The functions in the modules of the packages, from their source."""
+        found = {}
+        functions = [each for package in self._packages for each in _decorated(package)]
+        for module, function, call in (each for each in functions if each[2].func.id == self.decorator):
+            home = f"{module}:{function.name}"
+            try:
+                settings = {each.arg: ast.literal_eval(each.value) for each in call.keywords}
+            except ValueError:  # not a literal: the decorator has the value once the module is imported
+                import_module(module)
+                entry = self._imported[home]
+            else:
+                name = ast.literal_eval(call.args[0]) if call.args else function.name
+                options = tuple(argument.arg for argument in function.args.kwonlyargs)
+                entry = self._entry(name, self._help(ast.get_docstring(function), name), options, home, **settings)
+            if entry.name in found:
+                raise ValueError(f"{self.kind} {entry.name!r}: there are two, {found[entry.name].home} and {home}")
+            found[entry.name] = entry
+        return found
+
+    def _describe(self, function: Callable, name: str, help: str, home: str, settings: dict) -> E:
+        """Return the entry of a function that is imported."""
+        parameters = inspect.signature(function).parameters.values()
+        options = tuple(each.name for each in parameters if each.kind == inspect.Parameter.KEYWORD_ONLY)
+        entry = self._entry(name, help, options, home, **settings)
+        entry.__dict__["function"] = function
+        return entry
+
+    def _help(self, docstring: str | None, name: str) -> str:
+        if not docstring or not docstring.strip():
+            raise ValueError(f"{self.kind} {name!r}: expected a docstring; its first line is the help")
+        return docstring.strip().splitlines()[0]
+
+
+def unknown(kind: str, name: str, known: Collection[str]) -> str:
+    """Return the message for a name that is not known: the nearest one, and all."""
+    near = get_close_matches(name, known, 1)
+    return f"no {kind} {name!r}; {f'did you mean {near[0]!r}? There' if near else 'there'} are {', '.join(known)}"
+
+
+@cache
+def _decorated(package: str) -> list[tuple[str, ast.FunctionDef, ast.Call]]:
+    """The functions of a package's modules with a decorator that takes arguments: module, function, decorator."""
+    folder = Path(importlib.util.find_spec(package).submodule_search_locations[0])
+    return [
+        (f"{package}.{file.stem}", function, each)
+        for file in sorted(folder.glob("*.py"))
+        for function in ast.parse(file.read_text(encoding="utf-8")).body
+        for each in getattr(function, "decorator_list", ())
+        if isinstance(each, ast.Call) and isinstance(each.func, ast.Name)
+    ]
+
+
+def _home(function: Callable) -> str:
+    return f"{function.__module__}:{getattr(function, '__qualname__', '')}"

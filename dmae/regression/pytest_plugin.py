@@ -1,0 +1,28 @@
+"""The cases of `dmae regress` as pytest tests of any project's triangulation.
+
+    def test_triangulation(check_triangulation):
+        check_triangulation(my_solver)  # as described at dmae.regression.check
+
+is one test for each case. The fixture `triangulation_case` is the case itself, with its arrays and the truth. Nothing
+is loaded before a test uses one of them.
+"""
+
+from functools import partial
+
+import pytest
+
+
+def pytest_generate_tests(metafunc):
+    """One test for each case."""
+    if "triangulation_case" in metafunc.fixturenames:
+        from dmae.regression import cases
+
+        metafunc.parametrize("triangulation_case", cases(), ids=lambda case: case.name)
+
+
+@pytest.fixture
+def check_triangulation(triangulation_case):
+    """Return a function of a solver that raises AssertionError if the solver does not pass this test's case."""
+    from dmae.regression import assert_passes
+
+    return partial(assert_passes, case=triangulation_case)

@@ -1,0 +1,258 @@
+"""Check a solver against the pack: measures of its errors, their bounds, and the reasons of the bounds."""
+
+import signal
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dmae.progress import progress
+from dmae.regression.pack import Case, cases
+
+SECONDS = 30.0
+"""s; time limit of a solver for one case."""
+_EXACT, _EXACT_IN_CORNERS = 1e-4, 3e-3
+"""m."""
+_MEDIAN, _HIGH, _HIGH_IN_CROWDS = 1.15, 1.25, 1.35
+"""Multiples of the errors of `oracle`."""
+_DEEPEST = 0.1
+"""m; points with a larger standard deviation by the oracle, along its worst direction, are not judged."""
+_STANDARD_ERRORS = 4
+
+REASONS = {
+    "worst": "Exact pixels are stored to 0.00003 px, less than a micrometre in the room. 0.1 mm allows for the last "
+    "step of an iteration; half a pixel is 2 mm. With distorted pixels 95 % must be within 0.1 mm and all within 3 mm: "
+    "OpenCV's undistortPoints leaves 0.1 px in the corners by default.",
+    "median": "1.15 times that of least squares over the views without gross errors, started at the truth, which "
+    "attains the Cramer-Rao bound. Robust weights (Huber's cost 5 %), or weights for other noise, stay within.",
+    "95 %": "1.25 times that of the same least squares: gross errors that are used show here first. In crowds 1.35 "
+    "times: with few views an error can be detected, but not the view that has it.",
+    "bias": "The mean error of n unbiased points is within 4 standard errors of zero; half a pixel is not. Detections "
+    "of the crowd are biased themselves, so that there is no bound.",
+    "refused": "Points that can be known must be given. One in 50 may be refused for nearly parallel rays; from a "
+    "short baseline, and of a crowd, one in 10.",
+    "invented": "Points seen by fewer than two views, and points behind the cameras, must be NaN.",
+}
+"""By measure, the reason of its bound."""
+
+PURPOSES = {
+    "clean": "exact pixels of pinhole cameras: the geometry itself (rotations, order of views, pixel centres)",
+    "off-centre": "principal points 80 to 160 px off the centre, fx and fy that differ by up to 30 %",
+    "distorted-5": "five distortion coefficients, wide lenses, points out to the corners",
+    "distorted-8": "eight distortion coefficients: the rational model",
+    "far-world": "a room 5400 km from the origin (UTM): enough digits, or coordinates relative to the cameras",
+    "moving": "15 joints over 20 frames at 1.5 m/s: every point in its own frame and its own place",
+    "absent": "views missing: two are enough, with fewer the point is NaN",
+    "behind": "half the points lie behind the cameras, where the lines of sight meet: NaN",
+    "views-2": "two views, 1 px of noise",
+    "views-3": "three views, 1 px of noise",
+    "views-4": "four views, 1 px of noise",
+    "views-6": "six views, 1 px of noise: each of them used",
+    "views-8": "eight views, 1 px of noise: each of them used",
+    "views-12": "twelve views, 1 px of noise: each of them used",
+    "noisy": "five views, 3 px of noise",
+    "short-baseline": "three cameras within 0.6 m, 4.5 m away, 0.5 px of noise",
+    "outliers-1-of-5": "one of five views 50 to 300 px off, as confident as the others",
+    "outliers-2-of-8": "two of eight views 50 to 300 px off, as confident as the others",
+    "doubted": "one of four views 50 to 300 px off, at confidence 0.05 where the others have 0.8 to 0.95",
+    "crowd-5": "six people and two occluding objects, simulated; detections err, miss and swap as OpenPose's do",
+    "crowd-3": "the same crowd seen by three of the five cameras",
+}
+"""By case, the property of a solver that it tests."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The result of one case.
+
+    Attributes:
+        case: The case.
+        measured: By measure, its value: errors and bias in m, refused a fraction, invented a count. Empty where the
+            solver gave nothing to measure.
+        bounds: By measure, the largest value allowed; measures without an entry are not bounded.
+        problem: Why nothing could be measured: the solver raised, took too long, or gave no (n, 3) numbers.
+    """
+
+    case: Case
+    measured: dict[str, float]
+    bounds: dict[str, float]
+    problem: str = ""
+
+    @property
+    def broken(self) -> tuple[str, ...]:
+        """The measures that exceed their bounds."""
+        # The errors of a solver that refuses everything are NaN, which is not within bounds.
+        return tuple(key for key in self.measured if key in self.bounds and not self.measured[key] <= self.bounds[key])
+
+    @property
+    def passed(self) -> bool:
+        """True where every bound holds."""
+        return not self.problem and not self.broken
+
+    def __str__(self) -> str:
+        """Return one line: the bounds that are exceeded, and the purpose of the case."""
+        found = [
+            f"{key} {text(key, self.measured[key])} where {text(key, self.bounds[key])} is allowed"
+            for key in self.broken
+        ]
+        return f"{self.case.name}: {self.problem or '; '.join(found) or 'ok'} ({PURPOSES[self.case.name]})"
+
+
+def text(measure: str, value: float) -> str:
+    """Return a measure as printed: errors in mm, fractions in %."""
+    if measure == "invented":
+        return f"{value:.0f}"
+    if measure == "refused":
+        return f"{value:.0%}" if value in (0, 1) or value > 0.1 else f"{value:.1%}"
+    return f"{1000 * value:.{2 if value < 0.01 else 1 if value < 0.1 else 0}f} mm"
+
+
+def check(solver: Callable, skip: Sequence[str] = (), seconds: float = SECONDS) -> list[Verdict]:
+    """Check a solver against every case of the pack, except those to skip.
+
+    Args:
+        solver: Takes keywords `K` (V, 3, 3), `dist` (V, 5) or (V, 8), `cam_from_world` (V, 4, 4) m, `size` (V, 2) px,
+            `xy` (n, V, 2) px, distorted, NaN where absent, and `confidence` (n, V); returns (n, 3) m, NaN where it
+            refuses. Cameras are OpenCV's, none a fisheye; pixel (0, 0) is the centre of the first pixel.
+        skip: Names of cases.
+        seconds: Time limit for one case.
+
+    Raises:
+        ValueError: `skip` has a name that no case has.
+    """
+    names = [case.name for case in cases()]
+    unknown = [name for name in skip if name not in names]
+    if unknown:
+        raise ValueError(f"skip: no case {', '.join(map(repr, unknown))}; there are {', '.join(names)}")
+    chosen = [case for case in cases() if case.name not in skip]
+    return [check_case(solver, case, seconds) for case in progress(chosen, "checking")]
+
+
+def check_case(solver: Callable, case: Case, seconds: float = SECONDS) -> Verdict:
+    """Check a solver against one case, as `check` does."""
+    try:
+        with _at_most(seconds):
+            given = solver(**case.arrays())
+        xyz = np.asarray(given, np.float64)
+    except _TooSlow:
+        return Verdict(case, {}, {}, f"did not return within {seconds:g} s")
+    # sys.exit(0) in a solver must not end the check with success.
+    except (Exception, SystemExit) as error:
+        return Verdict(case, {}, {}, _raised(error))
+    if xyz.shape != case.xyz.shape:
+        return Verdict(case, {}, {}, f"returned shape {xyz.shape}, expected {case.xyz.shape}")
+    infinite = np.isinf(xyz).any(-1)
+    if infinite.any():
+        return Verdict(case, {}, {}, f"{infinite.sum()} points are infinite, expected NaN where it refuses")
+    return Verdict(case, _measure(case, xyz), _bounds(case))
+
+
+def assert_passes(solver: Callable, case: Case) -> None:
+    """Raise AssertionError, with the bounds that are exceeded, if a solver does not pass a case."""
+    __tracebackhide__ = True  # pytest then points to the test that called this
+    verdict = check_case(solver, case)
+    if not verdict.passed:
+        raise AssertionError(str(verdict))
+
+
+def _raised(error: BaseException) -> str:
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"raised {type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})"
+
+
+class _TooSlow(BaseException):
+    """Raised at the time limit. It is no Exception, so that a solver that catches those does not catch it."""
+
+
+@contextmanager
+def _at_most(seconds: float) -> Iterator[None]:
+    """Raise `_TooSlow` at the time limit. It has no effect on Windows, in threads and in compiled code."""
+    if not hasattr(signal, "SIGALRM") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(*_):
+        raise _TooSlow
+
+    before = signal.signal(signal.SIGALRM, stop)
+    timer = signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, *timer)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _measure(case: Case, xyz: np.ndarray) -> dict[str, float]:
+    """Return the measures of `REASONS` of points (n, 3)."""
+    judged = _judged(case)
+    given = np.isfinite(xyz).all(-1)
+    errors = (xyz - case.xyz)[judged & given]
+    shares = {"refused": float(1 - given[judged].mean()), "invented": float(given[case.unknowable].sum())}
+    return (_errors(errors) if len(errors) else dict.fromkeys(("median", "95 %", "worst", "bias"), np.nan)) | shares
+
+
+def _errors(errors: np.ndarray) -> dict[str, float]:
+    distance = np.linalg.norm(errors, axis=-1)
+    return {
+        "median": float(np.median(distance)),
+        "95 %": float(np.quantile(distance, 0.95)),
+        "worst": float(distance.max()),
+        "bias": float(np.linalg.norm(errors.mean(0))),
+    }
+
+
+def _judged(case: Case) -> np.ndarray:
+    """Return (n,) True for the points with errors that count."""
+    if not case.sigma:
+        return case.due
+    deepest = np.zeros(len(case.xyz))
+    deepest[case.due] = np.linalg.eigvalsh(oracle(case)[1][case.due])[:, -1]
+    return case.due & (deepest <= _DEEPEST**2)
+
+
+def _bounds(case: Case) -> dict[str, float]:
+    crowd = case.name.startswith("crowd")
+    few = 0.1 if crowd or case.name == "short-baseline" else 0.02
+    if not case.sigma:
+        wide = {"95 %": _EXACT, "worst": _EXACT_IN_CORNERS} if case.dist.any() else {"worst": _EXACT}
+        return wide | {"refused": few if case.name == "absent" else 0.0, "invented": 0}
+    judged = _judged(case)
+    errors = (oracle(case)[0] - case.xyz)[judged]
+    best = _errors(errors)
+    high = _HIGH_IN_CROWDS if crowd else _HIGH
+    found = {"median": _MEDIAN * best["median"], "95 %": high * best["95 %"], "refused": few, "invented": 0}
+    standard_error = _MEDIAN * np.sqrt((errors**2).sum(-1).mean() / judged.sum())
+    return found if crowd else found | {"bias": float(_STANDARD_ERRORS * standard_error)}
+
+
+def oracle(case: Case, steps: int = 10) -> tuple[np.ndarray, np.ndarray]:
+    """Return the best estimate possible when the views with gross errors are known; cameras have no distortion.
+
+    Gauss-Newton from the truth on the reprojection errors of the usable views. Where they are normal this is the
+    maximum likelihood estimate, and its covariance, (J^T J)^-1 sigma^2, the Cramer-Rao bound (Hartley & Zisserman,
+    2nd ed., 5.2).
+
+    Returns:
+        xyz: (n, 3) m; the truth where fewer than two views are usable.
+        cov: (n, 3, 3) m^2; NaN there.
+    """
+    xyz, cov = case.xyz.copy(), np.full((len(case.xyz), 3, 3), np.nan)
+    P, due = case.K @ case.cam_from_world[:, :3], case.due
+    usable, xy = case.usable[due][..., None], case.xy[due]
+    for _ in range(steps):
+        homogeneous = np.einsum("vij,nj->nvi", P, np.c_[xyz[due], np.ones(due.sum())])
+        depth = homogeneous[..., 2:]
+        pixels = homogeneous[..., :2] / depth
+        residual = np.where(usable, pixels - xy, 0)
+        jacobian = (P[:, :2, :3] - pixels[..., None] * P[:, None, 2, :3]) / depth[..., None]
+        jacobian = np.where(usable[..., None], jacobian, 0)
+        information = np.einsum("nvki,nvkj->nij", jacobian, jacobian)
+        gradient = np.einsum("nvki,nvk->ni", jacobian, residual)
+        xyz[due] -= np.linalg.solve(information, gradient[..., None])[..., 0]
+    cov[due] = np.linalg.inv(information) * case.sigma**2
+    return xyz, cov

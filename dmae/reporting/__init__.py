@@ -1,0 +1,1 @@
+"""Can I see it: tables, figures and pages."""

@@ -1,0 +1,135 @@
+"""Figures in pages: every number that was measured comes from a file in `docs/results/`, which a command wrote.
+
+In a page, `{{ ... }}` holds an expression of the functions below, as in `{{ pcp_table("shelf") }}`. In the README,
+which is read without being built, `<!-- results: pcp_table("shelf") -->` and `<!-- end -->` enclose what the expression
+gave; `python docs/tools/results.py` writes it anew, `--check` fails where it differs.
+"""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "docs/results"
+README = ROOT / "README.md"
+_EXPRESSION = re.compile(r"\{\{(.+?)\}\}", re.DOTALL)
+_MARKER = re.compile(r"(<!-- results: (.+?) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+
+METHODS = {
+    "measured": "measured joints only",
+    "linear": "linear filling",
+    "pchip_body": "monotone cubics in the body's frame (`pchip_body`)",
+    "kalman": "Kalman smoother (`kalman`)",
+    "reject_pchip": "contradicted joints rejected, then `pchip_body` (`reject_pchip`)",
+    "rays": "`pchip_body`, on the ray where one camera saw the joint (`rays`)",
+    "gaussian_process": "`rays`, then a Gaussian process over similar poses (`gaussian_process`)",
+    "reject_gaussian_process": "contradicted joints rejected, then `gaussian_process` (`reject_gaussian_process`)",
+    "dmae": "**D-MAE**, shipped weights (learned from simulation alone)",
+    "dmae_reject": "D-MAE with `reject=true`",
+    "dmae_denoise": "D-MAE with `reject=true denoise=true`",
+    "dmae_online": "D-MAE `online`",
+}
+_FORMER = {"recall": "gaussian_process", "reject_recall": "reject_gaussian_process"}
+
+
+def load(name: str) -> dict:
+    """Return the results file of that name.
+
+    Raises:
+        FileNotFoundError: there is none; the message lists those there are.
+    """
+    path = FOLDER / f"{name}.json"
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such results; there are {sorted(file.stem for file in FOLDER.glob('*'))}")
+    return json.loads(path.read_text())
+
+
+def value(name: str, *keys: str | int, digits: int = 1, scale: float = 1) -> str:
+    """Return one number of a results file, by the keys that lead to it."""
+    found = load(name)
+    for key in keys:
+        found = found[key]
+    return f"{scale * found:.{digits}f}" if isinstance(found, int | float) else str(found)
+
+
+def pcp_table(name: str, methods: list[str] | None = None) -> str:
+    """A row for each method, a column for each number of cameras: mean PCP, and the worst subset's in brackets."""
+    results = _results(name)
+    views = list(dict.fromkeys(count for _, count in results))
+    names = methods or list(dict.fromkeys(method for method, _ in results))
+    header = ["method", *(f"{count} cameras" + ("" if count == max(views) else ": mean (worst)") for count in views)]
+    rows = []
+    for method in names:
+        cells = []
+        for count in views:
+            found = results[method, count]
+            mean, worst = found["mean"]["pcp"], found["worst"]["pcp"]
+            cells.append(f"{mean:.1f}" if count == max(views) else f"{mean:.1f} ({worst:.1f})")
+        rows.append([METHODS[method], *cells])
+    return _table(header, rows)
+
+
+def gaps_table(name: str, methods: list[str] | None = None) -> str:
+    """A row for each method: mean error, mm, of hidden joints by how many frames they were hidden."""
+    results = _results(name)
+    names = methods or [method for method, _ in results if method != "measured"]
+    first = next(iter(results.values()))["mean"]["gaps"]
+    rows = []
+    for method in names:
+        (found,) = (result for (other, _), result in results.items() if other == method)
+        errors = [gap["mpjpe"] for gap in found["mean"]["gaps"]]
+        rows.append([METHODS[method], *("" if error is None else f"{error:.0f}" for error in errors)])
+    return _table(["mm, by frames hidden", *(gap["frames"] for gap in first)], rows)
+
+
+def kept_table(name: str, table: str) -> str:
+    """A table that a results file holds as it is: columns and rows of text."""
+    kept = load(name)["tables"][table]
+    return _table(kept["columns"], kept["rows"])
+
+
+def origin(name: str, table: str | None = None) -> str:
+    """A line that says which command made a results file, when, and of which commit."""
+    found = load(name)
+    command = found["tables"][table]["command"] if table else found["command"]
+    made = found["measured"] if table else f"{found['date']}, commit {found['commit']}, {found['versions']}"
+    return f'`{command}`{{ .results }}<br><span class="results">measured {made}; file `docs/results/{name}.json`</span>'
+
+
+def _results(name: str) -> dict[tuple[str, int], dict]:
+    results = load(name)["scores"]["results"]
+    return {(_FORMER.get(found["method"], found["method"]), found["views"]): found for found in results}
+
+
+def _table(header: list[str], rows: list[list[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+_FUNCTIONS = {
+    "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin
+}  # fmt: skip
+
+
+def evaluated(expression: str) -> str:
+    """What an expression of a page gives."""
+    return str(eval(expression.strip(), {"__builtins__": {}}, _FUNCTIONS))  # the project's own pages
+
+
+def expanded(page: str) -> str:
+    """A page with its expressions evaluated."""
+    return _EXPRESSION.sub(lambda found: evaluated(found[1]), page)
+
+
+def filled(readme: str) -> str:
+    """The README with what stands between its markers written anew."""
+    return _MARKER.sub(lambda found: f"{found[1]}{evaluated(found[2])}\n{found[4]}", readme)
+
+
+if __name__ == "__main__":
+    now = README.read_text()
+    wanted = filled(now)
+    if "--check" in sys.argv:
+        sys.exit(0 if now == wanted else "README.md differs from docs/results; run python docs/tools/results.py")
+    README.write_text(wanted)

@@ -1,0 +1,101 @@
+"""Tutorials: the scripts of `examples/`, executed, each with what it printed and drew.
+
+What they gave is kept in `docs/tutorials/executed/` with a checksum of the script, so that the pages can be built
+without the recordings and the minutes that some of them need. `python docs/tools/tutorials.py` executes those that
+have changed since; building the pages fails where one has.
+"""
+
+import ast
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from datetime import date
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+EXECUTED = ROOT / "docs/tutorials/executed"
+
+TITLES = {
+    "clip_from_arrays": "A clip from your own arrays",
+    "pose2sim_recording": "A Pose2Sim recording to completed 3D",
+    "dataset_and_model": "A data set, and a model trained on it",
+    "triangulation_check": "Your triangulation under pytest",
+    "frames_as_they_come": "Frames as they come",
+    "custom_detector_error": "A detector error of your own",
+}
+
+
+def names() -> list[str]:
+    """The tutorials that there are scripts of, in the order to read them in."""
+    return [name for name in TITLES if (EXAMPLES / f"{name}.py").is_file()]
+
+
+def checksum(name: str) -> str:
+    return hashlib.sha256((EXAMPLES / f"{name}.py").read_bytes()).hexdigest()
+
+
+def executed(name: str) -> dict | None:
+    """What is kept of a script; None where it changed since, or was never executed."""
+    path = EXECUTED / f"{name}.json"
+    kept = json.loads(path.read_text()) if path.is_file() else {}
+    return kept if kept.get("sha256") == checksum(name) else None
+
+
+def execute(name: str) -> None:
+    """Run a script and keep what it prints and draws.
+
+    Raises:
+        CalledProcessError: the script failed.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"}
+        command = [sys.executable, str(EXAMPLES / f"{name}.py"), folder]
+        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=folder, env=environment)
+        picture = Path(folder, f"{name}.png").read_bytes()
+    EXECUTED.mkdir(parents=True, exist_ok=True)
+    (EXECUTED / f"{name}.png").write_bytes(picture)
+    kept = {"sha256": checksum(name), "date": date.today().isoformat(), "printed": done.stdout}
+    (EXECUTED / f"{name}.json").write_text(json.dumps(kept, indent=1) + "\n")
+
+
+def page(name: str) -> str:
+    """The page of a tutorial.
+
+    Raises:
+        ValueError: the script was not executed since it changed.
+    """
+    kept = executed(name)
+    if kept is None:
+        raise ValueError(f"examples/{name}.py changed since it was executed; run python docs/tools/tutorials.py")
+    source = (EXAMPLES / f"{name}.py").read_text()
+    introduction = ast.get_docstring(ast.parse(source))
+    first, _, rest = introduction.partition("\n\n")
+    code = source[source.index('"""', 3) + 3 :].strip()
+    return f"""# {TITLES[name]}
+
+{first}
+
+{rest}
+
+![What the script draws](executed/{name}.png)
+
+```python title="examples/{name}.py"
+{code}
+```
+
+It prints:
+
+```text
+{kept["printed"].strip()}
+```
+"""
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or [name for name in names() if executed(name) is None]:
+        print(f"examples/{name}.py", flush=True)
+        execute(name)

@@ -1,0 +1,11 @@
+"""WHAT CAN BE RUN? A file for each sub-command of `synth`: its configuration, its examples, and `run(config, out)`."""
+
+COMMANDS = {
+    "generate": "Simulate clips with exact truth",
+    "show": "Draw a clip as contact sheet, video and Rerun recording",
+    "verify": "Check that clips are whole and true",
+    "compare": "Compare the detections of a recording and of its simulation",
+    "compare-motion": "Compare how recorded and how generated people move",
+    "fit-detector": "Fit a detector's preset to a recording",
+}
+"""Each sub-command and what it does, in the order of the help; `synth a-b` is the module `synth.commands.a_b`."""

@@ -1,0 +1,76 @@
+"""`synth compare-motion`: how recorded and how generated people move, side by side."""
+
+import io
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dmae.data.rng import Stream, generator
+from dmae.data.store import MANIFEST, write_atomic
+from dmae.reporting.tables import print_tables
+from synth.datasets.motion_comparison import draw, largest_differences, numbers, table, write_page
+from synth.datasets.motion_realism import MIN_SECONDS, compare, measure
+from synth.datasets.motion_tracks import ReadingConfig, clip_tracks, take_tracks
+
+WRITES = "folder"
+EXAMPLES = (
+    "synth compare-motion real=takes sim=runs/data out=runs/compare_motion",
+    "synth compare-motion real=takes sim=runs/data takes=[kick*,punch*] longest=5",
+)
+
+
+@dataclass(frozen=True)
+class CompareMotionCommand:
+    """Compare how recorded and how generated people move: `motion.html`, `motion.png` and `motion.json`."""
+
+    real: str = "???"
+    """A take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder with takes at any depth; or a clip or data set of clips:
+    the captured poses of each clip, or its truth where nothing was captured."""
+    sim: str = "???"
+    """A simulated clip or data set of clips, of which the truth counts."""
+    takes: list[str] = field(default_factory=lambda: ["*"])
+    """Only takes whose file names without suffix are like one of these; `*` and `?` stand for anything."""
+    longest: float = 10.0
+    """s; the most for which a take, or a person of a clip, counts."""
+    motion: ReadingConfig = field(default_factory=ReadingConfig)
+    out: str = "runs/compare_motion"
+    """Folder of the page, the figure and the numbers."""
+
+    def __post_init__(self):
+        if not self.longest >= MIN_SECONDS:
+            raise ValueError(f"longest={self.longest}: expected {MIN_SECONDS} s or more")
+
+
+def run(config: CompareMotionCommand, out: Path) -> None:
+    """Print, draw and write how far apart both are: `motion.html`, `motion.png`, `motion.json`.
+
+    Raises:
+        FileNotFoundError, ValueError: no takes or clips, or none that can be measured; the message says which.
+    """
+    path, left_out = Path(config.real), []
+    if not path.exists():
+        raise FileNotFoundError(f"real={path}: no such file or folder")
+    simulated = clip_tracks(Path(config.sim), captured=False)
+    if (path / "clip.json").is_file() or (path / MANIFEST).is_file():
+        recorded = clip_tracks(path, captured=True)
+    else:
+        recorded, left_out = take_tracks(path, simulated[0].fps, config.takes, config.motion)
+    if recorded[0].fps != simulated[0].fps:
+        raise ValueError(
+            f"expected one frame rate, found {recorded[0].fps:g} a second in {path} and {simulated[0].fps:g} in "
+            f"{config.sim}; simulate with scene.fps={recorded[0].fps:g}"
+        )
+    short = [track for track in recorded + simulated if track.seconds < MIN_SECONDS]
+    left_out += [f"{track.name}, of {track.seconds:.2f} s" for track in short]
+    real, sim = (measure(tracks, config.longest) for tracks in (recorded, simulated))
+    differences = compare(real, sim, rng=generator(0, 0, Stream.VALIDATION))
+    figure, image = draw(real, sim, differences), io.BytesIO()
+    figure.savefig(image, format="png", dpi=110)
+    write_atomic(out / "motion.png", image.getvalue())
+    write_atomic(out / "motion.json", json.dumps(numbers(real, sim, differences, left_out), indent=1))
+    write_page(out / "motion.html", real, sim, differences, figure, left_out)
+    print_tables([table(differences)])
+    for line in left_out:
+        print(f"left out: {line}")
+    print(largest_differences(differences))
+    print(out / "motion.html")

@@ -1,0 +1,19 @@
+"""The presets that registries have: `interaction=<name>`, `motion=<format>` and `scene=<room>`."""
+
+from dmae.command_line.options import Preset, presets_of
+from synth.interactions.registry import interaction_choices
+from synth.motion.readers import reader
+from synth.rooms.catalogue import room_choices, room_presets
+
+
+def interactions() -> dict[str, Preset]:
+    return {name: Preset(meaning, {"kind": name}) for name, meaning in interaction_choices().items()}
+
+
+def rooms() -> dict[str, Preset]:
+    values = room_presets()
+    return {name: Preset(meaning, values[name]) for name, meaning in room_choices().items()}
+
+
+REGISTRIES = {"interaction": interactions, "motion": presets_of(reader, "kind"), "scene": rooms}
+"""Functions that return presets by name, for each group of options."""

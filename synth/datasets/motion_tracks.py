@@ -1,0 +1,142 @@
+"""Read tracks of people in motion, from recorded takes and from clips alike."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Poses3D
+from dmae.data.skeleton import BODY25
+from dmae.data.skeleton_conversion import convert
+from dmae.formats.reading import DataConfig, load
+from dmae.progress import progress
+from synth.motion.body_fit import fit_to_body
+from synth.motion.readers import reader
+from synth.motion.readers.cmu import subject_and_trial
+from synth.motion.source import UpAxis, cut, read_take
+from synth.people.body import Body
+from synth.people.landmarks import SKELETON
+from synth.physics.joint_positions import reference_joints
+
+_SUFFIXES = tuple(f".{name}" for name in sorted(reader, key=lambda name: (reader[name].markers, name)))
+"""Extensions of takes, joints before markers; of a take in several formats, the first of these counts."""
+_PERFORMER = Body(1.70)
+"""The body of average proportions to which takes are fitted: every format places its joints differently."""
+
+
+@dataclass(frozen=True)
+class ReadingConfig:
+    """Overrides for takes whose files state nothing or something wrong; as in `synth.motion.source.MotionConfig`."""
+
+    fps: float | None = None
+    """Frames per second, where the files state a wrong one."""
+    unit: float | None = None
+    """Metres a unit of the files' lengths, where those of the legs do not tell."""
+    up: UpAxis = UpAxis.auto
+    """Which axis of the files' world points up."""
+    mapping: str | None = None
+    """YAML file of lines `their name: our name`, of joints or markers that the files call otherwise."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """The motion of one person.
+
+    Attributes:
+        name: For messages and tables.
+        fps: Frames per second.
+        xyz: (F, 25, 3) joints of `BODY25`, m, world, floor at z = 0; NaN where unknown.
+    """
+
+    name: str
+    fps: float
+    xyz: np.ndarray
+
+    @property
+    def seconds(self) -> float:
+        """Duration for which any joint of the person is known, s."""
+        return float((~np.isnan(self.xyz).all((1, 2))).sum() / self.fps)
+
+
+def take_tracks(
+    path: Path, fps: float, names: Sequence[str] = ("*",), reading: ReadingConfig | None = None
+) -> tuple[list[Track], list[str]]:
+    """Read recorded takes as the generator uses them: on the floor, on one body, at one frame rate.
+
+    Directions of limbs are those of the files. The body determines the places of joints on limbs, and of nose, ears and
+    toes, as it does for simulated people.
+
+    Args:
+        path: A file, or a folder with files at any depth.
+        fps: Frames per second.
+        names: Patterns of file names without suffix; `*` and `?` match anything.
+        reading: Overrides of what the files state.
+
+    Returns:
+        tracks: One a take.
+        repeated: Descriptions of files left out because they are one of the takes in another format.
+
+    Raises:
+        FileNotFoundError: no takes at the path.
+        ValueError: no take matches the patterns, or a file is malformed.
+    """
+    reading = reading or ReadingConfig()
+    found = sorted(path.rglob("*")) if path.is_dir() else [path]
+    files = [file for file in found if file.suffix.lower() in _SUFFIXES and file.is_file()]
+    if not files:
+        raise FileNotFoundError(f"{path}: expected takes ({', '.join(_SUFFIXES)}) or clips, found neither")
+    chosen = [file for file in files if any(fnmatch(file.stem, name) for name in names)]
+    if not chosen:
+        there = ", ".join(sorted({file.stem for file in files}))
+        raise ValueError(f"{path}: no take is called {' or '.join(names)}; there are {there}")
+    firsts: dict[tuple[int, int], Path] = {}
+    kept, again = [], []
+    for file in sorted(chosen, key=lambda file: _SUFFIXES.index(file.suffix.lower())):
+        take = subject_and_trial(file.stem)
+        first = firsts.setdefault(take, file) if any(take) else file
+        # Conversions of a take are in other folders.
+        if first.parent == file.parent:
+            kept.append(file)
+        else:
+            again.append(f"{file.relative_to(path)} is {first.relative_to(path)}")
+    tracks = []
+    for file in progress(sorted(kept), "reading takes"):
+        take = read_take(file, reading.fps, unit=reading.unit, up=reading.up, mapping=reading.mapping)
+        motion = fit_to_body(cut(take, start=0, seconds=len(take) / take.fps, fps=fps), _PERFORMER)
+        joints = reference_joints(_PERFORMER, motion.root, motion.rotations)
+        tracks.append(Track(take.name, fps, _on_body25(Poses3D(SKELETON, joints[:, None]))[:, 0]))
+    return tracks, again
+
+
+def clip_tracks(path: Path, *, captured: bool) -> list[Track]:
+    """Read the track of every person of a clip, or of the clips of a data set.
+
+    Args:
+        path: Folder of the clip or the data set.
+        captured: Whether to prefer the captured poses of clips that have them to the truth.
+
+    Raises:
+        FileNotFoundError: no clips at the path.
+        ValueError: the clips have no persons, a clip has no such poses, or another frame rate than the first.
+    """
+    clips = load(DataConfig("clip", str(path)))
+    tracks: list[Track] = []
+    for folder, clip in progress(zip(clips.folders, clips, strict=True), "reading clips", len(clips)):
+        poses = clip.poses if captured and clip.poses is not None else clip.truth
+        if poses is None:
+            wanted = "poses (dmae capture makes them) or a truth" if captured else "a truth, as in simulated clips"
+            raise ValueError(f"{folder}: expected {wanted}, found none")
+        if tracks and clip.fps != tracks[0].fps:
+            raise ValueError(f"{folder}: expected {tracks[0].fps:g} frames a second as before, found {clip.fps:g}")
+        xyz = _on_body25(poses)
+        tracks += [Track(f"{folder.name}, person {p}", clip.fps, xyz[:, p]) for p in range(xyz.shape[1])]
+    if not tracks:
+        raise ValueError(f"{path}: expected people in its clips, found {len(clips)} clips without people")
+    return tracks
+
+
+def _on_body25(poses: Poses3D) -> np.ndarray:
+    """Return (F, P, 25, 3) joints, m."""
+    return convert(poses, BODY25).xyz

@@ -1,0 +1,139 @@
+"""Compare the statistics of a recording with those of its simulation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.stats import ks_2samp
+
+from dmae.reporting.tables import Table
+from synth.detector.statistics import GROSS, DetectorStatistics
+
+SCORE_EDGES = (0.0, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.01)
+"""Edges of the classes of confidence."""
+ENOUGH = 100
+"""Fewest detected joints in a class for it to be compared."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Greatest differences allowed between a recording and its simulation."""
+
+    miss: float = 0.03
+    """Difference of the fractions of missed joints."""
+    joint_miss: float = 0.1
+    """Difference of the fractions of joints missed with their neighbour."""
+    distance: float = 0.1
+    """Kolmogorov-Smirnov distance between distributions of errors and of lengths of misses."""
+    confidence: float = 0.2
+    """Relative difference between the median errors at one confidence."""
+    views: float = 0.15
+    """Kolmogorov-Smirnov distance between distributions of the number of views that detect a joint."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One statistic of a recording and its simulation.
+
+    Attributes:
+        what: Name of the statistic.
+        real: Value of the recording.
+        sim: Value of the simulation.
+        distance: Between both.
+        allowed: Greatest distance allowed; None for any.
+    """
+
+    what: str
+    real: float
+    sim: float
+    distance: float
+    allowed: float | None = None
+
+    @property
+    def exceeded(self) -> bool:
+        return self.allowed is not None and not self.distance <= self.allowed
+
+
+def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -> list[Row]:
+    """Compare every statistic; those by view, and by number of views, only for equal numbers of views.
+
+    Raises:
+        ValueError: the recordings have different skeletons.
+    """
+    if real.kinds != sim.kinds:
+        raise ValueError(f"the recording has joints {list(real.kinds)}, the simulation {list(sim.kinds)}")
+    rows = []
+    for k, kind in enumerate(real.kinds):
+        a, b = (float(np.nanmean(both.missed[:, k])) for both in (real, sim))
+        rows.append(Row(f"missed: {kind}", a, b, abs(a - b), limits.miss))
+    for side, name in enumerate(("on the camera's side", "on the far side")):
+        for k, kind in enumerate(real.kinds):
+            a, b = float(real.missed_by_side[k, side]), float(sim.missed_by_side[k, side])
+            if np.isfinite([a, b]).all():
+                rows.append(_plain(f"missed {name}: {kind}", a, b))
+    if real.views.shape == sim.views.shape:
+        rows += [_detecting_views(kind, real.views[k], sim.views[k], limits.views) for k, kind in enumerate(real.kinds)]
+        for view, (a, b) in enumerate(zip(np.nanmean(real.missed, 1), np.nanmean(sim.missed, 1), strict=True)):
+            rows.append(_plain(f"missed in view {view}", float(a), float(b)))
+    for pair in real.joint_misses:
+        a, b = real.joint_misses[pair], sim.joint_misses[pair]
+        rows.append(Row(f"missed together: {pair}", a, b, abs(a - b), limits.joint_miss))
+    rows.append(_distance("length of misses, s", real.miss_seconds, sim.miss_seconds, limits.distance))
+    rows.append(_distance("error", real.error, sim.error, limits.distance))
+    for k, kind in enumerate(real.kinds):
+        rows.append(_distance(f"error: {kind}", real.error[real.kind == k], sim.error[sim.kind == k], None))
+    for low, high in pairwise(SCORE_EDGES):
+        some = [both.error[(both.score >= low) & (both.score < high)] for both in (real, sim)]
+        if min(map(len, some)) >= ENOUGH:
+            a, b = map(float, map(np.median, some))
+            rows.append(
+                Row(f"median error at confidence {low:.1f}-{min(high, 1):.1f}", a, b, abs(b / a - 1), limits.confidence)
+            )
+    lags = real.autocorrelation
+    rows += [
+        _plain(f"correlation of errors after {lag} s", real.autocorrelation[lag], sim.autocorrelation[lag])
+        for lag in lags
+    ]
+    rows.append(_plain("constant fraction of errors", real.constant, sim.constant))
+    rows.append(_plain(f"errors above {GROSS} heights", *(float((both.error > GROSS).mean()) for both in (real, sim))))
+    for k, kind in enumerate(real.kinds):
+        if real.inverted[real.kind == k].any() or sim.inverted[sim.kind == k].any():
+            rows.append(_plain(f"inverted: {kind}", *(float(b.inverted[b.kind == k].mean()) for b in (real, sim))))
+    for name in ("person_missed", "ghosts", "ghost_joints", "ghost_score", "fragments"):
+        a, b = (float(np.nanmean(getattr(both, name))) for both in (real, sim))
+        rows.append(_plain({"person_missed": "people missed whole", "ghosts": "ghosts in a view and frame",
+                            "ghost_joints": "joints of a ghost", "ghost_score": "confidence of its joints",
+                            "fragments": "fragments in a view and frame"}[name], a, b))  # fmt: skip
+    return rows
+
+
+def _plain(what: str, real: float, sim: float) -> Row:
+    return Row(what, real, sim, abs(real - sim))
+
+
+def _detecting_views(kind: str, real: np.ndarray, sim: np.ndarray, allowed: float) -> Row:
+    """Compare the numbers of views that detect a joint: means, and distance of their distributions (V + 1,)."""
+    means = [float(shares @ np.arange(len(shares))) for shares in (real, sim)]
+    return Row(f"views that detect: {kind}", *means, float(np.abs(np.cumsum(real - sim)).max()), allowed)
+
+
+def _distance(what: str, real: np.ndarray, sim: np.ndarray, allowed: float | None) -> Row:
+    """Compare distributions: medians, and Kolmogorov-Smirnov distance."""
+    if not len(real) or not len(sim):
+        return Row(f"distribution of {what}", float("nan"), float("nan"), float("nan"))
+    distance = float(ks_2samp(real, sim).statistic)
+    return Row(f"distribution of {what}", float(np.median(real)), float(np.median(sim)), distance, allowed)
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """Return all rows as a table for a terminal or a page."""
+    return Table(
+        "Lengths are in heights of the person in the image; of distributions the medians are shown",
+        ("statistic", "real", "simulated", "distance", "allowed", ""),
+        [
+            (row.what, f"{row.real:.3f}", f"{row.sim:.3f}", f"{row.distance:.3f}",
+             "" if row.allowed is None else f"{row.allowed:.2f}", "exceeded" if row.exceeded else "")
+            for row in rows
+        ],
+    )  # fmt: skip

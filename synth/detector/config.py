@@ -1,0 +1,71 @@
+"""The configuration of a simulated 2D pose detector: a field for each kind of error."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import Protocol
+
+from synth.detector.errors.drops import Drops
+from synth.detector.errors.ghosts import Ghosts
+from synth.detector.errors.inversions import Inversions
+from synth.detector.errors.merges import Merges
+from synth.detector.errors.misses import Misses
+from synth.detector.errors.noise import Noise
+from synth.detector.errors.scores import Scores
+from synth.detector.errors.splits import Splits
+from synth.detector.errors.swaps import Swaps
+from synth.detector.errors.timing import Timing
+from synth.detector.parts import PartsConfig
+from synth.detector.view import Times, View
+
+
+class DetectorError(Protocol):
+    """One kind of error: its parameters, and the function that applies it."""
+
+    def apply(self, view: View) -> View:
+        """Return the view with errors of this kind."""
+
+
+@dataclass(frozen=True)
+class DetectorConfig:
+    """A 2D pose detector of BODY25. By default it detects what is visible, and nothing else, without error.
+
+    Errors are applied in the order of their fields. Each draws from random streams of its own: changing one leaves the
+    draws of the others unchanged.
+    """
+
+    name: str = "clean"
+    """Name of the preset."""
+    parts: PartsConfig = field(default_factory=PartsConfig)
+    """Noise, scores and misses by kind of joint."""
+    times: Times = field(default_factory=Times)
+    """Over which times errors are correlated."""
+    timing: Timing = field(default_factory=Timing)
+    """Unsynchronised cameras and rolling shutters."""
+    swaps: Swaps = field(default_factory=Swaps)
+    """Joints that are detected on another person."""
+    noise: Noise = field(default_factory=Noise)
+    """Errors of the place of detected joints."""
+    scores: Scores = field(default_factory=Scores)
+    """Confidences."""
+    misses: Misses = field(default_factory=Misses)
+    """Joints, limbs and persons that are not detected."""
+    inversions: Inversions = field(default_factory=Inversions)
+    """Left limbs that are detected as right ones, and right as left."""
+    merges: Merges = field(default_factory=Merges)
+    """Two persons that become one detection."""
+    splits: Splits = field(default_factory=Splits)
+    """One person that becomes two detections."""
+    ghosts: Ghosts = field(default_factory=Ghosts)
+    """Persons that are detected where none are."""
+    drops: Drops = field(default_factory=Drops)
+    """Frames that are lost."""
+    custom: list[str] = field(default_factory=list)
+    """Errors of your own, applied last: `module:function` each, called as function(view, rng=generator) -> view (see
+    `synth.detector.view.View`)."""
+
+    def errors(self) -> Iterator[tuple[str, DetectorError]]:
+        """Yield the name and the parameters of each kind of error, in order of application."""
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if hasattr(value, "apply"):
+                yield one.name, value

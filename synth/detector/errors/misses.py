@@ -1,0 +1,90 @@
+"""Misses: joints, limbs and whole persons that are not detected."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmae.data.labels import Visibility
+from dmae.data.skeleton import BODY25
+from dmae.numerics.noise import bursts, multiscale_noise
+from synth.detector.parts import joint_groups, kind_of
+from synth.detector.ranges import check_probabilities
+from synth.detector.view import ErrorStream, View
+
+_LIMBS = np.array(
+    list(
+        joint_groups(
+            {"elbow": "arm", "wrist": "arm", "knee": "leg", "ankle": "leg", "heel": "leg", "big_toe": "foot",
+             "small_toe": "foot", "nose": "face", "eye": "face", "ear": "face"},
+            "trunk",
+            sided=("arm", "leg", "foot"),
+        ).values()
+    )
+)  # fmt: skip
+"""(limbs, 25) True for the joints of each limb."""
+_LIMB = _LIMBS.argmax(0)
+_IN_FACE = np.array([kind_of(joint) in ("nose", "eye", "ear") for joint in BODY25.joints])
+_OUTER_AND_INNER = tuple(
+    (outer, inner)
+    for side in ("l_", "r_")
+    for outer, inner in (
+        ([side + "wrist"], [side + "elbow"]),
+        ([side + "ankle"], [side + "knee"]),
+        ([side + "big_toe", side + "small_toe", side + "heel"], [side + "ankle"]),
+        ([side + "eye"], ["nose"]),
+        # OpenPose joins ears to shoulders as well, so that they are found from behind.
+        ([side + "ear"], [side + "eye", side + "shoulder"]),
+    )
+)
+"""Joints that are missed with their inner neighbours, in this order."""
+
+
+@dataclass(frozen=True)
+class Misses:
+    """Joints, limbs and persons that are not detected. `parts.<kind>.miss` says how often a joint is missed."""
+
+    limb_correlation: float = 0.0
+    """Correlation of misses within an arm, a leg with its heel, the toes of a foot, the face and the trunk."""
+    neighbour_correlation: float = 0.0
+    """Probability that the outer neighbour of a missed joint is missed with it, as by detectors that join parts to
+    people: wrists with elbows, ankles with knees, feet with ankles, eyes with the nose, ears with both eye and
+    shoulder."""
+    person: float = 0.0
+    """Probability that a person in full view is missed whole."""
+    hidden_person: float = 0.0
+    """Probability that a person wholly hidden or outside the image is missed whole. In between it grows with the cube
+    of the fraction of joints that are."""
+
+    def __post_init__(self):
+        check_probabilities("misses", self, ("limb_correlation", "neighbour_correlation", "person", "hidden_person"))
+
+    def apply(self, view: View) -> View:
+        missed = self._joints_and_limbs(view)
+        persons = view.visibility.shape[:2]
+        if self.neighbour_correlation:
+            rng = view.random(ErrorStream.NEIGHBOUR_MISS)
+            noise = multiscale_noise((*persons, len(_OUTER_AND_INNER)), view.fps, view.times.bursts, rng=rng)
+            torn = bursts(self.neighbour_correlation, noise)
+            for i, (outer, inner) in enumerate(_OUTER_AND_INNER):
+                lost = missed[..., BODY25.index(*inner)].all(-1) & torn[..., i]
+                missed[..., BODY25.index(*outer)] |= lost[..., None]
+        if self.person or self.hidden_person:
+            hidden = (view.visibility != Visibility.VISIBLE).mean(-1)
+            probability = self.person + (self.hidden_person - self.person) * hidden**3
+            noise = multiscale_noise(persons, view.fps, view.times.bursts, rng=view.random(ErrorStream.PERSON_MISS))
+            missed |= bursts(probability, noise)[..., None]
+        return view.without(missed)
+
+    def _joints_and_limbs(self, view: View) -> np.ndarray:
+        frames, persons, joints = view.visibility.shape
+        rng = view.random(ErrorStream.MISS)
+        of_limbs = multiscale_noise((frames, persons, len(_LIMBS)), view.fps, view.times.bursts, rng=rng)[..., _LIMB]
+        of_joints = multiscale_noise(view.visibility.shape, view.fps, view.times.bursts, rng=rng)
+        noise = np.sqrt(self.limb_correlation) * of_limbs + np.sqrt(1 - self.limb_correlation) * of_joints
+        outside = view.visibility > Visibility.HIDDEN_BY_OBJECT
+        code = np.where(outside, Visibility.VISIBLE, view.visibility)
+        probability = view.parts["miss"][np.arange(joints), code]
+        # What hides half a limb makes the other half hard to detect; half a face is detected as well as a whole one.
+        of_limb = np.stack([probability[..., limb].mean(-1) for limb in _LIMBS], -1)[..., _LIMB]
+        alone = (probability == 0) | (probability == 1) | _IN_FACE
+        return outside | bursts(np.where(alone, probability, (probability + of_limb) / 2), noise)

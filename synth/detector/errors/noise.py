@@ -1,0 +1,87 @@
+"""Errors of the place of detected joints: noise that is correlated in time, and constant offsets."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import gammaincinv, ndtr
+
+from dmae.data.skeleton import BODY25
+from dmae.numerics.noise import ar1_noise, multiscale_noise
+from synth.detector.ranges import check_amounts, check_probabilities
+from synth.detector.view import ErrorStream, View, height
+
+_MIRROR = list(BODY25.mirror)
+_NECK, _MID_HIP = BODY25.index("neck", "mid_hip")
+_SCALES = 3.0
+"""Half of an error decorrelates this many times slower than the whole, half this many times faster."""
+_MAX_WIDTH = 12.0
+"""Greatest ratio of the width of the Gaussian under Student's t to its scale."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Errors of the place of detected joints. `parts.<kind>.noise`, `.tail` and `.offset` say how large they are."""
+
+    view_offset: float = 0.0
+    """Fraction of a person's height in the image: standard deviation of an offset that all people have in common at a
+    joint in a view."""
+    bias: float = 0.0
+    """Fraction of the error's energy that is constant for a person, view and joint; long tails dilute it."""
+    minimum: float = 0.0
+    """px; added to the scale of errors, however small a person is; squares add up."""
+    blur: float = 0.0
+    """Fraction of a joint's motion in the image from frame to frame, added to the scale of errors; squares add up."""
+    truncation: float = 0.0
+    """Growth of errors with the fraction of a person's joints that is outside the image: by a factor of
+    1 + `truncation` * fraction."""
+    hidden: float = 1.0
+    """Factor of the error at hidden joints that are detected, relative to visible ones."""
+
+    def __post_init__(self):
+        check_amounts("noise", self, ("view_offset", "minimum", "blur", "truncation", "hidden"))
+        check_probabilities("noise", self, ("bias",))
+
+    def apply(self, view: View) -> View:
+        """Add offsets and noise to each joint.
+
+        The noise is Student's t: a Gaussian with a constant part, of a variance that is itself a random process (chi
+        square, by its quantiles).
+        """
+        joints, tail = view.visibility.shape, view.parts["tail"]
+        rng = view.random(ErrorStream.NOISE)
+        times = [view.times.correlation * _SCALES, view.times.correlation / _SCALES]
+        gaussian = np.sqrt(1 - self.bias) * multiscale_noise((*joints, 2), view.fps, times, rng=rng)
+        spread = ar1_noise(joints, view.fps, view.times.bursts[0], rng=rng)
+        if self.bias:
+            gaussian += np.sqrt(self.bias) * view.random(ErrorStream.BIAS).standard_normal((*joints[1:], 2))
+        precision = gammaincinv(tail / 2, ndtr(spread)) * 2 / tail
+        t = gaussian * np.minimum(1 / np.sqrt(np.maximum(precision, 1e-9)), _MAX_WIDTH)[..., None]
+        rank = 1 - (1 + (t**2).sum(-1) / tail) ** (-tail / 2)
+        offset = np.take_along_axis(self._offset(view), view.owner[..., None].astype(int), 1)
+        return replace(view, xy=view.xy + offset + t * self._scale(view)[..., None], error_rank=rank)
+
+    def _scale(self, view: View) -> np.ndarray:
+        """(F, P, 25) px: by kind of joint, size in the image, motion, truncation and visibility."""
+        xy = view.true_xy
+        scale = view.parts["noise"] * height(xy)[..., None]
+        if self.minimum:
+            scale = np.hypot(scale, self.minimum)
+        if self.blur and len(xy) > 1:
+            scale = np.hypot(scale, self.blur * np.nan_to_num(np.linalg.norm(np.gradient(xy, axis=0), axis=-1)))
+        if self.truncation:
+            with np.errstate(invalid="ignore"):
+                outside = ~((xy >= -0.5) & (xy <= view.size - 0.5)).all(-1)
+            scale = scale * (1 + self.truncation * outside.mean(-1, keepdims=True))
+        return scale * np.where(view.hidden, self.hidden, 1)
+
+    def _offset(self, view: View) -> np.ndarray:
+        """(F, P, 25, 2) px from where joints are annotated to where the detector puts them."""
+        xy, offset = view.true_xy, view.parts["offset"]
+        found = np.zeros(xy.shape)
+        if offset.any():
+            trunk = np.nan_to_num(xy[:, :, _MID_HIP] - xy[:, :, _NECK])[:, :, None]
+            found = offset[:, :1] * np.nan_to_num(xy - xy[:, :, _MIRROR]) + offset[:, 1:] * trunk
+        if self.view_offset:
+            constant = self.view_offset * view.random(ErrorStream.OFFSET).standard_normal((len(BODY25), 2))
+            found = found + constant * height(xy)[..., None, None]
+        return found

@@ -1,0 +1,34 @@
+"""Confidences that know little of the errors, and joints that are not reported for a low one."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from dmae.numerics.noise import ar1_noise, beta_quantile
+from synth.detector.ranges import check_beta, check_probabilities
+from synth.detector.view import ErrorStream, View
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Confidences, Beta distributed. `parts.<kind>.score` is their distribution at visible joints."""
+
+    hidden: list[float] = field(default_factory=lambda: [1.0, 0.0])
+    """(a, b) of the Beta distribution of the confidence at hidden joints."""
+    error_correlation: float = 0.0
+    """Correlation, 0 to 1, between the ranks of a confidence and of a small error."""
+    minimum: float = 0.0
+    """Joints of less confidence are not reported."""
+
+    def __post_init__(self):
+        check_probabilities("scores", self, ("error_correlation", "minimum"))
+        check_beta("detector.scores.hidden", self.hidden)
+
+    def apply(self, view: View) -> View:
+        """Draw confidences, lower where the error is of higher rank, and drop joints that are not reported."""
+        noise = ar1_noise(view.error_rank.shape, view.fps, view.times.correlation, rng=view.random(ErrorStream.SCORE))
+        smallness = -ndtri(np.clip(view.error_rank, 1e-9, 1 - 1e-9))
+        level = self.error_correlation * smallness + np.sqrt(1 - self.error_correlation**2) * noise
+        shape = np.where(view.hidden[..., None], self.hidden, view.parts["score"])
+        return replace(view, score=beta_quantile(shape, ndtr(level))).reported()

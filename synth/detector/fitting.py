@@ -1,0 +1,294 @@
+"""Fit a detector's preset to a recording: simulate, measure both alike, correct, repeat.
+
+How a recording is measured biases what it shows of a detector: errors are measured against other views, misses only of
+people who are detected at all. So no parameter is read off directly. The detector is run on simulated clips, both
+recordings go through `synth.detector.statistics.measure`, and each parameter is corrected by the difference of its own
+statistic.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from dmae.data.clip import Clip
+from dmae.data.rng import Stream, generator
+from dmae.progress import progress
+from synth.detector.config import DetectorConfig
+from synth.detector.parts import PartConfig, PartsConfig
+from synth.detector.pooling import measure_all
+from synth.detector.simulated_detector import detect
+from synth.detector.statistics import DetectorStatistics
+
+_STEP = 0.7
+"""Exponent of each correction; below 1 because parameters depend on each other."""
+_ENOUGH = 200
+"""Fewest detected joints of a kind for its parameters to be fitted."""
+_FEW_MISSES = 50
+"""Fewest uninterrupted misses for the times of bursts to be fitted."""
+_SIDED = 0.2
+"""Joints that are missed this much more often on the far side of the body than on the camera's are hidden by it."""
+_LOW = 0.35
+"""Confidence below which a detector mostly guesses."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted preset.
+
+    Attributes:
+        config: The detector.
+        undetermined: Parameters that are left as they were, and why the recording does not determine them.
+        statistics: Of the clips simulated with it.
+    """
+
+    config: DetectorConfig
+    undetermined: dict[str, str]
+    statistics: DetectorStatistics
+
+
+def redetect(clip: Clip, config: DetectorConfig, seed: int) -> Clip:
+    """Return the clip with the detections of another detector."""
+    rng = generator(seed, int(clip.id), Stream.DETECTOR)
+    rig = clip.true_rig or clip.rig
+    detected = detect(clip.truth, clip.occlusion, rig, clip.fps, config, rng=rng)
+    return replace(clip, detections=detected.detections, detection_labels=detected.labels)
+
+
+def fit(
+    real: DetectorStatistics,
+    clips: Sequence[Clip],
+    start: DetectorConfig,
+    *,
+    rounds: int = 8,
+    seed: int = 0,
+    workers: int = 1,
+) -> Fit:
+    """Fit a detector to what was measured of a recording.
+
+    Args:
+        real: Statistics of the recording.
+        clips: Simulated clips with truth and visibility, of a scene like the recording's.
+        start: Start of the fit. Parameters that the recording does not determine keep its values.
+        rounds: Number of simulations; each takes as long as measuring the clips.
+        seed: Seed of the detector, the same in all rounds.
+        workers: Processes; -1 for one a core.
+
+    Raises:
+        ValueError: the clips carry no visibility, or are of another skeleton than the recording.
+    """
+    for clip in clips:
+        if clip.occlusion is None:
+            raise ValueError(f"clip {clip.id!r}: a detector is fitted on simulated clips; it has no visibility")
+    undetermined = _undetermined(real)
+    config, best = start, None
+    for _ in progress(range(rounds), "fitting the detector"):
+        sim = measure_all((redetect(clip, config, seed) for clip in clips), len(clips), workers)
+        if sim.kinds != real.kinds:
+            raise ValueError(f"the recording has joints {list(real.kinds)}, the simulation {list(sim.kinds)}")
+        off = distance(real, sim)
+        if best is None or off < best[0]:
+            best = off, Fit(config, undetermined, sim)
+        config = _corrected(config, real, sim, undetermined)
+    return best[1]
+
+
+def distance(real: DetectorStatistics, sim: DetectorStatistics) -> float:
+    """Return the distance of two recordings' statistics, in units of the limits of `synth.detector.comparison`."""
+    missed = np.abs(np.nanmean(real.missed, 0) - np.nanmean(sim.missed, 0)) / 0.03
+    by_side = np.abs(real.missed_by_side - sim.missed_by_side).ravel() / 0.1
+    pairs = [abs(real.joint_misses[pair] - sim.joint_misses[pair]) / 0.1 for pair in real.joint_misses]
+    error = [_log(_quantile(real, k, 0.5), _quantile(sim, k, 0.5)) / 0.1 for k in range(len(real.kinds))]
+    known = len(real.miss_seconds) and len(sim.miss_seconds)
+    seconds = [_log(real.miss_seconds.mean(), sim.miss_seconds.mean()) / 0.1] if known else []
+    return float(np.sqrt(np.nanmean(np.square([*missed, *by_side, *pairs, *error, *seconds]))))
+
+
+def _log(a: float, b: float) -> float:
+    return abs(np.log(a / b)) if a > 0 and b > 0 else np.nan
+
+
+def _quantile(statistics: DetectorStatistics, kind: int, share: float) -> float:
+    some = statistics.error[statistics.kind == kind]
+    return float(np.quantile(some, share)) if len(some) else float("nan")
+
+
+def _undetermined(real: DetectorStatistics) -> dict[str, str]:
+    """Return the names of the parameters that are left as they are, and why."""
+    counts = np.bincount(real.kind, minlength=len(real.kinds))
+    found = {
+        f"parts.{kind}": f"{count} joints could be checked, {_ENOUGH} are needed"
+        for kind, count in zip(real.kinds, counts, strict=True)
+        if count < _ENOUGH
+    }
+    if len(real.miss_seconds) < _FEW_MISSES:
+        found["times.bursts"] = f"{len(real.miss_seconds)} uninterrupted misses, {_FEW_MISSES} are needed"
+    if not np.isfinite(real.autocorrelation[0.2]):
+        found["times.correlation"] = "no joint is followed for 0.2 s"
+    if not np.isfinite(real.constant) or real.constant <= 0:
+        found["noise.bias"] = "no joint is followed for a second"
+    if not np.nansum(real.ghosts) > 0:
+        found["ghosts.joints"] = found["ghosts.score"] = "there is no ghost"
+    return found
+
+
+def _towards(value: float, real: float, sim: float, low: float, high: float) -> float:
+    """Correct a parameter to which its statistic is proportional."""
+    if not (real > 0 and sim > 0):
+        return value
+    return float(np.clip(value * (real / sim) ** _STEP, low, high))
+
+
+def _shifted(value: float, real: float, sim: float, high: float) -> float:
+    """Correct a parameter, 0 or more, that grows with its statistic one to one."""
+    return float(np.clip(value + _STEP * (real - sim), 0, high))
+
+
+def _odds(probability: float) -> float:
+    probability = float(np.clip(probability, 1e-4, 1 - 1e-4))
+    return probability / (1 - probability)
+
+
+def _scaled_odds(probability: float, factor: float) -> float:
+    """Multiply the odds of a probability; 0 and 1 stay."""
+    if probability in (0, 1):
+        return probability
+    odds = _odds(probability) * factor
+    return round(float(np.clip(odds / (1 + odds), 1e-4, 0.999)), 4)
+
+
+def _corrected(
+    config: DetectorConfig, real: DetectorStatistics, sim: DetectorStatistics, kept: dict[str, str]
+) -> DetectorConfig:
+    """Return the detector with each parameter corrected by its statistic, except those in `kept`."""
+    parts = {}
+    for k, kind in enumerate(real.kinds):
+        part = getattr(config.parts, kind)
+        parts[kind] = part if f"parts.{kind}" in kept else _corrected_part(part, real, sim, k)
+    times, noise, misses, ghosts = config.times, config.noise, config.misses, config.ghosts
+    limb, neighbours = ("elbow|wrist", "knee|ankle"), ("wrist|elbow", "ankle|knee")
+    corrections: dict[str, Callable[[], object]] = {
+        "times.correlation": lambda: _correlation(times.correlation, real, sim),
+        "times.bursts": lambda: _burst_times(times.bursts, real.miss_seconds, sim.miss_seconds),
+        "noise.bias": lambda: _towards(noise.bias, real.constant, sim.constant, 0.01, 0.9),
+        "noise.hidden": lambda: _towards(noise.hidden, _unsure(real), _unsure(sim), 1, 8),
+        "scores.error_correlation": lambda: _shifted(
+            config.scores.error_correlation, _rank_correlation(real), _rank_correlation(sim), 0.95
+        ),
+        "misses.limb_correlation": lambda: _shifted(
+            misses.limb_correlation, _pairs(real, *limb), _pairs(sim, *limb), 0.99
+        ),
+        "misses.neighbour_correlation": lambda: _shifted(
+            misses.neighbour_correlation, _pairs(real, *neighbours), _pairs(sim, *neighbours), 1
+        ),
+        "misses.person": lambda: _whole(misses.person, real, sim),
+        "misses.hidden_person": lambda: _whole(misses.hidden_person, real, sim),
+        "inversions.legs": lambda: _towards(config.inversions.legs, *_inverted(real, sim, "knee", "ankle"), 0, 0.2),
+        "inversions.arms": lambda: _towards(config.inversions.arms, *_inverted(real, sim, "elbow", "wrist"), 0, 0.2),
+        "splits.probability": lambda: _towards(
+            config.splits.probability, np.nanmean(real.fragments), np.nanmean(sim.fragments), 0, 0.5
+        ),
+        "ghosts.count": lambda: _towards(ghosts.count, np.nanmean(real.ghosts), np.nanmean(sim.ghosts), 0, 5),
+        "ghosts.joints": lambda: _towards(ghosts.joints, real.ghost_joints, sim.ghost_joints, 0.05, 0.95),
+        "ghosts.score": lambda: _beta(ghosts.score, real.ghost_score - sim.ghost_score, 1.0),
+    }
+    config = replace(config, parts=PartsConfig(**parts))
+    for name, correction in corrections.items():
+        if name not in kept:
+            error, _, parameter = name.partition(".")
+            corrected = replace(getattr(config, error), **{parameter: _rounded(correction())})
+            config = replace(config, **{error: corrected})
+    return config
+
+
+def _rounded(value):
+    return [round(float(v), 4) for v in value] if isinstance(value, list) else round(float(value), 5)
+
+
+def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorStatistics, kind: int) -> PartConfig:
+    """Correct noise by the median error, its tail by larger errors, misses by their odds, scores by mean and spread.
+
+    Where joints are missed more often on the far side of the body, misses of visible joints follow those on the
+    camera's side, and the rest is left to hidden joints: a person who turns away from one camera turns to another, and
+    joints are seldom missed by all.
+    """
+    if not (sim.kind == kind).any():
+        return part
+    tails = [_quantile(both, kind, 0.95) / _quantile(both, kind, 0.5) for both in (real, sim)]
+    missed = _more_missed(real, sim, kind)
+    scores = [both.score[both.kind == kind] for both in (real, sim)]
+    spread = float(scores[0].var() / max(scores[1].var(), 1e-6))
+    return replace(
+        part,
+        noise=round(_towards(part.noise, _quantile(real, kind, 0.5), _quantile(sim, kind, 0.5), 1e-4, 0.2), 5),
+        tail=round(_towards(part.tail, tails[1], tails[0], 1.5, 30), 2),
+        score=_rounded(_beta(part.score, float(scores[0].mean() - scores[1].mean()), spread)),
+        miss=[_scaled_odds(miss, factor**_STEP) for miss, factor in zip(part.miss, missed, strict=True)],
+    )
+
+
+def _more_missed(real: DetectorStatistics, sim: DetectorStatistics, kind: int) -> list[float]:
+    """Return factors for the odds of misses, in the order of `PartConfig.miss`."""
+    mean = _odds(float(np.nanmean(real.missed[:, kind]))) / _odds(float(np.nanmean(sim.missed[:, kind])))
+    sided = np.diff(real.missed_by_side[kind])[0] > _SIDED and np.isfinite(sim.missed_by_side[kind, 0])
+    near = _odds(real.missed_by_side[kind, 0]) / _odds(sim.missed_by_side[kind, 0]) if sided else mean
+    return [near, mean, mean, mean]
+
+
+def _beta(shape: Sequence[float], shift: float, spread: float) -> list[float]:
+    """Shift the mean of a Beta distribution and multiply its deviation; the constant 1 becomes a distribution first."""
+    a, b = shape if shape[1] > 0 else (30.0, 1.0)
+    mean = float(np.clip(a / (a + b) + _STEP * shift, 0.02, 0.98))
+    return [mean * (size := float(np.clip((a + b) / spread**_STEP, 2, 200))), (1 - mean) * size]
+
+
+def _correlation(time: float, real: DetectorStatistics, sim: DetectorStatistics) -> float:
+    """Correct the correlation time by the correlation of errors 0.2 s apart, their constant part left out."""
+    times = [
+        -0.2 / np.log(np.clip((both.autocorrelation[0.2] - both.constant) / (1 - both.constant), 0.02, 0.98))
+        for both in (real, sim)
+    ]
+    return _towards(max(time, 0.01), *times, 0.01, 5.0)
+
+
+def _rank_correlation(statistics: DetectorStatistics) -> float:
+    """Return the rank correlation of confidence and small error within kinds of joints, averaged over them."""
+    found = []
+    for kind in range(len(statistics.kinds)):
+        of_kind = statistics.kind == kind
+        if of_kind.sum() >= _ENOUGH and np.ptp(statistics.score[of_kind]) > 0:
+            found.append(-spearmanr(statistics.score[of_kind], statistics.error[of_kind]).statistic)
+    return float(np.mean(found)) if found else 0.0
+
+
+def _unsure(statistics: DetectorStatistics) -> float:
+    """Return the median error where the confidence is low; NaN where that is rare."""
+    some = statistics.error[statistics.score < _LOW]
+    return float(np.median(some)) if len(some) >= _ENOUGH else float("nan")
+
+
+def _burst_times(times: Sequence[float], real: np.ndarray, sim: np.ndarray) -> list[float]:
+    """Correct the long time by the fraction of missed time in long misses, the short one by the mean miss."""
+    if not len(sim):
+        return list(times)
+    long, short = times
+    held = [max(seconds[seconds >= 0.6].sum() / seconds.sum(), 0.01) for seconds in (real, sim)]
+    return [_towards(long, *held, 0.2, 20), _towards(short, real.mean(), sim.mean(), 0.02, 5)]
+
+
+def _pairs(statistics: DetectorStatistics, *pairs: str) -> float:
+    return float(np.nan_to_num(np.nanmean([statistics.joint_misses[pair] for pair in pairs])))
+
+
+def _whole(probability: float, real: DetectorStatistics, sim: DetectorStatistics) -> float:
+    return _towards(probability, np.nanmean(real.person_missed), np.nanmean(sim.person_missed), 0, 0.9)
+
+
+def _inverted(real: DetectorStatistics, sim: DetectorStatistics, *kinds: str) -> tuple[float, float]:
+    """Return the fractions of inverted joints of some kinds; of none, as if half a joint were."""
+    shares = []
+    for both in (real, sim):
+        some = np.isin(both.kind, [both.kinds.index(kind) for kind in kinds])
+        shares.append(max(both.inverted[some].sum(), 0.5) / max(some.sum(), 1))
+    return shares[0], shares[1]

@@ -1,0 +1,87 @@
+"""The joints of BODY25 as detectors confuse and lose them: a configuration for each kind of joint."""
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from dmae.data.skeleton import BODY25
+from synth.detector.ranges import check_beta
+
+
+@dataclass(frozen=True)
+class PartConfig:
+    """How a detector does on one kind of joint."""
+
+    noise: float = 0.0
+    """Fraction of the person's height in the image: scale of Student's t of a pixel coordinate's error, where the joint
+    is visible."""
+    tail: float = 30.0
+    """Degrees of freedom of that distribution: 2 has a long tail, 30 is nearly Gaussian."""
+    score: list[float] = field(default_factory=lambda: [1.0, 0.0])
+    """(a, b) of the Beta distribution of the confidence of visible joints; (1, 0) is always 1."""
+    miss: list[float] = field(default_factory=lambda: [0.0, 1.0, 1.0, 1.0])
+    """Probabilities that the joint is missed: visible, hidden by the person itself, by another person, by an object.
+    Probabilities other than 0 and 1 are averaged with those of the limb's joints, except in the face."""
+    offset: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    """Fractions: where the detector puts the joint relative to its annotation, in the image. The first is outwards, of
+    the distance to its partner of the other side; the second is down the trunk, of the way from neck to mid hip."""
+
+    def __post_init__(self):
+        for name, length in (("score", 2), ("miss", 4), ("offset", 2)):
+            found = getattr(self, name)
+            if len(found) != length:
+                raise ValueError(f"detector part: expected {length} numbers of {name}, got {list(found)}")
+        if not self.noise >= 0 or not self.tail > 0 or not all(0 <= miss <= 1 for miss in self.miss):
+            raise ValueError(
+                f"detector part: expected noise >= 0, tail > 0 and probabilities of misses from 0 to 1, got {self}"
+            )
+        check_beta("detector part: score", self.score)
+
+
+@dataclass(frozen=True)
+class PartsConfig:
+    """How a detector does on each kind of joint, left and right alike."""
+
+    nose: PartConfig = field(default_factory=PartConfig)
+    neck: PartConfig = field(default_factory=PartConfig)
+    shoulder: PartConfig = field(default_factory=PartConfig)
+    elbow: PartConfig = field(default_factory=PartConfig)
+    wrist: PartConfig = field(default_factory=PartConfig)
+    mid_hip: PartConfig = field(default_factory=PartConfig)
+    hip: PartConfig = field(default_factory=PartConfig)
+    knee: PartConfig = field(default_factory=PartConfig)
+    ankle: PartConfig = field(default_factory=PartConfig)
+    eye: PartConfig = field(default_factory=PartConfig)
+    ear: PartConfig = field(default_factory=PartConfig)
+    big_toe: PartConfig = field(default_factory=PartConfig)
+    small_toe: PartConfig = field(default_factory=PartConfig)
+    heel: PartConfig = field(default_factory=PartConfig)
+
+
+LEG_KINDS = ("knee", "ankle", "big_toe", "small_toe", "heel")
+
+
+def kind_of(joint: str) -> str:
+    """Return a joint's name without its side."""
+    return joint.removeprefix("l_").removeprefix("r_")
+
+
+def joint_groups(groups: dict[str, str], otherwise: str, *, sided: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Group joints by kind: (25,) True for the joints of each group.
+
+    Args:
+        groups: Name of the group of each kind of joint.
+        otherwise: Name of the group of all other kinds.
+        sided: Groups that are split into a left and a right one, `l_<name>` and `r_<name>`.
+    """
+    names = []
+    for joint in BODY25.joints:
+        group = groups.get(kind_of(joint), otherwise)
+        names.append(joint[:2] + group if group in sided else group)
+    return {name: np.array(names) == name for name in sorted(set(names))}
+
+
+def by_joint(parts: PartsConfig) -> dict[str, np.ndarray]:
+    """Return the fields of `PartConfig` as arrays, each (25, ...)."""
+    found = [getattr(parts, kind_of(joint)) for joint in BODY25.joints]
+    return {f.name: np.array([getattr(part, f.name) for part in found], float) for f in fields(PartConfig)}

@@ -1,0 +1,57 @@
+"""Pool the statistics of several clips."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.parallel import in_parallel
+from dmae.progress import progress
+from synth.detector.statistics import DetectorStatistics, measure
+
+_SAMPLES = ("kind", "error", "inverted", "score", "miss_seconds")
+"""Fields of `DetectorStatistics` that are concatenated; others are averaged."""
+
+
+def measure_all(clips: Iterable[Clip], count: int, workers: int = 1) -> DetectorStatistics:
+    """Measure `count` clips as one: samples concatenated, fractions averaged by the clips' lengths."""
+    jobs = in_parallel(_measure, ((clip,) for clip in clips), workers)
+    parts, frames = zip(*progress(jobs, "measuring", count), strict=True)
+    return pool(parts, frames)
+
+
+def _measure(clip: Clip) -> tuple[DetectorStatistics, int]:
+    return measure(clip), len(clip)
+
+
+def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> DetectorStatistics:
+    """Return the statistics of several clips, of `frames` each, as one clip's.
+
+    Raises:
+        ValueError: the clips have different numbers of cameras, or skeletons.
+    """
+    values = {f.name: [getattr(part, f.name) for part in parts] for f in fields(DetectorStatistics)}
+    views = {len(part.ghosts) for part in parts}
+    if len(views) > 1 or len(set(values["kinds"])) > 1:
+        raise ValueError(f"clips of {sorted(views)} cameras, or of several skeletons, cannot be measured as one")
+
+    def mean(name: str):
+        if isinstance(values[name][0], dict):
+            return {key: _mean([part[key] for part in values[name]], frames) for key in values[name][0]}
+        return _mean(values[name], frames)
+
+    shared = {"name": values["name"][0], "fps": values["fps"][0], "kinds": values["kinds"][0]}
+    pooled = {name: np.concatenate(values[name]) for name in _SAMPLES}
+    return DetectorStatistics(
+        **shared, **pooled, **{name: mean(name) for name in values if name not in shared | pooled}
+    )
+
+
+def _mean(values: list, weights: Sequence[int]):
+    array = np.array(values, float)
+    known = ~np.isnan(array)
+    weight = np.where(known, np.reshape(np.asarray(weights, float), (-1, *(1,) * (array.ndim - 1))), 0)
+    total = weight.sum(0)
+    mean = np.where(total > 0, (weight * np.nan_to_num(array)).sum(0) / np.maximum(total, 1e-9), np.nan)
+    return mean if mean.ndim else float(mean)

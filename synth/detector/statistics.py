@@ -1,0 +1,250 @@
+"""Statistics of a detector's errors, measured alike on real and on simulated recordings.
+
+Only detections and cameras are needed: people are reconstructed by capture, and the errors of a view are measured
+against the other views. So a real recording and its simulation are judged by the same reference, which makes both look
+a little worse than they are. Where people are annotated, the annotation can be the reference instead.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.skeleton_conversion import convert
+from dmae.numerics.filling import fill_world, smooth
+from dmae.numerics.gaps import gap_lengths
+from dmae.numerics.interpolation import linear
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
+from synth.detector.matching import Match, match_detections
+from synth.detector.parts import kind_of
+
+GROSS = 0.1
+"""Errors above this many heights are not noise."""
+_SMOOTHING, _LONGEST_GAP = 0.1, 0.4
+"""s; the reference is smoothed lightly, and only short gaps of it are filled."""
+_MIN_OUT = 0.05
+"""m; joints nearer to the vertical through the middle of head or shoulders lie on no side of it."""
+
+
+class ErrorReference(StrEnum):
+    """What detections are measured against."""
+
+    others = "others"
+    """Poses captured from the other views."""
+    annotated = "annotated"
+    """The recording's own truth, on the joints that it shares with the detector."""
+
+
+@dataclass(frozen=True)
+class DetectorStatistics:
+    """Statistics of the detections of a recording in V views.
+
+    Kinds are joints, left and right alike. Lengths are in heights of the person in the image.
+
+    Attributes:
+        name: Of the recording.
+        fps: Frames per second.
+        kinds: (K,) names.
+        kind: (n,) index into `kinds` of each detected joint that other views locate.
+        error: (n,) its distance from where they locate it.
+        inverted: (n,) True where its partner of the other side is nearer, by half and by `GROSS`.
+        score: (n,) its confidence.
+        missed: (V, K) fraction of the joints in the image, of persons detected, that are missed.
+        missed_by_side: (K, 2) the same fraction of joints on the camera's side of the body, and on the far side.
+        joint_misses: {"a|b": fraction of the missed joints of kind b with which the one of kind a on the same side is
+            missed too}.
+        views: (K, V + 1) fraction of the joints that are detected in 0..V views.
+        miss_seconds: (r,) lengths of uninterrupted misses, s.
+        autocorrelation: {s: correlation of errors this far apart}.
+        constant: Fraction of the energy of errors that is constant for a person, view and joint.
+        person_missed: (V,) fraction of the persons in the image that are missed whole.
+        ghosts: (V,) number of ghosts a frame.
+        ghost_joints: Median number of their joints.
+        ghost_score: Median of their confidences.
+        fragments: (V,) number of pieces of persons, apart from their largest, a frame.
+    """
+
+    name: str
+    fps: float
+    kinds: tuple[str, ...]
+    kind: np.ndarray
+    error: np.ndarray
+    inverted: np.ndarray
+    score: np.ndarray
+    missed: np.ndarray
+    missed_by_side: np.ndarray
+    joint_misses: dict[str, float]
+    views: np.ndarray
+    miss_seconds: np.ndarray
+    autocorrelation: dict[float, float]
+    constant: float
+    person_missed: np.ndarray
+    ghosts: np.ndarray
+    ghost_joints: float
+    ghost_score: float
+    fragments: np.ndarray
+
+
+def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> DetectorStatistics:
+    """Measure the statistics of a clip's detections.
+
+    Raises:
+        ValueError: fewer than three cameras, so that no joint can be checked against the others; no annotation for
+            `ErrorReference.annotated`; or no person is detected in two views.
+    """
+    views = len(clip.rig)
+    if reference == ErrorReference.annotated:
+        clip = _annotated(clip)
+    elif views < 3:
+        raise ValueError(
+            f"clip {clip.id!r}: errors are measured against the other views, which takes 3 cameras or more"
+        )
+    poses = _reference(clip, reference)
+    whole = match_detections(clip, poses)
+    if not whole.matched.any():
+        raise ValueError(f"clip {clip.id!r}: no person is detected in two views or more, there is nothing to measure")
+    joints = clip.detections.skeleton.joints
+    kinds = tuple(dict.fromkeys(kind_of(joint) for joint in joints))
+    kind_index = np.array([kinds.index(kind_of(joint)) for joint in joints])
+    errors = [_errors(clip, view, reference) for view in range(views)]
+    error, inverted, score, kind = (np.concatenate([part[i] for part in errors]) for i in range(4))
+    expected = whole.matched[..., None] & ~np.isnan(whole.xy[..., 0])
+    missed = expected & np.isnan(whole.score)
+    in_image = ~np.isnan(whole.height)
+    sides = _sides(clip, poses)
+    ghosts = whole.left_over & ~whole.near
+    ghost_joints = ~np.isnan(clip.detections.score) & ghosts[..., None]
+    energy = [part[4] for part in errors]
+    return DetectorStatistics(
+        name=clip.id,
+        fps=clip.fps,
+        kinds=kinds,
+        kind=kind_index[kind],
+        error=error,
+        inverted=inverted,
+        score=score,
+        missed=np.stack([_share(missed, expected, kind_index == k, (0, 2, 3)) for k in range(len(kinds))], -1),
+        missed_by_side=np.stack(
+            [
+                [_share(missed & side, expected & side, kind_index == k, (0, 1, 2, 3)) for side in sides]
+                for k in range(len(kinds))
+            ]
+        ),
+        joint_misses=_joint_misses(missed, expected, clip),
+        views=np.stack([_views_histogram(whole, kind_index == k) for k in range(len(kinds))]),
+        miss_seconds=_miss_lengths(missed, expected) / clip.fps,
+        autocorrelation={lag: _mean_ratio([part[lag] for part in energy]) for lag in (0.04, 0.2)},
+        constant=_mean_ratio([part["constant"] for part in energy]),
+        person_missed=_ratio((in_image & ~whole.matched).sum((0, 2)), in_image.sum((0, 2))),
+        ghosts=ghosts.sum((0, 2)) / len(clip),
+        ghost_joints=float(np.median(ghost_joints.sum(-1)[ghosts])) if ghosts.any() else float("nan"),
+        ghost_score=float(np.median(clip.detections.score[ghost_joints])) if ghosts.any() else float("nan"),
+        fragments=(whole.left_over & whole.near).sum((0, 2)) / len(clip),
+    )
+
+
+def _ratio(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    return np.where(whole > 0, part / np.maximum(whole, 1), np.nan)
+
+
+def _mean_ratio(parts: list[tuple[float, float]]) -> float:
+    above, below = np.sum(parts, 0)
+    return float(above / below) if below > 0 else float("nan")
+
+
+def _share(event: np.ndarray, counted: np.ndarray, joints: np.ndarray, axis: tuple[int, ...]) -> np.ndarray:
+    return _ratio(event[..., joints].sum(axis), counted[..., joints].sum(axis))
+
+
+def _annotated(clip: Clip) -> Clip:
+    """Return the frames with annotated persons."""
+    if clip.truth is None or np.isnan(clip.truth.xyz).all():
+        raise ValueError(f"clip {clip.id!r}: no person is annotated; measure against the other views with truth=others")
+    return clip.select(frames=np.flatnonzero(~np.isnan(clip.truth.xyz).all((1, 2, 3))))
+
+
+def _reference(clip: Clip, reference: ErrorReference) -> Poses3D:
+    """Return annotated poses, or captured ones with short gaps filled."""
+    if reference == ErrorReference.annotated:
+        return convert(clip.truth, clip.detections.skeleton)
+    poses = capture(clip, CaptureConfig())
+    short = gap_lengths(poses.measured) <= _LONGEST_GAP * clip.fps
+    filled = smooth(fill_world(poses, clip.fps, linear), clip.fps, _SMOOTHING)
+    return Poses3D(poses.skeleton, np.where(short[..., None], filled.xyz, np.nan))
+
+
+def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
+    """Measure the errors of the joints detected in one view, against the truth or people captured from the others.
+
+    Returns:
+        error, inverted, score, joint: (n,) each, and the energies of which `autocorrelation`
+            and `constant` are ratios.
+    """
+    others = [other for other in range(len(clip.rig)) if other != view]
+    match = match_detections(clip.select(views=[view]), _reference(clip.select(views=others), reference))
+    off = (match.found - match.xy)[:, 0] / match.height[:, 0, :, None, None]
+    mirror = np.asarray(clip.detections.skeleton.mirror)
+    across = np.linalg.norm((match.found - match.xy[..., mirror, :])[:, 0], axis=-1) / match.height[:, 0, :, None]
+    size = np.linalg.norm(off, axis=-1)
+    known = ~np.isnan(size)
+    inverted = (size > GROSS) & (across < size / 2) & (mirror != np.arange(len(mirror)))
+    energies = {lag: _correlation(off, size, max(round(lag * clip.fps), 1)) for lag in (0.04, 0.2)}
+    fine = np.where((size < GROSS)[..., None], off, np.nan)
+    count = (~np.isnan(fine[..., 0])).sum(0)
+    total = np.where(np.isnan(fine), 0, fine)
+    long = count > clip.fps
+    energies["constant"] = (
+        float(((total.sum(0) ** 2).sum(-1)[long] / count[long]).sum()),
+        float((total**2).sum((0, -1))[long].sum()),
+    )
+    return size[known], inverted[known], match.score[:, 0][known], np.nonzero(known)[-1], energies
+
+
+def _correlation(off: np.ndarray, size: np.ndarray, frames: int) -> tuple[float, float]:
+    """Return products of errors so many frames apart, and of themselves; gross ones left out."""
+    both = (size[:-frames] < GROSS) & (size[frames:] < GROSS)
+    first, second = off[:-frames][both], off[frames:][both]
+    return float((first * second).sum()), float(((first**2).sum() + (second**2).sum()) / 2)
+
+
+def _joint_misses(missed: np.ndarray, expected: np.ndarray, clip: Clip) -> dict[str, float]:
+    """Return how often elbow and wrist, and knee and ankle, are missed with each other."""
+    index, shares = clip.detections.skeleton.index, {}
+    for a, b in (("elbow", "wrist"), ("wrist", "elbow"), ("knee", "ankle"), ("ankle", "knee")):
+        first, second = index(f"l_{a}", f"r_{a}"), index(f"l_{b}", f"r_{b}")
+        both = expected[..., first] & expected[..., second] & missed[..., second]
+        shares[f"{a}|{b}"] = float(_ratio((missed[..., first] & both).sum(), both.sum()))
+    return shares
+
+
+def _sides(clip: Clip, reference: Poses3D) -> tuple[np.ndarray, np.ndarray]:
+    """(F, V, P, J) True for joints within 60 degrees of the camera's direction, and opposite.
+
+    Of the face as seen from between the ears, of limbs from between the shoulders; neck and trunk have no sides.
+    """
+    flat, index = reference.xyz[..., :2].astype(np.float64), reference.skeleton.index
+    middles = [flat[:, :, index(f"l_{part}", f"r_{part}")].mean(2, keepdims=True) for part in ("shoulder", "ear")]
+    of_face = np.array([kind_of(joint) in ("nose", "eye", "ear") for joint in reference.skeleton.joints])
+    out = flat - np.where(of_face[:, None], middles[1], middles[0])
+    length = np.linalg.norm(out, axis=-1)
+    sided = of_face | (np.array(reference.skeleton.mirror) != np.arange(len(of_face)))
+    out = np.where(((length > _MIN_OUT) & sided)[..., None], out / np.maximum(length, _MIN_OUT)[..., None], np.nan)
+    sight = clip.rig.centers[:, None, None, :2] - flat[:, None]
+    along = (sight * out[:, None]).sum(-1) / np.linalg.norm(sight, axis=-1)
+    return along > 0.5, along < -0.5
+
+
+def _views_histogram(match: Match, joints: np.ndarray) -> np.ndarray:
+    """(V + 1,) share of the joints, of people in at least two images, that 0..V views detect."""
+    there = (~np.isnan(match.height)).sum(1) >= 2
+    count = (~np.isnan(match.score[..., joints])).sum(1)[there]
+    return np.bincount(count.ravel(), minlength=match.score.shape[1] + 1) / max(count.size, 1)
+
+
+def _miss_lengths(missed: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Lengths in frames of stretches in which a joint is missed, each counted once; those cut off by the ends too."""
+    lengths = gap_lengths(~missed)
+    starts = missed & np.concatenate([np.ones_like(missed[:1]), ~missed[:-1]])
+    return lengths[starts & expected]

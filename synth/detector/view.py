@@ -1,0 +1,157 @@
+"""The detections of one camera while errors are applied to them, and the truth that the errors depend on."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+
+import numpy as np
+
+from dmae.data.labels import JointError, Visibility
+
+
+class ErrorStream(IntEnum):
+    """What a random stream of a view is for. Never renumbered: a number is part of every data set made with it."""
+
+    TIMING = 0
+    OFFSET = 1
+    BIAS = 2
+    NOISE = 3
+    SCORE = 4
+    MISS = 5
+    NEIGHBOUR_MISS = 6
+    PERSON_MISS = 7
+    SWAP = 8
+    LEG_INVERSION = 9
+    ARM_INVERSION = 10
+    MERGE = 11
+    SPLIT = 12
+    GHOSTS = 13
+    DROP = 14
+    ORDER = 15
+    CUSTOM = 16
+
+
+@dataclass(frozen=True)
+class Times:
+    """Over which times errors are correlated."""
+
+    correlation: float = 0.1
+    """s; time in which the varying part of errors decorrelates: half of it to 1/e in three times that, half in a third
+    of it. Scores and ghosts decorrelate in this time."""
+    bursts: list[float] = field(default_factory=lambda: [3.0, 0.4])
+    """s; two correlation times of events, a long and a short one, mixed half and half. How large errors are is
+    correlated over the long one."""
+
+    def __post_init__(self):
+        if not 0 <= self.correlation < float("inf"):
+            raise ValueError(f"detector.times.correlation: expected 0 or more, got {self.correlation}")
+        if len(self.bursts) != 2 or not min(self.bursts) > 0:
+            raise ValueError(f"detector.times.bursts: expected two times above 0 s, got {list(self.bursts)}")
+
+
+@dataclass(frozen=True)
+class View:
+    """One camera's view of P persons in F frames, and its D detections of the 25 joints of BODY25.
+
+    Without errors, detection d is person d. Errors add detections.
+
+    Attributes:
+        fps: Frames per second.
+        size: (2,) image width and height, px.
+        xyz: (F, P, 25, 3) true joints, m, world.
+        true_xy: (F, P, 25, 2) their pixels at the time of exposure; NaN behind the camera.
+        visibility: (F, P, 25) `Visibility` at that time.
+        occluder: (F, P, 25) index of the person or object that hides the joint.
+        parts: Fields of `PartConfig`, (25, ...) each.
+        times: Correlation times of errors.
+        minimum_score: Joints of less confidence are not reported.
+        random: Returns the generator of a stream of this view, from its beginning.
+        xy: (F, D, 25, 2) detected joints, px; NaN where missed.
+        score: (F, D, 25) confidence; NaN where missed.
+        owner: (F, D, 25) int16 index of the person whose joint each detected joint lies on; -1 in ghosts.
+        kind: (F, D, 25) uint8 `JointError`; GOOD where no joint or person was confused, however far off the joint is.
+        person: (D,) int16 index of the person of each detection; -1 for ghosts.
+        error_rank: (F, P, 25) rank of the size of each joint's noise, from 0 to 1, among all that it could have had.
+        shown: (F,) index of the frame whose detections each frame shows; -1 for none.
+    """
+
+    fps: float
+    size: np.ndarray
+    xyz: np.ndarray
+    true_xy: np.ndarray
+    visibility: np.ndarray
+    occluder: np.ndarray
+    parts: dict[str, np.ndarray]
+    times: Times
+    minimum_score: float
+    random: Callable[[ErrorStream], np.random.Generator]
+    xy: np.ndarray = None
+    score: np.ndarray = None
+    owner: np.ndarray = None
+    kind: np.ndarray = None
+    person: np.ndarray = None
+    error_rank: np.ndarray = None
+    shown: np.ndarray = None
+
+    def __post_init__(self):
+        if self.xy is None:
+            joints = self.visibility.shape
+            persons = np.arange(joints[1], dtype=np.int16)
+            perfect = {
+                "xy": self.true_xy,
+                "score": np.ones(joints),
+                "owner": np.broadcast_to(persons[:, None], joints),
+                "kind": np.full(joints, JointError.GOOD, np.uint8),
+                "person": persons,
+                "error_rank": np.zeros(joints),
+                "shown": np.arange(joints[0]),
+            }
+            for name, array in perfect.items():
+                object.__setattr__(self, name, array)
+
+    @property
+    def hidden(self) -> np.ndarray:
+        """(F, P, 25) True for joints that are in the image and hidden."""
+        return (self.visibility != Visibility.VISIBLE) & (self.visibility <= Visibility.HIDDEN_BY_OBJECT)
+
+    @property
+    def observed(self) -> np.ndarray:
+        """(F, D, 25) True where a joint is detected."""
+        return ~np.isnan(self.score)
+
+    def without(self, joints: np.ndarray) -> "View":
+        """Return the view with the joints where `joints` (F, D, 25) is True made absent."""
+        xy, score = np.where(joints[..., None], np.nan, self.xy), np.where(joints, np.nan, self.score)
+        return replace(self, xy=xy, score=score)
+
+    def reported(self) -> "View":
+        """Return the view without joints outside the image, of too low confidence, or of unknown place or score."""
+        with np.errstate(invalid="ignore"):
+            inside = ((self.xy >= -0.5) & (self.xy <= self.size - 0.5)).all(-1)
+            return self.without(~(inside & (self.score >= self.minimum_score)))
+
+    def added(self, xy: np.ndarray, score: np.ndarray, owner: np.ndarray, kind: np.ndarray, person: np.ndarray):
+        """Return the view with more detections."""
+        return replace(
+            self,
+            xy=np.concatenate([self.xy, xy], 1),
+            score=np.concatenate([self.score, score], 1),
+            owner=np.concatenate([self.owner, owner.astype(np.int16)], 1),
+            kind=np.concatenate([self.kind, kind.astype(np.uint8)], 1),
+            person=np.concatenate([self.person, person.astype(np.int16)]),
+        )
+
+
+def box(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return least and greatest coordinates (..., 2) of the known joints (..., J, 2); 0 where none is known."""
+    known = np.isfinite(xy)
+    any_known = known.any(-2)
+    least = np.where(known, xy, np.inf).min(-2)
+    greatest = np.where(known, xy, -np.inf).max(-2)
+    return np.where(any_known, least, 0), np.where(any_known, greatest, 0)
+
+
+def height(xy: np.ndarray) -> np.ndarray:
+    """Return the longer side (...) of the box around joints (..., J, 2), px."""
+    low, high = box(xy)
+    return (high - low).max(-1)

@@ -1,0 +1,5 @@
+"""Errors that every room of the generator may raise."""
+
+
+class FailedSimulation(ValueError):
+    """A clip cannot be used; the message says why."""

@@ -1,0 +1,51 @@
+"""Paths of people on the floor, and the time curves of their movements."""
+
+import numpy as np
+
+from synth.interactions.script import Cast
+from synth.motion.easing import minimum_jerk
+
+
+def standing(cast: Cast, at: np.ndarray, heading: float) -> np.ndarray:
+    """(F, 3) path of a person who stands at a point (2,), m, with a heading, rad."""
+    return np.tile((*at, heading), (len(cast.seconds), 1))
+
+
+def approach(cast: Cast, start: np.ndarray, end: np.ndarray, *, begin: float, speed: float) -> np.ndarray:
+    """(F, 3) path from `start` (3,) straight to `end` (3,), begun at `begin`, s, at a mean speed, m/s."""
+    way = end[:2] - start[:2]
+    length = float(np.linalg.norm(way))
+    last = max(length / speed, 0.6)
+    share = ease((cast.seconds - begin) / last)
+    path = start + share[:, None] * (end - start)
+    # People face where they go, and turn at the end.
+    if length > 0.3:
+        going = start[2] + wrapped(np.arctan2(way[1], way[0]) - start[2])
+        turned = minimum_jerk((cast.seconds - begin + 0.5) / 0.8)
+        facing = minimum_jerk((cast.seconds - begin - last + 0.8) / 0.9)
+        path[:, 2] = start[2] + turned * (going - start[2])
+        path[:, 2] += facing * wrapped(end[2] - going)
+    return path
+
+
+def arrival(start: np.ndarray, end: np.ndarray, begin: float, speed: float) -> float:
+    """Time at which `approach` arrives, s."""
+    return begin + max(float(np.linalg.norm(end[:2] - start[:2])) / speed, 0.6)
+
+
+def ease(x: np.ndarray) -> np.ndarray:
+    """From 0 to 1 at a constant rate, with constant acceleration in the first and the last quarter."""
+    x = np.clip(x, 0, 1)
+    slow, rate = 0.25, 1 / (1 - 0.25)
+    begun, ended = rate * x**2 / (2 * slow), 1 - rate * (1 - x) ** 2 / (2 * slow)
+    return np.where(x < slow, begun, np.where(x > 1 - slow, ended, rate * (x - slow / 2)))
+
+
+def during(seconds: np.ndarray, begin: float, end: float, move: float = 0.7) -> np.ndarray:
+    """(F,) 1 from `begin` to `end`, s, and 0 from a time `move` before and after, along minimum-jerk curves."""
+    return minimum_jerk((seconds - begin + move) / move) - minimum_jerk((seconds - end) / move)
+
+
+def wrapped(angle: np.ndarray | float) -> np.ndarray | float:
+    """The same angle from -pi to pi, rad."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi

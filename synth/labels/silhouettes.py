@@ -1,0 +1,80 @@
+"""Evaluate images of ids: the pixels of each person, and the agreement of the joints' labels with the images."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.data.images import FIRST_OBJECT_ID, Images
+from dmae.data.labels import Visibility
+from synth.rendering.renderer import Renderer
+
+
+def person_pixels(renderer: Renderer, qpos: np.ndarray, images: Images, persons: int) -> tuple[np.ndarray, np.ndarray]:
+    """Count the pixels of each person.
+
+    Args:
+        renderer: Of the scene that the images show.
+        qpos: (F, nq) states.
+        images: Images of these states, ids included.
+        persons: P, number of persons.
+
+    Returns:
+        visible: (F, V, P) int32 number of pixels that show each person.
+        amodal: (F, V, P) int32 number of pixels that would if nothing else were there.
+    """
+    visible = np.zeros((len(qpos), len(images.views), persons), np.int32)
+    amodal = np.zeros_like(visible)
+    for view, name in enumerate(images.views):
+        for frame, (state, ids) in enumerate(zip(qpos, images.read("ids", name), strict=True)):
+            visible[frame, view] = np.bincount(ids.ravel(), minlength=1 + persons)[1 : 1 + persons]
+            for person in range(persons):
+                amodal[frame, view, person] = np.count_nonzero(renderer.alone(state, view, person))
+    return visible, amodal
+
+
+class PixelAgreement(NamedTuple):
+    """The agreement of joints' labels with the pixels at their places.
+
+    Attributes:
+        compared: (4,) number of joints compared: visible, hidden by their own person, by another, by an object.
+        agreeing: (4,) number of these with which the pixel agrees.
+    """
+
+    compared: np.ndarray
+    agreeing: np.ndarray
+
+
+def agreement(clip: Clip, margin: int = 5) -> PixelAgreement:
+    """Compare visibility with the images of ids: a joint's pixel must show its person or its occluder.
+
+    Joints outside the image and those nearer than `margin` px to any silhouette are left out, because their pixels
+    say little; so is the top of the head, which Shelf's annotators put into the air in front of the brow.
+
+    Args:
+        clip: With truth, visibility and images of ids. Its true cameras are used.
+        margin: px.
+    """
+    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    xy, _ = rig.project(clip.truth.xyz)
+    on_body = [not name.endswith("top_head") for name in clip.truth.skeleton.joints]
+    neighbourhood = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+    compared, agreeing = np.zeros(4, int), np.zeros(4, int)
+    for view, name in enumerate(clip.rig.names):
+        for frame, ids in enumerate(clip.images.read("ids", name)):
+            codes = clip.occlusion.visibility[frame, view]
+            owner = clip.occlusion.occluder[frame, view].astype(int)
+            judged = (codes <= Visibility.HIDDEN_BY_OBJECT) & on_body & np.isfinite(xy[frame, view]).all(-1)
+            person, joint = np.nonzero(judged)
+            column, row = np.clip(np.round(xy[frame, view, person, joint]).astype(int), 0, rig.size[view] - 1).T
+            clear = cv2.dilate(ids, neighbourhood)[row, column] == cv2.erode(ids, neighbourhood)[row, column]
+            code, by = codes[person, joint], owner[person, joint]
+            expected = np.where(
+                code == Visibility.HIDDEN_BY_OBJECT,
+                FIRST_OBJECT_ID + by,
+                1 + np.where(code == Visibility.HIDDEN_BY_PERSON, by, person),
+            )
+            compared += np.bincount(code[clear], minlength=4)
+            agreeing += np.bincount(code[clear & (expected == ids[row, column])], minlength=4)
+    return PixelAgreement(compared, agreeing)

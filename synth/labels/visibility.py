@@ -1,0 +1,128 @@
+"""Label the visibility of joints by rays cast through the scene. No images are needed."""
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.images import FIRST_OBJECT_ID
+from dmae.data.labels import OcclusionLabels, Visibility
+from synth.rooms.rays import cast_rays, opaque_model
+
+_CONTACT = 0.025
+"""m; a limb this near in front of another limb's joint is in contact with it and does not hide it."""
+_RAYS_AT_ONCE = 100_000
+"""Rays that are processed together: enough to be fast, few enough to fit in memory."""
+
+
+def joint_visibility(
+    model: mujoco.MjModel,
+    qpos: np.ndarray,
+    joints: np.ndarray,
+    depth: np.ndarray,
+    geom_ids: np.ndarray,
+    rig: CameraRig,
+    bodies: np.ndarray | None = None,
+) -> OcclusionLabels:
+    """Label every joint in every view.
+
+    A joint lies under the surface. It is visible where the ray to it hits nothing, or first hits the limb that the
+    joint lies in, no farther than `depth` in front of it. Another limb of the same person hides it unless it is in
+    contact with it. A camera within an object or another person sees nothing through it.
+
+    Args:
+        model: The scene.
+        qpos: (F, nq) its states.
+        joints: (F, P, J, 3) m, world; NaN where a person is not in the scene.
+        depth: (P, J) greatest depth of a joint under the surface of its limb, m.
+        geom_ids: (ngeom,) owner of each geom: 0 none, 1 + p person p, 256 + k object k.
+        rig: V cameras.
+        bodies: (P, J) index of the body that each joint moves with. Its limb is that body and its neighbours in the
+            kinematic tree. By default a whole person is one limb.
+
+    Returns:
+        `visibility`, `occluder` and `depth_margin`. Joints outside the image or behind the camera have no occluder. The
+        margin is the joint's distance where the camera itself is within what hides it. The caller adds `objects`.
+    """
+    xy, along = rig.project(joints)
+    visibility = np.full(xy.shape[:-1], Visibility.VISIBLE, np.uint8)
+    visibility[~rig.inside(xy)] = Visibility.OUTSIDE_IMAGE
+    visibility[along <= 0] = Visibility.BEHIND_CAMERA
+    visibility[np.isnan(along)] = Visibility.ABSENT
+    occluder = np.full(visibility.shape, -1, np.int16)
+    margin = np.full(visibility.shape, np.nan, np.float32)
+    limbs = _limbs(model, bodies, depth.shape)
+
+    opaque = opaque_model(model, geom_ids)
+    data = mujoco.MjData(opaque)
+    some = max(1, _RAYS_AT_ONCE // max(1, visibility[:1].size))
+    for first in range(0, len(qpos), some):
+        block = slice(first, first + some)
+        sought = np.nonzero(visibility[block] == Visibility.VISIBLE)
+        found = _first_hits(opaque, data, qpos[block], rig.centers, joints[block], sought, depth, limbs, geom_ids)
+        for label, value in zip((visibility, occluder, margin), found, strict=True):
+            label[block][sought] = value
+    return OcclusionLabels(visibility, occluder, margin)
+
+
+def _limbs(model: mujoco.MjModel, bodies: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
+    """Return (P, J, nbody) True for the bodies of the limb that each joint lies in."""
+    if bodies is None:
+        return np.ones((*shape, model.nbody), bool)
+    connected = np.eye(model.nbody, dtype=bool)
+    connected[np.arange(model.nbody), model.body_parentid] = True
+    return (connected | connected.T)[bodies]
+
+
+def _first_hits(opaque, data, qpos, centers, joints, sought, depth, limbs, geom_ids) -> tuple[np.ndarray, ...]:
+    """Return visibility, occluder and margin (R,) of the joints `sought`: (R,) frames, views, persons and joints."""
+    frame, view, person, joint = sought
+    rays = joints[frame, person, joint] - centers[view]
+    reach = np.linalg.norm(rays, axis=-1)
+    # Skeletons share elbows, wrists, knees and ankles: joints at one place need one ray.
+    first = _first_at_place(joints)[person, joint]
+    ray = np.full((len(qpos), len(centers), *joints.shape[1:3]), -1)
+    ray[sought] = 0
+    first = np.where(ray[frame, view, person, first] < 0, joint, first)
+    own = np.flatnonzero(first == joint)
+    ray[tuple(index[own] for index in sought)] = np.arange(len(own))
+    hits = _cast_all(opaque, data, qpos, centers, rays[own] / reach[own, None], frame[own], view[own])
+    geom, distance, outward = (hit[ray[frame, view, person, first]] for hit in hits)
+    ids = np.where(geom >= 0, geom_ids[geom], 0).astype(int)
+    own = ids == person + 1
+    # A ray that hits a surface from behind started within it.
+    within = np.einsum("rx,rx->r", outward, rays) > 0
+    depth = depth[person, joint]
+    same_limb = limbs[person, joint, opaque.geom_bodyid[geom]]
+    allowed = np.where(same_limb, depth, np.minimum(depth, _CONTACT))
+    hidden = (ids > 0) & np.where(own, distance < reach - allowed, (distance < reach) | within)
+    is_object = ids >= FIRST_OBJECT_ID
+    code = np.select(
+        [~hidden, own, is_object],
+        [Visibility.VISIBLE, Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_OBJECT],
+        Visibility.HIDDEN_BY_PERSON,
+    )
+    owner = np.where(hidden, np.where(is_object, ids - FIRST_OBJECT_ID, ids - 1), -1)
+    return code, owner, np.where(hidden, np.where(within, reach, reach - distance), np.nan)
+
+
+def _first_at_place(joints: np.ndarray) -> np.ndarray:
+    """Return (P, J) the first of the joints at the same place as each joint in all frames of (F, P, J, 3)."""
+    same = (joints[:, :, :, None] == joints[:, :, None]).all((0, -1))
+    return (same | np.eye(joints.shape[2], dtype=bool)).argmax(-1)
+
+
+def _cast_all(opaque, data, qpos, centers, directions, frame, view) -> tuple[np.ndarray, ...]:
+    """Cast rays from the centres of views in the states of frames; rays are sorted by frame, then view."""
+    hits = np.empty(len(directions), np.int32), np.empty(len(directions)), np.empty_like(directions)
+    views = len(centers)
+    ends = np.searchsorted(frame * views + view, np.arange(len(qpos) * views), side="right").tolist()
+    for number, (start, stop) in enumerate(pairwise([0, *ends])):
+        at, seer = divmod(number, views)
+        if seer == 0:
+            data.qpos[:] = qpos[at]
+            mujoco.mj_kinematics(opaque, data)
+        for all_hits, some in zip(hits, cast_rays(opaque, data, centers[seer], directions[start:stop]), strict=True):
+            all_hits[start:stop] = some
+    return hits

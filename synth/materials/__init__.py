@@ -1,0 +1,1 @@
+"""Textures of cloth, floors and walls."""

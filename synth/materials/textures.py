@@ -1,0 +1,142 @@
+"""Textures painted from noise for cloth, floors and walls; each tiles seamlessly."""
+
+import mujoco
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+
+def paint(pattern: str, colours, size: int, *, rng: np.random.Generator) -> np.ndarray:
+    """Paint a texture, (size, size, 3) uint8.
+
+    Args:
+        pattern: "plain", "stripes", "checks", "melange", "camouflage" (cloth), "planks", "tiles", "plaster", "carpet",
+            "concrete", "paving", "bricks", "sheet" (rooms).
+        colours: Two RGB triples, 0..1.
+        size: Width and height, px.
+        rng: Draws the noise.
+
+    Raises:
+        KeyError: there is no such pattern.
+    """
+    if pattern not in _BLENDS:
+        raise KeyError(f"no pattern {pattern!r}; expected one of {', '.join(_BLENDS)}")
+    y, x = np.mgrid[:size, :size] / size
+    blend, grain = _BLENDS[pattern](x, y, rng)
+    first, second = (np.asarray(colour, float) for colour in colours)
+    image = first + blend[..., None] * (second - first)
+    image = image * (1 + grain[..., None])
+    return np.round(np.clip(image, 0, 1) * 255).astype(np.uint8)
+
+
+def add_texture(spec: mujoco.MjSpec, material: mujoco.MjsMaterial, image: np.ndarray) -> None:
+    """Cover a material of the scene with a square image, (size, size, 3) uint8."""
+    texture = spec.add_texture(
+        name=material.name,
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        width=image.shape[1],
+        height=image.shape[0],
+        nchannel=3,
+    )
+    texture.data = image.tobytes()
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture.name
+
+
+def _noise(x: np.ndarray, rng: np.random.Generator, sigma) -> np.ndarray:
+    """Return smooth noise of unit standard deviation in the shape of `x` that wraps around; sigma in px."""
+    noise = gaussian_filter(rng.standard_normal(x.shape), sigma, mode="wrap")
+    return noise / noise.std()
+
+
+def _plain(x, y, rng):
+    return np.zeros_like(x), 0.02 * _noise(x, rng, 1) + 0.03 * _noise(x, rng, 12)
+
+
+def _stripes(x, y, rng):
+    count = int(rng.integers(3, 8))
+    return (np.sin(2 * np.pi * count * y) > rng.uniform(-0.3, 0.6)).astype(float), 0.03 * _noise(x, rng, 1)
+
+
+def _checks(x, y, rng):
+    count = int(rng.integers(2, 6))
+    bars = [(np.sin(2 * np.pi * count * axis) > 0.2).astype(float) for axis in (x, y)]
+    return (bars[0] + bars[1]) / 2, 0.03 * _noise(x, rng, 1)
+
+
+def _melange(x, y, rng):
+    return np.clip(0.4 + 0.3 * _noise(x, rng, (4, 0.7)), 0, 1), 0.04 * _noise(x, rng, 10)
+
+
+def _camouflage(x, y, rng):
+    return (_noise(x, rng, 9) > 0.2) * 0.6 + (_noise(x, rng, 7) > 0.6) * 0.4, 0.03 * _noise(x, rng, 1)
+
+
+def _planks(x, y, rng):
+    boards = 8
+    board = np.floor(y * boards).astype(int)
+    tone = rng.uniform(0, 0.5, boards)[board]
+    ends = rng.random(boards)[board]
+    edge = np.minimum((y * boards) % 1, 1 - (y * boards) % 1)
+    joint = np.abs((x - ends + 0.5) % 1 - 0.5)
+    gap = (edge < 0.03) | (joint < 0.003)
+    return np.clip(tone + 0.18 * _noise(x, rng, (1, 22)), 0, 1), np.where(gap, -0.45, 0.02 * _noise(x, rng, 1))
+
+
+def _tiles(x, y, rng):
+    tiles = 4
+    cell = rng.uniform(0, 0.3, (tiles, tiles))[np.floor(y * tiles).astype(int), np.floor(x * tiles).astype(int)]
+    edge = np.minimum(*(np.minimum((a * tiles) % 1, 1 - (a * tiles) % 1) for a in (x, y)))
+    return np.where(edge < 0.015, 1.0, cell), 0.025 * _noise(x, rng, 2)
+
+
+def _plaster(x, y, rng):
+    return np.clip(0.3 + 0.15 * _noise(x, rng, 20), 0, 1), 0.012 * _noise(x, rng, 1)
+
+
+def _carpet(x, y, rng):
+    return np.clip(0.5 + 0.3 * _noise(x, rng, 1), 0, 1), 0.05 * _noise(x, rng, 16)
+
+
+def _concrete(x, y, rng):
+    return np.clip(0.4 + 0.22 * _noise(x, rng, 24) + 0.12 * _noise(x, rng, 5), 0, 1), 0.02 * _noise(x, rng, 1)
+
+
+def _paving(x, y, rng):
+    rows = 6
+    row = np.floor(y * rows).astype(int)
+    along = x * 4 + rng.random(rows)[row]
+    edge = np.minimum(np.minimum((y * rows) % 1, 1 - (y * rows) % 1), np.minimum(along % 1, 1 - along % 1))
+    tone = rng.uniform(0, 0.7, (rows, 4))[row, np.floor(along).astype(int) % 4]
+    return np.clip(tone + 0.1 * _noise(x, rng, 6), 0, 1), np.where(edge < 0.04, -0.3, 0.03 * _noise(x, rng, 1))
+
+
+def _bricks(x, y, rng):
+    rows = 8
+    row = np.floor(y * rows)
+    along = x * rows / 2 + 0.5 * (row % 2)
+    edge = np.minimum(np.minimum((y * rows) % 1, 1 - (y * rows) % 1), 2 * np.minimum(along % 1, 1 - along % 1))
+    tone = rng.uniform(0, 0.35, (rows, rows // 2))[row.astype(int), np.floor(along).astype(int) % (rows // 2)]
+    return np.where(edge < 0.06, 1.0, tone), 0.04 * _noise(x, rng, 1) + 0.03 * _noise(x, rng, 8)
+
+
+def _sheet(x, y, rng):
+    """Corrugated steel with upright ribs."""
+    return 0.5 + 0.5 * np.sin(2 * np.pi * 8 * x), 0.02 * _noise(x, rng, (30, 3))
+
+
+_BLENDS = {
+    "plain": _plain,
+    "stripes": _stripes,
+    "checks": _checks,
+    "melange": _melange,
+    "camouflage": _camouflage,
+    "planks": _planks,
+    "tiles": _tiles,
+    "plaster": _plaster,
+    "carpet": _carpet,
+    "concrete": _concrete,
+    "paving": _paving,
+    "bricks": _bricks,
+    "sheet": _sheet,
+}
+"""Functions of x and y (S, S), 0..1, and of `rng`, that return the blend of the two colours, 0..1, and the relative
+change of brightness, (S, S) each."""

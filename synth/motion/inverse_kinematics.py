@@ -1,0 +1,85 @@
+"""Arms and legs that reach a point: two bones and a hinge between them."""
+
+import numpy as np
+
+from synth.motion.rotations import aligned
+from synth.people.body import SIDES, Body
+from synth.people.segments import SEGMENTS
+
+PALM = np.array((0.0, 0.050, -0.013))
+"""(3,) point on the skin of the left palm, whose normal is -z, in the hand's frame; fractions of stature."""
+_BENT, _STRAIGHT = 0.35, 0.995
+"""Least and greatest distance that a limb spans, as fractions of both bones."""
+
+
+def two_bone_ik(start: np.ndarray, end: np.ndarray, lengths: tuple[float, float], side: np.ndarray) -> np.ndarray:
+    """Return the middle joint and the tip of a limb, by the law of cosines.
+
+    Args:
+        start: (F, 3) root of the limb, m.
+        end: (F, 3) target of the tip, m. Towards a target out of reach the limb points.
+        lengths: Of both bones, m.
+        side: (F, 3) direction to which the middle joint bends; not along the limb.
+
+    Returns:
+        (F, 2, 3) middle joint and tip, m.
+    """
+    upper, lower = lengths
+    reach = end - start
+    distance = np.linalg.norm(reach, axis=1, keepdims=True)
+    along = reach / np.maximum(distance, 1e-9)
+    distance = np.clip(distance, _BENT * (upper + lower), _STRAIGHT * (upper + lower))
+    side = side - (side * along).sum(1, keepdims=True) * along
+    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
+    cosine = np.clip((upper**2 + distance**2 - lower**2) / (2 * upper * distance), -1, 1)
+    middle = start + upper * (cosine * along + np.sqrt(1 - cosine**2) * side)
+    return np.stack([middle, start + distance * along], axis=1)
+
+
+def reach_with_arm(
+    body: Body,
+    side: str,
+    chest: np.ndarray,
+    shoulder: np.ndarray,
+    palm: np.ndarray,
+    normal: np.ndarray,
+    elbow: tuple[float, float, float],
+) -> np.ndarray:
+    """Return an arm that puts its palm at a point, the wrist straight.
+
+    Args:
+        body: The body.
+        side: `l` or `r`.
+        chest: (F, 3, 3) orientation of the chest.
+        shoulder: (F, 3) shoulder of that side, m.
+        palm: (F, 3) target of the skin of the palm, m.
+        normal: (F, 3) direction in which the palm faces, as far as the direction of the forearm allows.
+        elbow: Direction to which the elbow bends, in the chest's frame, y outward; not towards the palm.
+
+    Returns:
+        (F, 3, 3, 3) orientations of upper arm, forearm and hand.
+    """
+    sign = SIDES[side]
+    lengths = tuple(
+        float(np.linalg.norm(body.offsets[SEGMENTS.index(f"{side}_{part}")])) for part in ("forearm", "hand")
+    )
+    offset = PALM * (1, sign * body.arms, 1) * body.stature
+    outward = chest @ (np.array(elbow) * (1, sign, 1))
+    along, wrist = palm - shoulder, palm
+    for _ in range(4):
+        forearm = _with_palm(along, normal, sign)
+        wrist = palm - forearm @ offset
+        joint, tip = np.swapaxes(two_bone_ik(shoulder, wrist, lengths, outward), 0, 1)
+        along = tip - joint
+    forearm = _with_palm(along, normal, sign)
+    upper = aligned(joint - shoulder, along, (0, sign, 0))
+    return np.stack([upper, forearm, forearm], axis=1)
+
+
+def _with_palm(along: np.ndarray, normal: np.ndarray, sign: float) -> np.ndarray:
+    """Return hands (F, 3, 3) along a direction (F, 3), with palms that face another as nearly as possible."""
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    up = (normal * along).sum(1, keepdims=True) * along - normal
+    # The palm of a hand that points where the palm should face is turned down.
+    up = np.where(np.linalg.norm(up, axis=1, keepdims=True) < 1e-3, np.array((0.0, 0.0, 1.0)) + 1e-3, up)
+    return aligned(along, np.cross(sign * along, up), (0, sign, 0))

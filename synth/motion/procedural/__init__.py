@@ -1,0 +1,1 @@
+"""Motion made from published kinematics, without recordings."""

@@ -1,0 +1,282 @@
+"""Walking after published kinematics of normal gait: where pelvis and feet go.
+
+Phases are counted in strides: a leg's phase is whole when its heel strikes, and the right leg's phase is the walk's.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from synth.motion.easing import smoothstep
+from synth.motion.path_planning import FloorPath
+from synth.motion.procedural.legs import (
+    ANKLE,
+    HALF_HIPS,
+    HEEL,
+    REACH,
+    SHIN,
+    STRAIGHTEST,
+    THIGH,
+    TIP,
+    headroom,
+    leg_length,
+)
+from synth.motion.rotations import about
+
+
+def _fourier(*points: tuple[float, float]) -> Callable[[np.ndarray], np.ndarray]:
+    """Return an angle, rad, over the phase: six harmonics fitted through points (percent of the stride, degrees)."""
+    percent, degrees = np.array(points, np.float64).T
+    curve = PchipInterpolator(np.concatenate([percent - 100, percent, percent + 100]), np.tile(degrees, 3))
+
+    def basis(phase: np.ndarray) -> np.ndarray:
+        turns = 2 * np.pi * phase[..., None] * np.arange(1, 7)
+        return np.concatenate([np.ones((*phase.shape, 1)), np.cos(turns), np.sin(turns)], axis=-1)
+
+    phase = np.linspace(0, 1, 200, endpoint=False)
+    coefficients = np.radians(np.linalg.lstsq(basis(phase), curve(100 * phase), rcond=None)[0])
+    return lambda phase: basis(phase) @ coefficients
+
+
+# Extremes and their timing, after Perry and Burnfield, "Gait Analysis" (2nd ed., 2010), chapters 3 to 6: thigh forward
+# of the vertical, knee flexion, ankle dorsiflexion.
+thigh_angle = _fourier((0, 22), (12, 20), (31, 0), (50, -19), (62, -10), (73, 15), (85, 26), (95, 23))
+knee_angle = _fourier((0, 5), (13, 18), (27, 10), (40, 5), (50, 12), (62, 40), (71, 60), (85, 28), (95, 4))
+ankle_angle = _fourier(
+    (0, 0), (6, -6), (12, -2), (31, 6), (46, 10), (54, 3), (62, -18), (66, -18), (75, -6), (85, 0), (93, 1)
+)
+
+
+LEGS = ((1.0, 0.5), (-1.0, 0.0))
+"""Left and right leg: sign of its side, and by how much its phase is ahead of the walk's."""
+_HEEL_OFF = 0.30
+"""Phase at which the heel may leave the floor."""
+_CLEARANCE = 0.015
+"""Height of the toes above the floor at mid swing, m; Winter, Physical Therapy 72 (1992), measured 12.9 mm."""
+_STEP = 1e-3
+"""Step in phase for numerical derivatives."""
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A steady walk along a path.
+
+    Attributes:
+        path: The path.
+        speed: m/s, 0.6 to 1.7; determines cadence and stride.
+        width: Distance between the lines on which left and right ankles land, m.
+        toe_out: Outward turn of the feet from the path, rad.
+    """
+
+    path: FloorPath
+    speed: float
+    width: float
+    toe_out: float
+
+    @property
+    def stride(self) -> float:
+        """Length of a stride, m: step length over cadence is 0.0064 m per step a minute.
+
+        Sekiya and Nagasaki, Gait & Posture 7 (1998); Terrier and Schutz, Eur. J. Appl. Physiol. 90 (2003), found
+        0.0068. Below 1.03 m/s real steps are somewhat longer and fewer: Murakami and Otaka, J. Phys. Ther. Sci. 29
+        (2017).
+        """
+        return float(2 * np.sqrt(60 * self.speed * 0.0064))
+
+    @property
+    def stance(self) -> float:
+        """Share of the stride for which a foot is on the floor; less at higher speed (Perry and Burnfield, ch. 1)."""
+        return float(np.interp(self.speed, (0.7, 1.6), (0.64, 0.59)))
+
+    def lower_body(self, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return pelvis and feet at phases (F,), in strides since the right heel struck near the start of the path.
+
+        Feet on the floor roll over heel and tip, which stay in place. Swinging feet follow the published angles of
+        thigh and knee, corrected so that they leave the floor and meet it at the right place and velocity.
+
+        Returns:
+            root (F, 3) m, pelvis (F, 3, 3), ankles (F, 2, 3) m of left and right, feet (F, 2, 3, 3).
+        """
+        ahead, up, left, turn, tilt = self.pelvis(phase)
+        ahead = ahead + self.stride * phase
+        root = np.concatenate([self.path.at(ahead, left), (self._fit.height + up)[:, None]], axis=1)
+        pelvis = about("z", self.path.heading_at(ahead) + turn) @ about("x", tilt)
+        ankles, feet = np.zeros((len(phase), 2, 3)), np.zeros((len(phase), 2, 3, 3))
+        spare = np.inf
+        for leg, (_, early) in enumerate(LEGS):
+            strides, own = np.divmod(phase + early, 1)
+            swinging = own >= self.stance
+            ankles[:, leg] = self.planted(leg, strides, own)
+            spare = min(spare, headroom(root, pelvis, ankles)[~swinging, leg].min(initial=np.inf))
+            ankles[swinging, leg] = self._swung(leg, strides[swinging], own[swinging], self._lift)
+            change = smoothstep((own - self.stance) / (1 - self.stance))
+            yaw = self.footprint(leg, strides)[1] * (1 - change) + self.footprint(leg, strides + 1)[1] * change
+            feet[:, leg] = about("z", yaw) @ about("y", -self.pitch(own))
+        # On a tight curve the hips are a little lower than on a straight path.
+        root[:, 2] += min(spare, 0)
+        return root, pelvis, ankles, feet
+
+    def pelvis(self, phase: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return the pelvis about its mean path, (F,) each: ahead, above, left, m; turned left, left side up, rad."""
+        # From end to end at 0.7 and 1.6 m/s: Orendurff et al., J. Rehabil. Res. Dev. 41 (6A), 2004.
+        height, sway = (np.interp(self.speed, (0.7, 1.6), ends) / 2 for ends in ((0.027, 0.048), (0.070, 0.039)))
+        return (
+            # Fastest while lowest, in double support.
+            0.015 * np.sin(4 * np.pi * (phase - 0.05)),
+            -height * np.cos(4 * np.pi * (phase - 0.05)),
+            -sway * np.cos(2 * np.pi * (phase - 0.31)),
+            # Forward with the leg that strikes, up on the side that bears: Perry and Burnfield, ch. 4.
+            np.radians(5) * np.cos(2 * np.pi * phase),
+            -np.radians(4) * np.cos(2 * np.pi * (phase - 0.13)),
+        )
+
+    def _hip(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return a hip at its leg's own phase, m: ahead on the path, above the mean height, outward of its foot."""
+        ahead, up, left, turn, tilt = self.pelvis(own)
+        return (
+            self.stride * own + ahead + HALF_HIPS * np.sin(turn),
+            up - HALF_HIPS * np.sin(tilt),
+            HALF_HIPS - left - self.width / 2,
+        )
+
+    def _published(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return a leg at its own phase: ankle ahead of and above the hip, m, and pitch of the foot, toes up, rad."""
+        # The published thigh swings about a mean of 4 degrees, by as much as a stride of 1.31 m takes on these legs.
+        thigh = np.radians(4) + (thigh_angle(own) - np.radians(4)) * self.stride / 1.31
+        shin = thigh - knee_angle(own)
+        ahead = THIGH * np.sin(thigh) + SHIN * np.sin(shin)
+        above = -THIGH * np.cos(thigh) - SHIN * np.cos(shin)
+        return ahead, above, shin + ankle_angle(own)
+
+    @property
+    def _fit(self) -> "_Fit":
+        return _fitted(self.speed, self.width)
+
+    def _best_fit(self) -> "_Fit":
+        """Find the hip height and the pitch of the foot for which published leg, hips and rolling foot agree best."""
+        own = np.linspace(0, 1, 1001)
+        published = self._published(own)[2]
+        ahead, above, outward = self._hip(own)
+        # Before the heel leaves the floor: the farther ahead a foot is planted, the lower the hips must be at heel
+        # strike and the higher they may be at mid stance. The best distance lets them be highest.
+        pitch = published * (1 - smoothstep((own - 0.03) / 0.06))
+        forward, up = rolled(pitch)
+        early = own < _HEEL_OFF
+        candidates = np.linspace(0.1, 0.5, 401)[:, None]
+        level = np.hypot((ahead - forward)[early] - candidates, outward[early])
+        allowed = np.sqrt(np.maximum(REACH**2 - level**2, 0)) + (up - above)[early]
+        best = allowed.min(1).argmax()
+        foot_ahead, height = float(candidates[best, 0]), float(allowed[best].min())
+        # Then the heel rises so that the knee follows the published angle.
+        late = (own >= _HEEL_OFF) & (own <= self.stance)
+        rises = -np.radians(np.linspace(0, 80, 801))
+        forward, up = rolled(rises)
+        leg = np.hypot((ahead[late] - foot_ahead)[:, None] - forward, (height + above[late])[:, None] - up)
+        leg = np.hypot(leg, outward[late][:, None])
+        wanted = leg_length(np.maximum(knee_angle(own[late]), STRAIGHTEST))
+        pitch[late] = rises[np.argmax(leg <= wanted[:, None], axis=1)]
+        # In the air the foot returns to the published pitch.
+        swing, last = own > self.stance, np.flatnonzero(late)[-1]
+        fading = 1 - smoothstep((own - self.stance) / 0.2)
+        pitch[swing] = (published + (pitch[last] - published[last]) * fading)[swing]
+        return _Fit(foot_ahead, height, pitch)
+
+    def pitch(self, own: np.ndarray) -> np.ndarray:
+        """Return the pitch of the foot, toes up, rad, at the leg's own phase."""
+        return np.interp(own % 1, np.linspace(0, 1, len(self._fit.pitch)), self._fit.pitch)
+
+    def footprint(self, leg: int, stride: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the place of the ankle above the flat foot, (F, 2) m, and the foot's heading, (F,) rad, by stride."""
+        side, early = LEGS[leg]
+        ahead = self.stride * (stride - early) + self._fit.foot_ahead
+        return self.path.at(ahead, side * self.width / 2), self.path.heading_at(ahead) + side * self.toe_out
+
+    def planted(self, leg: int, stride: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Return the ankle (F, 3), m, of a foot on the floor in its n-th stride, at its own phase within the stride."""
+        xy, yaw = self.footprint(leg, stride)
+        forward, up = rolled(self.pitch(own))
+        return np.concatenate([xy + forward[:, None] * np.stack([np.cos(yaw), np.sin(yaw)], 1), up[:, None]], axis=1)
+
+    def _swung(self, leg: int, stride: np.ndarray, own: np.ndarray, lift: float) -> np.ndarray:
+        """Return the ankle (F, 3), m, of a foot in the air after the stance of its n-th stride, at its own phase."""
+        side, early = LEGS[leg]
+
+        def published(own: np.ndarray) -> np.ndarray:
+            hip, up, _ = self._hip(own)
+            ahead, above, _ = self._published(own % 1)
+            xy = self.path.at(hip - self.stride * early + ahead, side * self.width / 2)
+            return np.concatenate([xy, (self._fit.height + up + above)[:, None]], axis=1)
+
+        def off(stride: np.ndarray, own: float) -> np.ndarray:
+            return self.planted(leg, stride, np.full(len(stride), own)) - published(stride + own)
+
+        # Offset from the published ankle, and its rate, where the foot leaves the floor and where it meets it.
+        parting, meeting = off(stride, self.stance), off(stride + 1, 0)
+        parting_speed = (parting - off(stride, self.stance - _STEP)) / _STEP
+        meeting_speed = (off(stride + 1, _STEP) - meeting) / _STEP
+        # Cubic Hermite interpolation between both ends.
+        swing = 1 - self.stance
+        u = ((own - self.stance) / swing)[:, None]
+        correction = (1 + 2 * u) * (1 - u) ** 2 * parting + u**2 * (3 - 2 * u) * meeting
+        correction += swing * u * (1 - u) * ((1 - u) * parting_speed - u * meeting_speed)
+        correction[:, 2:] += lift * _arch(u)
+        return published(stride + own) + correction
+
+    @property
+    def _lift(self) -> float:
+        return _lifted(self.speed, self.width)
+
+    def _needed_lift(self) -> float:
+        """Return how much a swinging foot must be raised at mid swing so that its tip clears the floor, m."""
+        u = np.linspace(0.1, 0.9, 81)
+        own = self.stance + (1 - self.stance) * u
+        pitch = self.pitch(own)
+        tip = self._swung(1, np.zeros(len(u)), own, lift=0)[:, 2] + TIP * np.sin(pitch) - ANKLE * np.cos(pitch)
+        return float(np.max(_CLEARANCE - tip / _arch(u)))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """What fits the published leg to the floor.
+
+    Attributes:
+        foot_ahead: Distance ahead of the hips at which feet are planted, m.
+        height: Mean height of the hips, m.
+        pitch: (K,) pitch of the foot over a stride, rad.
+    """
+
+    foot_ahead: float
+    height: float
+    pitch: np.ndarray
+
+
+def _straight(speed: float, width: float) -> Walk:
+    return Walk(FloorPath.bent(np.arange(-3.0, 6.0), np.zeros(9)), speed, width, toe_out=0.0)
+
+
+# These do not depend on the path and take longer than the rest.
+
+
+@lru_cache(maxsize=64)
+def _fitted(speed: float, width: float) -> _Fit:
+    return _straight(speed, width)._best_fit()
+
+
+@lru_cache(maxsize=64)
+def _lifted(speed: float, width: float) -> float:
+    return _straight(speed, width)._needed_lift()
+
+
+def _arch(u: np.ndarray) -> np.ndarray:
+    """Return a curve that is 0 and level at u = 0 and u = 1, and 1 half way."""
+    return 16 * u**2 * (1 - u) ** 2
+
+
+def rolled(pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far rolling a foot onto heel or tip moves its ankle: ahead, m, and its height above the floor, m."""
+    pivot = np.where(pitch > 0, HEEL, TIP)
+    cosine, sine = np.cos(pitch), np.sin(pitch)
+    return pivot - cosine * pivot - sine * ANKLE, cosine * ANKLE - sine * pivot

@@ -1,0 +1,149 @@
+"""BVH files of any dialect: channels in any order, the root's offset added, units and axes left open.
+
+The format is Biovision's: Meredith and Maddock, "Motion capture file formats explained" (2001).
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from synth.motion.motion import Motion
+from synth.motion.readers import ReadOptions, reader
+from synth.motion.readers.skeleton_recording import SkeletonRecording
+from synth.motion.readers.text import malformed, numbers, read_lines
+from synth.motion.retargeting import retarget_take
+
+_CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
+
+
+@dataclass
+class _Hierarchy:
+    """The joints of a file, in its order; all lists have one entry per joint."""
+
+    joints: list[str] = field(default_factory=list)
+    parents: list[int] = field(default_factory=list)
+    offsets: list[list[float]] = field(default_factory=list)
+    channels: list[list[str]] = field(default_factory=list)
+
+
+@reader("bvh")
+def read_motion(path: Path, options: ReadOptions) -> Motion:
+    """Biovision BVH of any known skeleton, or with motion.mapping of any other."""
+    return retarget_take(read_bvh(path), options)
+
+
+def read_bvh(path: Path) -> SkeletonRecording:
+    """Read a BVH file as it is written, with all of its frames.
+
+    Args:
+        path: The file.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: the file is malformed; the message gives the line, what was expected and what was found.
+    """
+    lines = read_lines(path)
+    hierarchy, motion_line = _parse_hierarchy(path, lines)
+    frames, frame_time, first = _parse_motion_header(path, lines, motion_line)
+    values = _parse_frames(path, lines, first, frames, sum(map(len, hierarchy.channels)))
+    root, rotations = _decode(hierarchy, values)
+    return SkeletonRecording(
+        path,
+        1 / frame_time,
+        tuple(hierarchy.joints),
+        tuple(hierarchy.parents),
+        np.array(hierarchy.offsets),
+        root,
+        rotations,
+    )
+
+
+def _parse_hierarchy(path: Path, lines: list[str]) -> tuple[_Hierarchy, int]:
+    """Return the joints, end sites among them, and the number of the line MOTION."""
+    if lines[0].split() != ["HIERARCHY"]:
+        raise malformed(path, 0, "HIERARCHY", lines[0])
+    tree = _Hierarchy()
+    stack: list[int] = []
+    for number, line in enumerate(lines[1:], 1):
+        match line.split():
+            case []:
+                pass
+            case ["ROOT" | "JOINT" | "End" as kind, *name] if name:
+                if (kind == "ROOT") != (not tree.joints) or (kind != "ROOT" and not stack):
+                    raise malformed(path, number, "one ROOT, and all other joints within its braces", line)
+                tree.parents.append(stack[-1] if stack else -1)
+                tree.joints.append(" ".join(name) if kind != "End" else tree.joints[stack[-1]] + ".end")
+                tree.offsets.append([0.0, 0.0, 0.0])
+                tree.channels.append([])
+            case ["{"] if tree.joints:
+                stack.append(len(tree.joints) - 1)
+            case ["}"] if stack:
+                stack.pop()
+            case ["OFFSET", *words] if stack:
+                tree.offsets[stack[-1]] = numbers(path, number, words, 3)
+            case ["CHANNELS", count, *names] if stack:
+                allowed = _CHANNELS if tree.parents[stack[-1]] < 0 else _CHANNELS[3:]
+                if count != str(len(names)) or not set(names) <= set(allowed) or len(set(names)) != len(names):
+                    raise malformed(path, number, f"a count and that many of {', '.join(allowed)}", line)
+                tree.channels[stack[-1]] = names
+            case ["MOTION"] if tree.joints and not stack:
+                return tree, number
+            case _:
+                raise malformed(path, number, "a joint, OFFSET, CHANNELS, or MOTION after the last brace", line)
+    raise malformed(path, len(lines) - 1, "MOTION before the file ends", lines[-1])
+
+
+def _parse_motion_header(path: Path, lines: list[str], motion_line: int) -> tuple[int, float, int]:
+    """Return the number of frames, the frame time, s, and the number of the first line of frames."""
+    filled = [i for i in range(motion_line + 1, len(lines)) if lines[i].strip()][:2]
+    match [lines[i].replace(":", ": ").split() for i in filled]:
+        case [["Frames:", count], ["Frame", "Time:", time]]:
+            (frames,) = numbers(path, filled[0], [count], 1)
+            (frame_time,) = numbers(path, filled[1], [time], 1)
+            if frames >= 1 and frames == int(frames) and frame_time > 0:
+                return int(frames), frame_time, filled[1] + 1
+    found = " / ".join(lines[i].strip() for i in filled)
+    raise malformed(path, motion_line, "'Frames: <count>' and 'Frame Time: <seconds>' after MOTION", found)
+
+
+def _parse_frames(path: Path, lines: list[str], first: int, frames: int, channels: int) -> np.ndarray:
+    """Return the numbers of all frames, (frames, channels)."""
+    filled = [i for i in range(first, len(lines)) if lines[i].strip()]
+    if len(filled) != frames:
+        raise malformed(path, len(lines) - 1, f"{frames} frames, as the header states", f"{len(filled)} frames")
+    try:
+        values = np.array([lines[i].split() for i in filled], np.float64)
+    except ValueError:
+        values = None
+    if values is None or values.shape[1] != channels or not np.isfinite(values).all():
+        # Slow, but finds the line.
+        values = np.array([numbers(path, i, lines[i].split(), channels) for i in filled])
+    return values
+
+
+def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return root positions (F, 3) and local rotations (F, J, 3, 3) from channel values."""
+    root = np.tile(tree.offsets[0], (len(values), 1))
+    rotations = np.broadcast_to(np.eye(3), (len(values), len(tree.joints), 3, 3)).copy()
+    # Joints with the same order of axes are converted together.
+    same_order: dict[str, list[tuple[int, list[int]]]] = {}
+    column = 0
+    for joint, channels in enumerate(tree.channels):
+        angles = []
+        for channel in channels:
+            if channel.endswith("position"):
+                root[:, "XYZ".index(channel[0])] += values[:, column]
+            else:
+                angles.append(column)
+            column += 1
+        order = "".join(channel[0] for channel in channels if channel.endswith("rotation"))
+        same_order.setdefault(order, []).append((joint, angles))
+    same_order.pop("", None)
+    for order, turned in same_order.items():
+        angles = values[:, [columns for _, columns in turned]].reshape(-1, len(order))
+        # Intrinsic rotations: each channel turns about an axis that the channels before have turned.
+        matrices = Rotation.from_euler(order, angles, degrees=True).as_matrix()
+        rotations[:, [joint for joint, _ in turned]] = matrices.reshape(len(values), len(turned), 3, 3)
+    return root, rotations

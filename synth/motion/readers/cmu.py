@@ -1,0 +1,42 @@
+"""Facts about takes of the CMU motion capture database that their files do not state."""
+
+import re
+from pathlib import Path
+
+# From the database's index: these takes, and all of these subjects, were captured at 60 Hz, all others at 120.
+_SIXTY_HZ = frozenset({33, 34, 42, 60, 61, 62, 74, 75, 77, 79, 80, 87, 88, 89})
+_SIXTY_HZ_TAKES = frozenset({(136, 19)})
+_PARTNER_SUBJECTS = {18: 19, 20: 21, 22: 23, 33: 34, 60: 61}
+"""Subjects who were captured together, in the same trials and the same world."""
+
+
+def true_fps(stem: str, stated: float) -> float:
+    """Return the rate at which a take was captured; conversions often state 120 where it was 60.
+
+    The name of the take identifies it, `<subject>_<trial>`, where `salsa_` stands for subjects 60 and 61. A stated 120
+    of a take of 60 Hz is corrected, any other rate is believed. The motion itself does not show its rate, except in a
+    jump, which must fall with gravity.
+    """
+    take = subject_and_trial(stem)
+    return 60.0 if (take[0] in _SIXTY_HZ or take in _SIXTY_HZ_TAKES) and 119 < stated < 121 else stated
+
+
+def partner(path: Path) -> Path | None:
+    """Return the take of the other person in a two-person take, in the same frames and world, if it lies beside it."""
+    subject, trial = subject_and_trial(path.stem)
+    if path.stem.startswith("salsa_"):
+        stems = [f"salsa_{trial + 15:02}" if subject == 60 else f"salsa_{trial:02}"]
+    else:
+        others = _PARTNER_SUBJECTS | {b: a for a, b in _PARTNER_SUBJECTS.items()}
+        stems = [f"{others[subject]:0{digits}}_{trial:02}" for digits in (2, 3) if subject in others]
+    there = [path.with_stem(stem) for stem in stems if path.with_stem(stem).is_file()]
+    return there[0] if there else None
+
+
+def subject_and_trial(stem: str) -> tuple[int, int]:
+    """Return subject and trial from a file's stem; (0, 0) if it has none."""
+    if match := re.fullmatch(r"salsa_(\d+)", stem):
+        # 1 to 15 are subject 60, 16 to 30 subject 61.
+        return 60 + (int(match[1]) > 15), (int(match[1]) - 1) % 15 + 1
+    match = re.match(r"(?:cmu_)?(\d+)_(\d+)", stem)
+    return (int(match[1]), int(match[2])) if match else (0, 0)

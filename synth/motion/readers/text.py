@@ -1,0 +1,43 @@
+"""Lines and numbers of text files, with errors that give the line."""
+
+from pathlib import Path
+
+import numpy as np
+
+
+def read_lines(path: Path) -> list[str]:
+    """Return the lines of a text file.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: the file is empty or binary.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"no motion file {path}")
+    data = path.read_bytes()
+    if not data.strip() or b"\0" in data:
+        raise ValueError(f"{path}: expected a text file, found {'binary data' if data.strip() else 'an empty one'}")
+    return data.decode("latin-1").splitlines()
+
+
+def malformed(path: Path, line: int, expected: str, found: str) -> ValueError:
+    """Return the error for a line, counted from 0."""
+    return ValueError(f"{path}, line {line + 1}: expected {expected}, found {found.strip()[:80]!r}")
+
+
+def numbers(path: Path, line: int, words: list[str], expected: int) -> list[float]:
+    """Return the finite numbers in the words of a line, counted from 0.
+
+    Raises:
+        ValueError: words are no numbers, more or fewer than expected, NaN or infinite.
+    """
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        raise malformed(path, line, f"{expected} numbers", " ".join(words)) from None
+    if len(values) != expected:
+        raise malformed(path, line, f"{expected} numbers", f"{len(values)} numbers")
+    if not np.isfinite(values).all():
+        column = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise malformed(path, line, f"a finite number in column {column + 1}", words[column])
+    return values

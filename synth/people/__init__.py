@@ -1,0 +1,1 @@
+"""Bodies: proportions, joint limits, landmarks, surfaces, clothes, and their MJCF."""

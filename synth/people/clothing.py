@@ -1,0 +1,111 @@
+"""Clothes, hair and colours of people."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+HAIRSTYLES = ("short", "bald", "bob", "long", "bun")
+PATTERNS = ("plain", "stripes", "checks", "melange", "camouflage")
+
+
+@dataclass(frozen=True)
+class Garment:
+    """A shirt or a pair of trousers.
+
+    Attributes:
+        long: Whether sleeves reach the wrists or legs the ankles, rather than elbows or knees.
+        pattern: One of `PATTERNS`.
+        colours: Two RGB triples, 0..1.
+    """
+
+    long: bool
+    pattern: str
+    colours: tuple[tuple[float, float, float], tuple[float, float, float]]
+
+    def __post_init__(self):
+        if self.pattern not in PATTERNS:
+            raise ValueError(f"no pattern {self.pattern!r}; expected one of {', '.join(PATTERNS)}")
+
+
+@dataclass(frozen=True)
+class PersonLooks:
+    """Colours, hair and clothes of a person; colours are RGB, 0..1.
+
+    Attributes:
+        skin: Colour of the skin.
+        hair: One of `HAIRSTYLES`.
+        hair_colour: Colour of hair and brows.
+        top: Shirt.
+        bottom: Trousers.
+        shoes: Colour of the shoes.
+        sole: Colour of their soles.
+        untucked: Whether the shirt hangs over the trousers.
+    """
+
+    skin: tuple[float, float, float]
+    hair: str
+    hair_colour: tuple[float, float, float]
+    top: Garment
+    bottom: Garment
+    shoes: tuple[float, float, float]
+    sole: tuple[float, float, float]
+    untucked: bool
+
+    def __post_init__(self):
+        if self.hair not in HAIRSTYLES:
+            raise ValueError(f"no hairstyle {self.hair!r}; expected one of {', '.join(HAIRSTYLES)}")
+
+
+_SKINS = ((0.96, 0.80, 0.69), (0.90, 0.71, 0.57), (0.80, 0.60, 0.45), (0.64, 0.45, 0.32), (0.46, 0.31, 0.22),
+          (0.34, 0.22, 0.16))  # fmt: skip
+_HAIRS = ((0.07, 0.06, 0.05), (0.17, 0.11, 0.07), (0.33, 0.21, 0.12), (0.52, 0.36, 0.20), (0.72, 0.57, 0.36),
+          (0.45, 0.20, 0.10), (0.55, 0.55, 0.55))  # fmt: skip
+_TOPS = ((0.85, 0.85, 0.83), (0.12, 0.13, 0.16), (0.62, 0.14, 0.15), (0.16, 0.28, 0.50), (0.20, 0.42, 0.28),
+         (0.83, 0.66, 0.22), (0.50, 0.55, 0.60), (0.52, 0.30, 0.46), (0.80, 0.45, 0.25),
+         (0.36, 0.60, 0.66))  # fmt: skip
+_BOTTOMS = ((0.15, 0.20, 0.33), (0.24, 0.33, 0.48), (0.11, 0.11, 0.12), (0.45, 0.40, 0.31), (0.33, 0.33, 0.35),
+            (0.25, 0.27, 0.20))  # fmt: skip
+_DARK, _GREY = 1.3, 0.08
+"""Sum of a skin's colour below which hair is dark, and contrast of a hair colour below which it counts as grey."""
+_SHOES = ((0.10, 0.10, 0.10), (0.85, 0.85, 0.85), (0.35, 0.22, 0.14), (0.55, 0.14, 0.14), (0.18, 0.24, 0.40))
+
+
+def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generator) -> PersonLooks:
+    """Draw the looks of a person.
+
+    Args:
+        feminine: As in `Body`; above 0.5 hair tends to be longer.
+        child: Whether the person is a child, who is neither bald nor grey.
+        rng: Draws everything.
+    """
+    weights = np.array((0.1, 0.0, 0.3, 0.35, 0.25)) if feminine > 0.5 else np.array((0.8, 0.12, 0.05, 0.03, 0.0))
+    pattern = str(rng.choice(PATTERNS, p=(0.4, 0.22, 0.16, 0.17, 0.05)))
+    first, second = _shade(_TOPS, rng=rng), _shade(_TOPS, rng=rng)
+    top = Garment(bool(rng.random() < 0.5), pattern, (first, _darker(first) if pattern == "melange" else second))
+    first = _shade(_BOTTOMS, rng=rng)
+    bottom = Garment(bool(rng.random() < 0.75), str(rng.choice(("plain", "melange"))), (first, _darker(first)))
+    skin, hair = _shade(_SKINS, rng=rng), str(rng.choice(HAIRSTYLES, p=weights))
+    colour = _shade(_HAIRS[:-1] if child else _HAIRS, rng=rng)
+    if sum(skin) < _DARK and max(colour) - min(colour) > _GREY:
+        colour = tuple(round(0.3 * c, 3) for c in colour)
+    return PersonLooks(
+        skin=skin,
+        hair="short" if child and hair == "bald" else hair,
+        hair_colour=colour,
+        top=top,
+        bottom=bottom,
+        shoes=_shade(_SHOES, rng=rng),
+        sole=(0.9, 0.9, 0.88) if rng.random() < 0.5 else (0.13, 0.12, 0.11),
+        untucked=bool(rng.random() < 0.75),
+    )
+
+
+def _darker(colour: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the colour at 78 % of its brightness."""
+    return tuple(round(0.78 * c, 3) for c in colour)
+
+
+def _shade(palette, *, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Draw a colour of the palette, a little lighter or darker and off hue."""
+    colour = np.array(palette[rng.integers(len(palette))]) * rng.uniform(0.85, 1.12) + rng.normal(0, 0.015, 3)
+    return tuple(float(c) for c in np.round(np.clip(colour, 0.02, 0.98), 3))

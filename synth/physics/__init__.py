@@ -1,0 +1,1 @@
+"""People follow their motion in MuJoCo."""

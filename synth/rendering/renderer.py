@@ -1,0 +1,104 @@
+"""Render a scene: colour, depth, ids and parts of bodies."""
+
+from enum import Enum
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.images import KINDS
+from synth.rendering.backend import find_backend
+from synth.rendering.lens_warp import LensPainter
+from synth.rendering.opengl import OpenGLPainter
+from synth.rendering.raycasting import RayPainter
+from synth.rigs.lenses import joined, pinholes
+
+
+class ImageQuality(Enum):
+    """Quality of images, and their cost."""
+
+    draft = "draft"
+    """No shadows, jagged edges, coarse round shapes; one ray for four pixels where rays are cast."""
+    standard = "standard"
+    high = "high"
+
+
+# Shadow map size, samples a pixel, slices, stacks and quads of round shapes; then the side, in pixels, of the block
+# that shares a ray where rays are cast instead.
+_SETTINGS = {
+    ImageQuality.draft: ((0, 0, 12, 8, 1), 2),
+    ImageQuality.standard: ((2048, 4, 20, 12, 2), 1),
+    ImageQuality.high: ((4096, 8, 28, 16, 4), 1),
+}
+
+
+class RenderedView(NamedTuple):
+    """Images of one view of one frame; None for kinds that were not requested.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        depth: (H, W) float32 m along the optical axis; NaN where no surface is.
+        ids: (H, W) uint16: 0 nothing, 1 + p person p, 256 + k object k.
+        parts: (H, W) uint8: 1 + index in `synth.people.segments.SEGMENTS`; 0 where no person is.
+    """
+
+    rgb: np.ndarray | None
+    depth: np.ndarray | None
+    ids: np.ndarray | None
+    parts: np.ndarray | None
+
+
+class Renderer:
+    """Render one scene from all cameras of a rig; a context manager.
+
+    Without a working OpenGL (`find_backend`) images are ray cast.
+
+    Args:
+        model: The scene, with the rig's cameras in it (`synth.rigs.lenses.add_cameras`).
+        geom_ids: (ngeom,) uint16 what each geom belongs to: 0 nothing, 1 + p person p, 256 + k object k.
+        rig: V cameras. OpenGL images of distorted cameras are warped: colour is interpolated; depth, ids and parts are
+            those of the nearest pixel, which may lie half a pixel off.
+        quality: Of the images.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, geom_ids: np.ndarray, rig: CameraRig, quality: ImageQuality = ImageQuality.standard
+    ):
+        settings, step = _SETTINGS[quality]
+        backend = find_backend()
+        if backend:
+            self._painter = LensPainter(OpenGLPainter(model, geom_ids, joined(pinholes(rig)), backend, settings), rig)
+        else:
+            self._painter = RayPainter(model, geom_ids, rig, step)
+        self._model, self._data = model, mujoco.MjData(model)
+
+    def picture(self, qpos: np.ndarray, view: int, kinds: tuple[str, ...] = KINDS) -> RenderedView:
+        """Render one view of the scene in the state `qpos` (nq,). Fastest when views are not alternated.
+
+        Args:
+            view: Index into the rig.
+            kinds: Which images, of `dmae.data.images.KINDS`. Depth, ids and parts cost as much together as one of them.
+        """
+        self._move(qpos)
+        return RenderedView(*self._painter.paint(self._data, view, kinds))
+
+    def alone(self, qpos: np.ndarray, view: int, person: int) -> np.ndarray:
+        """Return (H, W) True for the pixels that a person would cover if nothing else were there."""
+        self._move(qpos)
+        return self._painter.paint_alone(self._data, view, 1 + person)
+
+    def _move(self, qpos: np.ndarray) -> None:
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+
+    def close(self) -> None:
+        self._painter.close()
+
+    def __enter__(self) -> "Renderer":
+        return self
+
+    def __exit__(self, *failure) -> None:
+        self.close()

@@ -1,0 +1,1 @@
+"""Cameras: where they are, what they cover, and how their calibration is wrong."""

@@ -1,0 +1,182 @@
+"""The coverage of the people's area by a rig's cameras, and cameras at impossible places."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.images import FIRST_OBJECT_ID
+from synth.errors import FailedSimulation
+from synth.rooms.rays import cast_rays
+
+_TALLEST = 2.0
+"""Height of the people's area, m."""
+_SECTORS, _RINGS, _LEVELS = 16, 3, 5
+_GROUPS = tuple(range(6))
+_WORST_AXES = 1e3
+"""Greatest condition number of the point in which the cameras' axes meet; parallel axes have none."""
+# Directions to the corners, edges and faces of a cube.
+_AROUND = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
+_AROUND /= np.linalg.norm(_AROUND, axis=1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The people's area, and the room around it.
+
+    Attributes:
+        radius: Greatest distance of people from the vertical through the origin, m. Their area is 2 m high.
+        arena: MJCF file of the room; None for open ground.
+    """
+
+    radius: float = 1.9
+    arena: Path | None = None
+
+    def __str__(self) -> str:
+        return f"the people's area (up to {self.radius:g} m from the middle, up to {_TALLEST:g} m high)"
+
+
+def area(stage: Stage) -> np.ndarray:
+    """(R, S, L, 3) corners of cells whose convex hulls together hold the people's area, m: rings, sectors, levels."""
+    # The polygon is around the circle, so that it holds the circle.
+    rings = np.linspace(0, stage.radius / np.cos(np.pi / _SECTORS), _RINGS)
+    angle = 2 * np.pi * np.arange(_SECTORS) / _SECTORS
+    ring, angle, level = np.meshgrid(rings, angle, np.linspace(0, _TALLEST, _LEVELS), indexing="ij")
+    return np.stack([ring * np.cos(angle), ring * np.sin(angle), level], -1)
+
+
+def views_of_cells(rig: CameraRig, stage: Stage) -> np.ndarray:
+    """(R - 1, S, L - 1) number of cameras that have each whole cell of `area` in their image, regardless of walls.
+
+    A cell is in an image if its corners are: exact for a pinhole, the view of which is convex.
+    """
+    corners = area(stage)
+    inside = rig.inside(rig.project(corners[None])[0])[0]
+    inside &= np.roll(inside, -1, 2)
+    inside = inside[:, :-1] & inside[:, 1:]
+    return (inside[..., :-1] & inside[..., 1:]).sum(0)
+
+
+def find_faults(rig: CameraRig, stage: Stage) -> dict[int, str]:
+    """The faults of cameras by view: under the floor, inside an object of the room, or without a view of people."""
+    points = area(stage).reshape(-1, 3)
+    seen = rig.inside(rig.project(points[None])[0])[0]
+    faults = {}
+    for view, (name, center) in enumerate(zip(rig.names, rig.centers, strict=True)):
+        inside, between = _surroundings(stage.arena, center, points[seen[view]])
+        at = ", ".join(f"{x:.2f}" for x in center)
+        if center[2] <= 0:
+            faults[view] = (
+                f"camera {name!r} at ({at}) m is under the floor; move it, or set rig.up and rig.origin to the up "
+                "direction and the floor of a calibration file's world"
+            )
+        elif inside:
+            faults[view] = f"camera {name!r} at ({at}) m is inside {inside!r} of the arena; move it"
+        elif not seen[view].any():
+            faults[view] = (
+                f"camera {name!r} at ({at}) m sees no people: its image holds no point of {stage}; turn or move it"
+            )
+        elif between:
+            faults[view] = f"camera {name!r} at ({at}) m sees no people: {between!r} is between it and {stage}"
+    return faults
+
+
+def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float] | None = None) -> None:
+    """Check that every camera is at a possible place and sees some of the people's area.
+
+    Args:
+        rig: Cameras.
+        source: Name of the rig, for the message.
+        stage: The people's area and the room.
+        origin: `rig.origin` of cameras that have a world of their own, m.
+
+    Raises:
+        FailedSimulation: a camera is under the floor, inside an object of the room, or sees no people; the message
+            names camera and object, and the point in which the cameras' axes meet.
+    """
+    faults = find_faults(rig, stage)
+    if faults:
+        hint = "" if origin is None else _origin_hint(rig, origin, stage)
+        raise FailedSimulation(f"{source}: " + "; ".join(faults.values()) + hint)
+
+
+def _origin_hint(rig: CameraRig, origin: Sequence[float], stage: Stage) -> str:
+    """Advice to build the scene where the cameras look; empty where that is within the people's area, or nowhere."""
+    meeting = meeting_point(rig)
+    if meeting is None or np.hypot(*meeting[:2]) <= stage.radius:
+        return ""
+    x, y, z = meeting + origin
+    return (
+        f". The cameras' axes meet at about ({x:.2f}, {y:.2f}, {z:.2f}) m of the rig's world, and people are around "
+        f"rig.origin={list(map(float, origin))}: set rig.origin=[{x:.2f},{y:.2f},{float(origin[2]):g}]"
+    )
+
+
+def meeting_point(rig: CameraRig) -> np.ndarray | None:
+    """(3,) point nearest to the optical axes of all cameras in the least-squares sense, m; None for parallel axes."""
+    axes = rig.cam_from_world[:, 2, :3]
+    across = np.eye(3) - axes[:, :, None] * axes[:, None]
+    normal = across.sum(0)
+    if np.linalg.cond(normal) > _WORST_AXES:
+        return None
+    return np.linalg.solve(normal, np.einsum("vij,vj->i", across, rig.centers))
+
+
+def check_outside(rig: CameraRig, model: mujoco.MjModel, geom_ids: np.ndarray) -> None:
+    """Check that no camera is inside an object of a compiled scene; people do not count.
+
+    Args:
+        rig: Cameras.
+        model: The scene.
+        geom_ids: (ngeom,) id of each geom, 256 + k for object k.
+
+    Raises:
+        FailedSimulation: a camera is inside an object; the message names both.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    for name, center in zip(rig.names, rig.centers, strict=True):
+        inside = _around(model, data, center, geom_ids >= FIRST_OBJECT_ID)
+        if inside:
+            raise FailedSimulation(f"camera {name!r} is inside {inside!r}; move it, or have fewer props")
+
+
+def _surroundings(arena: Path | None, center: np.ndarray, points: np.ndarray) -> tuple[str | None, str | None]:
+    """The object of the room around a point, and the one that hides all (n, 3) points from it; None for none."""
+    if arena is None:
+        return None, None
+    model, data = _arena(arena, arena.stat().st_mtime_ns)
+    inside = _around(model, data, center, np.ones(model.ngeom, bool))
+    if inside or not len(points):
+        return inside, None
+    rays = points - center
+    reach = np.linalg.norm(rays, axis=1)
+    geom, distance, _ = cast_rays(model, data, center, rays / reach[:, None], _GROUPS)
+    # Rays to points of the floor meet the floor there.
+    hidden = (geom >= 0) & (distance < reach - 1e-3)
+    return None, _name(model, np.bincount(geom[hidden]).argmax()) if hidden.all() else None
+
+
+def _around(model: mujoco.MjModel, data: mujoco.MjData, point: np.ndarray, solid: np.ndarray) -> str | None:
+    """Name of the object around a point, among the geoms that are (ngeom,) `solid`; None for none."""
+    geom, _, outward = cast_rays(model, data, point, _AROUND, _GROUPS)
+    # Only from inside do rays meet surfaces from behind. Planes have no inside: cameras may look in from outside.
+    behind = (geom >= 0) & solid[geom] & (np.einsum("rx,rx->r", outward, _AROUND) > 1e-3)
+    return _name(model, geom[behind][0]) if behind.any() else None
+
+
+def _name(model: mujoco.MjModel, geom: int) -> str:
+    geom = model.geom(geom)
+    return geom.name or model.body(geom.bodyid[0]).name or f"geom {geom.id}"
+
+
+@lru_cache(maxsize=8)
+def _arena(path: Path, changed: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return model, data

@@ -1,0 +1,1 @@
+"""Arenas, furniture and their finish."""

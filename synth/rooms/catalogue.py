@@ -1,0 +1,64 @@
+"""The rooms and props that there are: each is one MJCF file in `scenes/` and `scenes/props/`.
+
+A room has its floor at z = 0 and people around the origin. It has a material "floor" and a material "wall", and lights.
+Its custom elements are all optional: a text "help" of one line; texts "floor" and "wall" that list the finishes
+(`synth.rooms.decor`) that fit, the room's own first; a numeric "props" with the least and greatest number of props that
+`scene=<room>` asks for. Materials called "tint..." take any colour. Its geoms collide with people (contype 0, all bits
+of conaffinity), except for decoration, which takes no space. Walls are planes, so that cameras look through them from
+outside.
+"""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from dmae.data.resources import resource_folder
+from dmae.registry import unknown
+
+
+def arena_file(name: str) -> Path:
+    """The MJCF file of a room of `scenes/`, or of a path.
+
+    Raises:
+        ValueError: there is neither; the message lists the rooms.
+    """
+    return _find(name, _folder(), "arena")
+
+
+def prop_file(name: str) -> Path:
+    """The MJCF file of a prop of `scenes/props/`, or of a path. Raises as `arena_file` does."""
+    return _find(name, _folder() / "props", "prop")
+
+
+def room_choices() -> dict[str, str]:
+    """The line of help of each room by its name, sorted."""
+    return {name: _custom(name, "text", "help") or "" for name in _names(_folder())}
+
+
+def room_presets() -> dict[str, dict]:
+    """The values of the options `scene.*` that `scene=<room>` stands for, by room."""
+    presets = {}
+    for name in _names(_folder()):
+        props = _custom(name, "numeric", "props")
+        presets[name] = {"arena": name} | ({"props": [int(count) for count in props.split()]} if props else {})
+    return presets
+
+
+def _folder() -> Path:
+    return resource_folder("synth", "scenes")
+
+
+def _names(folder: Path) -> list[str]:
+    return sorted(path.stem for path in folder.glob("*.xml"))
+
+
+def _find(name: str, folder: Path, what: str) -> Path:
+    for path in (folder / f"{name}.xml", Path(name)):
+        if path.is_file():
+            return path
+    raise ValueError(f"{unknown(what, name, _names(folder))}, and the path of an MJCF file names another")
+
+
+def _custom(room: str, kind: str, name: str) -> str | None:
+    """The data of a custom element of a room; None where there is none."""
+    element = ElementTree.parse(_folder() / f"{room}.xml").find(f"custom/{kind}[@name='{name}']")
+    return None if element is None else element.get("data")

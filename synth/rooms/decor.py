@@ -1,0 +1,135 @@
+"""The look of a room: coverings, colours and light, drawn anew for every clip or the room's own."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Finish:
+    """The covering of a floor or wall: a pattern of `synth.materials.textures` and its two RGB colours."""
+
+    pattern: str
+    colours: tuple[Colour, Colour]
+
+
+@dataclass(frozen=True)
+class Light:
+    """Changes of a room's own lights.
+
+    Attributes:
+        turn: Turn of all lights about the vertical through the origin, rad.
+        strength: Factor of all lights.
+        tint: Factors of their red, green and blue.
+    """
+
+    turn: float = 0.0
+    strength: float = 1.0
+    tint: Colour = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Decor:
+    """The coverings of floor and walls, the light, and the colours of the room's tinted materials, by name."""
+
+    floor: Finish
+    wall: Finish
+    light: Light = Light()
+    tints: tuple[tuple[str, Colour], ...] = ()
+
+
+def _plain(pattern: str, colour: Colour, shade: float = 0.9) -> Finish:
+    return Finish(pattern, (colour, tuple(round(shade * c, 3) for c in colour)))
+
+
+FINISHES = {
+    "oak": Finish("planks", ((0.58, 0.42, 0.28), (0.42, 0.28, 0.17))),
+    "ash": Finish("planks", ((0.66, 0.58, 0.47), (0.52, 0.44, 0.34))),
+    "tiles": Finish("tiles", ((0.66, 0.66, 0.64), (0.50, 0.50, 0.49))),
+    "grey_carpet": Finish("carpet", ((0.36, 0.39, 0.44), (0.26, 0.28, 0.33))),
+    "sand_carpet": Finish("carpet", ((0.50, 0.45, 0.40), (0.38, 0.34, 0.30))),
+    "concrete": Finish("concrete", ((0.56, 0.56, 0.55), (0.44, 0.44, 0.43))),
+    "dark_concrete": Finish("concrete", ((0.42, 0.43, 0.45), (0.32, 0.33, 0.35))),
+    "paving": Finish("paving", ((0.60, 0.56, 0.50), (0.44, 0.41, 0.37))),
+    "cobbles": Finish("paving", ((0.48, 0.48, 0.50), (0.33, 0.33, 0.35))),
+    "cream": _plain("plaster", (0.82, 0.81, 0.77)),
+    "sky": _plain("plaster", (0.72, 0.77, 0.80)),
+    "sand": _plain("plaster", (0.80, 0.76, 0.68)),
+    "sage": _plain("plaster", (0.70, 0.74, 0.68)),
+    "grey": _plain("plaster", (0.62, 0.62, 0.64)),
+    "white": _plain("plaster", (0.88, 0.88, 0.87), 0.95),
+    "brick": Finish("bricks", ((0.56, 0.33, 0.26), (0.68, 0.64, 0.60))),
+    "pale_brick": Finish("bricks", ((0.72, 0.66, 0.58), (0.60, 0.57, 0.53))),
+    "sheet": Finish("sheet", ((0.66, 0.69, 0.72), (0.50, 0.53, 0.56))),
+}
+_USUAL = {
+    "floor": ("oak", "ash", "tiles", "grey_carpet", "sand_carpet"),
+    "wall": ("cream", "sky", "sand", "sage", "grey"),
+}
+_TINTS = ((0.55, 0.42, 0.29), (0.24, 0.36, 0.52), (0.58, 0.20, 0.18), (0.30, 0.44, 0.34), (0.78, 0.74, 0.66),
+          (0.35, 0.35, 0.38), (0.80, 0.60, 0.24), (0.70, 0.45, 0.36), (0.45, 0.52, 0.58))  # fmt: skip
+
+
+@lru_cache(maxsize=32)
+def _choices(arena: Path) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """The finishes for floor and wall of a room, and its materials that take any colour."""
+    room = mujoco.MjSpec.from_file(str(arena))
+    texts = {text.name: tuple(text.data.split()) for text in room.texts}
+    finishes = []
+    for name, usual in _USUAL.items():
+        finishes.append(texts.get(name, usual))
+        unknown = sorted(set(finishes[-1]) - set(FINISHES))
+        if unknown or not finishes[-1]:
+            raise ValueError(f"arena {arena}: text {name!r} names {unknown}; expected some of {sorted(FINISHES)}")
+    return *finishes, tuple(sorted(m.name for m in room.materials if m.name.startswith("tint")))
+
+
+def sample_decor(arena: Path, *, randomize: bool, rng: np.random.Generator) -> Decor:
+    """The look of a room.
+
+    Args:
+        arena: Its MJCF file. A custom text "floor" or "wall" in it lists the finishes that fit, the room's own first;
+            materials called "tint..." take any colour.
+        randomize: Whether to draw the look; otherwise it is the room's own.
+        rng: Draws the look.
+
+    Raises:
+        ValueError: the file names an unknown finish.
+    """
+    floors, walls, materials = _choices(arena)
+    if not randomize:
+        return Decor(FINISHES[floors[0]], FINISHES[walls[0]])
+    floor, wall = (FINISHES[str(rng.choice(names))] for names in (floors, walls))
+    warmth = rng.uniform(-0.06, 0.06)
+    light = Light(
+        turn=float(rng.uniform(-np.pi, np.pi)),
+        strength=float(rng.uniform(0.85, 1.12)),
+        tint=(1 + warmth, 1.0, 1 - warmth),
+    )
+    # No two alike while there are colours left.
+    order = np.resize(rng.permutation(len(_TINTS)), len(materials))
+    return Decor(floor, wall, light, tuple((name, _TINTS[tint]) for name, tint in zip(materials, order, strict=True)))
+
+
+def sample_tint(*, rng: np.random.Generator) -> Colour:
+    """Draw a colour of paint or cloth."""
+    return _TINTS[rng.integers(len(_TINTS))]
+
+
+def decorate(world: mujoco.MjSpec, decor: Decor) -> None:
+    """Change the lights and colours of a room; `synth.scene.build` paints its coverings."""
+    for name, colour in decor.tints:
+        world.material(name).rgba = [*colour, 1]
+    tint = decor.light.strength * np.array(decor.light.tint)
+    turn = Rotation.from_rotvec((0, 0, decor.light.turn)).as_matrix()
+    for light in world.lights:
+        light.diffuse = np.clip(light.diffuse * tint, 0, 1)
+        light.dir, light.pos = turn @ light.dir, turn @ light.pos
+    head = world.visual.headlight
+    head.ambient = np.clip(head.ambient * tint, 0, 1)

@@ -1,0 +1,44 @@
+"""Rays cast through a MuJoCo scene."""
+
+import copy
+
+import mujoco
+import numpy as np
+
+
+def opaque_model(model: mujoco.MjModel, geom_ids: np.ndarray) -> mujoco.MjModel:
+    """A copy in which exactly the geoms with an id stop rays: they are in group 0, and the others in group 5.
+
+    Rays pass through fully transparent geoms, with an id or without.
+    """
+    opaque = copy.copy(model)
+    opaque.geom_group = np.where(np.asarray(geom_ids) > 0, 0, 5)
+    return opaque
+
+
+def cast_rays(
+    model: mujoco.MjModel, data: mujoco.MjData, center: np.ndarray, directions: np.ndarray, groups: tuple = (0,)
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The first geom that each ray from a point meets.
+
+    Args:
+        model, data: A scene; its kinematics must be up to date.
+        center: (3,) m, world.
+        directions: (R, 3) unit vectors, world.
+        groups: The geom groups that stop rays.
+
+    Returns:
+        geom: (R,) index of the geom met, -1 for none.
+        distance: (R,) m, -1 for none.
+        outward: (R, 3) the surface's normal; zero for none.
+    """
+    count = len(directions)
+    geom, distance, normal = np.full(count, -1, np.int32), np.full(count, -1.0), np.zeros(3 * count)
+    stops = np.zeros(6, np.uint8)
+    stops[list(groups)] = 1
+    if count:
+        mujoco.mj_multiRay(
+            model, data, center, np.ascontiguousarray(directions).ravel(),
+            stops, 1, -1, geom, distance, normal, count, mujoco.mjMAXVAL,
+        )  # fmt: skip
+    return geom, distance, normal.reshape(count, 3)

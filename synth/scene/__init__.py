@@ -1,0 +1,1 @@
+"""What is in a scene, drawn from a seed and built as a MuJoCo model."""

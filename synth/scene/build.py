@@ -1,0 +1,177 @@
+"""From a scene's specification to the MuJoCo model of it."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.images import FIRST_OBJECT_ID
+from dmae.data.rng import Stream, generator
+from synth.interactions.script import Load
+from synth.materials.textures import add_texture, paint
+from synth.motion.inverse_kinematics import PALM
+from synth.people.body import SIDES
+from synth.people.mjcf import HIDDEN_GROUP, add_person
+from synth.rigs.coverage import check_outside
+from synth.rigs.lenses import add_cameras
+from synth.rooms.catalogue import arena_file
+from synth.rooms.decor import Finish, decorate
+from synth.rooms.footprints import footprints
+from synth.rooms.props import prop_size, prop_spec
+from synth.scene.prop_placement import placed_discs
+from synth.scene.spec import PersonSpec, PropSpec, SceneSpec
+
+_GRIP_DAMPING = 1.0
+"""Damping of a carried object, N m s / rad and N s / m."""
+_LONGEST_STEP = 0.0025
+"""Longest step of the physics, s: a kick moves a few centimetres in two of them."""
+
+
+STEPS_PER_CONTROL = 2
+"""Physics steps between two updates of the controller's forces."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene ready to be simulated.
+
+    Attributes:
+        model: The MuJoCo model; people's bodies are named `person<p>/<segment>`.
+        substeps: Updates of the controller's forces in a frame, each for `STEPS_PER_CONTROL` physics steps.
+        geom_ids: (ngeom,) uint16, as in the ids of images: 1 + p for the visible surface of person p, 256 + k for
+            object k, 0 for the solid parts of people, which only collide.
+        geom_persons: (ngeom,) index of the person that a geom belongs to, -1 for objects.
+        objects: Names of the objects, at least "floor".
+        obstacles: (K, 3) x, y and radius of discs that cover the room's objects and the props, without furniture, m.
+        holds: (H, 3) index of each equality constraint by which a hand holds an object, its beginning and end, s.
+    """
+
+    model: mujoco.MjModel
+    substeps: int
+    geom_ids: np.ndarray
+    geom_persons: np.ndarray
+    objects: tuple[str, ...]
+    obstacles: np.ndarray
+    holds: np.ndarray
+
+
+def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Scene:
+    """Assemble a room, its props, people in T-pose and cameras.
+
+    Args:
+        spec: The scene.
+        rig: The cameras.
+        painted: Whether to add textures and smooth shading, which pictures need and labels do not.
+
+    Raises:
+        ValueError: an MJCF file is missing or lacks a material; a camera cannot be rendered.
+        FailedSimulation: a camera is inside an object.
+    """
+    world = mujoco.MjSpec.from_file(str(arena_file(spec.arena)))
+    _set_options(world, spec.fps)
+    # A child of the scene's stream: textures do not change the draws that made the spec.
+    rng = generator(spec.seed, spec.clip, Stream.SCENE).spawn(1)[0] if painted else None
+    decorate(world, spec.decor)
+    for name, finish in (("floor", spec.decor.floor), ("wall", spec.decor.wall)):
+        _cover(world, name, finish, spec.arena, rng=rng)
+    for number, prop in enumerate(spec.furniture):
+        add_prop(world, f"furniture{number}/", prop)
+    obstacles = [footprints(arena_file(spec.arena))]
+    for number, prop in enumerate(spec.props):
+        obstacles.append(add_prop(world, f"{number}/", prop))
+    for number, person in enumerate(spec.persons):
+        at = (*person.start, person.body.hip_height)
+        add_person(world, number, person.body, person.looks, position=at, rng=rng)
+    for number, load in enumerate(spec.loads):
+        _add_load(world, f"load{number}/", load, spec.persons)
+    add_cameras(world, rig)
+    model = world.compile()
+    identity = _identify(model)
+    check_outside(rig, model, identity[0])
+    grips = [grip for load in spec.loads for grip in load.grips for _ in SIDES]
+    holds = np.array([(number, grip.begin, grip.end) for number, grip in enumerate(grips)]).reshape(-1, 3)
+    return Scene(model, _substeps(spec.fps), *identity, np.concatenate(obstacles), holds)
+
+
+def _substeps(fps: float) -> int:
+    return int(np.ceil(1 / (fps * STEPS_PER_CONTROL * _LONGEST_STEP) - 1e-9))
+
+
+def _set_options(world: mujoco.MjSpec, fps: float) -> None:
+    world.compiler.degree = False
+    option = world.option
+    option.timestep = 1 / (fps * _substeps(fps) * STEPS_PER_CONTROL)
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # MuJoCo 4.0.0 solves with a sparse Jacobian wrongly, and scenes of this size would get one.
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+
+
+def _cover(world: mujoco.MjSpec, name: str, finish: Finish, arena: str, *, rng: np.random.Generator | None) -> None:
+    material = world.material(name)
+    if material is None:
+        raise ValueError(f"arena {arena!r}: needs a material named {name!r}, which the scene covers with a texture")
+    if rng:
+        add_texture(world, material, paint(finish.pattern, finish.colours, 512, rng=rng))
+
+
+def add_prop(world: mujoco.MjSpec, prefix: str, prop: PropSpec) -> np.ndarray:
+    """Add a prop to a scene, its names prefixed; return the (K, 3) discs that it takes on the floor, m."""
+    child = prop_spec(prop.kind, prop.scale, prop.up)
+    tint = child.material("tint")
+    if tint is not None and prop.tint:
+        tint.rgba = [*prop.tint, 1]
+    half = prop.yaw / 2
+    frame = world.worldbody.add_frame(pos=[*prop.at, 0], quat=[np.cos(half), 0, 0, np.sin(half)])
+    world.attach(child, prefix=prefix, frame=frame)
+    return placed_discs(prop_size(prop.kind, prop.scale, prop.up).discs, prop.at, prop.yaw)
+
+
+def _add_load(world: mujoco.MjSpec, prefix: str, load: Load, persons: tuple[PersonSpec, ...]) -> None:
+    """Add an object that moves freely, tied to palms while they grip it."""
+    child = prop_spec(load.kind)
+    body = child.worldbody.first_body()
+    child_body = body.name
+    # An object between palms does not swing for long.
+    body.add_joint(name="free", type=mujoco.mjtJoint.mjJNT_FREE, damping=_GRIP_DAMPING)
+    for number, grip in enumerate(load.grips):
+        for side, sign in SIDES.items():
+            across = sign * load.half_width * (1 if number % 2 == 0 else -1)
+            body.add_site(name=f"grip{number}{side}", pos=[0, across, grip.height])
+    half = load.yaw / 2
+    frame = world.worldbody.add_frame(pos=load.at, quat=[np.cos(half), 0, 0, np.sin(half)])
+    world.attach(child, prefix=prefix, frame=frame)
+    for number, grip in enumerate(load.grips):
+        for side, sign in SIDES.items():
+            holder, name = persons[grip.person].body, f"{prefix}grip{number}{side}"
+            palm = PALM * (1, sign * holder.arms, 1) * holder.stature
+            world.body(f"person{grip.person}/{side}_hand").add_site(name=f"{name}/palm", pos=palm)
+            # The grip keeps hands at the surface; their friction would turn the object.
+            for part in ("forearm", "hand"):
+                world.add_exclude(bodyname1=prefix + child_body, bodyname2=f"person{grip.person}/{side}_{part}")
+            world.add_equality(
+                type=mujoco.mjtEq.mjEQ_CONNECT,
+                objtype=mujoco.mjtObj.mjOBJ_SITE,
+                name1=name,
+                name2=f"{name}/palm",
+                active=grip.begin <= 0,
+                solref=[0.02, 1.0],
+            )
+
+
+def _identify(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Ids and persons of geoms, and names of objects: each body is an object, and each geom of the world itself."""
+    ids, persons = np.zeros(model.ngeom, np.uint16), np.full(model.ngeom, -1)
+    objects: list[str] = []
+    for geom in range(model.ngeom):
+        body = model.body(model.geom_bodyid[geom])
+        top = model.body(body.rootid[0]).name
+        if top.startswith("person"):
+            persons[geom] = int(top.removeprefix("person").partition("/")[0])
+            ids[geom] = 0 if model.geom_group[geom] == HIDDEN_GROUP else 1 + persons[geom]
+            continue
+        name = (body.name if body.id else model.geom(geom).name) or f"geom{geom}"
+        if name not in objects:
+            objects.append(name)
+        ids[geom] = FIRST_OBJECT_ID + objects.index(name)
+    return ids, persons, tuple(objects)

@@ -1,0 +1,206 @@
+"""Where people go: close enough to hide each other, never inside each other or an obstacle."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from synth.errors import FailedSimulation
+from synth.interactions.script import STOOL, Load, Script
+from synth.motion.motion import Motion
+from synth.motion.path_planning import redirected_path
+from synth.rooms.footprints import footprints
+from synth.rooms.props import PlacedProp, prop_size
+from synth.scene.prop_placement import placed_discs
+
+_DRAWS = 60
+"""Placements drawn for a person before the clip fails."""
+_TURNS = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.15, 1.6, 2.2)
+"""Rates at which a path may be bent to stay within the radius, rad/s; the first that does is taken."""
+_APART = 0.8
+"""Least distance of two people's hips in the first frame, m."""
+_BESIDE = 0.3
+"""Distance of hips from an obstacle, m."""
+_HIPS = 0.25
+"""Radius of a person of an interaction around the hips, m."""
+
+
+class Placement(NamedTuple):
+    """Where a motion goes.
+
+    Attributes:
+        start: x and y of the hips in the first frame, m.
+        yaw: Turn of the whole motion about the vertical, rad.
+        turn: Bend of the motion along a curve, rad/s.
+    """
+
+    start: tuple[float, float]
+    yaw: float
+    turn: float
+
+
+def place_persons(
+    motions: list[Motion],
+    arena: Path,
+    *,
+    middle: Sequence[float],
+    radius: float,
+    gathering: float,
+    clearance: float,
+    rng: np.random.Generator,
+) -> list[Placement]:
+    """Place each motion such that it passes a common meeting point at some time and stays within the radius.
+
+    Of several draws for a person the one with the fewest sidesteps is taken. People keep clear of each other's stools.
+
+    Args:
+        motions: One for each person.
+        arena: MJCF file of the room.
+        middle: x and y of the middle, m.
+        radius: Greatest distance of hips from the middle, m.
+        gathering: Distance of people from the meeting point, m (standard deviation).
+        clearance: Distance that people keep between their hips, m.
+        rng: Draws placements.
+
+    Raises:
+        FailedSimulation: there is no space for a motion; the message names it and says what to change.
+    """
+    obstacles = footprints(arena)
+    meeting = rng.normal(middle, 0.25 * gathering, 2)
+    placements: list[Placement] = []
+    paths, stools = np.empty((len(motions[0]), 0, 2)), np.empty((0, 3))
+    for number, motion in enumerate(motions):
+        best, least = None, np.inf
+        for attempt in range(_DRAWS):
+            # The more draws fail, the farther from the middle.
+            spread = gathering * (1 + attempt / 15)
+            placed, path, outside = _draw(motion, meeting + rng.normal(0, spread, 2), middle, radius, rng=rng)
+            cost = 10 * outside + _crowding(path, paths, np.concatenate([obstacles, stools]), clearance)
+            own = stool_discs(motion, path)
+            if len(own):
+                gap = np.linalg.norm(paths[:, :, None] - own[:, :2], axis=-1) - own[:, 2] - _BESIDE
+                cost += 3 * np.maximum(0, -gap).max(initial=0.0)
+            if cost < least:
+                best, least, kept = placed, cost, path
+            if least < 0.02:
+                break
+        reach = np.linalg.norm(kept - middle, axis=1).max()
+        apart = np.linalg.norm(paths[:1] - kept[:1, None], axis=-1).min(initial=np.inf)
+        if reach > radius + 0.3 or apart < 0.5:
+            reason = f"strays {reach:.1f} m from the middle" if apart >= 0.5 else "starts where another person stands"
+            raise FailedSimulation(
+                f"no room for person {number} of {len(motions)}, moving as {motion.name!r}: {reason}. "
+                f"Fewer people, shorter clips or a larger scene.radius (now {radius} m) would help"
+            )
+        placements.append(best)
+        paths = np.concatenate([paths, kept[:, None]], axis=1)
+        stools = np.concatenate([stools, stool_discs(motion, kept)])
+    return placements
+
+
+def stool_discs(motion: Motion, path: np.ndarray) -> np.ndarray:
+    """(K, 3) x, y and radius of the stools on which a person with hips along a path (F, 2) sits, m."""
+    radius = float(prop_size(STOOL).reach[0])
+    places: list[np.ndarray] = []
+    for frame in motion.seats:
+        # A person who sits down at the same place again has the same stool.
+        if all(np.linalg.norm(path[frame] - place) > 2 * radius for place in places):
+            places.append(path[frame])
+    return np.column_stack([np.reshape(places, (-1, 2)), np.full(len(places), radius)])
+
+
+def place_script(
+    script: Script,
+    motions: list[Motion],
+    arena: Path,
+    *,
+    middle: Sequence[float],
+    radius: float,
+    gathering: float,
+    rng: np.random.Generator,
+) -> tuple[list[Placement], list[PlacedProp], list[Load]]:
+    """Place all people of an interaction together, with their furniture.
+
+    Args:
+        script: The interaction.
+        motions: One for each person, around the origin.
+        arena: MJCF file of the room.
+        middle: x and y of the middle, m.
+        radius: Greatest distance of hips from the middle, m; the clip fails half a metre beyond it.
+        gathering: Distance of the interaction from the middle, m (standard deviation).
+        rng: Draws placements.
+
+    Returns:
+        A placement for each motion, the furniture, and the objects that are carried.
+
+    Raises:
+        FailedSimulation: there is no space; the message says what to change.
+    """
+    furniture = [placed_discs(prop_size(prop.kind).discs, prop.at, prop.yaw) for prop in script.furniture]
+    obstacles = footprints(arena)
+    paths = np.concatenate([motion.root[:, :2] for motion in motions])
+    occupied = np.concatenate([np.column_stack([paths, np.full(len(paths), _HIPS)]), *furniture])
+    reach = float(np.linalg.norm(paths, axis=1).max())
+    walking = all(role.walks for role in script.roles)
+    best, least = None, np.inf
+    for attempt in range(_DRAWS):
+        at, yaw = rng.normal(middle, 0.25 * gathering * (1 + attempt / 10), 2), float(rng.uniform(-np.pi, np.pi))
+        places = placed_discs(occupied, at, yaw)[:, :2]
+        gap = np.linalg.norm(places[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - occupied[:, 2:]
+        blocked = np.maximum(0, -gap).max(1, initial=0.0)
+        strays = float(np.linalg.norm(places[: len(paths)] - middle, axis=1).max())
+        # People who walk step around obstacles later.
+        cost = float(blocked.mean() if walking else blocked.max()) + max(0.0, strays - max(radius, reach))
+        if cost < least:
+            best, least = (at, yaw), cost
+        if least == 0:
+            break
+    if reach > radius + 0.5 or least > 0.3:
+        reason = f"it strays {reach:.1f} m from the middle" if least <= 0.3 else "objects of the room are in the way"
+        raise FailedSimulation(
+            f"no room for what {len(motions)} people do together: {reason}. "
+            f"Fewer people, shorter clips, another scene or a larger scene.radius (now {radius} m) would help"
+        )
+    yaw = best[1]
+    return (
+        [Placement(_moved(motion.root[0], *best), yaw, 0.0) for motion in motions],
+        [PlacedProp(prop.kind, _moved(prop.at, *best), yaw + prop.yaw) for prop in script.furniture],
+        [replace(load, at=(*_moved(load.at, *best), load.at[2]), yaw=yaw + load.yaw) for load in script.loads],
+    )
+
+
+def _draw(
+    motion: Motion, passing: np.ndarray, middle: Sequence[float], radius: float, *, rng: np.random.Generator
+) -> tuple[Placement, np.ndarray, float]:
+    """A placement that passes a point in some frame, its path (F, 2), and how far that leads beyond the radius, m."""
+    frame = int(rng.integers(len(motion)))
+    yaw, side = float(rng.uniform(-np.pi, np.pi)), float(rng.choice((-1.0, 1.0)))
+    best = None
+    for turn in _TURNS:
+        turn = turn * side
+        path = redirected_path(motion, (0.0, 0.0), yaw, turn)
+        path = path - path[frame] + passing
+        outside = max(0.0, float(np.linalg.norm(path - middle, axis=1).max()) - radius)
+        if best is None or outside < best[2]:
+            best = Placement((float(path[0, 0]), float(path[0, 1])), yaw, turn), path, outside
+        if outside == 0:
+            break
+    return best
+
+
+def _crowding(path: np.ndarray, others: np.ndarray, obstacles: np.ndarray, clearance: float) -> float:
+    """Cost of the sidesteps that a path (F, 2) asks of others (F, P, 2) and for obstacles (K, 3), roughly in metres."""
+    apart = np.linalg.norm(others - path[:, None], axis=-1)
+    start = np.maximum(0, max(_APART, clearance) - apart[:1]).sum()
+    meeting = np.maximum(0, clearance - apart)
+    gap = np.linalg.norm(path[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - _BESIDE
+    blocked = np.maximum(0, -gap).max(initial=0.0)
+    return float(5 * start + 3 * blocked + 2 * meeting.mean(0).sum() + 0.2 * meeting.max(initial=0.0))
+
+
+def _moved(point: np.ndarray, at: Sequence[float], yaw: float) -> tuple[float, float]:
+    """A point (2 or more,), m, turned about the origin by `yaw`, rad, and moved by `at`, m."""
+    x, y, _ = placed_discs(np.array([(point[0], point[1], 0.0)]), at, yaw)[0]
+    return float(x), float(y)

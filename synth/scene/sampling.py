@@ -1,0 +1,216 @@
+"""Draw a clip's scene from a configuration and a seed: people, clothes, motions, placement, props."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dmae.data.rng import Stream, generator
+from synth.interactions.casting import draw_motions
+from synth.interactions.registry import InteractionConfig, find_interaction
+from synth.interactions.script import STOOL, Script
+from synth.motion.motion import Motion
+from synth.motion.path_planning import redirect, redirected_path
+from synth.motion.source import MotionConfig
+from synth.people.anthropometry import sample_body
+from synth.people.body import ADULT_AGE, Body
+from synth.people.clothing import PersonLooks, sample_looks
+from synth.rooms.catalogue import arena_file
+from synth.rooms.decor import sample_decor, sample_tint
+from synth.rooms.meshes import find_meshes
+from synth.rooms.props import PlacedProp, PropsConfig, PropSize, prop_size
+from synth.scene.placement import Placement, place_persons, place_script, stool_discs
+from synth.scene.prop_placement import place_props, placed_discs
+from synth.scene.spec import Layout, PersonSpec, PropSpec, SceneConfig, SceneSpec
+
+
+class SampledScene(NamedTuple):
+    """A scene as it was drawn.
+
+    Attributes:
+        spec: The scene of P people, as stored.
+        motions: P motions in place, which `load_motions` draws again from a stored spec.
+    """
+
+    spec: SceneSpec
+    motions: list[Motion]
+
+
+@dataclass(frozen=True)
+class People:
+    """The people of a clip before they are placed.
+
+    Attributes:
+        bodies, looks: Of P people.
+        motions: P motions, at the size of the bodies, anywhere on the floor.
+        script: The interaction, if any.
+        clearance: Distance that they keep between their hips, m.
+        frames: Length of the clip.
+        motion, interaction: What the motions were drawn from.
+        seed, clip: Seed of the data set and number of the clip.
+    """
+
+    bodies: list[Body]
+    looks: list[PersonLooks]
+    motions: list[Motion]
+    script: Script | None
+    clearance: float
+    frames: int
+    motion: MotionConfig
+    interaction: InteractionConfig
+    seed: int
+    clip: int
+
+
+def sample_scene(
+    config: SceneConfig,
+    motion: MotionConfig,
+    props: PropsConfig | None = None,
+    interaction: InteractionConfig | None = None,
+    *,
+    seed: int,
+    clip: int,
+) -> SampledScene:
+    """Draw the scene of one clip. The same arguments give the same scene, whatever other clips are drawn.
+
+    Args:
+        config: What the scene is drawn from.
+        motion: Where motion comes from.
+        props: Meshes of your own, in place of `config.prop_kinds`.
+        interaction: What people do together.
+        seed: Seed of the data set.
+        clip: Number of the clip.
+
+    Raises:
+        ValueError: the configuration names something that does not exist.
+        FailedSimulation: the motions leave no space for each other; the message says what to change.
+    """
+    rng = generator(seed, clip, Stream.SCENE)
+    people = sample_people(config, motion, interaction, seed=seed, clip=clip, rng=rng)
+    return lay_out(people, config, props, rng=rng)
+
+
+def sample_people(
+    config: SceneConfig,
+    motion: MotionConfig,
+    interaction: InteractionConfig | None = None,
+    *,
+    seed: int,
+    clip: int,
+    rng: np.random.Generator | None = None,
+) -> People:
+    """Draw the people of one clip and their motions.
+
+    Args:
+        config, motion, interaction, seed, clip: As for `sample_scene`.
+        rng: The clip's stream `Stream.SCENE`, from which the layout goes on to draw; a new one by default.
+    """
+    interaction, rng = interaction or InteractionConfig(), rng or generator(seed, clip, Stream.SCENE)
+    count = int(rng.integers(config.persons[0], config.persons[1], endpoint=True))
+    if interaction.together:
+        count = int(np.clip(count, *find_interaction(interaction.kind).persons))
+    clearance = float(rng.uniform(*config.clearance))
+    bodies = [sample_body(config.children, rng=rng) for _ in range(count)]
+    looks = [sample_looks(body.feminine, child=body.age < ADULT_AGE, rng=rng) for body in bodies]
+    frames = max(1, round(config.seconds * config.fps))
+    motions, script = draw_motions(motion, interaction, bodies, frames, config.fps, config.radius, seed, clip)
+    return People(bodies, looks, motions, script, clearance, frames, motion, interaction, seed, clip)
+
+
+def lay_out(
+    people: People,
+    config: SceneConfig,
+    props: PropsConfig | None = None,
+    layout: Layout | None = None,
+    *,
+    rng: np.random.Generator | None = None,
+) -> SampledScene:
+    """Place people and props in a room.
+
+    Args:
+        people: The people.
+        config, props: As for `sample_scene`.
+        layout: A layout in place of the configuration's, with a random stream of its own.
+        rng: The clip's stream after its people were drawn; not needed with a layout.
+    """
+    props = props or PropsConfig()
+    seed, clip = people.seed, people.clip
+    arena, sizes = arena_file(config.arena), _prop_sizes(config, props)
+    clearance = people.clearance
+    if layout:
+        clearance, rng = layout.clearance, generator(seed, clip, Stream.LAYOUT).spawn(layout.draw + 1)[-1]
+    where = {"middle": config.middle, "radius": config.radius, "gathering": (layout or config).gathering}
+    furniture, loads = [], []
+    if people.script:
+        clearance = min(clearance, people.script.clearance or clearance)
+        placements, furniture, loads = place_script(people.script, people.motions, arena, **where, rng=rng)
+    else:
+        placements = place_persons(people.motions, arena, **where, clearance=clearance, rng=rng)
+    paths = [redirected_path(motion, *placed) for motion, placed in zip(people.motions, placements, strict=True)]
+    for motion, path in zip(people.motions, paths, strict=True):
+        furniture += [PlacedProp(STOOL, (x, y), 0.0) for x, y, _ in stool_discs(motion, path).tolist()]
+    placed_props = place_props(
+        layout.props if layout else int(rng.integers(config.props[0], config.props[1], endpoint=True)),
+        sizes,
+        np.stack(paths, axis=1),
+        arena,
+        fps=config.fps,
+        middle=config.middle,
+        radius=config.radius,
+        clearance=clearance,
+        cameras=layout.cameras if layout else (),
+        occupied=_occupied(furniture),
+        rng=rng,
+    )
+    # Of the children of the scene's stream the first paints textures (synth/scene/build.py), the second draws colours.
+    colours = generator(seed, clip, Stream.SCENE).spawn(2)[1]
+    decor = sample_decor(arena, randomize=config.randomize, rng=colours)
+
+    def prop_spec(prop: PlacedProp, *how) -> PropSpec:
+        return PropSpec(*prop, sample_tint(rng=colours) if config.randomize else None, *how)
+
+    spec = SceneSpec(
+        seed=seed,
+        clip=clip,
+        fps=float(config.fps),
+        frames=people.frames,
+        arena=config.arena,
+        decor=decor,
+        clearance=clearance,
+        persons=tuple(
+            PersonSpec(body, looks, motion.name, *placed)
+            for body, looks, motion, placed in zip(people.bodies, people.looks, people.motions, placements, strict=True)
+        ),
+        props=tuple(prop_spec(prop, props.scale, props.up) for prop in placed_props),
+        motion=people.motion,
+        interaction=people.interaction,
+        furniture=tuple(prop_spec(prop) for prop in furniture),
+        loads=tuple(loads),
+        radius=float(config.radius),
+    )
+    return SampledScene(spec, _in_place(people.motions, placements))
+
+
+def load_motions(spec: SceneSpec) -> list[Motion]:
+    """Draw the motions of a stored spec again: in place, at the size of the people's bodies, on the floor."""
+    bodies = [person.body for person in spec.persons]
+    where = spec.frames, spec.fps, spec.radius, spec.seed, spec.clip
+    motions, _ = draw_motions(spec.motion, spec.interaction, bodies, *where)
+    return _in_place(motions, [Placement(person.start, person.yaw, person.turn) for person in spec.persons])
+
+
+def _in_place(motions: list[Motion], placements: Sequence[Placement]) -> list[Motion]:
+    return [redirect(motion, *placed) for motion, placed in zip(motions, placements, strict=True)]
+
+
+def _prop_sizes(config: SceneConfig, props: PropsConfig) -> dict[str, PropSize]:
+    """The kinds of props that are drawn from, with their sizes."""
+    kinds = find_meshes(props.path) if props.path else config.prop_kinds
+    return {kind: prop_size(kind, props.scale, props.up) for kind in kinds}
+
+
+def _occupied(furniture: list[PlacedProp]) -> np.ndarray:
+    """(K, 3) discs of furniture on the floor, m."""
+    discs = [placed_discs(prop_size(prop.kind).discs, prop.at, prop.yaw) for prop in furniture]
+    return np.concatenate([np.empty((0, 3)), *discs])

@@ -1,0 +1,176 @@
+"""The specification of a clip's scene, as JSON, and the configuration that scenes are drawn from."""
+
+import json
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from dmae.data.from_json import decode
+from synth.interactions.registry import InteractionConfig
+from synth.interactions.script import Load
+from synth.motion.source import MotionConfig
+from synth.people.body import Body
+from synth.people.clothing import PersonLooks
+from synth.people.mjcf import MOST_PERSONS
+from synth.rooms.decor import Colour, Decor
+from synth.rooms.meshes import MeshUp
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """What scenes are drawn from. Pairs are the least and the greatest value.
+
+    Attributes:
+        arena: Room of `scenes/`, or path of an MJCF file.
+        persons: Number of people.
+        children: Share of children, 4 to 17 years old, among the people.
+        seconds: Length of a clip, s.
+        fps: Frames per second of a clip.
+        middle: x, y of the point around which people and props are placed, m.
+        radius: Greatest distance of people's hips from the middle, m; motions that cannot be bent to fit may reach
+            0.3 m farther.
+        gathering: Distance from the middle at which people pass at some time, m (standard deviation). Small values
+            make people meet and hide each other.
+        clearance: Distance that people keep between their hips, m; one value per clip. Below 0.5 they touch.
+        props: Number of props, where there is space.
+        prop_kinds: Kinds of props: of `scenes/props/`, or paths of MJCF files.
+        randomize: Whether floor, walls, light and colours are drawn anew for each clip; otherwise the room's own.
+    """
+
+    arena: str = "studio"
+    persons: list[int] = field(default_factory=lambda: [2, 4])
+    children: float = 0.0
+    seconds: float = 5.0
+    fps: float = 25.0
+    middle: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    radius: float = 1.9
+    gathering: float = 0.5
+    clearance: list[float] = field(default_factory=lambda: [0.35, 0.65])
+    props: list[int] = field(default_factory=lambda: [0, 3])
+    prop_kinds: list[str] = field(default_factory=lambda: ["chair", "table", "screen", "plant", "crate", "drum"])
+    randomize: bool = True
+
+    def __post_init__(self):
+        for name in ("persons", "clearance", "props"):
+            pair = getattr(self, name)
+            if len(pair) != 2 or not 0 <= pair[0] <= pair[1]:
+                raise ValueError(f"scene.{name}: expected [least, greatest], not below 0, got {list(pair)}")
+        if not 1 <= self.persons[0] <= self.persons[1] <= MOST_PERSONS:
+            raise ValueError(f"scene.persons: expected 1 to {MOST_PERSONS} people, got {list(self.persons)}")
+        for name in ("seconds", "fps", "radius", "gathering"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"scene.{name}: expected more than 0, got {getattr(self, name)}")
+        if not 0 <= self.children <= 1:
+            raise ValueError(f"scene.children: expected a share from 0 to 1, got {self.children}")
+        if len(self.middle) != 2 or not np.isfinite(self.middle).all():
+            raise ValueError(f"scene.middle: expected x and y, m, got {list(self.middle)}")
+        if self.props[1] and not self.prop_kinds:
+            raise ValueError(f"scene.prop_kinds is empty, but scene.props asks for up to {self.props[1]}")
+
+
+@dataclass(frozen=True)
+class PersonSpec:
+    """One person.
+
+    Attributes:
+        body: Proportions.
+        looks: Colours and clothes.
+        motion: Name of the motion, for people to read.
+        start: x and y of the hips in the first frame, m.
+        yaw: Turn of the motion about the vertical, rad.
+        turn: Bend of the motion along a curve, rad/s.
+    """
+
+    body: Body
+    looks: PersonLooks
+    motion: str
+    start: tuple[float, float]
+    yaw: float
+    turn: float
+
+
+@dataclass(frozen=True)
+class PropSpec:
+    """A prop.
+
+    Attributes:
+        kind: One of `scenes/props/`, or path of an MJCF or mesh file.
+        at: x and y, m.
+        yaw: Heading, rad.
+        tint: RGB colour 0..1 of its material "tint"; None for its own.
+        scale, up: How a mesh file is read, see `synth.rooms.props.PropsConfig`.
+    """
+
+    kind: str
+    at: tuple[float, float]
+    yaw: float
+    tint: Colour | None = None
+    scale: float = 1.0
+    up: MeshUp = MeshUp.auto
+
+
+@dataclass(frozen=True)
+class SceneSpec:
+    """The scene of a clip. `to_json` writes it, and `from_json` reads the same scene.
+
+    The motions themselves are not stored: `synth.scene.sampling.load_motions` draws them again from `motion`,
+    `interaction`, `seed` and `clip`.
+
+    Attributes:
+        seed, clip: Seed of the data set and number of the clip.
+        fps, frames: Frame rate and length of the clip.
+        arena, decor: The room and its look.
+        clearance: Distance that people keep between their hips, m.
+        persons: The people.
+        props: Props that people keep clear of.
+        motion, interaction: What the motions are drawn from.
+        furniture: Props that belong to the interaction, or that people sit on; people do not keep clear of them.
+        loads: Objects that hands carry.
+        radius: Greatest distance of hips from the middle, m.
+    """
+
+    seed: int
+    clip: int
+    fps: float
+    frames: int
+    arena: str
+    decor: Decor
+    clearance: float
+    persons: tuple[PersonSpec, ...]
+    props: tuple[PropSpec, ...]
+    motion: MotionConfig
+    interaction: InteractionConfig = field(default_factory=InteractionConfig)
+    furniture: tuple[PropSpec, ...] = ()
+    loads: tuple[Load, ...] = ()
+    radius: float = 1.9
+
+    def to_json(self) -> str:
+        """The spec as JSON text."""
+        return json.dumps(asdict(self), default=lambda choice: choice.value)
+
+    @classmethod
+    def from_json(cls, text: str) -> "SceneSpec":
+        """The spec of a text that `to_json` wrote.
+
+        Raises:
+            ValueError: the text is no spec; the message names the field.
+        """
+        return decode(cls, json.loads(text))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the people and props of a scene are placed, in place of the same values of `SceneConfig`.
+
+    Attributes:
+        draw: Number of the draw; each has a random stream of its own.
+        gathering, clearance: As in `SceneConfig`, one value each, m.
+        props: Number of props.
+        cameras: (x, y) of cameras between which and people the props stand, m.
+    """
+
+    draw: int
+    gathering: float
+    clearance: float
+    props: int
+    cameras: tuple[tuple[float, float], ...]

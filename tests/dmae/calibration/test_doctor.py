@@ -1,0 +1,164 @@
+"""Diagnoses of recordings with planted faults, and of sound ones.
+
+Detections are simulated, with errors measured on a real detector, of people who walk about and occlude each other; four
+rigs, and two real recordings.
+"""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.calibration.doctor import diagnose
+from dmae.commands import doctor as command
+from dmae.commands.doctor import DoctorCommand
+from dmae.data.store import save_clip
+from dmae.formats.calibrations.conventions import Convention, LengthUnit, UpDirection
+from dmae.formats.reading import DataConfig, load, written_convention
+from tests.support.commands import run_command
+from tests.support.faulty_recordings import (
+    RIGS,
+    centres,
+    focal,
+    inverse,
+    late,
+    lens,
+    mirrored,
+    principal,
+    scaled,
+    seen,
+    size,
+    sound,
+    swapped,
+    turned,
+    written,
+)
+
+TRIAL = "pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"
+
+
+ALL = (0, 1, 2, 3, 4)
+# Rig; how a fault is planted; what is to be found: fault, cameras, part of the remedy.
+CASES = [
+    ("shelf", lambda c: written(c, unit=LengthUnit.mm), [("unit", ALL, "data.unit=mm")]),
+    ("shelf", lambda c: written(c, up=UpDirection.y), [("up", ALL, "data.up=y")]),
+    ("shelf", lambda c: focal(c, *ALL), [("focal", ALL, "exchange fx and fy")]),
+    ("shelf", lambda c: late(c, 6, 2), [("delay", (2,), "data.offsets=[0,0,6,0,0]")]),
+    ("campus", lambda c: inverse(c, 1), [("inverse", (1,), "camera 1, invert the extrinsics")]),
+    ("campus", lambda c: written(c, unit=LengthUnit.cm), [("unit", (0, 1, 2), "data.unit=cm")]),
+    ("campus", lambda c: written(c, up=UpDirection.minus_y), [("up", (0, 1, 2), "data.up=minus_y")]),
+    ("campus", lambda c: late(c, -9, 1), [("delay", (1,), "data.offsets=[0,-9,0]")]),
+    ("campus", lambda c: swapped(c, 0, 2), [("order", (0, 2), "exchange the detections of cameras 0 and 2")]),
+    ("campus", lambda c: scaled(c, 2 / 3, 0, 1, 2), [("scale", (0, 1, 2), "multiply fx, fy, cx, cy")]),
+    ("campus", lambda c: mirrored(c, 1), [("mirrored", (1,), "width - 1 - x")]),
+    ("campus", lambda c: principal(c, 2), [("principal", (2,), "exchange cx and cy")]),
+    ("ring", lambda c: centres(c, 0, 1, 2, 3), [("centre", (0, 1, 2, 3), "t = -R C")]),
+    ("ring", lambda c: written(c, up=UpDirection.x), [("up", (0, 1, 2, 3), "data.up=x")]),
+    ("ring", lambda c: late(c, 2, 3), [("delay", (3,), "data.offsets=[0,0,0,2]")]),
+    ("ring", lambda c: scaled(c, 1.5, 1), [("scale", (1,), "1.5")]),
+    ("ring", lambda c: turned(c, 2), [("turned_right", (2,), "height - 1 - x")]),
+    ("ring", size, [("size", (0, 1, 2, 3), "960 x 600")]),
+    ("lenses", lambda c: focal(c, 2), [("focal", (2,), "cam2, exchange fx and fy")]),
+    ("lenses", lambda c: lens(c, 0), [("distorted", (0, 1, 2, 3), "k1 is about -0.")]),
+    ("lenses", lambda c: lens(c, -1), [("distortion_sign", (0, 1, 2, 3), "change the sign")]),
+    (
+        "lenses",
+        lambda c: written(c, unit=LengthUnit.mm, up=UpDirection.y, inverse=True),
+        [
+            ("inverse", (0, 1, 2, 3), "data.inverse=true"),
+            ("unit", (0, 1, 2, 3), "data.unit=mm"),
+            ("up", (0, 1, 2, 3), "data.up=y"),
+        ],
+    ),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rig", "plant", "expected"), CASES, ids=[f"{rig}-{found[0][0]}" for rig, _, found in CASES])
+def test_planted_faults_are_named_with_their_remedy(rig, plant, expected):
+    clip = plant(sound(rig))
+    names = clip.rig.names
+    found = diagnose(clip, Convention(), [0] * len(names), max_offset=10).findings
+    assert [(x.fault.name, x.cameras) for x in found] == [
+        (x, tuple(names[v] for v in views)) for x, views, _ in expected
+    ]
+    for finding, (_, _, part) in zip(found, expected, strict=True):
+        assert part in finding.remedy
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_sound_recordings_have_no_findings(rig):
+    diagnosis = diagnose(sound(rig), Convention(), max_offset=10)
+    assert diagnosis.findings == diagnosis.unknown == ()
+    assert all(fit.agreement > 0.25 for fit in diagnosis.pairs)
+    assert diagnosis.pairs == diagnosis.corrected
+
+
+def test_the_real_shelf_is_sound_and_its_faults_are_found(shelf):
+    diagnosis = diagnose(shelf)
+    assert diagnosis.findings == diagnosis.unknown == ()
+    assert all(3 < fit.residual < 9 and fit.agreeing > 0.6 for fit in diagnosis.pairs)
+    # Focal lengths differ by 1.6 % at most.
+    (finding,) = diagnose(focal(shelf, *ALL), max_offset=10).findings
+    assert (finding.fault.name, finding.cameras) == ("focal", shelf.rig.names)
+
+
+def test_the_real_pose2sim_trial_is_sound_and_faulty_with_other_conventions(data_folder):
+    config = DataConfig(name="pose2sim", path=str(data_folder / TRIAL))
+    assert diagnose(load(config)[0], written_convention(config)).findings == ()
+    wrong = replace(config, unit=LengthUnit.mm, up=UpDirection.y, inverse=True)
+    found = diagnose(load(wrong)[0], written_convention(wrong)).findings
+    assert [finding.remedy for finding in found] == ["data.inverse=false", "data.unit=m", "data.up=z"]
+
+
+def test_the_remedy_is_a_change_to_the_file_if_the_format_has_no_options():
+    found = diagnose(written(sound("campus"), unit=LengthUnit.mm, up=UpDirection.y), max_offset=5).findings
+    assert [finding.fault.name for finding in found] == ["unit", "up"]
+    assert "multiply the translations of all cameras by 0.001: they are in mm" in found[0].remedy
+    assert "replace R by R Q^T, where Q = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]" in found[1].remedy
+
+
+def test_a_camera_with_an_unexplained_fault_is_named():
+    clip = sound("shelf")
+    pose = clip.rig.cam_from_world.copy()
+    tilt = np.deg2rad(8)
+    pose[2, :3] = [[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]] @ pose[2, :3]
+    moved = replace(clip, rig=replace(clip.rig, cam_from_world=pose))
+    (finding,) = diagnose(moved, max_offset=5).findings
+    assert (finding.fault.name, finding.cameras) == ("unexplained", ("2",))
+    assert "calibrate camera 2 again" in finding.remedy
+
+
+def test_what_cannot_be_decided_is_reported_as_unknown():
+    clip = sound("ring")
+    one = diagnose(clip.select(views=[1]))
+    assert (one.pairs, one.findings, one.unknown) == ((), (), ("nothing can be compared: there is one camera",))
+    xy = clip.detections.xy.copy()
+    xy[:, 2] = np.nan
+    without = diagnose(seen(clip, xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.5)), max_offset=5)
+    assert (without.findings, without.unknown) == ((), ("camera cam2 detects no people",))
+    still = np.repeat(clip.detections.xy[50:51], len(clip), 0)
+    frozen = diagnose(seen(clip, still, np.repeat(clip.detections.score[50:51], len(clip), 0)), max_offset=5)
+    assert frozen.findings == ()
+    assert frozen.unknown == ("people move too little to decide whether the cameras are synchronised",)
+    with pytest.raises(ValueError, match="max_offset=-1: expected a number of frames"):
+        diagnose(clip, max_offset=-1)
+    alone = diagnose(seen(clip, np.full_like(xy, np.nan), np.full(xy.shape[:-1], np.nan)))
+    assert alone.findings == ()
+    assert "nothing can be compared: no two cameras detect people in the same frame" in alone.unknown
+
+
+def test_the_command_prints_and_writes_findings_and_exits_by_them(tmp_path, capsys):
+    save_clip(sound("campus"), tmp_path / "sound")
+    command.run(DoctorCommand(DataConfig(path=str(tmp_path / "sound")), max_offset=5), tmp_path / "good")
+    printed = capsys.readouterr().out
+    assert "nothing found wrong" in printed
+    assert "0-2" in printed
+    save_clip(inverse(sound("campus"), 1), tmp_path / "faulty")
+    done = run_command(tmp_path, "dmae", "doctor", "data=faulty", "out=bad")
+    assert (done.returncode, done.stderr) == (1, "")
+    assert "correction: in the calibration of camera 1, invert the extrinsics" in done.stdout
+    written_json = json.loads((tmp_path / "bad/doctor.json").read_text())
+    assert written_json["findings"][0]["cameras"] == ["1"]
+    assert (tmp_path / "bad/doctor.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,114 @@
+"""Help needs no arguments, loads nothing heavy, and fits on a screen or two."""
+
+import subprocess
+import sys
+import time
+
+import pytest
+
+from dmae.command_line.programs import Program
+from tests.support.commands import COMMANDS, command_line, run_command
+
+HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf", "cv2", "scipy", "numpy", "matplotlib"}
+
+
+@pytest.mark.parametrize("program", ["dmae", "synth"])
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",), ("help",)])
+def test_a_program_lists_its_commands(tmp_path, program, arguments):
+    done = run_command(tmp_path, program, *arguments)
+    assert done.returncode == 0
+    for command in (each for each in COMMANDS if each.program == program):
+        assert f"  {command.name} " in done.stdout and command.summary in done.stdout
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=str)
+def test_help_of_a_command_lists_every_option_and_example(tmp_path, command):
+    done = run_command(tmp_path, command.program, command.name, "--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    assert len(lines) <= 80
+    assert max(map(len, lines)) <= 130
+    assert "\033" not in done.stdout
+    for member in command.options().members:
+        assert member.key in done.stdout
+    for example in command.examples:
+        assert f"  {example}" in lines
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=str)
+def test_help_in_full_has_every_option_at_any_depth(tmp_path, command):
+    done = run_command(tmp_path, command.program, command.name, "--help", "all")
+    for member in command.options().walk():
+        assert member.key in done.stdout
+
+
+def test_a_group_is_printed_with_presets_types_choices_and_what_they_mean(tmp_path):
+    done = run_command(tmp_path, "synth", "generate", "--help", "rig")
+    assert "rig=shelf (default)" in done.stdout
+    assert "rig.placement=ring" in done.stdout and "{ring, dome, random}" in done.stdout
+    assert "more: synth generate --help rig.ring" in done.stdout
+    assert run_command(tmp_path, "synth", "help", "generate", "rig").stdout == done.stdout
+    done = run_command(tmp_path, "synth", "generate", "--help", "rig.ring")
+    assert "rig.ring.views=5" in done.stdout and "[whole number]" in done.stdout
+    done = run_command(tmp_path, "synth", "generate", "--help", "rigg")
+    assert done.returncode == 1 and "did you mean rig?" in done.stderr
+
+
+def test_defaults_are_those_of_the_presets_that_are_used(tmp_path):
+    done = run_command(tmp_path, "synth", "generate", "--help", "scene")
+    assert "scene.arena=office" in done.stdout and "scene.props=[0,2]" in done.stdout
+
+
+def test_presets_of_your_own_folder_are_found(tmp_path):
+    (tmp_path / "mine/rig").mkdir(parents=True)
+    (tmp_path / "mine/rig/hall.yaml").write_text("name: hall\n")
+    (command,) = (each for each in COMMANDS if str(each) == "synth generate")
+    assert "hall" in command.options((tmp_path / "mine",)).find("rig").presets
+    assert "hall" not in command.options().find("rig").presets
+
+
+@pytest.mark.parametrize("program", ["dmae", "synth"])
+def test_the_version_is_printed(tmp_path, program):
+    done = run_command(tmp_path, program, "--version")
+    assert done.stdout.startswith(f"{program} 0.")
+
+
+def test_every_example_is_a_valid_command_line():
+    from dmae.command_line.spelling import check, expand_data, split_flags
+
+    by_name = {str(command): command for command in COMMANDS}
+    for command in COMMANDS:
+        for example in command.examples:
+            if "--config-dir" in example:
+                continue
+            program, name, *arguments = example.replace('"', "").split(" ")
+            options = by_name[f"{program} {name}"].options()
+            flags, overrides = split_flags([each for each in arguments if "=" in each or each.startswith("-")])
+            overrides = [each for each in overrides if not each.startswith("data=runs")]
+            overrides += [f"data.path={each.split('=')[1]}" for each in arguments if each.startswith("data=runs")]
+            given = "data=clip" if any(each.startswith("data.path=runs") for each in overrides) else None
+            check(options, expand_data(options, [*filter(None, [given]), *overrides]), flags)
+
+
+@pytest.mark.parametrize("arguments", [("dmae", "--help"), ("synth", "generate", "--help"), ("dmae", "train", "-h")])
+def test_help_loads_nothing_heavy_and_is_quick(tmp_path, arguments):
+    program = arguments[0]
+    code = (
+        f"import sys; sys.argv = {list(arguments)}; from {program}.cli import main; main();"
+        "print(*{name.partition('.')[0] for name in sys.modules}, file=sys.stderr)"
+    )
+    begun = time.process_time()
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert not set(done.stderr.split()) & HEAVY
+    assert time.process_time() - begun < 0.5
+
+
+def test_a_command_without_presets_has_a_program_of_its_own():
+    program = Program("dmae", "About.", {"compare-motion": "Summary"})
+    assert program.commands["compare-motion"].module == "dmae.commands.compare_motion"
+
+
+def test_help_cut_short_by_a_pipe_is_no_error(tmp_path):
+    line = " ".join(f"'{part}'" for part in command_line("synth", "generate", "--help", "all"))
+    done = subprocess.run(f"{line} | head -1", shell=True, cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout.startswith("usage: synth generate") and done.stderr == ""

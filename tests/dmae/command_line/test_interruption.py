@@ -1,0 +1,114 @@
+"""Ctrl-C, by real processes and signals: one line, status 130, and what is whole is said and can be gone on with."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from dmae.command_line.interruption import one_line
+from dmae.data.store import load_clip, read_manifest, save_clip, write_manifest
+from tests.support.clips import full_clip
+from tests.support.commands import run_command, start_command
+
+SMALL = ("scene.seconds=0.2", "scene.persons=[1,1]")
+
+
+def interrupt(process, *, group: bool = True):
+    """Press Ctrl-C, which a terminal sends to the whole process group."""
+    (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
+    return process.communicate(timeout=60)
+
+
+def wait_for(path, process, seconds=120):
+    """Until there is a file that the pattern matches."""
+    end = time.monotonic() + seconds
+    while not list(path.parent.parent.glob(f"{path.parent.name}/{path.name}")):
+        assert process.poll() is None and time.monotonic() < end, process.communicate()
+        time.sleep(0.05)
+
+
+@pytest.mark.slow
+def test_generating_in_several_processes_resumes_after_an_interruption(tmp_path):
+    arguments = ("generate", "out=set", "clips=60", "workers=2", *SMALL)
+    process = start_command(tmp_path, "synth", *arguments)
+    wait_for(tmp_path / "set/000003", process)
+    _, error = interrupt(process)
+    assert process.returncode == 130
+    whole = len(list((tmp_path / "set").glob("[0-9]*")))
+    assert error.splitlines() == [
+        f"synth generate: interrupted; {whole} of 60 clips in set are whole; the same command makes the others"
+    ]
+    assert not list((tmp_path / "set").glob(".*"))
+    assert 0 < len(read_manifest(tmp_path / "set")) <= whole < 60
+    before = load_clip(tmp_path / "set/000000").truth.xyz
+    done = run_command(tmp_path, "synth", "generate", "out=set", f"clips={whole + 1}", *SMALL)
+    assert done.returncode == 0, done.stderr
+    assert (load_clip(tmp_path / "set/000000").truth.xyz == before).all()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("work")
+    names = [f"{number:02}" for number in range(40)]
+    for name in names:
+        save_clip(full_clip(frames=50), folder / "set" / name)
+    write_manifest(folder / "set", [{"id": name, "status": "ok"} for name in names])
+    return folder
+
+
+def test_clips_captured_before_an_interruption_are_a_data_set(folder):
+    process = start_command(folder, "dmae", "capture", "data=set", "out=captured")
+    wait_for(folder / "captured/02", process)
+    _, error = interrupt(process, group=False)
+    assert process.returncode == 130
+    names = [line["id"] for line in read_manifest(folder / "captured")]
+    assert 2 <= len(names) < 40 and all(load_clip(folder / "captured" / name).poses is not None for name in names)
+    assert "can be used; the same command captures all clips anew" in error
+    assert len(error.splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_training_resumes_from_its_checkpoint(folder):
+    tiny = [f"model.encoder.{size}" for size in ("dim=8", "heads=1", "head_dim=8")]
+    tiny += ["model.decoder.dim=8", "learning.epoch=2", "learning.batch=2", "learning.steps=100000"]
+    process = start_command(folder, "dmae", "train", "data=set", "out=model", *tiny)
+    wait_for(folder / "model/checkpoint.ckpt", process)
+    _, error = interrupt(process)
+    assert process.returncode == 130
+    assert error.splitlines() == [
+        "dmae train: interrupted; model holds a checkpoint; the same command goes on from there"
+    ]
+
+
+def test_an_interruption_before_training_begins_is_one_line(folder):
+    process = start_command(folder, "dmae", "train", "data=set", "out=none")
+    time.sleep(0.7)
+    _, error = interrupt(process)
+    assert process.returncode == 130
+    assert error.splitlines()[-1].startswith("dmae train: interrupted;") and "Traceback" not in error
+
+
+def test_errors_of_interrupted_imports_are_not_shown(capsys):
+    with pytest.raises(SystemExit) as end, one_line("dmae x") as interruption:
+        interruption.describe = lambda: "all is well"
+        interruption.pressed = True
+        raise ImportError("numpy is broken")
+    assert end.value.code == 130
+    assert capsys.readouterr().err == "dmae x: interrupted; all is well\n"
+
+
+def test_the_previous_signal_handler_is_restored():
+    outside, before = signal.getsignal(signal.SIGINT), signal.default_int_handler
+    signal.signal(signal.SIGINT, before)
+    try:
+        with one_line("dmae x"):
+            assert signal.getsignal(signal.SIGINT) != before
+        assert signal.getsignal(signal.SIGINT) == before
+    finally:
+        signal.signal(signal.SIGINT, outside)
+
+
+def test_other_errors_pass():
+    with pytest.raises(ZeroDivisionError), one_line("dmae x"):
+        raise ZeroDivisionError

@@ -1,0 +1,105 @@
+"""Mistyped commands, options, presets, choices and values are answered with the nearest there is, in one line."""
+
+import pytest
+
+from tests.support.commands import run_command
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("work")
+    (folder / "file").write_text("")
+    (folder / "set").mkdir()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ("synth genrate", "no command 'genrate'; did you mean generate?"),
+        ("synth generate scen.seconds=3", "scen.seconds: no such option; did you mean scene.seconds?"),
+        ("synth generate +scen.seconds=3", "scen.seconds: no such option; did you mean scene.seconds?"),
+        ("synth generate ++scen.seconds=3", "scen.seconds: no such option; did you mean scene.seconds?"),
+        ("synth generate seconds=3", "seconds: no such option; did you mean scene.seconds?"),
+        ("synth generate detector.parts.nos.noise=1", "did you mean detector.parts.nose.noise?"),
+        ("synth generate clps=3", "did you mean clips?"),
+        ("synth generate +clips=3", "there is an option clips; leave out the +"),
+        ("synth generate ~clips", "options cannot be removed"),
+        ("synth generate clips", "clips: expected key=value, as in clips=..."),
+        ("synth generate clips=abc", "clips=abc: expected a whole number"),
+        ("synth generate clips=1.5", "clips=1.5: expected a whole number"),
+        ("synth generate clips=null", "clips=null: expected a whole number"),
+        ("synth generate clips=[1]", "clips=[1]: expected a whole number"),
+        ("synth generate clips=1,2", "clips=1,2: several values are tried in turn with -m"),
+        ("synth generate scene.persons=2", "scene.persons=2: expected a list of whole numbers"),
+        ("synth generate scene.randomize=maybe", "scene.randomize=maybe: expected true or false"),
+        ("synth generate scene=ofice", "scene=ofice: no such choice; did you mean office?"),
+        ("synth generate rig=moon", "rig=moon: no such choice; there are campus, dome"),
+        ("synth generate rig.ring=3", "rig.ring=3: expected one of its options: rig.ring.views"),
+        ("synth generate images=rbg", "images=rbg: no such choice; did you mean rgb?"),
+        ("synth generate -m images=none,rbg", "images=rbg: no such choice; did you mean rgb?"),
+        ("synth generate --config-dri=x", "--config-dri: no such flag; did you mean --config-dir?"),
+        ("synth generate --workers 3", "--workers: no such flag; options are given as key=value"),
+        ("synth generate --config-dir", "--config-dir: expected a value after it"),
+        ("synth generate --config-dir=none rig=mine", "--config-dir none: no such folder"),
+        ("synth generate out=file", "out=file: expected a folder, found a file"),
+        ("synth generate out=file/set", "out=file/set: file is a file, not a folder"),
+        ("synth compare real=set sim=set mis=3", "did you mean limits.miss?"),
+        ("dmae capture", "expected data=..."),
+        ("dmae capture data=shelf", "expected data.path=..."),
+        ("dmae capture data=openpos", "data=openpos: neither a folder nor a format; did you mean openpose? There"),
+        ("dmae capture data=set fill=linar", "fill=linar: no such choice; did you mean linear?"),
+        ("dmae capture data=set capture.noise.gat=1", "did you mean capture.noise.gate_sigmas?"),
+        ("dmae evaluate data=set methods=[measured,linaer]", "no method 'linaer'; did you mean linear?"),
+        ("dmae train data=set model.encoder.dmi=3", "no such option; did you mean model.encoder.dim?"),
+        ("dmae train data=set learning.loss=mes", "learning.loss=mes: no such choice; did you mean mse?"),
+        ("dmae export clip=set format=npy out=x", "format=npy: no such choice; did you mean npz?"),
+        ("dmae report clip=set out=set", "out=set: expected a file to write, found a folder"),
+        ("dmae regress", "expected solver=..."),
+    ],
+)  # fmt: skip
+def test_a_mistyped_option_is_refused_before_anything_is_loaded(folder, arguments, said, monkeypatch):
+    program, *rest = arguments.split(" ")
+    monkeypatch.setattr("dmae.cli._run_hydra", lambda *_: pytest.fail("Hydra was started"))
+    done = run_command(folder, program, *rest)
+    assert done.returncode == 1
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["dmae", "capture", "data=set", "smooth=-1"], "smooth=-1: expected seconds, 0 (no smoothing) or more"),
+        (["dmae", "capture", "data=set", "data.path='a"], "data.path='a: cannot be read; look at its quotes"),
+        (["dmae", "capture", "data=set", "out=${nope}"], "Interpolation key 'nope' not found"),
+        (["dmae", "capture", "data=set", "hydra.verbos=true"], "Key 'verbos' not in 'HydraConf'"),
+        (["dmae", "complete", "clip=3"], "3: expected a clip (clip.json) or a data set"),
+        (["dmae", "report", "clip=3"], "3: expected a clip (clip.json) or a data set"),
+        (["dmae", "export", "clip=3", "out=x.npz"], "3: expected a clip folder"),
+    ],
+)
+def test_errors_of_the_command_itself_are_one_line(folder, arguments, said):
+    done = run_command(folder, *arguments)
+    assert done.returncode == 1
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert sorted(path.name for path in folder.iterdir()) == ["file", "set"]
+
+
+def test_the_whole_error_is_shown_on_demand(folder, monkeypatch):
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    with pytest.raises(ValueError, match="nothing to report"):
+        run_command(folder, "dmae", "report")
+
+
+def test_entries_of_a_dictionary_are_options(folder):
+    done = run_command(folder, "synth", "generate", "motion.weights.kick=3", "clips=0")
+    assert "clips: expected 1 or more" in done.stderr
+
+
+def test_the_configuration_is_printed_without_what_is_needed_to_run(folder):
+    done = run_command(folder, "synth", "generate", "--cfg", "job", "scene.seconds=2")
+    assert done.returncode == 0
+    assert "seconds: 2.0" in done.stdout

@@ -1,0 +1,173 @@
+"""What `dmae export` and `dmae convert` write, read back by the readers and by JSON alone."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dmae.commands import convert as convert_command
+from dmae.commands import export as export_command
+from dmae.commands.convert import ConvertCommand
+from dmae.commands.export import ExportCommand
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.labels import OcclusionLabels, Visibility
+from dmae.data.skeleton import BODY25, COCO17, PANOPTIC19, SHELF14, get_skeleton
+from dmae.data.skeleton_conversion import convert
+from dmae.data.store import load_clip, save_clip
+from dmae.formats import panoptic
+from dmae.formats.calibrations.files import read_calibration
+from dmae.formats.npz import read_npz
+from dmae.formats.openpose import CALIBRATION
+from dmae.formats.reading import DataConfig, load
+from dmae.formats.recordings.joint_flags import joint_flags
+from dmae.formats.trc import read_trc
+from tests.support.clips import full_clip, walkers
+from tests.support.recordings import recording, same_detections, write_openpose_recording
+
+
+@pytest.fixture
+def captured() -> Clip:
+    """Poses with every source there is, in a clip that begins at frame 7."""
+    poses = walkers()
+    xyz, source = poses.xyz.copy(), poses.source.copy()
+    xyz[2, 1, 3:6], source[2, 1, 3:6] = np.nan, Source.ABSENT
+    source[:, 0, BODY25.index("l_wrist")] = Source.COMPLETED
+    return replace(full_clip(), poses=Poses3D(BODY25, xyz, source), provenance={"first_frame": 7})
+
+
+def export(clip: Clip, tmp_path: Path, format: str, out: str, **options) -> Path:
+    save_clip(clip, tmp_path / "clip")
+    export_command.run(ExportCommand(str(tmp_path / "clip"), format, out=out, **options), tmp_path / out)
+    return tmp_path / out
+
+
+def test_npz_and_trc(captured, tmp_path, capsys):
+    poses, _ = read_npz(export(captured, tmp_path, "npz", "a.npz", skeleton="shelf14"))
+    assert poses.skeleton == SHELF14
+    export(captured, tmp_path, "trc", "b.trc")
+    found, fps = read_trc(tmp_path / "b_P1.trc", BODY25)
+    assert fps == 25
+    np.testing.assert_allclose(found.xyz[:, 0], captured.poses.xyz[:, 0], atol=1e-6)
+    np.testing.assert_array_equal(found.source[:, 0], captured.poses.source[:, 0])
+    assert "b.trc: 12 frames, 2 persons, body25" in capsys.readouterr().out
+
+
+def test_panoptic(captured, tmp_path):
+    folder = export(captured, tmp_path, "panoptic", "pan")
+    found, wanted = panoptic.read_poses(folder), convert(captured.poses, PANOPTIC19)
+    assert sorted(found.xyz) == list(range(7, 19))
+    xyz = np.where((wanted.source == Source.COMPLETED)[..., None], np.nan, wanted.xyz)
+    np.testing.assert_allclose(np.stack(list(found.xyz.values())), xyz, atol=1e-5)
+    np.testing.assert_allclose(read_calibration(folder).projections, captured.rig.projections, atol=1e-6)
+    with pytest.raises(ValueError, match=r"skeleton=body25: format=panoptic is always of panoptic19"):
+        export(captured, tmp_path, "panoptic", "pan2", skeleton="body25")
+
+
+def test_openpose_is_a_recording_of_its_own(captured, tmp_path):
+    folder = export(captured, tmp_path, "openpose", "op", skeleton="coco17")
+    (clip,) = load(DataConfig("openpose", str(folder), fps=25.0))
+    assert clip.provenance["first_frame"] == 7
+    assert clip.detections.skeleton == COCO17
+    xy, _ = captured.rig.project(convert(captured.poses, COCO17).xyz)
+    xy[~captured.rig.inside(xy)] = np.nan
+    np.testing.assert_allclose(clip.detections.xy, xy, atol=1e-3)
+    with pytest.raises(ValueError, match="expected no such folder yet, or an empty one"):
+        export(captured, tmp_path, "openpose", "op")
+
+
+def annotations(path: Path, rig: CameraRig) -> dict:
+    """By (frame, camera, person)."""
+    content = json.loads(path.read_text())
+    images = {image["id"]: (image["frame"], rig.names.index(image["camera"])) for image in content["images"]}
+    return {(*images[a["image_id"]], a["track_id"]): a for a in content["annotations"]}
+
+
+def test_coco_of_captured_poses_says_what_was_completed(captured, tmp_path):
+    found = annotations(export(captured, tmp_path, "coco", "k.json"), captured.rig)
+    v = np.reshape(found[9, 0, 1]["keypoints"], (25, 3))[:, 2]
+    assert set(v[3:6]) == {0}
+    assert found[9, 0, 1]["joint_source"][3:6] == [0, 0, 0]
+    wrist = BODY25.index("l_wrist")[0]
+    v = np.reshape(found[9, 0, 0]["keypoints"], (25, 3))[:, 2]
+    assert v[wrist] == 1
+    assert (np.delete(v, wrist) == 2).all()
+
+
+def test_coco_of_simulated_truth_has_its_visibility(tmp_path):
+    """2 seen, 1 hidden but in the image, 0 outside; where the cameras truly are, not where the calibration has them."""
+    clip = full_clip()
+    found = annotations(export(clip, tmp_path, "coco", "k.json"), clip.rig)
+    xy, _ = clip.true_rig.project(clip.truth.xyz)
+    inside = clip.rig.inside(xy)
+    wanted = np.where(inside, np.where(clip.occlusion.visibility == Visibility.VISIBLE, 2, 1), 0)
+    assert {0, 1, 2} >= set(np.unique(wanted)) >= {1, 2}
+    for (frame, view, person), annotation in found.items():
+        joints = np.reshape(annotation["keypoints"], (25, 3))
+        np.testing.assert_array_equal(joints[:, 2], wanted[frame, view, person])
+        known = joints[:, 2] > 0
+        np.testing.assert_allclose(joints[known, :2], xy[frame, view, person][known], atol=1e-3)
+    assert len(found) == (wanted > 0).any(-1).sum()
+
+
+def test_a_derived_joint_is_as_visible_as_the_least_visible_of_its_own():
+    truth = walkers(1, 1, COCO17)
+    visibility = np.full((1, 4, 1, 17), Visibility.VISIBLE)
+    visibility[0, 2, 0, COCO17.index("l_hip")] = Visibility.HIDDEN_BY_OBJECT
+    clip = replace(recording(COCO17, 1), truth=truth, occlusion=OcclusionLabels(visibility))
+    _, flags = joint_flags(clip, truth, BODY25)
+    joints = BODY25.index("mid_hip", "l_hip", "r_hip", "neck", "l_big_toe")
+    assert flags[0, :, 0, joints].T.tolist() == [[2, 2, 2, 2, 0], [2, 2, 2, 2, 0], [1, 1, 2, 2, 0], [2, 2, 2, 2, 0]]
+
+
+def test_of_two_fused_skeletons_the_first_is_written(tmp_path):
+    skeleton = get_skeleton("body25+shelf14")
+    both = Poses3D(skeleton, np.concatenate([walkers(3, 1).xyz, walkers(3, 1, SHELF14).xyz], 2))
+    clip = replace(recording(BODY25, 3), truth=both)
+    assert len(read_trc(export(clip, tmp_path, "trc", "a.trc"))[0].skeleton) == 25
+    found = annotations(export(clip, tmp_path, "coco", "b.json", skeleton="shelf14"), clip.rig)
+    assert len(found[0, 0, 0]["keypoints"]) == 3 * 14
+    assert read_npz(export(clip, tmp_path, "npz", "c.npz"))[0].skeleton == skeleton
+
+
+def test_nothing_to_export_is_said(tmp_path):
+    with pytest.raises(ValueError, match="neither poses nor truth"):
+        export(recording(BODY25), tmp_path, "coco", "a.json")
+
+
+@pytest.mark.parametrize("format", ["openpose", "easymocap", "coco"])
+def test_a_recording_converted_is_the_same_recording(tmp_path, format, capsys):
+    clip = recording(BODY25)
+    source = write_openpose_recording(clip, tmp_path / "source", first=30)
+    out = tmp_path / "out"
+    convert_command.run(ConvertCommand(DataConfig("openpose", str(source), fps=25.0), format, str(out)), out)
+    said = capsys.readouterr().out
+    assert "12 frames, 4 cameras, body25" in said
+    fps = None if format == "coco" else 25.0
+    assert ("data.fps=25" in said) == (fps is not None)
+    (found,) = load(DataConfig(format, str(out), fps=fps))
+    same_detections(found.detections, clip.detections)
+    np.testing.assert_allclose(found.rig.projections, clip.rig.projections, atol=1e-6)
+    assert found.provenance["first_frame"] == 30
+    with pytest.raises(ValueError, match="expected no such folder yet"):
+        convert_command.run(ConvertCommand(DataConfig("openpose", str(source), fps=25.0), format, str(out)), out)
+
+
+def test_a_recording_becomes_a_clip_with_what_was_absent_noted(tmp_path, capsys):
+    source = write_openpose_recording(recording(BODY25), tmp_path / "source")
+    (source / "cam1" / "cam1_000000000004_keypoints.json").write_text("{")
+    convert_command.run(ConvertCommand(DataConfig("openpose", str(source), fps=25.0)), tmp_path / "clip")
+    assert "camera cam1: 1 of frames 0 to 11 are absent; 1 files could not be read" in capsys.readouterr().out
+    clip = load_clip(tmp_path / "clip")
+    assert not clip.detections.observed[4, 1].any()
+    assert len(clip.provenance["notes"]) == 1
+
+
+def test_the_calibration_goes_along(tmp_path):
+    clip = full_clip()
+    save_clip(clip, tmp_path / "clip")
+    out = tmp_path / "out"
+    convert_command.run(ConvertCommand(DataConfig(path=str(tmp_path / "clip")), "openpose"), out)
+    np.testing.assert_allclose(read_calibration(out / CALIBRATION).projections, clip.rig.projections, atol=1e-6)

@@ -1,0 +1,49 @@
+"""Blending: noisiness of poses, and the weight of corrections."""
+
+import numpy as np
+import pytest
+
+from dmae.completion.blending import correction_weight, near_measurement, noisiness
+from dmae.data.clip import Poses3D
+from dmae.data.skeleton import SHELF14
+
+
+@pytest.fixture
+def people() -> Poses3D:
+    """Three people with swinging joints, measured exactly, to a few millimetres, and to some centimetres."""
+    rng = np.random.default_rng(0)
+    time = np.arange(100)[:, None, None, None] / 25
+    xyz = rng.normal(0, 0.3, (1, 1, 14, 3)) + np.sin(20 * time) * [0.3, 0.1, 0]
+    return Poses3D(SHELF14, xyz + rng.normal(size=(100, 3, 14, 3)) * np.array([0, 0.004, 0.03])[:, None, None])
+
+
+def test_noisiness_separates_exact_from_noisy_poses(people):
+    exact, between, captured = noisiness(people)[..., 0].T
+    assert exact.max() == 0
+    assert 0 < between.min() <= between.max() < 1
+    assert captured.min() == 1
+
+
+def test_people_never_measured_count_as_noisy():
+    assert (noisiness(Poses3D(SHELF14, np.full((5, 1, 14, 3), np.nan))) == 1).all()
+
+
+def test_short_gaps_of_exact_poses_are_left_to_interpolation(people):
+    hidden = np.zeros(people.measured.shape, bool)
+    hidden[10:12, :, 3] = hidden[40:90, :, 3] = True
+    counts = correction_weight(people.without(hidden), 25.0)[..., 3, 0]
+    np.testing.assert_allclose(counts[11, 0], 4 / (4 + 25))
+    assert counts[11, 0] < counts[11, 1] < counts[11, 2] == 1
+    assert counts[60].min() > 0.98
+    # What was measured exactly is not to be moved.
+    np.testing.assert_array_equal(counts[~hidden[:, 0, 3]][:, [0, 2]], np.tile([0, 1], (48, 1)))
+    # It is time that counts, not frames.
+    np.testing.assert_allclose(correction_weight(people.without(hidden), 50.0)[11, 0, 3, 0], 4 / (4 + 100))
+
+
+def test_near_measurement_is_within_a_fifth_of_a_second(people):
+    hidden = np.ones(people.measured.shape, bool)
+    hidden[50, :2, 7] = False
+    near = near_measurement(people.without(hidden), 25.0)[..., 0]
+    np.testing.assert_array_equal(np.flatnonzero(near[:, 0]), np.arange(45, 56))
+    assert not near[:, 2].any()

@@ -1,0 +1,132 @@
+"""Weights that come with the package: found by skeleton, readable, and used by default."""
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save
+
+from dmae.commands import complete as command
+from dmae.commands.complete import CompleteCommand
+from dmae.completion import weights
+from dmae.completion.pipeline import completers
+from dmae.completion.uncertainty import CLASSES
+from dmae.completion.weights import find_shipped, load_model, save_model, shipped
+from dmae.data.clip import Source
+from dmae.data.skeleton import BODY25, COCO17, HALPE26, SHELF14, Skeleton, fuse
+from dmae.data.skeleton_conversion import convert
+from dmae.data.store import load_clip, save_clip
+from dmae.evaluation.evaluate import EvaluateConfig, evaluate
+from dmae.evaluation.synthetic_gaps import GapConfig
+from dmae.formats.reading import DataConfig
+from tests.support.circling_people import circling_people, clip_of
+from tests.support.completers import FPS, circling, untrained, with_holes
+
+
+@pytest.fixture
+def ours(tmp_path, monkeypatch) -> Path:
+    """A package that ships weights for shelf14 alone."""
+    monkeypatch.setattr(weights, "SHIPPED", tmp_path / "models")
+    save_model(
+        untrained().model, SHELF14, tmp_path / "models/shelf14", {"denoises": False, "calibration": [[1] * CLASSES] * 2}
+    )
+    return tmp_path / "models"
+
+
+def test_weights_are_found_by_skeleton_or_else_by_most_common_joints(ours):
+    assert shipped() == ["shelf14"]
+    assert find_shipped(BODY25) == ours / "shelf14"
+    for name in ("body25", "coco17"):
+        (ours / name).mkdir()
+        (ours / name / "model.json").write_text("{}")
+    assert [find_shipped(skeleton).name for skeleton in (SHELF14, BODY25, COCO17)] == ["shelf14", "body25", "coco17"]
+    assert find_shipped(HALPE26).name == "body25"
+
+
+def test_without_common_joints_the_shipped_skeletons_are_listed(ours, monkeypatch):
+    (ours / "body25").mkdir()
+    (ours / "body25" / "model.json").write_text("{}")
+    for skeleton in (Skeleton("lizard", ("tail",), (-1,)), fuse(BODY25, SHELF14)):
+        with pytest.raises(
+            ValueError, match=r"come with this package, which has those for body25, shelf14.*weights=\.\."
+        ):
+            find_shipped(skeleton)
+    monkeypatch.setattr(weights, "SHIPPED", ours / "nowhere")
+    with pytest.raises(ValueError, match="which has those for no skeleton"):
+        find_shipped(BODY25)
+
+
+def test_complete_finds_the_weights_for_each_clip(ours, tmp_path, capsys):
+    truth = circling_people(60, 2, rng=np.random.default_rng(0))
+    hidden = np.zeros(truth.source.shape, bool)
+    hidden[20:30, :, BODY25.index("r_wrist")] = True
+    poses = truth.without(hidden)
+    save_clip(replace(clip_of(poses, "walk"), poses=poses), tmp_path / "clip")
+    command.run(CompleteCommand(str(tmp_path / "clip")), tmp_path / "out")
+    assert "walk: poses are body25, completed with weights for shelf14; not completed: " in capsys.readouterr().out
+    done = load_clip(tmp_path / "out").poses
+    assert (done.source[hidden] == Source.COMPLETED).all()
+    np.testing.assert_array_equal(done.xyz, completers(ours / "shelf14")(BODY25)(poses, FPS).xyz)
+
+
+def test_evaluate_finds_the_weights_too(ours, tmp_path):
+    """By default, with rejection, and online."""
+    poses = circling(0, frames=120)
+    save_clip(replace(clip_of(poses, "walk"), truth=poses), tmp_path / "clip")
+    config = EvaluateConfig(
+        DataConfig(path=str(tmp_path / "clip")),
+        methods=["dmae", "dmae_reject", "dmae_online"],
+        input="true_poses",
+        gaps=GapConfig(bursts=6.0),
+    )
+    plain, reject, online = (result["mean"]["hidden"]["mpjpe"] for result in evaluate(config)["results"])
+    assert plain != online and max(plain, reject, online) < 150
+    with pytest.raises(ValueError, match="not trained to denoise"):
+        evaluate(replace(config, methods=["dmae_denoise"]))
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_shipped_weights_are_whole_and_complete_poses(name):
+    folder = weights.SHIPPED / name
+    assert {path.name for path in folder.iterdir()} == {"MODEL_CARD.md", "model.json", "weights.safetensors"}
+    _, skeleton, record = load_model(folder)
+    assert skeleton.name == name and record["calibration"]
+    assert record["sha256"] in (folder / "MODEL_CARD.md").read_text()
+    truth = convert(circling_people(60, 2, rng=np.random.default_rng(1)), skeleton)
+    poses = with_holes(truth, 1)
+    done = completers(None)(skeleton)(poses, FPS)
+    filled = done.source == Source.COMPLETED
+    assert filled.any() and np.linalg.norm(done.xyz - truth.xyz, axis=-1)[filled].mean() < 0.15
+
+
+@pytest.mark.parametrize("residual", [True, False])
+def test_models_of_version_0_1_are_read(tmp_path, residual):
+    """Format 4: flat options, and other names of two layers."""
+    model = untrained(residual).model
+    save_model(model, SHELF14, tmp_path, {"denoises": False, "calibration": None})
+    names = {"residual_scale": "amount", "embed_hidden": "embed_base"}
+    tensors = {
+        names.get(name.partition(".")[0], name.partition(".")[0]) + "".join(name.partition(".")[1:]): tensor
+        for name, tensor in model.state_dict().items()
+    }
+    data = save(tensors)
+    (tmp_path / "weights.safetensors").write_bytes(data)
+    record = json.loads((tmp_path / "model.json").read_text())
+    flat = {"frames": 9, "fps": 25.0, "dropout": 0.0, "residual": residual, "turn_to_front": residual, "alike": 1.7}
+    flat |= {"dim": 16, "depth": 1, "heads": 2, "head_dim": 8, "mlp": 32, "decoder_dim": 8, "decoder_depth": 1}
+    flat |= {"signal_codes": 8, "signal_sigma": 1.0, "time_sigma": 3.0, "joint_sigma": 30.0}
+    flat |= {"no_time_code": False, "no_joint_code": False, "blind": []}
+    record |= {"format": 4, "model": flat, "sha256": hashlib.sha256(data).hexdigest()}
+    (tmp_path / "model.json").write_text(json.dumps(record))
+    read, skeleton, _ = load_model(tmp_path)
+    assert skeleton == SHELF14 and read.config == model.config
+    for name, tensor in model.state_dict().items():
+        assert torch.equal(read.state_dict()[name], tensor)
+
+
+def test_shipped_weights_are_small():
+    assert sum(path.stat().st_size for path in weights.SHIPPED.rglob("*") if path.is_file()) < 20e6

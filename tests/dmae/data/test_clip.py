@@ -1,0 +1,120 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.data.clip import Clip, Detections2D, Poses3D, Source
+from dmae.data.labels import DetectionLabels, OcclusionLabels
+from dmae.data.skeleton import BODY25, SHELF14
+from tests.support.clips import full_clip, walkers
+
+
+def test_joints_of_nan_are_absent():
+    xyz = walkers().xyz.copy()
+    xyz[3, 1, 5] = np.nan
+    poses = Poses3D(BODY25, xyz)
+    assert poses.xyz.dtype == np.float32
+    assert (poses.source == Source.ABSENT).sum() == 1
+    assert poses.source[3, 1, 5] == Source.ABSENT
+    assert (~poses.measured).sum() == 1
+    assert np.isnan(poses.cov).all()
+    assert poses.cov.shape == (12, 2, 25, 3, 3)
+    assert (poses.views == 0).all()
+
+
+def test_a_completed_joint_is_not_measured():
+    source = np.full((12, 2, 25), Source.MEASURED)
+    source[0, 0, 0], source[0, 0, 1] = Source.COMPLETED, Source.DENOISED
+    assert Poses3D(BODY25, walkers().xyz, source).measured.sum() == 12 * 2 * 25 - 1
+
+
+def test_source_and_coordinates_must_agree():
+    xyz = walkers().xyz.copy()
+    xyz[0, 0, 0, 2] = np.nan
+    with pytest.raises(ValueError, match="ABSENT exactly where"):
+        Poses3D(BODY25, xyz, np.full((12, 2, 25), Source.MEASURED))
+    with pytest.raises(ValueError, match="ABSENT exactly where"):
+        Poses3D(BODY25, walkers().xyz, np.zeros((12, 2, 25)))
+
+
+def test_score_and_pixels_must_agree():
+    xy, score = np.zeros((2, 3, 1, 25, 2)), np.zeros((2, 3, 1, 25))
+    score[0, 0, 0, 0] = np.nan
+    with pytest.raises(ValueError, match="NaN exactly where"):
+        Detections2D(BODY25, xy, score)
+    xy[0, 0, 0, 0, 1] = np.nan
+    assert Detections2D(BODY25, xy, score).observed.sum() == 2 * 3 * 25 - 1
+
+
+def test_wrong_shapes_are_refused_with_the_expected_ones():
+    with pytest.raises(
+        ValueError, match=r"Poses3D.xyz: expected shape \('any', 'any', 14, 3\), found \(12, 2, 25, 3\)"
+    ):
+        Poses3D(SHELF14, walkers().xyz)
+    with pytest.raises(ValueError, match=r"Detections2D.score: expected shape \(2, 3, 1, 25\)"):
+        Detections2D(BODY25, np.zeros((2, 3, 1, 25, 2)), np.zeros((2, 3, 25)))
+
+
+def test_zero_persons_are_allowed():
+    assert Poses3D(BODY25, np.empty((5, 0, 25, 3))).source.shape == (5, 0, 25)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fps": 0.0}, "fps must be positive"),
+        ({"truth": walkers(frames=11)}, "12 frames of detections but 11 of truth"),
+        ({"poses": walkers(frames=13)}, "13 of poses"),
+        ({"truth": None}, "there is no truth"),
+        (
+            {"occlusion": OcclusionLabels(np.zeros((12, 4, 3, 25)))},
+            r"occlusion.visibility: expected shape \(12, 4, 2, 25\), found \(12, 4, 3, 25\)",
+        ),
+        (
+            {"detection_labels": DetectionLabels(np.zeros((12, 4, 1)))},
+            r"detection_labels.person: expected shape \(12, 4, 2\), found \(12, 4, 1\)",
+        ),
+        (
+            {"detection_labels": DetectionLabels(np.zeros((12, 4, 2)), offset_px=np.zeros((12, 4, 2, 24)))},
+            r"detection_labels.offset_px: expected shape \(12, 4, 2, 25\), found \(12, 4, 2, 24\)",
+        ),
+    ],
+)
+def test_fields_of_a_clip_that_do_not_match_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        replace(full_clip(), **changes)
+
+
+def test_a_clip_needs_a_camera_for_every_view():
+    clip = full_clip()
+    with pytest.raises(ValueError, match="3 cameras but detections in 4 views"):
+        Clip("odd", 25.0, clip.rig[:3], clip.detections)
+
+
+def test_select_slices_every_field_together():
+    clip = replace(full_clip(), poses=walkers())
+    frames, views = [7, 2, 3], [3, 1]
+    part = clip.select(frames, views)
+    assert len(part) == 3
+    assert part.rig.names == ("cam3", "cam1")
+    for labels in ("occlusion", "detection_labels"):
+        for name, array in vars(getattr(clip, labels)).items():
+            if name != "objects":
+                np.testing.assert_array_equal(getattr(getattr(part, labels), name), array[frames][:, views])
+    np.testing.assert_array_equal(part.detections.xy, clip.detections.xy[frames][:, views])
+    np.testing.assert_array_equal(part.detections.score, clip.detections.score[frames][:, views])
+    np.testing.assert_array_equal(part.truth.xyz, clip.truth.xyz[frames])
+    assert part.id == clip.id
+    assert part.occlusion.objects == clip.occlusion.objects
+
+
+def test_select_keeps_poses_only_with_all_views():
+    clip = replace(full_clip(), poses=walkers())
+    np.testing.assert_array_equal(clip.select(slice(2, 5)).poses.xyz, clip.poses.xyz[2:5])
+    assert clip.select(views=[0, 1]).poses is None
+    assert clip.select(views=[3, 2, 1, 0]).poses is not None
+
+
+def test_select_of_all_is_the_clip():
+    clip = full_clip()
+    np.testing.assert_array_equal(clip.select().detections.xy, clip.detections.xy)

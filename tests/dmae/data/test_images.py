@@ -1,0 +1,87 @@
+"""Images on disk: what is written is read back, and what is missing is named."""
+
+import av
+import numpy as np
+import pytest
+
+from dmae.data.images import KINDS, Images, write_depth, write_ids, write_parts, write_video
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Six frames of one view, 64 x 48: a bright square that moves to the right, 2 m before a wall that has no depth."""
+    rgb = np.zeros((6, 48, 64, 3), np.uint8)
+    depth = np.full((6, 48, 64), np.nan, np.float32)
+    ids, parts = np.zeros((6, 48, 64), np.uint16), np.zeros((6, 48, 64), np.uint8)
+    for frame in range(6):
+        square = np.s_[frame, 16:32, 8 * frame : 8 * frame + 16]
+        rgb[square], depth[square], ids[square], parts[square] = (250, 200, 40), 2.0 + 0.0015 * frame, 300, 2
+        write_depth(tmp_path / "depth" / "left" / f"{frame:06d}.png", depth[frame])
+        write_ids(tmp_path / "ids" / "left" / f"{frame:06d}.png", ids[frame])
+        write_parts(tmp_path / "parts" / "left" / f"{frame:06d}.png", parts[frame])
+    write_video(tmp_path / "rgb" / "left.mp4", rgb, 25)
+    return Images(tmp_path, ("left",), tuple(range(6)), parts=("arm", "leg")), rgb, depth, ids
+
+
+def test_written_images_are_read_back(folder):
+    images, rgb, depth, ids = folder
+    np.testing.assert_array_equal(list(images.read("ids", "left")), ids)
+    parts = np.array(list(images.read("parts", "left")))
+    assert parts.dtype == np.uint8
+    assert (images.parts[parts[ids == 300].min() - 1], parts[ids == 0].max()) == ("leg", 0)
+    # Depth is kept in whole millimetres.
+    np.testing.assert_allclose(list(images.read("depth", "left")), depth, atol=0.00051)
+    found = np.array(list(images.read("rgb", "left")))
+    assert found.shape == rgb.shape
+    assert found.dtype == np.uint8
+    # Colour is compressed, and its hue at half the resolution.
+    assert np.abs(found.astype(int) - rgb)[:, 20:28].mean() < 12
+
+
+def test_some_frames_are_read_alone(folder):
+    images, _, _, ids = folder
+    some = images.select([1, 4], ("left",))
+    assert some.frames == (1, 4)
+    assert some.parts == images.parts
+    np.testing.assert_array_equal(list(some.read("ids", "left")), ids[[1, 4]])
+    whole, part = list(images.read("rgb", "left")), list(some.read("rgb", "left"))
+    np.testing.assert_array_equal(part, [whole[1], whole[4]])
+    # A selection of a selection counts from the first.
+    assert some.select([1], ("left",)).frames == (4,)
+
+
+def test_a_video_has_the_codec_that_browsers_play(folder):
+    images = folder[0]
+    with av.open(str(images.folder / "rgb" / "left.mp4")) as container:
+        (stream,) = container.streams.video
+        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
+        assert stream.average_rate == 25
+
+
+def test_depth_out_of_range_is_absent(tmp_path):
+    write_depth(tmp_path / "depth" / "a" / "000000.png", np.array([[1.0, 65.6, np.inf, np.nan, 0.0004]]))
+    (depth,) = Images(tmp_path, ("a",), (0,)).read("depth", "a")
+    np.testing.assert_array_equal(depth, np.float32([[1.0, np.nan, np.nan, np.nan, np.nan]]))
+
+
+@pytest.mark.parametrize(("kind", "view"), [("flow", "left"), ("rgb", "right")])
+def test_unknown_kinds_and_views_are_answered_with_those_there_are(folder, kind, view):
+    with pytest.raises(KeyError, match=rf"no {kind} images of view '{view}'; there are .*{KINDS[2]}.*left"):
+        next(folder[0].read(kind, view))
+
+
+def test_missing_frames_are_named(folder):
+    images = folder[0]
+    (images.folder / "ids" / "left" / "000003.png").unlink()
+    with pytest.raises(FileNotFoundError, match=r"000003\.png: no readable PNG"):
+        list(images.read("ids", "left"))
+    longer = Images(images.folder, ("left",), (0, 9))
+    with pytest.raises(FileNotFoundError, match=r"left\.mp4: expected 2 frames, up to 9; found 1"):
+        list(longer.read("rgb", "left"))
+
+
+def test_a_video_without_frames_or_of_odd_size_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="no frames to write"):
+        write_video(tmp_path / "none.mp4", [], 25)
+    with pytest.raises(ValueError, match="even width and height, found 63 x 48"):
+        write_video(tmp_path / "odd.mp4", [np.zeros((48, 63, 3), np.uint8)], 25)

@@ -1,0 +1,242 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dmae.data.clip import Clip
+from dmae.data.labels import JointError
+from dmae.data.skeleton import BODY25, BODY25B, PANOPTIC19, SHELF14
+from dmae.data.skeleton_conversion import convert
+from dmae.data.store import save_clip, write_manifest
+from dmae.formats import easymocap, panoptic
+from dmae.formats.calibrations.conventions import Convention, LengthUnit, UpDirection
+from dmae.formats.calibrations.files import write_calibration
+from dmae.formats.coco import write_annotations
+from dmae.formats.reading import DataConfig, is_data_set, load
+from tests.support.clips import full_clip, walkers
+from tests.support.recordings import recording, same_detections, write_frames, write_openpose_recording
+
+
+@pytest.fixture
+def data_set(tmp_path) -> Path:
+    """Two clips that are ok, one that failed."""
+    for name in ("a", "b"):
+        save_clip(replace(full_clip(), id=name), tmp_path / name)
+    write_manifest(
+        tmp_path, [{"id": "a", "status": "ok"}, {"id": "b", "status": "ok"}, {"id": "c", "status": "failed"}]
+    )
+    return tmp_path
+
+
+def test_a_data_set_is_its_clips_that_are_ok(data_set):
+    config = DataConfig(path=str(data_set))
+    assert [clip.id for clip in load(config)] == ["a", "b"]
+    assert len(load(config)) == 2
+    assert is_data_set(config)
+
+
+def test_a_clip_is_itself(data_set):
+    config = DataConfig(path=str(data_set / "b"))
+    assert [clip.id for clip in load(config)] == ["b"]
+    assert not is_data_set(config)
+
+
+def test_clips_are_read_when_asked_for(data_set):
+    clips = load(DataConfig(path=str(data_set)))
+    (data_set / "b" / "clip.json").unlink()
+    assert clips[0].id == "a"
+    with pytest.raises(FileNotFoundError, match="b: expected a clip folder"):
+        clips[1]
+
+
+def test_cameras_restrict_the_views(data_set):
+    clip = load(DataConfig(path=str(data_set), cameras=[2, 0]))[0]
+    assert clip.rig.names == ("cam2", "cam0")
+    np.testing.assert_array_equal(clip.detections.xy, full_clip().detections.xy[:, [2, 0]])
+
+
+def test_frames_restrict_the_clip_and_keep_their_numbers(data_set):
+    whole = full_clip()
+    clip = load(DataConfig(path=str(data_set), frames=[1, len(whole)]))[0]
+    assert len(clip) == len(whole) - 1
+    np.testing.assert_array_equal(clip.detections.xy, whole.detections.xy[1:])
+    assert clip.provenance["first_frame"] == whole.provenance.get("first_frame", 0) + 1
+
+
+@pytest.mark.parametrize("frames", [[0, 10**6], [-1, 2], [2, 2], [1]])
+def test_frames_that_are_not_there_are_refused(data_set, frames):
+    with pytest.raises(ValueError, match=r"data\.frames=\[.*expected \[first, end\] within the \d+ frames of clip 'a'"):
+        load(DataConfig(path=str(data_set), frames=frames))[0]
+
+
+@pytest.mark.parametrize("cameras", [[0, 4], [-1], [], [1, 1]])
+def test_cameras_that_are_not_there_are_refused_with_those_that_are(data_set, cameras):
+    with pytest.raises(ValueError, match=r"data\.cameras=\[.*'a', which has 0 \(cam0\), 1 \(cam1\)"):
+        load(DataConfig(path=str(data_set), cameras=cameras))[0]
+
+
+def test_nothing_there_is_said(tmp_path):
+    with pytest.raises(FileNotFoundError, match="expected a clip"):
+        load(DataConfig(path=str(tmp_path / "nothing")))
+
+
+def test_shelf(data_folder):
+    config = DataConfig("shelf", str(data_folder / "shelf"), [0, 1, 3])
+    (clip,) = load(config)
+    assert len(clip) == 301
+    assert clip.rig.names == ("0", "1", "3")
+    assert clip.truth.skeleton == SHELF14
+    assert not is_data_set(config)
+
+
+@pytest.fixture
+def walk() -> Clip:
+    return recording(BODY25)
+
+
+def read(name: str, path: Path, **options) -> Clip:
+    (clip,) = load(DataConfig(name, str(path), **options))
+    return clip
+
+
+def same(found: Clip, wanted: Clip) -> None:
+    same_detections(found.detections, wanted.detections)
+    np.testing.assert_allclose(found.rig.projections, wanted.rig.projections, atol=1e-6)
+    assert found.rig.names == wanted.rig.names
+
+
+def test_openpose_needs_the_frame_rate_and_says_so(walk, tmp_path):
+    write_openpose_recording(walk, tmp_path)
+    same(read("openpose", tmp_path, fps=50.0), walk)
+    assert read("openpose", tmp_path, fps=50.0).fps == 50
+    with pytest.raises(ValueError, match=r"no file says the frame rate; give data\.fps=\.\.\."):
+        read("openpose", tmp_path)
+
+
+def test_openpose_needs_cameras_and_detections_and_says_so(walk, tmp_path):
+    write_calibration(walk.rig, tmp_path / "rig" / "cameras.toml", "pose2sim")
+    write_frames(walk, tmp_path / "take" / "somewhere")
+    with pytest.raises(FileNotFoundError, match=r"data\.detections=\.\.\."):
+        read("openpose", tmp_path / "take", fps=25.0)
+    detections = str(tmp_path / "take" / "somewhere")
+    with pytest.raises(FileNotFoundError, match=r"data\.calibration=\.\.\."):
+        read("openpose", tmp_path / "take", fps=25.0, detections=detections)
+    calibration = str(tmp_path / "rig" / "cameras.toml")
+    same(read("openpose", tmp_path / "take", fps=25.0, detections=detections, calibration=calibration), walk)
+
+
+def test_openpose_with_published_cameras_needs_the_size_of_the_images(walk, tmp_path):
+    write_frames(walk, tmp_path)
+    path = tmp_path / "calibration.json"
+    write_calibration(walk.rig, path, "voxelpose")
+    cameras = json.loads(path.read_text())
+    for camera in cameras.values():
+        del camera["size"]
+    path.write_text(json.dumps(cameras))
+    with pytest.raises(ValueError, match=r"size=\[width,height\]"):
+        read("openpose", tmp_path, fps=25.0)
+    same(read("openpose", tmp_path, fps=25.0, size=[960, 600]), walk)
+
+
+def test_an_unknown_skeleton_is_answered_with_those_there_are(walk, tmp_path):
+    write_openpose_recording(walk, tmp_path)
+    with pytest.raises(ValueError, match=r"data\.skeleton=lizard: no skeleton 'lizard'; there are .*body25"):
+        read("openpose", tmp_path, fps=25.0, skeleton="lizard")
+
+
+@pytest.mark.parametrize(
+    ("unit", "up", "inverse"),
+    [(LengthUnit.mm, UpDirection.z, False), (LengthUnit.m, UpDirection.y, False), (LengthUnit.m, UpDirection.z, True)],
+)
+def test_calibrations_in_other_conventions(walk, tmp_path, unit, up, inverse):
+    """A wrong unit, axis or direction of the poses is mended by an option, and only by that."""
+    write_frames(walk, tmp_path)
+    said = {"unit": unit, "up": up, "inverse": inverse}
+    write_calibration(walk.rig, tmp_path / "calib.toml", "pose2sim", **said)
+    same(read("openpose", tmp_path, fps=25.0, **said), walk)
+    assert not np.allclose(read("openpose", tmp_path, fps=25.0).rig.projections, walk.rig.projections, atol=1e-3)
+
+
+def test_easymocap(walk, tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"data\.detections=\.\.\."):
+        read("easymocap", tmp_path, fps=25.0)
+    write_calibration(walk.rig, tmp_path, "easymocap")
+    easymocap.write_detections(walk.detections, walk.rig, tmp_path)
+    same(read("easymocap", tmp_path, fps=25.0), walk)
+    with pytest.raises(ValueError, match=r"data\.fps=\.\.\."):
+        read("easymocap", tmp_path)
+    with pytest.raises(ValueError, match=r"joints of coco17"):
+        read("easymocap", tmp_path, fps=25.0, skeleton="coco17")
+    other = recording(BODY25B)
+    easymocap.write_detections(other.detections, other.rig, tmp_path)
+    same(read("easymocap", tmp_path, fps=25.0), other)
+
+
+def test_panoptic_has_cameras_truth_and_rate_but_no_detections_of_its_own(walk, tmp_path):
+    truth = convert(walkers(), PANOPTIC19)
+    panoptic.write_poses(truth, 29.97, tmp_path, first=100)
+    write_calibration(walk.rig, tmp_path / "calibration_walk.json", "panoptic")
+    with pytest.raises(FileNotFoundError, match=r"data\.detections=\.\.\."):
+        read("panoptic", tmp_path)
+    write_frames(walk, tmp_path / "elsewhere", first=100)
+    clip = read("panoptic", tmp_path, detections=str(tmp_path / "elsewhere"))
+    same(clip, walk)
+    assert clip.fps == 29.97
+    np.testing.assert_allclose(clip.truth.xyz, truth.xyz, atol=1e-5)
+    # Beside each other, poses are not taken for another camera's detections.
+    write_frames(walk, tmp_path, first=100)
+    same(read("panoptic", tmp_path), walk)
+    # One who says that the world is another says it of cameras and truth alike.
+    turned = read("panoptic", tmp_path, up=UpDirection.z)
+    moved = Convention(up=UpDirection.z).points(panoptic.CONVENTION.written_points(truth.xyz) / 100)
+    np.testing.assert_allclose(turned.truth.xyz, moved, atol=1e-5)
+    np.testing.assert_allclose(turned.rig.project(moved)[0], walk.rig.project(truth.xyz)[0], atol=1e-2)
+
+
+def test_coco(walk, tmp_path):
+    found = walk.detections
+    flags = np.where(found.observed, 2, 0)
+    write_calibration(walk.rig, tmp_path / "calibration.toml", "pose2sim")
+    write_annotations(tmp_path / "keypoints.json", walk.rig, 25.0, BODY25, found.xy, flags, scores=found.score)
+    same(read("coco", tmp_path), walk)
+    # The file may be named itself; its calibration is beside it.
+    clip = read("coco", tmp_path / "keypoints.json")
+    same(clip, walk)
+    assert clip.id == "keypoints"
+    content = json.loads((tmp_path / "keypoints.json").read_text())
+    del content["info"]
+    (tmp_path / "keypoints.json").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"data\.fps=\.\.\."):
+        read("coco", tmp_path)
+
+
+@pytest.mark.parametrize("name", ["clip", "shelf"])
+def test_what_says_all_of_itself_takes_no_options(tmp_path, name):
+    save_clip(full_clip(), tmp_path)
+    with pytest.raises(ValueError, match=rf"data={name} says that itself; leave out data\.fps, data\.unit"):
+        read(name, tmp_path, fps=25.0, unit=LengthUnit.mm)
+
+
+def test_cameras_that_started_late_are_moved_and_blind_where_they_were_not_on(tmp_path):
+    clip = full_clip()
+    save_clip(clip, tmp_path)
+    found = read("clip", tmp_path, offsets=[0, 2, -3, 40])
+    was, now = clip.detections.xy, found.detections.xy
+    np.testing.assert_array_equal(now[:, 0], was[:, 0])
+    np.testing.assert_array_equal(now[2:, 1], was[:-2, 1])
+    np.testing.assert_array_equal(now[:-3, 2], was[3:, 2])
+    assert np.isnan(now[:2, 1]).all()
+    assert np.isnan(now[-3:, 2]).all()
+    assert np.isnan(now[:, 3]).all()
+    np.testing.assert_array_equal(found.detection_labels.person[2:, 1], clip.detection_labels.person[:-2, 1])
+    assert (found.detection_labels.person[:2, 1] == -1).all()
+    np.testing.assert_array_equal(found.detection_labels.error[2:, 1], clip.detection_labels.error[:-2, 1])
+    assert (found.detection_labels.error[:2, 1] == JointError.ABSENT).all()
+    assert found.provenance["offsets"] == [0, 2, -3, 40]
+    assert len(found) == len(clip)
+    with pytest.raises(
+        ValueError, match=r"data\.offsets=\[1\]: expected a number of frames for each camera.*cam0, cam1"
+    ):
+        read("clip", tmp_path, offsets=[1])

@@ -1,0 +1,147 @@
+"""TRC written and read: by ourselves, by a reader that shares nothing with ours, and the authors' own files."""
+
+import numpy as np
+import pytest
+
+from dmae.data.clip import Poses3D, Source
+from dmae.data.skeleton import BODY25, BODY25B, HALPE26, SHELF14
+from dmae.formats.calibrations.conventions import LengthUnit
+from dmae.formats.trc import marker, read_trc, trc_paths, write_trc
+from tests.support.clips import walkers
+from tests.support.trc_files import read_independently
+
+
+def holed(persons: int = 1) -> Poses3D:
+    """Every source there is; one frame without anybody."""
+    poses = walkers(persons=persons)
+    xyz, source = poses.xyz.copy(), poses.source.copy()
+    xyz[2, :, 3:6], source[2, :, 3:6] = np.nan, Source.ABSENT
+    xyz[5], source[5] = np.nan, Source.ABSENT
+    source[3, :, 4], source[4, :, 7] = Source.COMPLETED, Source.DENOISED
+    return Poses3D(BODY25, xyz, source)
+
+
+@pytest.mark.parametrize(("unit", "metre"), [(LengthUnit.m, 1), (LengthUnit.mm, 1000)])
+def test_an_independent_reader_finds_the_same_y_up(tmp_path, unit, metre):
+    poses = holed()
+    write_trc(poses, 25.0, tmp_path / "walk.trc", unit)
+    names, xyz = read_independently(tmp_path / "walk.trc")
+    assert names[:3] == ["Nose", "Neck", "RShoulder"]
+    assert names[8] == "MidHip"
+    assert names[20] == "LSmallToe"
+    np.testing.assert_allclose(xyz[..., [2, 0, 1]] / metre, poses.xyz[:, 0], atol=1e-6)
+    # They stand upright.
+    assert np.nanmean(xyz[:, 0, 1] - xyz[:, 11, 1]) > 1.4 * metre
+    lines = (tmp_path / "walk.trc").read_text().splitlines()
+    assert lines[2].split("\t")[:5] == ["25", "25", "12", "25", unit]
+    assert [line.split("\t")[:2] for line in lines[5:8]] == [["1", "0.000000"], ["2", "0.040000"], ["3", "0.080000"]]
+
+
+@pytest.mark.parametrize("unit", list(LengthUnit))
+def test_read_after_write_is_equal(tmp_path, unit):
+    poses = holed()
+    write_trc(poses, 29.97, tmp_path / "walk.trc", unit)
+    found, fps = read_trc(tmp_path / "walk.trc", BODY25)
+    assert fps == 29.97
+    np.testing.assert_allclose(found.xyz, poses.xyz, atol=1e-6)
+    np.testing.assert_array_equal(found.source, poses.source)
+
+
+def test_completed_joints_are_listed_in_a_file_beside_it(tmp_path):
+    write_trc(holed(), 25.0, tmp_path / "walk.trc")
+    lines = [line.split(",") for line in (tmp_path / "walk.source.csv").read_text().splitlines()]
+    assert lines[0][:2] == ["Frame#", "Nose"]
+    assert lines[4][1 + 4] == "completed"
+    assert lines[5][1 + 7] == "denoised"
+    assert lines[3][1 + 3] == "absent"
+    (tmp_path / "walk.source.csv").unlink()
+    found, _ = read_trc(tmp_path / "walk.trc")
+    assert set(np.unique(found.source)) == {Source.ABSENT, Source.MEASURED}
+
+
+def test_several_persons_are_several_files(tmp_path):
+    poses = holed(3)
+    written = write_trc(poses, 25.0, tmp_path / "walk.trc")
+    assert [path.name for path in written] == ["walk_P1.trc", "walk_P2.trc", "walk_P3.trc"]
+    assert written == trc_paths(tmp_path / "walk.trc", 3)
+    for person, path in enumerate(written):
+        np.testing.assert_allclose(read_trc(path)[0].xyz[:, 0], poses.xyz[:, person], atol=1e-6)
+
+
+@pytest.mark.parametrize("skeleton", [BODY25, BODY25B, HALPE26, SHELF14], ids=lambda s: s.name)
+def test_markers_lead_back_to_their_joints(tmp_path, skeleton):
+    write_trc(walkers(2, 1, skeleton), 25.0, tmp_path / "a.trc")
+    found, _ = read_trc(tmp_path / "a.trc")
+    assert set(skeleton.joints) <= set(found.skeleton.joints)
+    assert len({marker(joint) for joint in skeleton.joints}) == len(skeleton)
+
+
+def trc(rows: list[str], names="Neck\t\t\tNose", second="25\t25\t2\t2\tmm\t25\t1\t2", blank=False) -> str:
+    head = [
+        "PathFileType\t4\t(X/Y/Z)\tx.trc",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        second,
+        f"Frame#\tTime\t{names}\t\t",
+        "\t\tX1\tY1\tZ1\tX2\tY2\tZ2",
+    ]
+    return "\n".join([*head, *[""] * blank, *rows, ""])
+
+
+@pytest.mark.parametrize("blank", [False, True])
+@pytest.mark.parametrize("tail", ["", "\t", "\t\t\t"])
+def test_files_as_others_write_them(tmp_path, blank, tail):
+    """Millimetres, an empty line after the header, cells missing or added at the end of a line."""
+    rows = ["1\t0.0\t1000\t2000\t3000\t\t\t" + tail, "2\t0.04\t10\t20\t30\t40\t50\t60" + tail, "3\t0.08\t1\t2\t3"]
+    (tmp_path / "x.trc").write_text(trc(rows, blank=blank))
+    found, fps = read_trc(tmp_path / "x.trc", BODY25)
+    neck, nose = BODY25.index("neck", "nose")
+    assert fps == 25
+    np.testing.assert_allclose(found.xyz[:2, 0, neck], [(3, 1, 2), (0.03, 0.01, 0.02)], rtol=1e-6)
+    np.testing.assert_allclose(found.xyz[:, 0, nose], [(np.nan,) * 3, (0.06, 0.04, 0.05), (np.nan,) * 3], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("content", "error", "message"),
+    [
+        ("", ValueError, "expected a TRC"),
+        ("a,b\n" * 9, ValueError, "expected a TRC"),
+        (trc(["1\t0\tx"]), ValueError, "line 6: expected numbers"),
+        (trc(["1\t0\t1\t2\t3\t4\t5\t6\t7"]), ValueError, "line 6: expected 6 coordinates, found 7"),
+        (trc([], second="25\t25\t2\t2\tfeet\t25\t1\t2"), ValueError, "Units of m, cm, mm"),
+        (trc([], second="a\t25\t2\t2\tm\t25\t1\t2"), ValueError, "expected a DataRate"),
+        (trc([], names="Neck\t\t\tNeck"), ValueError, "different markers"),
+        (trc([], names="Neck\t\t\tTail"), KeyError, r"of no skeleton are \['Tail'\]"),
+    ],
+)
+def test_malformed_files_are_refused_by_name(tmp_path, content, error, message):
+    (tmp_path / "bad.trc").write_text(content)
+    with pytest.raises(error, match=message) as caught:
+        read_trc(tmp_path / "bad.trc")
+    assert "bad.trc" in str(caught.value)
+
+
+def test_a_source_file_of_another_trc_is_refused(tmp_path):
+    write_trc(holed(), 25.0, tmp_path / "a.trc")
+    write_trc(walkers(5, 1), 25.0, tmp_path / "b.trc")
+    (tmp_path / "b.source.csv").replace(tmp_path / "a.source.csv")
+    with pytest.raises(ValueError, match=r"a\.source\.csv: expected 12 frames"):
+        read_trc(tmp_path / "a.trc")
+    with pytest.raises(FileNotFoundError, match=r"c\.trc: no such file"):
+        read_trc(tmp_path / "c.trc")
+
+
+def test_the_files_of_pose2sim_s_authors(data_folder):
+    """Upright, in metres, their own numbers where their axes put them."""
+    (path,) = (data_folder / "pose2sim").glob("*/*Balancing*/pose-3d/*_0-100.trc")
+    found, fps = read_trc(path)
+    names, xyz = read_independently(path)
+    assert fps == 60
+    assert found.skeleton == BODY25B
+    assert names == [
+        "RHip", "RKnee", "RAnkle", "RBigToe", "RSmallToe", "RHeel", "LHip", "LKnee", "LAnkle", "LBigToe", "LSmallToe",
+        "LHeel", "Neck", "Head", "Nose", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist",
+    ]  # fmt: skip
+    np.testing.assert_allclose(found.xyz[:, 0, BODY25B.index("r_knee")[0]], xyz[:, 1][:, [2, 0, 1]], atol=1e-6)
+    height = found.xyz[:, 0, BODY25B.index("head_top")[0], 2] - found.xyz[:, 0, BODY25B.index("l_heel")[0], 2]
+    assert 1.4 < np.median(height) < 2.0
+    assert np.isnan(found.xyz[:, 0, BODY25B.index("l_eye")[0]]).all()

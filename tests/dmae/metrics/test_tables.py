@@ -1,0 +1,56 @@
+"""Scores as tables."""
+
+from dmae.completion.methods.linear import fill_linear
+from dmae.data.clip import Poses3D
+from dmae.data.skeleton import SHELF14
+from dmae.evaluation.scores import score, summary
+from dmae.metrics.tables import score_tables
+from dmae.reporting.tables import print_tables
+from tests.support.clips import walkers
+
+
+def scores() -> dict:
+    """Four walkers, one of them without a wrist in four frames of twenty; measured, and filled by a straight line."""
+    truth = walkers(20, 4, SHELF14)
+    xyz = truth.xyz.copy()
+    xyz[8:12, 0, SHELF14.index("l_wrist")] = float("nan")
+    captured = Poses3D(SHELF14, xyz)
+    results = []
+    for name, poses in (("measured", captured), ("linear", fill_linear(captured, 25.0))):
+        runs = [{"clip": "a", "cameras": [0, 1], **score(poses, captured, truth)}]
+        results.append({"method": name, "views": 2, **summary(runs)})
+    return {"skeleton": "shelf14", "results": results}
+
+
+def test_numbers_stand_under_their_headings():
+    pcp, errors, gaps = score_tables(scores())
+    assert dict(zip(pcp.header, pcp.rows[0], strict=True)) == {
+        "method": "measured", "views": "2", "mean": "99.5", "worst": "99.5",
+        "person 0": "98.0", "person 1": "100.0", "person 2": "100.0", "person 3": "100.0",
+    }  # fmt: skip
+    assert dict(zip(errors.header, errors.rows[1], strict=True)) == {
+        "method": "linear", "views": "2", "recall": "100.0", "precision": "100.0", "filled": "0.4",
+        "absent": "0.0", "MPJPE": "0.0", "seen": "0.0", "hidden": "0.0", "switches": "0.0", "IDF1": "100.0",
+    }  # fmt: skip
+    assert gaps.header == ("method", "views", "1-5", "6-15", "16-40", ">40")
+    assert gaps.rows == [
+        ("measured", "2", "-", "-", "-", "-"),
+        ("linear", "2", "0.0", "-", "-", "-"),
+        ("joints", "2", "4 of 4", "0 of 0", "0 of 0", "0 of 0"),
+    ]
+
+
+def test_methods_that_state_covariances_get_a_table_of_regions():
+    sure = scores()
+    assert len(score_tables(sure)) == 3
+    sure["results"][1]["mean"]["gaps"][0] |= {"stated": 4, "held": 75.0}
+    regions = score_tables(sure)[3]
+    assert regions.rows == [("linear", "2", "75.0", "-", "-", "-")]
+
+
+def test_four_persons_fit_eighty_columns(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    print_tables(score_tables(scores()))
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= 80
+    assert "…" not in printed

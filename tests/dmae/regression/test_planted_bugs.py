@@ -1,0 +1,130 @@
+"""Ten bugs that triangulations have, planted in two that have none: each is caught, by the cases made for it."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from dmae.reconstruction import triangulation as ours_module
+from dmae.reconstruction.config import NoiseModel
+from dmae.regression import solvers
+from tests.support.plain_solver import EVERY, OUTLIERS, broken, plain
+
+JOINTS = 15
+"""Of every frame of the case `moving`."""
+
+
+# What a solver may be given or give wrongly, whatever it does in between.
+
+
+def transposed_rotation(solver, *, cam_from_world, **given):
+    turned = cam_from_world.copy()
+    turned[:, :3, :3] = cam_from_world[:, :3, :3].swapaxes(1, 2)
+    return solver(cam_from_world=turned, **given)
+
+
+def ignored_distortion(solver, *, dist, **given):
+    return solver(dist=np.zeros_like(dist), **given)
+
+
+def half_pixel_shift(solver, *, xy, **given):
+    return solver(xy=xy + 0.5, **given)
+
+
+def swapped_views(solver, *, xy, **given):
+    return solver(xy=xy[:, [1, 0, *range(2, xy.shape[1])]], **given)
+
+
+def shifted_frames(solver, **given):
+    return np.roll(solver(**given), JOINTS, axis=0)
+
+
+def one_camera_a_frame_late(solver, *, xy, **given):
+    xy = xy.copy()
+    xy[JOINTS:, 0] = xy[:-JOINTS, 0]
+    return solver(xy=xy, **given)
+
+
+def dropped_joint(solver, **given):
+    xyz = solver(**given)
+    xyz[4::JOINTS] = np.nan
+    return xyz
+
+
+def dropped_joint_others_move_up(solver, **given):
+    xyz = solver(**given)
+    left = np.delete(xyz, np.arange(4, len(xyz), JOINTS), axis=0)
+    return np.concatenate([left, np.full((len(xyz) - len(left), 3), np.nan)])
+
+
+@pytest.mark.parametrize("solver", [plain, solvers.ours], ids=["plain", "ours"])
+@pytest.mark.parametrize(
+    ("bug", "at_least", "at_most"),
+    [
+        (transposed_rotation, {"clean", "moving", "views-2", "crowd-5"}, EVERY),
+        (ignored_distortion, {"distorted-5", "distorted-8"}, {"distorted-5", "distorted-8"}),
+        (half_pixel_shift, {"clean", "off-centre", "far-world", "moving", "absent", "views-12"}, EVERY),
+        (swapped_views, {"clean", "moving", "views-2"}, EVERY),
+        (shifted_frames, {"moving"}, EVERY),
+        (one_camera_a_frame_late, {"moving"}, EVERY),
+        (dropped_joint, {"moving"}, EVERY),
+        (dropped_joint_others_move_up, {"moving"}, EVERY),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_what_goes_in_or_out_wrongly_is_caught(solver, bug, at_least, at_most):
+    assert at_least <= broken(partial(bug, solver)) <= at_most
+
+
+FROM_WITHIN = [
+    ("unweighted outliers", OUTLIERS | {"doubted", "crowd-5"}, OUTLIERS | {"doubted", "crowd-5", "crowd-3"}),
+    ("behind-camera points", {"behind"}, {"behind"}),
+    ("float32 normal equations", {"far-world"}, EVERY),
+    ("wrong homogeneous divide", {"clean", "moving"}, EVERY),
+]
+
+
+@pytest.mark.parametrize(("bug", "at_least", "at_most"), FROM_WITHIN, ids=[bug for bug, *_ in FROM_WITHIN])
+def test_what_a_solver_does_wrongly_is_caught(bug, at_least, at_most):
+    assert at_least <= broken(partial(plain, bug=bug)) <= at_most
+
+
+@pytest.mark.parametrize(("bug", "at_least", "at_most"), FROM_WITHIN, ids=[bug for bug, *_ in FROM_WITHIN])
+def test_what_our_solver_does_wrongly_is_caught(bug, at_least, at_most, monkeypatch):
+    assert at_least <= broken(spoil_ours(bug, monkeypatch)) <= at_most
+
+
+def spoil_ours(bug, monkeypatch):
+    """Our solver with a bug inside."""
+    sightings = ours_module._Observations
+    compare, normal_equations, between = sightings.compare, sightings._normal_equations, ours_module._midpoints
+    if bug == "unweighted outliers":
+        monkeypatch.setattr(ours_module, "_HUBER", np.inf)
+        everything = NoiseModel(sigma_unsure_m=0.02, sigma_sure_m=0.02, gate_sigmas=1e6, max_error_m=1e6)
+        monkeypatch.setattr(solvers, "triangulate", partial(ours_module.triangulate, noise=everything))
+    if bug == "behind-camera points":
+        # The mirror image of the rays of points behind is in front.
+        monkeypatch.setattr(ours_module, "_MIN_DEPTH", -np.inf)
+
+        def both_ways(*rays):
+            return np.where(np.isnan(ahead := between(*rays)), between(rays[0], -rays[1], rays[2], -rays[3]), ahead)
+
+        monkeypatch.setattr(ours_module, "_midpoints", both_ways)
+    if bug == "float32 normal equations":
+
+        def coarse(self, xyz):
+            self = sightings.__getitem__(self, slice(None))
+            self.projections = self.projections.astype(np.float32)
+            return normal_equations(self, xyz.astype(np.float32))
+
+        monkeypatch.setattr(sightings, "_normal_equations", coarse)
+    if bug == "wrong homogeneous divide":
+
+        def by_distance(self, xyz):
+            off, scale, depth = compare(self, xyz)
+            xy = self.xy.reshape(-1, *(1,) * (xyz.ndim - 2), *self.xy.shape[1:])
+            distance = np.linalg.norm(xyz[..., None, :] - self.pinhole.centers, axis=-1)
+            return (off + xy) * (depth / distance)[..., None] - xy, scale, depth
+
+        monkeypatch.setattr(sightings, "compare", by_distance)
+    return solvers.ours

@@ -1,0 +1,112 @@
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.data.clip import Poses3D, Source
+from dmae.evaluation.report_section import scores_section
+from dmae.reporting.figures import COMPLETED, gaps_figure, views_figure
+from dmae.reporting.page import frames_with_most, views_section, write_report
+from tests.support.clips import full_clip
+
+
+@pytest.fixture
+def completed():
+    """A clip of two T-poses whose second person's arm is completed in frames 4 to 6, most of it in frame 5."""
+    clip = full_clip()
+    source = np.full(clip.truth.xyz.shape[:3], Source.MEASURED)
+    source[4:7, 1, 3] = Source.COMPLETED
+    source[5, 1, 4] = Source.COMPLETED
+    return replace(clip, poses=Poses3D(clip.truth.skeleton, clip.truth.xyz, source))
+
+
+def scores(errors):
+    """Scores of two methods with the given errors by length of gap."""
+    gaps = [{"frames": "1-5", "hidden": 10, "filled": 10 if e else 0, "mpjpe": e, "stated": 0} for e in errors]
+    mean = {
+        "pcp": 90.0,
+        "pck": {"recall": 99.0, "precision": 50.0},
+        "shares": {"absent": 1.0, "measured": 90.0, "denoised": 0.0, "completed": 9.0},
+        "mpjpe": {"all": 40.0, "measured": 30.0, "denoised": None, "completed": 80.0},
+        "hidden": {"recall": 80.0, "mpjpe": 80.0},
+        "identity_switches": 0.0,
+        "gaps": gaps,
+    }
+    result = {"views": 4, "mean": mean, "worst": {"pcp": 80.0, "cameras": [0, 1]}}
+    return {
+        "recording": "made-up",
+        "skeleton": "shelf14",
+        "results": [{"method": "linear", **result}, {"method": "hold", **result}],
+    }
+
+
+def red_lines(axes):
+    return [line for line in axes.lines if line.get_color() == COMPLETED and len(line.get_xdata()) == 2]
+
+
+def test_only_bones_with_a_completed_end_are_red(completed):
+    figure = views_figure(completed, 4)
+    view = figure.axes[0]
+    elbow = completed.poses.skeleton.index("r_elbow")[0]
+    adjacent = sum(elbow in bone for bone in completed.poses.skeleton.bones)
+    assert len(red_lines(view)) == adjacent
+    assert not red_lines(views_figure(completed, 0).axes[0])
+
+
+def test_joints_are_drawn_where_the_camera_sees_them(completed):
+    dots = [line for line in views_figure(completed, 0).axes[2].lines if line.get_marker() == "."]
+    drawn = np.concatenate([np.stack(line.get_data(), -1) for line in dots])
+    pixels, _ = completed.rig.project(completed.poses.xyz[:1])
+    np.testing.assert_allclose(np.sort(drawn[:, 0]), np.sort(pixels[0, 2].reshape(-1, 2)[:, 0]), rtol=1e-6)
+
+
+def test_frames_with_most_are_apart():
+    counts = np.array([0, 0, 0, 0, 1, 2, 1, 0, 0, 0, 0, 0])
+    assert frames_with_most(counts, 1) == [5]
+    assert frames_with_most(counts, 5, apart=20) == [5]
+    assert frames_with_most(counts, 2, apart=3) == [0, 5]
+
+
+def test_captions_are_true_of_completed_measured_and_gappy_clips(completed):
+    section = views_section(completed, 1)
+    assert section.heading == "Clip made-up: completed poses"
+    assert re.match(r"0\.7% of the joints are completed.* frames with the most completed joints", section.text)
+    assert section.figures[0].caption == "Frame 5, reprojected into every view."
+    measured = replace(completed, poses=completed.truth)
+    assert "Every joint was measured; no joint is completed." in views_section(measured, 1).text
+    lacking = np.zeros(completed.truth.source.shape, bool)
+    lacking[3, 0, :5] = True
+    gappy = views_section(replace(completed, poses=completed.truth.without(lacking)), 1)
+    assert re.match(r"No joint is completed; 0\.8% are missing", gappy.text)
+    assert gappy.figures[0].caption.startswith("Frame 3,")
+
+
+def test_clips_without_poses_or_persons_are_described_as_such(completed):
+    without = views_section(replace(completed, poses=None))
+    assert without.heading.endswith("no poses") and not without.figures
+    empty = completed.truth.without(np.ones(completed.truth.source.shape, bool))
+    assert views_section(replace(completed, poses=empty)).text == "Capture found no person in this clip."
+
+
+def test_a_clip_without_poses_cannot_be_drawn():
+    with pytest.raises(ValueError, match="no poses"):
+        views_figure(full_clip(), 0)
+
+
+def test_gaps_that_nothing_filled_are_left_out_of_the_plot():
+    (axes,) = gaps_figure(scores([20.0, None])).axes
+    assert [line.get_label() for line in axes.lines] == ["linear", "hold"]
+    np.testing.assert_equal(axes.lines[0].get_ydata(), [20.0, np.nan])
+    assert axes.get_ylim()[0] == 0
+    assert axes.get_ylim()[1] > 20
+
+
+def test_the_page_is_complete_and_loads_nothing(completed, tmp_path):
+    page = tmp_path / "report.html"
+    write_report(page, "A <title>", [scores_section(scores([20.0, 40.0])), views_section(completed, 1)])
+    text = page.read_text()
+    assert "A &lt;title&gt;" in text
+    assert "Scores on made-up" in text
+    assert text.count("data:image/png;base64,") == 2
+    assert not re.search(r"(src|href)=['\"](?!data:)", text)

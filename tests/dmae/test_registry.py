@@ -1,0 +1,131 @@
+"""The registry that formats, completion methods, metrics, interactions and motion readers share."""
+
+import sys
+from dataclasses import dataclass
+
+import pytest
+
+from dmae.registry import Entry, Registry, _decorated
+
+ANIMALS = '''
+from zoo import animal
+
+
+@animal("dog", legs=4)
+def bark(times, *, loud=False):
+    """Bark, then growl.
+
+    More than once.
+    """
+    return ("loud " if loud else "") + times * "woof "
+
+
+@animal(legs=2)
+def sing():
+    """Sing."""
+'''
+COMPUTED = '''
+from zoo import animal
+
+LEGS = 6
+
+
+@animal(legs=LEGS)
+def buzz():
+    """Buzz."""
+'''
+
+
+@dataclass(frozen=True)
+class Animal(Entry):
+    legs: int
+
+
+@pytest.fixture
+def animal(tmp_path, monkeypatch):
+    """A registry of a package with a module of animals."""
+    (tmp_path / "zoo").mkdir()
+    (tmp_path / "zoo" / "__init__.py").touch()
+    (tmp_path / "zoo" / "animals.py").write_text(ANIMALS)
+    (tmp_path / "farm.py").write_text('def moo():\n    """Moo."""\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    import zoo
+
+    zoo.animal = Registry("animal", Animal, "zoo", option="pet", plain=False, renamed={"hound": "dog"})
+    yield zoo.animal
+    _decorated.cache_clear()
+    for name in [name for name in sys.modules if name.split(".")[0] in ("zoo", "farm")]:
+        del sys.modules[name]
+
+
+def test_entries_are_read_from_the_source(animal):
+    assert list(animal) == ["dog", "sing"]
+    dog = animal["dog"]
+    assert (dog.help, dog.options, dog.legs, dog.home) == ("Bark, then growl.", ("loud",), 4, "zoo.animals:bark")
+    assert "zoo.animals" not in sys.modules
+    assert dog.function(2, loud=True) == "loud woof woof "
+    assert dog == animal._imported["zoo.animals:bark"]
+
+
+def test_settings_that_are_no_literals_import_their_module(animal, tmp_path):
+    (tmp_path / "zoo" / "insects.py").write_text(COMPUTED)
+    assert animal["buzz"].legs == 6
+    assert "zoo.insects" in sys.modules and "zoo.animals" not in sys.modules
+
+
+def test_a_function_elsewhere_is_added_by_the_decorator(animal):
+    @animal("cat", legs=4)
+    def purr():
+        """Purr."""
+
+    assert animal.find("cat").function is purr
+    assert list(animal) == ["cat", "dog", "sing"]
+
+
+def test_a_name_is_taken_once(animal):
+    with pytest.raises(ValueError, match=r"animal 'dog': there is one already, zoo\.animals:bark"):
+        animal("dog", legs=4)(lambda: None)
+
+
+def test_two_functions_of_one_name_are_refused(animal, tmp_path):
+    (tmp_path / "zoo" / "wolves.py").write_text(ANIMALS)
+    with pytest.raises(ValueError, match=r"animal 'dog': there are two, zoo\.animals:bark and zoo\.wolves:bark"):
+        list(animal)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("dig", "no animal 'dig'; did you mean 'dog'? There are dog, sing, and package.module:function names another"),
+        ("xyz", "no animal 'xyz'; there are dog, sing, and package.module:function names another"),
+        ("farm:bleat", "pet=farm:bleat: farm has no function 'bleat'; it has ['moo']"),
+        ("farm:moo", "pet=farm:moo: expected a function under the decorator animal(...)"),
+    ],
+)
+def test_names_that_are_not_found_are_answered(animal, name, message):
+    with pytest.raises(ValueError) as error:
+        animal.find(name)
+    assert str(error.value) == message
+
+
+def test_a_function_is_named_by_a_module_that_has_it(animal, tmp_path):
+    (tmp_path / "farm.py").write_text("from zoo.animals import bark")
+    assert animal.find("zoo.animals:bark") == animal.find("farm:bark") == animal["dog"]
+
+
+@pytest.mark.usefixtures("animal")
+def test_any_callable_is_an_entry_where_no_settings_are_needed(tmp_path):
+    (tmp_path / "farm.py").write_text("from functools import partial\nshout = partial(lambda a, b: a + b, 1)")
+    found = Registry("sound", Entry, "zoo", option="pet").find("farm:shout")
+    assert (found.name, found.function(2)) == ("farm:shout", 3)
+
+
+@pytest.mark.usefixtures("animal")
+def test_without_an_option_only_names_are_found():
+    with pytest.raises(ValueError, match=r"no bird 'farm:moo'; there are dog, sing$"):
+        Registry("animal", Animal, "zoo", kind="bird").find("farm:moo")
+
+
+def test_old_names_are_found_with_a_note(animal):
+    with pytest.warns(FutureWarning, match="hound is now called dog; the old name works until"):
+        assert animal.find("hound").name == "dog"

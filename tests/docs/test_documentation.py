@@ -1,0 +1,158 @@
+"""The documentation says what is so: figures come from files, tutorials were executed, links and files exist."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+sys.path.insert(0, str(DOCS / "tools"))
+
+import equations  # noqa: E402
+import reference  # noqa: E402
+import results  # noqa: E402
+import tutorials  # noqa: E402
+
+PAGES = sorted(path for path in DOCS.rglob("*.md"))
+FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+ids = {"ids": lambda path: path.stem if isinstance(path, Path) else str(path)}
+
+
+def test_readme_is_a_front_door():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 150
+
+
+def test_figures_of_the_readme_are_those_of_the_files():
+    readme = (ROOT / "README.md").read_text()
+    assert "<!-- results:" in readme
+    assert readme == results.filled(readme), "run python docs/tools/results.py"
+
+
+def test_a_figure_that_was_typed_over_is_found():
+    readme = (ROOT / "README.md").read_text()
+    other = re.sub(r"\d\d\.\d", "99.9", readme)
+    assert other != readme
+    assert results.filled(other) != other
+
+
+@pytest.mark.parametrize("page", PAGES, **ids)
+def test_figures_of_a_page_can_be_filled_in(page: Path):
+    assert "{{" not in results.expanded(page.read_text())
+
+
+@pytest.mark.parametrize("page", [*FRONT, *DOCS.glob("benchmarks/*.md")], **ids)
+def test_no_measured_figure_is_typed(page: Path):
+    """Measured quantities stand in markers; what is left has no such unit behind a number."""
+    typed = re.sub(r"<!-- results.*?<!-- end -->|\{\{.*?\}\}|```.*?```|`[^`]*`", "", page.read_text(), flags=re.DOTALL)
+    assert not re.findall(r"\d+\.\d+ ?%|\d+ mm\b|\d+ frames/s\b(?! *\.? *Strict)", typed.replace("25 frames/s", ""))
+
+
+@pytest.mark.parametrize("path", sorted(results.FOLDER.glob("*.json")), **ids)
+def test_a_results_file_says_how_it_was_made(path: Path):
+    made = json.loads(path.read_text())
+    if "tables" in made:
+        assert made["measured"]
+        assert all(table["command"] and len(table["rows"]) for table in made["tables"].values())
+    else:
+        assert {"command", "date", "commit", "versions"} <= set(made)
+
+
+@pytest.mark.parametrize("name", tutorials.names())
+def test_a_tutorial_was_executed_since_its_script_changed(name: str):
+    assert tutorials.executed(name), "run python docs/tools/tutorials.py"
+    assert (tutorials.EXECUTED / f"{name}.png").is_file()
+
+
+def test_every_example_is_a_tutorial():
+    assert {path.stem for path in tutorials.EXAMPLES.glob("*.py")} == set(tutorials.names())
+
+
+@pytest.mark.parametrize("program", sorted(reference.PROGRAMS))
+def test_the_reference_of_commands_has_every_option(program: str):
+    page = reference.commands_page(program)
+    for command in reference.PROGRAMS[program].commands.values():
+        assert f"## `{command}`" in page
+        for member in command.options().walk():
+            assert f"`{member.key}" in page
+
+
+@pytest.mark.parametrize("page", FRONT, **ids)
+def test_links_of_pages_outside_the_site_exist(page: Path):
+    for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+        assert (ROOT / link).exists(), link
+
+
+def test_files_that_where_is_what_names_exist():
+    named = re.findall(r"`((?:dmae|synth)/[\w/]+\.py)`", (DOCS / "reference/where.md").read_text())
+    assert len(named) >= 3
+    for name in named:
+        assert (ROOT / name).is_file(), name
+
+
+def test_packages_that_where_is_what_names_are_those_there_are():
+    page = (DOCS / "reference/where.md").read_text()
+    for package in ("dmae", "synth"):
+        for folder in (ROOT / package).iterdir():
+            if (folder / "__init__.py").is_file():
+                assert f"`{folder.name}`" in page, folder
+
+
+@pytest.mark.parametrize("page", PAGES, **ids)
+def test_command_lines_of_a_page_name_options_that_exist(page: Path):
+    """Each `dmae ...` and `synth ...` line is checked as the program itself checks it, up to its values."""
+    text = page.read_text().replace("\\\n", " ")
+    for block in re.findall(r"```text\n(.*?)```", text, re.DOTALL):
+        for line in re.findall(r"^(dmae|synth) ([a-z-]+) ([^#|]*?)(?:\s{2,}.*|#.*)?$", block, re.MULTILINE):
+            program, name, arguments = line
+            commands = reference.PROGRAMS[program].commands
+            assert name in commands, line
+            members = list(commands[name].options().walk())
+            known = {member.key for member in members}
+            dictionaries = tuple(f"{member.key}." for member in members if getattr(member, "keyed", False))
+            for argument in arguments.split():
+                key, equals, _ = argument.partition("=")
+                known_key = key in known or key.startswith(("-", *dictionaries))
+                assert known_key or not equals, f"{page.name}: {line}: {key}"
+
+
+@pytest.mark.parametrize("page", PAGES, **ids)
+def test_equations_of_a_page_are_understood(page: Path):
+    """What the converter does not know it leaves with its backslash."""
+    text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(), flags=re.DOTALL)
+    for block, inline in re.findall(r"\$\$(.*?)\$\$|\\\((.*?)\\\)", text, re.DOTALL):
+        assert "\\" not in equations.convert(block or inline), block or inline
+
+
+def test_every_option_in_running_text_exists():
+    """Names such as `capture.th_p` in the explanations are options of a command."""
+    known = {member.key for program in reference.PROGRAMS.values() for command in program.commands.values()
+             for member in command.options().walk()}  # fmt: skip
+    roots = {key.split(".")[0] for key in known if "." in key}
+    # Recipes add options, and arrays in files have such names.
+    for page in (page for page in PAGES if page.stem != "files" and not page.stem.startswith("add_")):
+        for key in re.findall(r"`([a-z_0-9]+(?:\.[a-z_0-9]+)+)(?:=[^`]*)?`", page.read_text()):
+            if key.split(".")[0] in roots and not key.endswith((".py", ".json", ".md", ".yaml")):
+                assert key in known, f"{page.name}: {key}"
+
+
+def test_equations_become_mathml():
+    html = '<div class="arithmatex">\\[\\sigma^2 = 1\\]</div> <span class="arithmatex">\\(x\\)</span>'
+    assert equations.to_mathml(html).count("<math") == 2
+    assert "arithmatex" not in equations.to_mathml(html)
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning_and_needs_no_network(tmp_path: Path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    for page in (tmp_path / "site").rglob("*.html"):
+        html = page.read_text()
+        loaded = re.findall(r'<(?:script|img|iframe)[^>]+src="(https?:[^"]+)"', html)
+        loaded += re.findall(r'<link[^>]+rel="(?:stylesheet|preconnect|icon)"[^>]+href="(https?:[^"]+)"', html)
+        assert not loaded, page
+        assert "\\(" not in html and "arithmatex" not in html, page

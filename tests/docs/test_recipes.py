@@ -1,0 +1,86 @@
+"""The code in the how-to pages that add something: it runs, and what it adds works."""
+
+import importlib
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dmae
+import synth
+from dmae.completion.methods import completion_method
+from dmae.formats.registry import reader
+from dmae.metrics.registry import metric
+from synth.interactions import interaction
+
+PAGES = Path(__file__).parents[2] / "docs/how-to"
+
+
+@pytest.fixture
+def recipe(tmp_path: Path, monkeypatch):
+    """Import the code of a page as a module of its own, registered until the end of the test."""
+    monkeypatch.syspath_prepend(tmp_path)
+    for registry in (reader, metric, completion_method, interaction):
+        monkeypatch.setattr(registry, "_added", {})
+
+    def load(page: str):
+        (code,) = re.findall(r"```python\n(.*?)```", (PAGES / f"{page}.md").read_text(), re.DOTALL)
+        name = f"recipe_{page}"
+        (tmp_path / f"{name}.py").write_text(code)
+        sys.modules.pop(name, None)
+        return importlib.import_module(name)
+
+    return load
+
+
+def test_a_format(recipe, small_clip, tmp_path: Path):
+    from dmae.formats.calibrations.files import write_calibration
+
+    recipe("add_format")
+    found = small_clip.detections
+    values = np.concatenate([found.xy, found.score[..., None]], -1)
+    (tmp_path / "lizard.json").write_text(json.dumps(values.tolist()))
+    write_calibration(small_clip.rig, tmp_path / "calibration.toml", "pose2sim")
+    for clip in (dmae.read(tmp_path, fps=25), dmae.read(tmp_path, format="recipe_add_format:read_lizard")):
+        np.testing.assert_array_equal(clip.detections.xy, found.xy)
+
+
+def test_a_metric(recipe, small_clip):
+    recipe("add_metric")
+    scores = dmae.evaluate(small_clip, dmae.capture(small_clip))
+    assert scores["jerkiness"] > 0
+
+
+def test_a_completion_method(recipe, small_clip):
+    recipe("add_method")
+    captured = dmae.capture(small_clip)
+    filled = dmae.capture(small_clip, fill="recipe_add_method:fill_midpoint")
+    np.testing.assert_array_equal(filled.xyz[captured.measured], captured.xyz[captured.measured])
+    assert (filled.source == dmae.Source.COMPLETED).any()
+
+
+def test_an_interaction(recipe):
+    recipe("add_interaction")
+    options = ("scene.seconds=1", "interaction.kind=recipe_add_interaction:face_off")
+    clip = next(synth.generate(*options, scene="studio", clips=1, seed=1))
+    assert clip.truth.xyz.shape[1] == 2
+
+
+def test_a_detector_error(recipe, tmp_path: Path):
+    module = recipe("add_detector_error")
+    (tmp_path / "keeps_views.py").write_text(
+        "VIEWS = []\n\ndef keep(view, *, rng):\n    VIEWS.append(view)\n    return view\n"
+    )
+    next(synth.generate("scene.seconds=1", "detector.custom=[keeps_views:keep]", clips=1))
+    for view in importlib.import_module("keeps_views").VIEWS:
+        np.testing.assert_array_equal(module.Blackouts().apply(view).score, view.score)
+        band = module.Blackouts(share=0.5).apply(view).xy[..., 1]
+        assert not (band > view.size[1] / 2).any()
+
+
+@pytest.fixture(scope="module")
+def small_clip():
+    return next(synth.generate("scene.seconds=1", clips=1, seed=2)).select(views=[0, 1, 3])

@@ -1,0 +1,55 @@
+"""Every script in `examples/` runs, prints something and draws something."""
+
+import runpy
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+NEEDS_RECORDINGS = {"pose2sim_recording"}
+SMALLER = {"dataset_and_model": (["4"], {"clips=10": "clips=3"})}
+"""Arguments, and changes of the text, with which a script does less."""
+MOST_LINES = 60
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_example_runs_and_draws(script: Path, tmp_path: Path, request, monkeypatch, capsys):
+    if script.stem in NEEDS_RECORDINGS:
+        request.getfixturevalue("data_folder")
+    arguments, changes = SMALLER.get(script.stem, ([], {}))
+    text = script.read_text()
+    for old, new in changes.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    (tmp_path / script.name).write_text(text)
+    # As `python script.py` does; in this process, because imports take seconds.
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "argv", [script.name, str(tmp_path), *arguments])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("error", UserWarning)
+        runpy.run_path(str(tmp_path / script.name), run_name="__main__")
+    assert capsys.readouterr().out.strip()
+    assert (tmp_path / f"{script.stem}.png").stat().st_size > 5_000
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_example_is_short_and_introduced(script: Path):
+    source = script.read_text()
+    assert source.startswith('"""')
+    assert len(source.splitlines()) <= MOST_LINES
+
+
+def test_triangulation_example_runs_under_pytest(tmp_path: Path):
+    """The plugin makes one test a case; the textbook's method fails where the pack says that it does."""
+    script = EXAMPLES / "triangulation_check.py"
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=line", str(script)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 1, done.stderr
+    assert "6 failed, 15 passed" in done.stdout

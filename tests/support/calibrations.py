@@ -1,0 +1,78 @@
+"""One camera as every format of calibrations writes it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+R = Rotation.from_rotvec([1.2, -0.7, 0.4]).as_matrix()
+CENTRE = np.array([1.0, -4.0, 1.5])
+T = -R @ CENTRE
+K = np.array([[900.0, 0, 500], [0, 880, 300], [0, 0, 1]])
+POINT = CENTRE + R.T @ (0.9, -0.6, 4.0)
+
+
+def pose2sim_text() -> str:
+    return (
+        '[metadata]\nerror = 0.1\n\n[cam_1]\nname = "left"\nsize = [1000.0, 600.0]\n'
+        f"matrix = {K.tolist()}\ndistortions = [-0.2, 0.05, 0.01, -0.02]\n"
+        f"rotation = [1.2, -0.7, 0.4]\ntranslation = {T.tolist()}\nfisheye = false\n"
+    )
+
+
+def voxelpose_text() -> str:
+    camera = {
+        "R": R.tolist(), "T": (1000 * CENTRE)[:, None].tolist(), "fx": 900.0, "fy": 880.0, "cx": 500.0, "cy": 300.0,
+        "k": [[-0.2], [0.05], [-0.1]], "p": [[0.01], [-0.02]],
+    }  # fmt: skip
+    return json.dumps({"left": camera})
+
+
+def panoptic_text() -> str:
+    """The world of the file is ours seen by someone for whom y points down and z away."""
+    ours = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0.0]])
+    camera = {
+        "name": "left", "type": "hd", "resolution": [1000, 600], "panel": 0, "node": 1, "K": K.tolist(),
+        "distCoef": [-0.2, 0.05, 0.01, -0.02, -0.1], "R": (R @ ours).tolist(), "t": (100 * T)[:, None].tolist(),
+    }  # fmt: skip
+    return json.dumps({"calibDataSource": "x", "cameras": [camera]})
+
+
+def shelf_text() -> str:
+    pose = np.column_stack([R, T]).round(4)
+    return json.dumps({"left": {"K": K.ravel().tolist(), "RT": pose.ravel().tolist(), "imgSize": [1000, 600]}})
+
+
+def storage(**matrices) -> str:
+    lines = ["%YAML:1.0", "---", "names:", '   - "left"']
+    for key, value in matrices.items():
+        rows, columns = np.atleast_2d(value).shape
+        data = ", ".join(f"{number:.8e}" for number in np.ravel(value))
+        lines += [f"{key}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d"]
+        lines += [f"   data: [ {data} ]"]
+    return "\n".join(lines) + "\n"
+
+
+def intrinsics_text() -> str:
+    return storage(K_left=K, dist_left=[-0.2, 0.05, 0.01, -0.02, -0.1]) + "H_left: 600\nW_left: 1000\n"
+
+
+def extrinsics_text() -> str:
+    return storage(R_left=[[1.2], [-0.7], [0.4]], Rot_left=R.round(6), T_left=T[:, None])
+
+
+TEXTS = {
+    "pose2sim": {"calib.toml": pose2sim_text},
+    "voxelpose": {"calibration.json": voxelpose_text},
+    "panoptic": {"calibration_x.json": panoptic_text},
+    "shelf": {"calibration.json": shelf_text},
+    "easymocap": {"intri.yml": intrinsics_text, "extri.yml": extrinsics_text},
+}
+
+
+def write(folder: Path, format: str, **changed: str) -> Path:
+    """The files of a format in a folder, some with another text."""
+    for name, text in TEXTS[format].items():
+        (folder / name).write_text(changed.get(name, text()))
+    return folder

@@ -1,0 +1,46 @@
+"""People with gaps, and an untrained completer that fills them quickly."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from dmae.completion.completer import Completer
+from dmae.completion.network.build import build_network
+from dmae.completion.network.config import CodesConfig, DecoderConfig, EncoderConfig, ModelConfig
+from dmae.completion.normalisation import rest_pose
+from dmae.completion.training.masking import MaskingConfig, mask_bursts
+from dmae.data.clip import Poses3D
+from dmae.data.skeleton import SHELF14
+from dmae.data.skeleton_conversion import convert
+from tests.support.circling_people import circling_people
+
+FPS = 25.0
+SMALL = ModelConfig(
+    frames=9,
+    encoder=EncoderConfig(dim=16, depth=1, heads=2, head_dim=8, mlp=32),
+    decoder=DecoderConfig(dim=8),
+    codes=CodesConfig(signal=8),
+)
+
+
+def untrained(residual: bool = True, denoise: bool = False, factors: tuple[float, ...] | None = None) -> Completer:
+    """Return a completer with a network that corrects every joint."""
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        model = build_network(replace(SMALL, residual=residual, align_heading=residual), len(SHELF14)).eval()
+        torch.nn.init.normal_(model.head.weight, std=0.01)
+        torch.nn.init.normal_(model.scale_head[-1].weight, std=0.1)
+    truth = convert(circling_people(50, 3, rng=np.random.default_rng(9)), SHELF14)
+    model.rest.copy_(torch.from_numpy(rest_pose(truth.xyz, SHELF14)))
+    return Completer(model, SHELF14, denoise, factors)
+
+
+def circling(seed: int, frames: int = 60, persons: int = 3) -> Poses3D:
+    return convert(circling_people(frames, persons, rng=np.random.default_rng(seed)), SHELF14)
+
+
+def with_holes(truth: Poses3D, seed: int) -> Poses3D:
+    rng = np.random.default_rng(seed)
+    hidden = mask_bursts(*truth.xyz.shape[:2], truth.skeleton, FPS, MaskingConfig(longest=20), rng=rng)
+    return Poses3D(truth.skeleton, np.where(hidden[..., None], np.nan, truth.xyz))

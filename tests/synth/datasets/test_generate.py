@@ -1,0 +1,249 @@
+"""Data sets: the same clip wherever it is made, nothing half-made, nothing lost, nothing silent."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dmae.data.labels import Visibility
+from dmae.data.store import load_clip, read_manifest
+from synth.datasets import clip as module
+from synth.datasets import generate as dataset
+from synth.datasets.clip import GenerateConfig, ImageKinds, attempt_seed, generate_clip
+from synth.datasets.generate import CONFIG, generate
+from synth.detector.config import DetectorConfig
+from synth.detector.errors.ghosts import Ghosts
+from synth.detector.errors.misses import Misses
+from synth.errors import FailedSimulation
+from synth.motion.source import MotionConfig
+from synth.people.segments import SEGMENTS
+from synth.rendering.renderer import ImageQuality
+from synth.rigs.placement import RingConfig
+from synth.rigs.rig import RigConfig
+from synth.scene.spec import SceneConfig, SceneSpec
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def config(tmp_path) -> GenerateConfig:
+    """Three clips of two persons and ten frames, seen by two small cameras."""
+    return GenerateConfig(
+        out=str(tmp_path / "data"),
+        seed=3,
+        clips=3,
+        scene=SceneConfig(persons=[2, 2], seconds=0.4, props=[0, 1]),
+        rig=RigConfig(ring=RingConfig(views=2, focal=90, size=[96, 72])),
+        detector=DetectorConfig(ghosts=Ghosts(0.3), misses=Misses(person=0.1)),
+    )
+
+
+@pytest.fixture
+def made(monkeypatch) -> list[tuple[int, int]]:
+    """(index, attempt) of each clip that is made, in order."""
+    calls, attempt = [], module._attempt
+
+    def note(config, index, number, images):
+        calls.append((index, number))
+        return attempt(config, index, number, images)
+
+    monkeypatch.setattr(module, "_attempt", note)
+    return calls
+
+
+def failing(monkeypatch, fails) -> None:
+    """Let the simulations of specs fail for which `fails` is True."""
+    simulate = module.simulate
+
+    def sometimes(spec, *more, **how):
+        if fails(spec):
+            raise FailedSimulation(f"clip {spec.clip} fell over")
+        return simulate(spec, *more, **how)
+
+    monkeypatch.setattr(module, "simulate", sometimes)
+
+
+def labels(config: GenerateConfig) -> list[bytes]:
+    return [path.read_bytes() for path in sorted(Path(config.out).glob("*/arrays.safetensors"))]
+
+
+def test_clips_are_consistent(config):
+    lines = generate(config)
+    assert [line["id"] for line in lines] == ["000000", "000001", "000002"]
+    assert lines == read_manifest(config.out)
+    for line in lines:
+        clip = load_clip(Path(config.out) / line["id"])
+        assert (line["status"], line["frames"], line["persons"]) == ("ok", 10, 2)
+        assert clip.provenance["manifest"] == line
+        assert clip.truth.xyz.shape == (10, 2, 39, 3)
+        assert clip.occlusion.visibility.shape == clip.occlusion.occluder.shape == (10, 2, 2, 39)
+        assert abs(sum(line["occlusion"][code.name.lower()] for code in Visibility) - 1) < 1e-3
+        visible = (clip.occlusion.visibility == Visibility.VISIBLE).mean()
+        assert abs(line["occlusion"]["visible"] - visible) < 1e-4
+        assert 0 < visible < 1
+        by_object = clip.occlusion.occluder[clip.occlusion.visibility == Visibility.HIDDEN_BY_OBJECT]
+        assert (by_object < len(clip.occlusion.objects)).all()
+        # A detection of a person is about where the person is.
+        frame, view, place = np.nonzero(clip.detection_labels.person >= 0)
+        person = clip.detection_labels.person[frame, view, place]
+        expected = clip.rig.project(clip.truth.xyz[:, :, :25])[0][frame, view, person]
+        found = clip.detections.xy[frame, view, place]
+        assert len(frame) > 10
+        assert np.nanmax(np.abs(found - expected)) < 1e-2
+
+
+def test_the_provenance_reproduces_the_clip(config):
+    generate(replace(config, clips=1))
+    clip = load_clip(Path(config.out) / "000000")
+    spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+    again = module.simulate(spec, clip.rig)
+    np.testing.assert_array_equal(again.joints.astype(np.float32), clip.truth.xyz)
+    assert {"dmae-synth", "mujoco", "numpy"} <= set(clip.provenance["versions"])
+
+
+def test_a_clip_has_the_same_bytes_alone_in_a_range_and_among_workers(config, tmp_path):
+    generate(config)
+    spread = replace(config, out=str(tmp_path / "spread"), workers=2)
+    generate(spread)
+    assert labels(config) == labels(spread)
+    alone = generate_clip(config, 2)
+    stored = load_clip(Path(config.out) / "000002")
+    np.testing.assert_array_equal(alone.occlusion.visibility, stored.occlusion.visibility)
+    np.testing.assert_array_equal(alone.occlusion.occluder, stored.occlusion.occluder)
+    np.testing.assert_array_equal(alone.detection_labels.person, stored.detection_labels.person)
+    np.testing.assert_array_equal(alone.truth.xyz, stored.truth.xyz)
+    np.testing.assert_array_equal(alone.detections.xy, stored.detections.xy)
+    other = generate_clip(replace(config, seed=4), 2)
+    assert other.truth.xyz.shape != alone.truth.xyz.shape or not np.allclose(other.truth.xyz, alone.truth.xyz)
+
+
+def test_an_interrupted_run_resumes(config, made, monkeypatch):
+    generate(replace(config, clips=2))
+    before = labels(config)
+    made.clear()
+    # A clip lost, one damaged, one unfinished by a killed process.
+    out = Path(config.out)
+    (out / "000000" / "clip.json").unlink()
+    (out / "manifest.jsonl").unlink()
+    (out / ".000002.partial").mkdir()
+    (out / ".000002.partial" / "clip.json").write_text("half")
+    lines = generate(config)
+    assert made == [(0, 0), (2, 0)]
+    assert [line["status"] for line in lines] == ["ok"] * 3
+    assert labels(config)[:2] == before
+    assert not list(out.glob(".*"))
+    made.clear()
+    assert generate(config) == lines
+    assert made == []
+
+
+def test_a_damaged_clip_is_made_again(config, made):
+    generate(replace(config, clips=1))
+    (before,) = labels(config)
+    made.clear()
+    (Path(config.out) / "000000" / "arrays.safetensors").write_bytes(before[:-8])
+    generate(replace(config, clips=1))
+    assert made == [(0, 0)]
+    assert labels(config) == [before]
+
+
+def test_a_data_set_is_not_resumed_with_another_configuration(config):
+    generate(replace(config, clips=1))
+    before = labels(config)
+    changed = replace(config, scene=replace(config.scene, fps=50.0), retries=1)
+    with pytest.raises(ValueError, match=r"another configuration: config\.json differs in retries, scene\.fps\."):
+        generate(changed)
+    assert labels(config) == before
+    # More clips, other workers or another place are no other configuration.
+    assert len(generate(replace(config, clips=2, workers=2))) == 2
+
+
+def test_a_failed_clip_is_tried_again_with_another_seed(config, monkeypatch):
+    failing(monkeypatch, lambda spec: spec.clip == 1 and spec.seed == config.seed)
+    lines = generate(config)
+    assert [line["attempts"] for line in lines] == [1, 2, 1]
+    assert [line["seed"] for line in lines] == [3, attempt_seed(3, 1), 3]
+    assert lines[1]["status"] == "ok"
+    assert load_clip(Path(config.out) / "000001").provenance["spec"]["seed"] == attempt_seed(3, 1)
+
+
+def test_clips_that_fail_with_every_seed_are_recorded_and_the_others_made(config, monkeypatch):
+    failing(monkeypatch, lambda spec: spec.clip == 1)
+    lines = generate(replace(config, retries=2))
+    assert [line["status"] for line in lines] == ["ok", "failed", "ok"]
+    assert lines[1]["reason"] == "clip 1 fell over"
+    assert lines[1]["attempts"] == 3
+    assert not (Path(config.out) / "000001").exists()
+
+
+def test_a_run_without_any_clip_fails(config, monkeypatch):
+    failing(monkeypatch, lambda spec: True)
+    with pytest.raises(FailedSimulation, match="all 3 clips failed, the first because of this: clip 0 fell over"):
+        generate(replace(config, retries=0))
+    assert [line["status"] for line in read_manifest(config.out)] == ["failed"] * 3
+
+
+def test_a_crash_leaves_no_half_clip_and_loses_no_whole_one(config, monkeypatch):
+    save = dataset.save_clip
+
+    def crash(clip, folder):
+        save(clip, folder)
+        if clip.id == "000001":
+            raise OSError("disk full")
+
+    monkeypatch.setattr(dataset, "save_clip", crash)
+    with pytest.raises(OSError, match="disk full"):
+        generate(config)
+    out = Path(config.out)
+    assert sorted(path.name for path in out.iterdir()) == ["000000", CONFIG, "manifest.jsonl"]
+    assert [line["id"] for line in read_manifest(out)] == ["000000"]
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"motion": MotionConfig(kind="bvh", path="nowhere")}, FileNotFoundError),
+        ({"scene": SceneConfig(arena="moon")}, ValueError),
+        ({"rig": RigConfig(path="nowhere.toml")}, FileNotFoundError),
+    ],
+)
+def test_impossible_configurations_are_refused_before_anything_is_written(config, change, error):
+    with pytest.raises(error):
+        generate(replace(config, **change))
+    assert not Path(config.out).exists()
+
+
+@pytest.mark.parametrize("change", [{"clips": 0}, {"retries": -1}, {"workers": 0}, {"seed": -1}])
+def test_numbers_out_of_range_are_refused(change):
+    with pytest.raises(ValueError, match=next(iter(change))):
+        GenerateConfig(**change)
+
+
+@pytest.mark.filterwarnings("ignore:no OpenGL")
+@pytest.mark.parametrize("kinds", [ImageKinds.rgb, ImageKinds.all])
+def test_images_are_stored_beside_the_labels_and_agree_with_them(config, kinds):
+    generate(replace(config, clips=1, images=kinds, quality=ImageQuality.draft))
+    clip = load_clip(Path(config.out) / "000000")
+    assert clip.images.kinds == kinds.value
+    for view in clip.rig.names:
+        rgb = list(clip.images.read("rgb", view))
+        assert np.shape(rgb) == (10, 72, 96, 3)
+        assert np.std(rgb) > 5
+    if "ids" not in kinds.value:
+        assert clip.images.parts == ()
+        return
+    assert clip.images.parts == SEGMENTS
+    seen = np.array([list(clip.images.read("ids", view)) for view in clip.rig.names]).swapaxes(0, 1)
+    for person in range(2):
+        shown = (seen == 1 + person).any((2, 3))
+        visible = (clip.occlusion.visibility[:, :, person] == Visibility.VISIBLE).sum(-1)
+        assert shown[visible > 5].all()
+        assert (visible[~shown] < 5).all()
+
+
+def test_the_seed_of_an_attempt_is_its_own():
+    seeds = {attempt_seed(seed, attempt) for seed in range(5) for attempt in range(5)}
+    assert len(seeds) == 25
+    assert attempt_seed(0, 0) == 0

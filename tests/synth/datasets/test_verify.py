@@ -1,0 +1,300 @@
+"""Verification: nothing is said of a sound data set, and every damage that is planted is found and named."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dmae.data.clip import Detections2D, Poses3D
+from dmae.data.images import write_ids, write_parts, write_video
+from dmae.data.labels import DetectionLabels, JointError, Visibility
+from dmae.data.store import load_clip, read_json, read_manifest, save_clip, write_manifest
+from synth.commands import verify as command
+from synth.commands.verify import VerifyCommand
+from synth.datasets.clip import GenerateConfig, ImageKinds
+from synth.datasets.generate import generate
+from synth.datasets.verify import CHECKS, verify
+from synth.rendering.renderer import ImageQuality
+from synth.rigs.placement import RingConfig
+from synth.rigs.rig import RigConfig
+from synth.scene.spec import SceneConfig
+
+pytestmark = pytest.mark.filterwarnings("ignore:no OpenGL")
+CLIP = "000000"
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory) -> Path:
+    """Make two clips of two people in five frames of two cameras, with all images; every person is detected."""
+    out = tmp_path_factory.mktemp("sound") / "data"
+    generate(
+        GenerateConfig(
+            out=str(out),
+            seed=3,
+            clips=2,
+            images=ImageKinds.all,
+            quality=ImageQuality.draft,
+            scene=SceneConfig(persons=[2, 2], seconds=0.2),
+            rig=RigConfig(ring=RingConfig(views=2, focal=180, size=[192, 144])),
+        )
+    )
+    return out
+
+
+@pytest.fixture
+def data(sound, tmp_path) -> Path:
+    """Return a copy of it, to be damaged."""
+    return Path(shutil.copytree(sound, tmp_path / "data"))
+
+
+def changed(data: Path, **fields) -> None:
+    """Save the first clip with other fields, checksum and all."""
+    save_clip(replace(load_clip(data / CLIP), **fields), data / CLIP)
+
+
+def found(data: Path) -> list[tuple[str, str, str]]:
+    return [tuple(problem) for problem in verify(data)[1]]
+
+
+def only(data: Path, check: str, *words: str) -> None:
+    """Assert that the first clip fails this check and no other, and that the problems contain these words."""
+    problems = found(data)
+    assert {(clip, name) for clip, name, _ in problems} == {(CLIP, check)}, problems
+    for word in words:
+        assert any(word in what for _, _, what in problems), (word, problems)
+
+
+def test_a_new_data_set_has_no_problems(sound):
+    clips, problems = verify(sound)
+    assert (clips, problems) == (["000000", "000001"], [])
+    assert verify(sound / CLIP) == ([CLIP], [])
+
+
+def test_a_clip_without_labels_passes(sound, tmp_path):
+    clip = load_clip(sound / CLIP)
+    bare = replace(clip, truth=None, images=None, occlusion=None, detection_labels=None)
+    save_clip(bare, tmp_path / "bare")
+    assert verify(tmp_path / "bare")[1] == []
+
+
+def test_labels_are_checked_against_the_true_cameras(data):
+    """A calibration in error is no damage: the labels are those of the cameras as they were."""
+    clip = load_clip(data / CLIP)
+    pose = clip.rig.cam_from_world.copy()
+    pose[:, :3, 3] += 0.3
+    changed(data, rig=replace(clip.rig, cam_from_world=pose), true_rig=clip.rig)
+    assert found(data) == []
+    changed(data, true_rig=None)
+    assert {"detections", "images"} <= {check for _, check, _ in found(data)}
+
+
+@pytest.mark.parametrize(
+    ("damage", "word"),
+    [
+        (lambda folder: (folder / "arrays.safetensors").unlink(), "arrays.safetensors"),
+        (lambda folder: (folder / "clip.json").write_text("{"), "JSON"),
+        (lambda folder: shutil.rmtree(folder), "expected a clip folder"),
+        (
+            lambda folder: (folder / "arrays.safetensors").write_bytes(
+                (folder / "arrays.safetensors").read_bytes()[:-1] + b"!"
+            ),
+            "checksum",
+        ),
+    ],
+)
+def test_missing_and_damaged_files_are_found(data, damage, word):
+    damage(data / CLIP)
+    only(data, "files", word)
+
+
+def test_arrays_of_other_shapes_are_found(data):
+    meta = read_json(data / CLIP / "clip.json")
+    meta["cameras"] = meta["cameras"][:1]
+    (data / CLIP / "clip.json").write_text(json.dumps(meta))
+    only(data, "files", "shape")
+
+
+def test_impossible_numbers_are_found(data):
+    clip = load_clip(data / CLIP)
+    xyz, xy, score = clip.truth.xyz.copy(), clip.detections.xy.copy(), clip.detections.score.copy()
+    xy[tuple(np.argwhere(clip.detections.observed)[0])] = (np.nan, 3)
+    score[np.isnan(xy).any(-1)] = np.nan
+    torn = Detections2D(clip.detections.skeleton, xy, score)
+    changed(data, detections=torn, detection_labels=DetectionLabels(clip.detection_labels.person))
+    only(data, "numbers", "detections.xy: 1 points")
+    sure = np.where(clip.detections.observed, np.float32(1.5), np.nan)
+    changed(data, detections=replace(clip.detections, score=sure))
+    only(data, "numbers", "outside 0..1")
+    cov = np.full((*xyz.shape, 3), np.inf)
+    changed(data, detections=clip.detections, truth=Poses3D(clip.truth.skeleton, xyz, cov=cov))
+    only(data, "numbers", "truth.cov", "infinite")
+
+
+def first_joint(clip, code) -> tuple:
+    """Return the index of the clip's first joint of this visibility."""
+    at = np.argwhere(clip.occlusion.visibility == code)
+    assert len(at), f"nothing in the clip is {code!r}"
+    return tuple(at[0])
+
+
+def test_inconsistent_labels_are_found(data):
+    clip = load_clip(data / CLIP)
+    visible, behind_self = first_joint(clip, Visibility.VISIBLE), first_joint(clip, Visibility.HIDDEN_BY_SELF)
+    detected, missed = (tuple(np.argwhere(clip.detections.observed == there)[0]) for there in (True, False))
+
+    for part, name, at, value, words in (
+        ("occlusion", "visibility", visible, 9, "visibility holds unknown codes"),
+        ("occlusion", "visibility", visible, Visibility.ABSENT, "where the truth is NaN"),
+        ("occlusion", "occluder", visible, 0, "occluder does not match"),
+        ("occlusion", "occluder", behind_self, 1 - behind_self[2], "occluder does not match"),
+        ("occlusion", "occluder", behind_self, -1, "occluder does not match"),
+        ("occlusion", "depth_margin", visible, 1.0, "depth_margin is not known"),
+        ("occlusion", "depth_margin", behind_self, np.nan, "depth_margin is not known"),
+        ("occlusion", "depth_margin", behind_self, -0.5, "depth_margin is not positive"),
+        ("occlusion", "amodal_pixels", (0, 0, 0), -1, "visible_pixels exceed"),
+        ("detection_labels", "person", (0, 0, 0), 2, "person is not the index"),
+        ("detection_labels", "joint_person", detected, 2, "joint_person is not the index"),
+        ("detection_labels", "joint_person", missed, 0, "where nothing is detected"),
+        ("detection_labels", "error", detected, 99, "error holds unknown codes"),
+        ("detection_labels", "error", detected, JointError.ABSENT, "where nothing is detected"),
+    ):
+        labels = getattr(clip, part)
+        array = getattr(labels, name).copy()
+        array[at] = value
+        changed(data, **{part: replace(labels, **{name: array})})
+        only(data, "labels", words)
+        changed(data, **{part: labels})
+    assert found(data) == []
+
+
+def test_visibility_inconsistent_with_the_cameras_is_found(data):
+    clip = load_clip(data / CLIP)
+    for name, code in (("outside", Visibility.OUTSIDE_IMAGE), ("behind", Visibility.BEHIND_CAMERA)):
+        codes = clip.occlusion.visibility.copy()
+        codes[first_joint(clip, Visibility.VISIBLE)] = code
+        changed(data, occlusion=replace(clip.occlusion, visibility=codes))
+        only(data, "projection", name, "first in frame")
+    xyz = clip.truth.xyz + np.float32(50)
+    changed(data, occlusion=clip.occlusion, truth=Poses3D(clip.truth.skeleton, xyz))
+    assert "projection" in {check for _, check, _ in found(data)}
+
+
+def test_detections_of_another_person_or_outside_the_image_are_found(data):
+    clip = load_clip(data / CLIP)
+    labels = replace(clip.detection_labels, offset_px=None)
+    exchanged = np.where(labels.person >= 0, 1 - labels.person, labels.person)
+    changed(data, detection_labels=replace(labels, person=exchanged))
+    only(data, "detections", "far from the person")
+    offset = clip.detection_labels.offset_px + np.float32(3)
+    changed(data, detection_labels=replace(labels, offset_px=offset))
+    only(data, "detections", "offset_px is not the distance")
+    xy = clip.detections.xy.copy()
+    xy[tuple(np.argwhere(clip.detections.observed)[0])] = (500, 3)
+    changed(data, detection_labels=labels, detections=replace(clip.detections, xy=xy))
+    only(data, "detections", "1 detected joints lie outside")
+
+
+def test_missing_broken_and_wrongly_sized_images_are_found(data):
+    ids = data / CLIP / "images" / "ids" / "ring0" / "000002.png"
+    depth = data / CLIP / "images" / "depth" / "ring1" / "000001.png"
+    rgb = data / CLIP / "images" / "rgb" / "ring1.mp4"
+    whole = ids.read_bytes()
+    for broken in (None, b"", whole[: len(whole) // 2]):
+        ids.unlink() if broken is None else ids.write_bytes(broken)
+        # What is left of a PNG may still be decoded; then its pixels are not those that were counted.
+        only(data, "images", "ring0")
+    ids.write_bytes(whole)
+    cv2.imwrite(str(depth), np.zeros((10, 20), np.uint16))
+    only(data, "images", "depth of camera ring1: expected 192 x 144 px, found 20 x 10")
+    write_video(rgb, np.zeros((3, 144, 192, 3), np.uint8), 25)
+    only(data, "images", "expected 5 frames", "found 3")
+    rgb.write_bytes(b"no video")
+    only(data, "images", "rgb of camera ring1")
+
+
+def test_ids_inconsistent_with_the_labels_are_found(data):
+    clip = load_clip(data / CLIP)
+    path = data / CLIP / "images" / "ids" / "ring0" / "000002.png"
+    ids = list(clip.images.read("ids", "ring0"))[2]
+    for wrong, word in ((77, "stand for no person"), (0, "pixels show the persons")):
+        write_ids(path, np.where(ids == 1, wrong, ids))
+        only(data, "images", word)
+    write_ids(path, ids)
+    # A wall that no label knows, and no counts of pixels.
+    for view in clip.rig.names:
+        for frame in range(5):
+            write_ids(data / CLIP / "images" / "ids" / view / f"{frame:06d}.png", np.full_like(ids, 256))
+            write_parts(data / CLIP / "images" / "parts" / view / f"{frame:06d}.png", np.zeros_like(ids))
+    bare = replace(load_clip(data / CLIP).occlusion, visible_pixels=None, amodal_pixels=None)
+    changed(data, occlusion=bare)
+    only(data, "images", "less than 99%")
+
+
+def test_parts_without_a_person_or_a_name_are_found(data):
+    clip = load_clip(data / CLIP)
+    path = data / CLIP / "images" / "parts" / "ring0" / "000002.png"
+    parts = list(clip.images.read("parts", "ring0"))[2]
+    for wrong, word in (
+        (np.where(parts == 3, 99, parts), "99 is none of the 16 parts"),
+        (np.where(parts == 3, 0, parts), f"{np.count_nonzero(parts == 3)} pixels have a part but no person"),
+        (np.maximum(parts, 1), "or a person but no part"),
+    ):
+        write_parts(path, wrong)
+        only(data, "images", "parts of camera ring0, frame 2", word)
+
+
+def test_surplus_images_are_found_unless_they_belong_to_another_clip(data, tmp_path):
+    whole, images = load_clip(data / CLIP), data / CLIP / "images"
+    some = whole.select([1, 3])
+    save_clip(some, tmp_path / "some")
+    assert verify(tmp_path / "some")[1] == []
+    shutil.copy(images / "ids" / "ring0" / "000004.png", images / "ids" / "ring0" / "000005.png")
+    only(data, "images", "image files that do not belong to the clip: 1, first ids/ring0/000005.png")
+    (images / "ids" / "ring0" / "000005.png").unlink()
+    shutil.copytree(images / "parts" / "ring0", images / "parts" / "ring7")
+    only(data, "images", "image files that do not belong to the clip: 5, first parts/ring7/000000.png")
+    shutil.rmtree(images / "parts" / "ring7")
+    write_video(images / "rgb" / "ring1.mp4", np.zeros((7, 144, 192, 3), np.uint8), 25)
+    only(data, "images", "rgb/ring1.mp4: expected 5 frames, found 7")
+
+
+def test_a_manifest_inconsistent_with_the_folders_is_found(data):
+    lines = read_manifest(data)
+    shutil.copytree(data / CLIP, data / "000007")
+    assert found(data) == [("data set", "manifest", "000007: a clip that is not ok in manifest.jsonl")]
+    shutil.rmtree(data / "000007")
+    write_manifest(data, [*lines, lines[0]])
+    assert ("data set", "manifest", "manifest.jsonl: clip 000000 is listed twice") in found(data)
+    write_manifest(data, [lines[0] | {"frames": 9, "seed": 4}, lines[1]])
+    only(data, "manifest", "frames: 9 in manifest.jsonl, 5 in the arrays", "seed: 4")
+    write_manifest(data, [*lines, {"id": "000002", "status": "failed"}])
+    assert found(data) == [("data set", "manifest", "manifest.jsonl: clip 000002 has status 'failed' and no reason")]
+    (data / "manifest.jsonl").write_text("{")
+    assert [(check, "line 1" in what) for _, check, what in found(data)] == [("manifest", True)]
+
+
+def test_clips_of_another_configuration_are_found(data):
+    config = read_json(data / "config.json")
+    config["scene"]["fps"], config["images"] = 50.0, "rgb"
+    (data / "config.json").write_text(json.dumps(config))
+    said = {what for _, check, what in found(data) if check == "manifest"}
+    assert "fps: 50.0 in config.json, 25.0 in the clip" in said
+    assert any(what.startswith("images: ('rgb',) in config.json") for what in said)
+
+
+def test_the_command_counts_and_fails(data, tmp_path, capsys):
+    command.run(VerifyCommand(path=str(data)), tmp_path / "sound.json")
+    assert read_json(tmp_path / "sound.json") == {"clips": ["000000", "000001"], "problems": []}
+    printed = capsys.readouterr().out
+    assert all(check in printed for check in CHECKS)
+    (data / CLIP / "arrays.safetensors").unlink()
+    with pytest.raises(ValueError, match="1 problems in 1 of 2 clips"):
+        command.run(VerifyCommand(path=str(data)), tmp_path / "found.json")
+    assert "000000: files: " in capsys.readouterr().out
+    assert read_json(tmp_path / "found.json")["problems"][0]["check"] == "files"
+    with pytest.raises(FileNotFoundError, match="neither"):
+        verify(tmp_path)

@@ -1,0 +1,153 @@
+"""Comparison of recordings, and detectors fitted to them, on simulated clips of a known detector."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from dmae.data.from_json import decode
+from dmae.data.store import save_clip
+from synth.commands import compare as compare_command
+from synth.commands import fit_detector as fit_command
+from synth.commands.compare import CompareCommand
+from synth.commands.fit_detector import FitDetectorCommand
+from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.detector.comparison import Limits, compare
+from synth.detector.config import DetectorConfig
+from synth.detector.fitting import distance, fit, redetect
+from synth.detector.parts import PartConfig, PartsConfig
+from synth.detector.pooling import measure_all, pool
+from synth.detector.recording import read_recording
+from synth.detector.statistics import measure
+from synth.scene.spec import SceneConfig
+from tests.support.detectors import changed, preset
+from tests.support.rigs import config as rig_config
+
+pytestmark = pytest.mark.slow
+
+
+def worse(config: DetectorConfig) -> DetectorConfig:
+    """Return a detector of twice the noise, more misses and more ghosts, and the same confidence."""
+    parts = {
+        kind: replace(part, noise=2 * part.noise, miss=[min(1.6 * share + 0.06, 0.95) for share in part.miss])
+        for kind, part in vars(config.parts).items()
+    }
+    return changed(replace(config, parts=PartsConfig(**parts)), {"ghosts.count": 2 * config.ghosts.count})
+
+
+@pytest.fixture(scope="module")
+def clips():
+    """Return two clips of two people in five views, with the detections of OpenPose."""
+    config = GenerateConfig(
+        scene=SceneConfig(persons=[2, 2], seconds=4.0, radius=1.2),
+        rig=rig_config("shelf"),
+        detector=preset("shelf_openpose"),
+    )
+    return [generate_clip(config, index) for index in range(2)]
+
+
+@pytest.fixture(scope="module")
+def parts(clips):
+    """Return the statistics of each clip."""
+    return [measure(clip) for clip in clips]
+
+
+@pytest.fixture(scope="module")
+def measured(clips, parts):
+    """Return the statistics of both clips."""
+    return pool(parts, [len(clip) for clip in clips])
+
+
+def test_a_recording_equals_itself(measured):
+    rows = compare(measured, measured, Limits())
+    assert not any(row.exceeded for row in rows)
+    assert all(row.distance == 0 or np.isnan(row.distance) for row in rows)
+
+
+def test_another_detector_exceeds_the_limits(clips, measured):
+    other = measure_all([redetect(clip, worse(preset("shelf_openpose")), seed=1) for clip in clips], len(clips))
+    exceeded = {row.what for row in compare(measured, other, Limits()) if row.exceeded}
+    assert {"distribution of error", "missed: elbow", "missed: knee"} <= exceeded
+    assert any(what.startswith("median error at confidence") for what in exceeded)
+
+
+def test_recordings_of_other_cameras_are_compared_without_their_views(clips, measured):
+    fewer = measure_all([clip.select(views=[0, 2, 3, 4]) for clip in clips], len(clips))
+    rows = {row.what for row in compare(measured, fewer, Limits())}
+    views = {what for what in (row.what for row in compare(measured, measured, Limits())) if what not in rows}
+    assert {"views that detect: wrist", "missed in view 0"} <= views
+    assert {"missed: wrist", "missed on the far side: wrist"} <= rows
+
+
+def test_pooling_concatenates_samples_and_averages_fractions(clips, parts):
+    both = pool(parts, [1, 3])
+    assert len(both.error) == sum(len(part.error) for part in parts)
+    np.testing.assert_allclose(both.missed, (parts[0].missed + 3 * parts[1].missed) / 4)
+    with pytest.raises(ValueError, match="cannot be measured as one"):
+        pool([parts[0], measure(clips[1].select(views=[0, 1, 2]))], [1, 1])
+
+
+@pytest.mark.slow
+def test_a_page_is_written_and_the_exit_status_says_if_limits_are_exceeded(clips, tmp_path, capsys):
+    clip = clips[0].select(frames=slice(0, 50))
+    save_clip(clip, tmp_path / "real")
+    save_clip(clip, tmp_path / "same")
+    save_clip(redetect(clip, worse(preset("shelf_openpose")), seed=1), tmp_path / "other")
+    config = CompareCommand(real=str(tmp_path / "real"), sim=str(tmp_path / "same"))
+    compare_command.run(config, tmp_path / "out")
+    assert "distribution of error" in capsys.readouterr().out
+    assert (tmp_path / "out" / "compare.html").stat().st_size > 50_000
+    with pytest.raises(SystemExit, match=r"limits are exceeded: .*distribution of error"):
+        compare_command.run(replace(config, sim=str(tmp_path / "other")), tmp_path / "out")
+
+
+def test_frames_of_a_recording(clips, tmp_path):
+    save_clip(clips[0], tmp_path)
+    assert len(read_recording(tmp_path, frames=[10, 40])) == 30
+    with pytest.raises(ValueError, match=r"frames=\[10, 1000\]: expected \[first, end\] within the 100 frames"):
+        read_recording(tmp_path, frames=[10, 1000])
+
+
+@pytest.mark.slow
+def test_a_fit_recovers_the_detector(clips, measured):
+    """The fit starts at a detector twice as bad, on the clips of the recording with another seed of the detector."""
+    found = fit(measured, clips, worse(preset("shelf_openpose")), rounds=5, seed=7)
+    before = measure_all([redetect(clip, worse(preset("shelf_openpose")), seed=7) for clip in clips], len(clips))
+    assert distance(measured, found.statistics) < distance(measured, before) / 2
+    exceeded = [sum(row.exceeded for row in compare(measured, other, Limits())) for other in (before, found.statistics)]
+    assert exceeded[1] < exceeded[0]
+
+
+def test_parameters_without_enough_joints_are_kept(clips):
+    short = clips[0].select(frames=slice(0, 8))
+    found = fit(measure(short), [short], preset("shelf_openpose"), rounds=1)
+    assert "parts.ear" in found.undetermined
+    assert "are needed" in found.undetermined["parts.ear"]
+    assert found.config.parts.ear == preset("shelf_openpose").parts.ear
+
+
+def test_a_preset_is_written_and_read_back(clips, tmp_path, capsys):
+    save_clip(clips[0], tmp_path / "real")
+    save_clip(clips[1], tmp_path / "sim" / "000001")
+    (tmp_path / "sim" / "manifest.jsonl").write_text('{"id": "000001", "status": "ok", "seed": 0}\n')
+    config = FitDetectorCommand(
+        detections=str(tmp_path / "real"),
+        clips=str(tmp_path / "sim"),
+        detector=preset("shelf_openpose"),
+        rounds=1,
+        name="mine",
+    )
+    fit_command.run(config, tmp_path / "out")
+    assert str(tmp_path / "out" / "detector" / "mine.yaml") in capsys.readouterr().out
+    values = yaml.safe_load((tmp_path / "out" / "detector" / "mine.yaml").read_text())
+    written = decode(DetectorConfig, values)
+    assert written.name == "mine"
+    assert written.parts.ear != PartConfig()
+    assert written.misses.limb_correlation > 0
+    assert (tmp_path / "out" / "compare.html").is_file()
+
+
+def test_a_detector_is_fitted_on_simulated_clips(clips, measured):
+    with pytest.raises(ValueError, match="it has no visibility"):
+        fit(measured, [replace(clips[0], occlusion=None)], preset("shelf_openpose"))

@@ -1,0 +1,260 @@
+"""All interactions: fit for use, deterministic, and with every source of motion; and what each of them shows."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.errors import FailedSimulation
+from synth.interactions import NO_INTERACTION, InteractionConfig, find_interaction, interaction_choices
+from synth.motion.readers.smpl import write_npz
+from synth.motion.source import MotionConfig, read_take
+from synth.people.landmarks import SKELETON
+from synth.physics.simulation import simulate
+from synth.scene.build import build_scene
+from synth.scene.sampling import lay_out, load_motions, sample_people, sample_scene
+from synth.scene.spec import Layout, SceneSpec
+from tests.support.scenes import RIG
+from tests.support.simulated_interactions import (
+    MID_HIP,
+    RECORDED,
+    SCENE,
+    apart,
+    facing,
+    hips,
+    palms,
+    played,
+    sampled,
+    spec_of,
+)
+
+KINDS = [kind for kind in interaction_choices() if kind != NO_INTERACTION]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_clips_are_fit_for_use_and_deterministic(kind):
+    spec, simulation = played(kind)
+    quality = simulation.quality
+    least, most = find_interaction(kind).persons
+    assert least <= len(spec.persons) <= most
+    assert quality["tracking_error_mm"] <= 30
+    # No overlap above 20 mm in any contact frame.
+    assert quality["penetration_mm"] <= 20
+    assert quality["foot_slide"] <= 0.03
+    assert SceneSpec.from_json(spec.to_json()) == spec == spec_of(kind)
+    for one, other in zip(load_motions(spec), load_motions(SceneSpec.from_json(spec.to_json())), strict=True):
+        np.testing.assert_array_equal(one.root, other.root)
+        np.testing.assert_array_equal(one.rotations, other.rotations)
+    assert np.linalg.norm(hips(simulation), axis=-1).max() < SCENE.radius + 0.6
+
+
+@pytest.fixture(scope="module")
+def takes(data_folder, tmp_path_factory) -> dict[str, Path]:
+    """A take of every kind of motion file."""
+    found = {kind: data_folder / "cmu" / name for kind, name in RECORDED.items()}
+    found["npz"] = tmp_path_factory.mktemp("npz") / "02_01.npz"
+    write_npz(found["npz"], read_take(found["amc"]))
+    return found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("source", [*RECORDED, "npz"])
+def test_recorded_motions_follow_every_script(kind, source, takes):
+    motion = MotionConfig(kind=source, path=str(takes[source]))
+    spec, motions = sampled(kind, motion, replace(SCENE, seconds=1.2, persons=[2, 2]))
+    simulation = simulate(spec, RIG, motions, painted=False)
+    assert all(takes[source].stem in person.motion for person in spec.persons)
+    assert simulation.quality["tracking_error_mm"] <= 30
+    assert simulation.quality["penetration_mm"] <= 40
+
+
+def test_all_people_cross_the_middle():
+    _, simulation = played("crossing")
+    paths = hips(simulation)
+    middle = paths.mean((0, 1))
+    nearest = np.linalg.norm(paths - middle, axis=-1)
+    assert (nearest.min(0) < 0.6).all()
+    assert np.ptp(nearest.argmin(0)) / 25 < 1.6
+    walked = paths[-1] - paths[0]
+    headings = walked / np.linalg.norm(walked, axis=-1, keepdims=True)
+    assert np.linalg.norm(headings.mean(0)) < 0.5
+
+
+def test_people_who_walk_together_stay_together():
+    _, simulation = played("walking_together")
+    paths = hips(simulation)
+    assert np.linalg.norm(paths[-1] - paths[0], axis=-1).min() > 1.0
+    nearest = apart(paths).min(-1)
+    assert 0.35 < nearest.min() < nearest.max() < 1.2
+
+
+def test_a_queue_moves_up():
+    _, simulation = played("queue")
+    paths = hips(simulation)
+    before = np.linalg.norm(np.diff(paths[0], axis=0), axis=-1)
+    assert ((before > 0.5) & (before < 0.9)).all()
+    assert np.linalg.norm(paths[-1, 1] - paths[0, 0]) < 0.15
+    assert np.linalg.norm(paths[-1, 0] - paths[0, 0]) > 0.8
+
+
+def test_people_in_a_circle_look_inward_and_gesture():
+    spec, simulation = played("circle_talk")
+    paths = hips(simulation)
+    middle = paths.mean(1, keepdims=True)
+    radius = np.linalg.norm(paths - middle, axis=-1)
+    assert 0.4 < radius.min() < radius.max() < 1.0
+    inward = (middle - paths) / radius[..., None]
+    assert ((facing(spec, simulation) * inward).sum(-1) > 0.7).all()
+    raised = np.maximum(*(palms(spec, simulation, side)[..., 2] for side in "lr"))
+    assert (raised.max(0) > 1.05).any()
+
+
+def test_hands_meet_and_part_in_a_handshake():
+    spec, simulation = played("handshake")
+    right = palms(spec, simulation, "r")
+    distance = np.linalg.norm(right[:, 0] - right[:, 1], axis=-1)
+    assert (distance < 0.05).sum() / 25 >= 0.3
+    assert distance[0] > 0.6
+    assert distance[-1] > 0.2
+    assert simulation.quality["contact_frames"] > 5
+    ahead = facing(spec, simulation)[40]
+    assert ahead[0] @ ahead[1] < -0.9
+
+
+def test_a_huddle_is_a_ring_with_arms_on_backs():
+    spec, simulation = played("huddle")
+    paths = hips(simulation)[-1]
+    radius = np.linalg.norm(paths - paths.mean(0), axis=-1)
+    assert len(spec.persons) == 6
+    assert 0.4 < radius.min() < radius.max() < 0.8
+    for side in "lr":
+        hands = palms(spec, simulation, side)[-1]
+        necks = simulation.joints[-1, :, SKELETON.index("body25.neck")[0]]
+        own = np.linalg.norm(hands - necks, axis=-1)
+        others = (np.linalg.norm(hands[:, None] - necks, axis=-1) + 9 * np.eye(6)).min(1)
+        assert (others < own).all()
+        assert np.median(others) < 0.35
+
+
+def test_arms_go_around_the_other_person_in_a_hug():
+    spec, simulation = played("hug")
+    assert apart(hips(simulation))[-1].min() < 0.45
+    hands, ahead = palms(spec, simulation, "r")[-1], facing(spec, simulation)[-1]
+    for person, other in ((0, 1), (1, 0)):
+        chest = simulation.joints[-1, other, SKELETON.index("body25.neck")[0]]
+        # Behind the front of the other person.
+        assert (hands[person] - chest)[:2] @ ahead[other] < 0.12
+        assert np.linalg.norm(hands[person] - chest) < 0.4
+
+
+def test_sparring_partners_punch_at_arms_length():
+    spec, simulation = played("fight")
+    distance = apart(hips(simulation)).min((1, 2))
+    assert 0.7 < distance.min() < distance.max() < 1.5
+    noses = simulation.joints[:, :, SKELETON.index("body25.nose")[0]]
+    reach = np.min(
+        [np.linalg.norm(palms(spec, simulation, side) - noses[:, ::-1], axis=-1) for side in "lr"], axis=(0, 2)
+    )
+    assert 0.1 < reach.min() < 0.45 < reach.max()
+
+
+def test_the_counter_is_between_its_two_sides():
+    spec, simulation = played("counter")
+    (board,) = spec.furniture
+    across = (hips(simulation) - board.at) @ (np.cos(board.yaw), np.sin(board.yaw))
+    behind = -(-len(spec.persons) // 2)
+    assert (across[:, :behind] < -0.3).all()
+    assert (across[:, behind:] > 0.3).all()
+    hands = np.concatenate([palms(spec, simulation, side)[-1] for side in "lr"])
+    assert (np.abs(hands[:, 2] - 1.06) < 0.06).sum() >= len(spec.persons)
+
+
+def test_people_sit_on_their_stools():
+    spec, simulation = played("table")
+    stools = np.array([thing.at for thing in spec.furniture[1:]])
+    assert np.linalg.norm(hips(simulation) - stools, axis=-1).max() < 0.12
+    height = simulation.joints[:, :, MID_HIP, 2]
+    assert 0.45 < height.min() < height.max() < 0.7
+    knees = simulation.joints[:, :, SKELETON.index("body25.l_knee")[0], 2]
+    assert np.abs(knees - height).max() < 0.16
+
+
+def test_a_couple_holds_hands_and_turns():
+    spec, simulation = played("dance")
+    held = np.linalg.norm(palms(spec, simulation, "l")[:, 0] - palms(spec, simulation, "r")[:, 1], axis=-1)
+    assert np.median(held) < 0.07
+    ahead = facing(spec, simulation)
+    assert ((ahead[:, 0] * ahead[:, 1]).sum(-1) < -0.5).all()
+    assert ahead[0, 0] @ ahead[-1, 0] < 0.7
+
+
+def test_a_recorded_couple_dances_as_it_did(data_folder):
+    motion = MotionConfig(kind="bvh", path=str(data_folder / "cmu" / "bvh_daz"))
+    spec = spec_of("dance", motion)
+    takes = sorted(person.motion.split(" ")[0] for person in spec.persons)
+    assert takes in (["salsa_05", "salsa_20"], ["salsa_10", "salsa_25"])
+    simulation = simulate(spec, RIG, painted=False)
+    assert simulation.quality["tracking_error_mm"] <= 30
+    distance = apart(hips(simulation)).min((1, 2))
+    assert 0.2 < distance.min() < distance.max() < 1.6
+    assert simulation.quality["penetration_mm"] <= 40
+
+
+def test_no_interaction_is_the_default():
+    with_none = sample_scene(SCENE, MotionConfig(), interaction=InteractionConfig(), seed=3, clip=0).spec
+    assert with_none == sample_scene(SCENE, MotionConfig(), seed=3, clip=0).spec
+    assert with_none.furniture == ()
+
+
+def test_furniture_is_an_object_and_no_obstacle():
+    spec = spec_of("table")
+    scene = build_scene(spec, RIG, painted=False)
+    assert {"furniture0/round_table", "furniture1/stool"} <= set(scene.objects)
+    assert len(scene.obstacles) == len(build_scene(replace(spec, furniture=()), RIG, painted=False).obstacles)
+    with_things = sample_scene(
+        replace(SCENE, props=[3, 3]),
+        MotionConfig(),
+        interaction=InteractionConfig("table"),
+        seed=3,
+        clip=0,
+    ).spec
+    for prop in with_things.props:
+        gaps = [np.linalg.norm(np.subtract(prop.at, thing.at)) for thing in with_things.furniture]
+        assert min(gaps) > 0.3
+
+
+def test_layouts_move_an_interaction_as_a_whole():
+    layouts = [Layout(draw, 0.8, 0.5, 2, ((3.0, 0.0),)) for draw in range(2)]
+    config = InteractionConfig("handshake")
+    people = sample_people(SCENE, MotionConfig(), config, seed=3, clip=0)
+    one, other = (lay_out(people, SCENE, layout=layout).spec for layout in layouts)
+    assert one.persons[0].start != other.persons[0].start
+    gaps = [np.linalg.norm(np.subtract(spec.persons[0].start, spec.persons[1].start)) for spec in (one, other)]
+    assert abs(gaps[0] - gaps[1]) < 1e-9
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_there_is_space_for_every_interaction_in_the_office(kind):
+    spec = spec_of(kind, scene=replace(SCENE, arena="office", seconds=5.0))
+    assert len(spec.persons) >= find_interaction(kind).persons[0]
+
+
+def test_an_interaction_without_space_is_refused():
+    with pytest.raises(FailedSimulation, match="no room for what 4 people do together: it strays"):
+        spec_of("crossing", scene=replace(SCENE, radius=0.3))
+
+
+def test_a_clip_names_its_interaction(tmp_path):
+    config = GenerateConfig(
+        out=str(tmp_path),
+        seed=3,
+        clips=1,
+        scene=replace(SCENE, seconds=0.4),
+        interaction=InteractionConfig("handshake"),
+    )
+    clip = generate_clip(config, 0)
+    assert clip.provenance["spec"]["interaction"] == {"kind": "handshake"}
+    assert clip.truth.xyz.shape[1] == 2

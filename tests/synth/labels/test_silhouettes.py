@@ -1,0 +1,190 @@
+"""Pixels of persons, and agreement of their joints' labels with images of ids."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.images import FIRST_OBJECT_ID
+from dmae.data.labels import Visibility
+from dmae.data.skeleton import BODY25
+from synth.errors import FailedSimulation
+from synth.labels.silhouettes import agreement, person_pixels
+from synth.labels.visibility import _limbs, joint_visibility
+from synth.motion.source import MotionConfig
+from synth.people.segments import SEGMENTS
+from synth.physics.simulation import simulate
+from synth.rendering import opengl
+from synth.rendering import renderer as rendering
+from synth.rendering.backend import find_backend
+from synth.rendering.image_files import render_images
+from synth.rendering.renderer import ImageQuality, Renderer
+from synth.scene.sampling import sample_scene
+from synth.scene.spec import SceneConfig
+from tests.support.rigs import preset
+from tests.support.standing_people import looking_along_x, scene
+
+pytestmark = pytest.mark.slow
+
+RIG = preset("shelf")
+
+
+@pytest.fixture(scope="module")
+def crowds() -> list:
+    """The last state of three scenes of three to five people among the office's furniture."""
+    found = []
+    for seed in range(20):
+        config = SceneConfig(arena="office", persons=[3, 5], seconds=0.4, gathering=0.4)
+        try:
+            simulation = simulate(sample_scene(config, MotionConfig(), seed=seed, clip=0).spec, RIG)
+        except FailedSimulation:
+            continue
+        found.append(replace(simulation, qpos=simulation.qpos[-1:], joints=simulation.joints[-1:]))
+        if len(found) == 3:
+            return found
+    pytest.fail("most scenes fail")
+
+
+def labelled(simulation, folder) -> Clip:
+    """The clip of a simulation with nothing detected, its ids rendered as a draft."""
+    seen = joint_visibility(
+        simulation.model, simulation.qpos, simulation.joints, simulation.depth, simulation.geom_ids, RIG,
+        simulation.bodies,
+    )  # fmt: skip
+    with Renderer(simulation.model, simulation.geom_ids, RIG, ImageQuality.draft) as renderer:
+        images = render_images(renderer, simulation.qpos, RIG, folder, simulation.fps, ("ids",))
+        visible, amodal = person_pixels(renderer, simulation.qpos, images, simulation.joints.shape[1])
+    nothing = np.zeros((1, len(RIG), 0, 25))
+    return Clip(
+        "crowd", simulation.fps, RIG, Detections2D(BODY25, np.stack([nothing] * 2, -1), nothing),
+        truth=Poses3D(simulation.skeleton, simulation.joints), images=images,
+        occlusion=replace(seen, visible_pixels=visible, amodal_pixels=amodal, objects=simulation.objects),
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_images_agree_with_the_labels_of_crowds(painter, crowds, tmp_path):
+    compared, agreeing = np.zeros(4, int), np.zeros(4, int)
+    shares, hidden = [], []
+    for number, simulation in enumerate(crowds):
+        clip = labelled(simulation, tmp_path / str(number))
+        counts = agreement(clip)
+        compared += counts.compared
+        agreeing += counts.agreeing
+        occlusion = clip.occlusion
+        assert (occlusion.visible_pixels <= occlusion.amodal_pixels).all()
+        in_image = occlusion.visibility <= Visibility.HIDDEN_BY_OBJECT
+        others = (occlusion.visibility > Visibility.HIDDEN_BY_SELF) & in_image
+        whole = in_image.sum(-1) > 30
+        shares.append(occlusion.visible_fraction[whole])
+        hidden.append((others.sum(-1) / np.maximum(in_image.sum(-1), 1))[whole])
+    # Each kind of label for itself: visible, hidden by self, by a person, by an object.
+    assert (compared > 60).all(), compared
+    assert (agreeing >= 0.99 * compared).all(), (agreeing, compared)
+    # The more joints of a person others hide, the fewer of their pixels are visible.
+    assert np.corrcoef(np.concatenate(shares), np.concatenate(hidden))[0, 1] < -0.9
+
+
+def test_wrong_labels_do_not_agree_with_images(crowds, tmp_path):
+    clip = labelled(crowds[0], tmp_path)
+    codes = clip.occlusion.visibility
+    wrong = np.where(codes == Visibility.VISIBLE, Visibility.HIDDEN_BY_OBJECT, codes)
+    before, after = agreement(clip), agreement(replace(clip, occlusion=replace(clip.occlusion, visibility=wrong)))
+    assert after.agreeing.sum() <= before.agreeing.sum() - before.agreeing[0]
+
+
+def test_a_visible_joint_lies_under_a_part_of_its_limb(painter, crowds):
+    on_limb, shown = [], np.zeros(1 + len(SEGMENTS), int)
+    for simulation in crowds[:2]:
+        model, xy = simulation.model, RIG.project(simulation.joints)[0]
+        sight = joint_visibility(
+            model, simulation.qpos, simulation.joints, simulation.depth, simulation.geom_ids, RIG, simulation.bodies
+        )
+        limbs = _limbs(model, simulation.bodies, simulation.bodies.shape)
+        persons = range(len(limbs))
+        bodies = np.array([[model.body(f"person{p}/{segment}").id for segment in SEGMENTS] for p in persons])
+        on_body = np.array([not name.endswith("top_head") for name in simulation.skeleton.joints])
+        with Renderer(model, simulation.geom_ids, RIG, ImageQuality.draft) as renderer:
+            for view in range(len(RIG)):
+                picture = renderer.picture(simulation.qpos[0], view, ("ids", "parts"))
+                in_person = (picture.ids > 0) & (picture.ids < FIRST_OBJECT_ID)
+                np.testing.assert_array_equal(picture.parts > 0, in_person)
+                shown += np.bincount(picture.parts.ravel(), minlength=len(shown))
+                person, joint = np.nonzero((sight.visibility[0, view] == Visibility.VISIBLE) & on_body)
+                column, row = np.clip(np.round(xy[0, view, person, joint]).astype(int), 0, RIG.size[view] - 1).T
+                own = picture.ids[row, column] == 1 + person
+                under = bodies[person, picture.parts[row, column].astype(int) - 1]
+                on_limb.append(limbs[person, joint, under][own])
+    assert (shown > 0).all()
+    on_limb = np.concatenate(on_limb)
+    assert len(on_limb) > 200
+    # A hand may lie on a hip.
+    assert on_limb.mean() > 0.97
+
+
+@pytest.mark.gl
+def test_opengl_and_ray_casting_paint_the_same_parts(crowds):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if find_backend() is None:
+            pytest.skip("no OpenGL works here")
+    simulation, found = crowds[0], []
+    for backend in (find_backend, lambda: None):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(rendering, "find_backend", backend)
+            with Renderer(simulation.model, simulation.geom_ids, RIG, ImageQuality.standard) as renderer:
+                found.append(renderer.picture(simulation.qpos[0], 0, ("parts",)).parts)
+    drawn, cast = found
+    for part in range(1, 1 + len(SEGMENTS)):
+        both, either = (
+            np.count_nonzero((drawn == part) & (cast == part)),
+            np.count_nonzero((drawn == part) | (cast == part)),
+        )
+        assert both > 0.95 * either - 20, (SEGMENTS[part - 1], both, either)
+
+
+def test_half_of_a_person_behind_a_wall_is_visible(painter, tmp_path):
+    rig = looking_along_x((-4, 0, 1))
+    # As wide as half the view, its edge in the plane through the middle of the first man; the second is far to a side.
+    wall = '<geom name="wall" type="box" pos="-2 1 1" size=".01 1 3"/>'
+    model, ids, _ = scene(rig, [(0, 0), (2, -1.2), (-9, 0)], wall)
+    with Renderer(model, ids, rig, ImageQuality.high) as renderer:
+        images = render_images(renderer, model.qpos0[None], rig, tmp_path, 25, ("ids",))
+        visible, amodal = person_pixels(renderer, model.qpos0[None], images, 3)
+        alone = renderer.alone(model.qpos0, 0, 0)
+    assert visible.dtype == amodal.dtype == np.int32
+    assert visible[0, 0, 0] / amodal[0, 0, 0] == pytest.approx(0.5, abs=0.01)
+    assert visible[0, 0, 1] == amodal[0, 0, 1] > 1000
+    # Behind the camera.
+    assert visible[0, 0, 2] == amodal[0, 0, 2] == 0
+    assert alone.sum() == amodal[0, 0, 0]
+    # The man is symmetric, and so is what he covers: his head is 1.65 m up and 0.11 m wide.
+    assert abs(alone[:, :320].sum() / alone.sum() - 0.5) < 0.01
+    ids_alone = next(images.read("ids", "c0"))
+    assert alone[ids_alone == 1].all()
+
+
+def test_only_requested_kinds_are_painted(painter, tmp_path, monkeypatch):
+    rig = looking_along_x((-4, 0, 1))
+    model, ids, _ = scene(rig, [(0, 0)])
+    with Renderer(model, ids, rig, ImageQuality.draft) as renderer:
+        whole = renderer.picture(model.qpos0, 0)
+        images = render_images(renderer, model.qpos0[None], rig, tmp_path / "ids", 25, ("ids",))
+        assert sorted(path.name for path in (tmp_path / "ids").iterdir()) == ["ids"]
+        assert images.kinds == ("ids",)
+        if painter == "gl":
+            reads = []
+            read = opengl.OpenGLPainter._read
+            monkeypatch.setattr(
+                opengl.OpenGLPainter,
+                "_read",
+                lambda self, view, identify: reads.append(identify) or read(self, view, identify),
+            )
+            rgb = renderer.picture(model.qpos0, 0, ("rgb",))
+            ids_only = renderer.picture(model.qpos0, 0, ("ids",))
+            assert reads == [False, True]
+            assert rgb.ids is rgb.depth is rgb.parts is ids_only.rgb is None
+            np.testing.assert_array_equal(rgb.rgb, whole.rgb)
+            np.testing.assert_array_equal(ids_only.ids, whole.ids)

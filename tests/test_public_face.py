@@ -1,0 +1,149 @@
+"""`import dmae` and `import synth`: light, typed, and every verb's example runs."""
+
+import doctest
+import inspect
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dmae
+import synth
+from dmae.formats.reading import recognise
+
+VERBS = sorted(
+    (module.__name__, name)
+    for module, home in ((dmae, "dmae.public"), (synth, "synth.public"))
+    for name in module.__all__
+    if getattr(module, name).__module__.startswith(home)
+)
+
+
+@pytest.mark.parametrize("package", ["dmae", "synth"])
+def test_import_is_light(package: str):
+    code = f"import {package}, sys; print(*(m for m in ('torch', 'mujoco', 'hydra', 'numpy') if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize("module", [dmae, synth], ids=lambda module: module.__name__)
+def test_type_checkers_see_every_name(module):
+    """The imports for type checkers and the table of lazy ones name the same things."""
+    source = Path(module.__file__).read_text()
+    checked = [line.split(" as ")[1] for line in source.splitlines() if " import " in line and " as " in line]
+    assert sorted(checked) == module.__all__
+    assert (Path(module.__file__).parent / "py.typed").is_file()
+    for name in module.__all__:
+        assert getattr(module, name).__name__ == name
+        assert name in dir(module)
+
+
+@pytest.mark.parametrize("module", [dmae, synth], ids=lambda module: module.__name__)
+def test_unknown_name_lists_the_known_ones(module):
+    with pytest.raises(AttributeError, match=r"no attribute 'captur'.*load_dataset"):
+        module.captur  # noqa: B018
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("package", "name"), VERBS, ids=map(".".join, VERBS))
+def test_example_of_a_verb_runs(package: str, name: str, tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    verb = getattr(sys.modules[package], name)
+    names = {"dmae": dmae, "synth": synth, "np": np, "Path": Path, "replace": replace}
+    examples = doctest.DocTestFinder(recurse=False).find(verb, f"{package}.{name}", globs=names)
+    assert examples[0].examples, f"{package}.{name} has no example"
+    assert len(examples[0].examples) <= 10
+    printed: list[str] = []
+    failed, _ = doctest.DocTestRunner(verbose=False).run(examples[0], out=printed.append)
+    assert not failed, "".join(printed)
+
+
+@pytest.mark.parametrize(("package", "name"), VERBS, ids=map(".".join, VERBS))
+def test_parameters_of_a_verb_are_documented(package: str, name: str):
+    verb = getattr(sys.modules[package], name)
+    documented = inspect.getdoc(verb)
+    for parameter in inspect.signature(verb).parameters:
+        assert parameter in documented, f"{package}.{name} does not document {parameter}"
+
+
+def test_options_of_generate_default_to_those_of_the_command():
+    from dmae.cli import compose
+    from synth.cli import SYNTH
+
+    named = inspect.signature(synth.generate).parameters.values()
+    given = [f"{p.name}={p.default}" for p in named if p.default not in (inspect.Parameter.empty, None)]
+    generate = SYNTH.commands["generate"]
+    assert compose(generate, given) == compose(generate, [])
+
+
+def test_generate_answers_a_mistyped_option():
+    with pytest.raises(ValueError, match="secnds"):
+        synth.generate("scene.secnds=2")
+
+
+def test_generate_in_memory_makes_the_clips_of_the_command(tmp_path: Path):
+    options = {"clips": 2, "seed": 3, "scene": "studio"}
+    in_memory = list(synth.generate("scene.seconds=0.4", **options))
+    from_disk = list(synth.generate("scene.seconds=0.4", **options, out=tmp_path / "set"))
+    for one, other in zip(in_memory, from_disk, strict=True):
+        np.testing.assert_array_equal(one.truth.xyz, other.truth.xyz)
+        np.testing.assert_array_equal(one.detections.xy, other.detections.xy)
+
+
+def test_triangulate_takes_pixels_as_detected():
+    """Lens distortion is removed inside."""
+    rig = next(synth.generate("scene.seconds=0.4", clips=1)).rig
+    bent = dmae.CameraRig(rig.names, rig.K, rig.dist + [0.1, -0.05, 0.001, 0, 0], rig.cam_from_world, rig.size)
+    xyz = np.random.default_rng(0).uniform((-1, -1, 0), (1, 1, 2), (20, 3))
+    points = dmae.triangulate(bent, bent.project(xyz)[0], np.ones((20, len(rig))))
+    np.testing.assert_allclose(points.xyz, xyz, atol=1e-5)
+
+
+def test_capture_takes_the_presets_of_the_command():
+    clip = next(synth.generate("scene.seconds=0.4", clips=1))
+    named, tight = dmae.capture(clip, "default"), dmae.capture(clip, "tight")
+    np.testing.assert_array_equal(named.xyz, dmae.capture(clip).xyz)
+    assert (tight.views <= len(clip.rig)).all()
+    with pytest.raises(ValueError, match="tigt"):
+        dmae.capture(clip, "tigt")
+
+
+def test_evaluate_without_poses_says_what_to_do():
+    clip = next(synth.generate("scene.seconds=0.4", clips=1))
+    with pytest.raises(ValueError, match=r"has no poses; run dmae\.capture"):
+        dmae.evaluate(clip)
+
+
+@pytest.mark.parametrize(
+    ("files", "format"),
+    [
+        (["clip.json"], "clip"),
+        (["calibration.json", "detection/0.txt"], "shelf"),
+        (["pose/cam1_json/cam1.0.json"], "pose2sim"),
+        (["intri.yml", "extri.yml"], "easymocap"),
+        (["cam0/cam0_000000000000_keypoints.json", "calibration.toml"], "openpose"),
+        (["calibration_171204.json", "hdPose3d_stage1_coco19/body3DScene_00000001.json"], "panoptic"),
+        (["camera_params.npy"], "released"),
+        (["person_keypoints.json"], "coco"),
+    ],
+)
+def test_format_is_recognised_by_its_files(files: list[str], format: str, tmp_path: Path):
+    for name in files:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    assert recognise(tmp_path) == format
+
+
+def test_unrecognised_folder_is_answered_with_the_formats(tmp_path: Path):
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(ValueError, match=r"found notes\.txt; no format is recognised, .*clip, coco"):
+        dmae.read(tmp_path)
+
+
+def test_read_recognises_real_recordings(data_folder: Path):
+    assert dmae.read(data_folder / "shelf", cameras=[0, 1]).provenance["format"] == "shelf"
+    trial = data_folder / "pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"
+    assert len(dmae.read(trial)) == 100

@@ -1,0 +1,185 @@
+"""To add one of a kind is to write one file: each is put into a copy of the packages, and the commands take it.
+
+The files are those of the how-to pages, where a page has one.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dmae.data.store import load_clip, save_clip
+from dmae.formats.calibrations.files import write_calibration
+from tests.support.clips import full_clip
+
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).parents[1]
+MOTION_READER = '''
+import numpy as np
+
+from synth.motion.motion import Motion
+from synth.motion.readers import reader
+
+
+@reader("tall")
+def read_motion(path, options):
+    """One number, the hip height of a person who stands, m."""
+    height = float(path.read_text())
+    root = np.tile((0.0, 0.0, height), (30, 1))
+    return Motion(path.stem, options.fps or 30.0, root, np.tile(np.eye(3), (30, 16, 1, 1)), height)
+'''
+COMMANDS = {
+    "format": ("dmae capture --help data", "dmae capture data=lizard data.path=recording out=captured"),
+    "completion method": ("dmae capture --help", "dmae evaluate data=walk methods=[linear,midpoint] out=scores"),
+    "metric": ("dmae evaluate --help", "dmae report scores=[scores] out=report.html"),
+    "interaction": (
+        "synth generate --help interaction",
+        "synth generate interaction=face_off out=facing clips=1 scene.seconds=0.2",
+    ),
+    "room": ("synth generate --help scene", "synth generate scene=kitchen out=inside clips=1 scene.seconds=0.2"),
+    "motion reader": (
+        "synth generate --help motion",
+        "synth generate motion=tall motion.path=takes out=standing clips=1 scene.seconds=0.2",
+    ),
+    "detector error": (
+        "synth generate --help detector.blackouts",
+        "synth generate detector.blackouts.share=1 out=blind clips=1 scene.seconds=0.2",
+    ),
+}  # fmt: skip
+"""By kind: help that lists the new one, and a command that uses it."""
+BLACKOUTS = "from synth.detector.errors.blackouts import Blackouts"
+RUN = """
+import json, sys
+from pathlib import Path
+from tests.support.commands import run_command
+done = [run_command(Path.cwd(), *line.split()) for line in json.loads(sys.argv[1])]
+print(json.dumps([vars(each) for each in done]))
+"""
+
+
+def code_of(page: str) -> str:
+    """Return the file that a how-to page says to write."""
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / f"docs/how-to/{page}.md").read_text(), re.DOTALL)
+    return code
+
+
+def replace_in(file: Path, old: str, new: str) -> None:
+    text = file.read_text()
+    assert text.count(old) == 1, (file, old)
+    file.write_text(text.replace(old, new))
+
+
+def add_one_of_each(checkout: Path) -> None:
+    """Write one file of each kind; an error of the detector is also a field of its configuration."""
+    (checkout / "dmae/formats/lizard.py").write_text(code_of("add_format"))
+    (checkout / "dmae/completion/methods/midpoint.py").write_text(code_of("add_method"))
+    (checkout / "dmae/metrics/jerkiness.py").write_text(code_of("add_metric"))
+    (checkout / "synth/interactions/face_off.py").write_text(code_of("add_interaction"))
+    (checkout / "synth/motion/readers/tall.py").write_text(MOTION_READER)
+    (checkout / "synth/detector/errors/blackouts.py").write_text(code_of("add_detector_error"))
+    config = checkout / "synth/detector/config.py"
+    replace_in(config, "from synth.detector.errors.drops", f"{BLACKOUTS}\nfrom synth.detector.errors.drops")
+    replace_in(
+        config, "    custom: list", "    blackouts: Blackouts = field(default_factory=Blackouts)\n    custom: list"
+    )
+    room = (checkout / "scenes/studio.xml").read_text()
+    (checkout / "scenes/kitchen.xml").write_text(
+        re.sub(r'(name="help" data=)"[^"]*"', r'\1"A kitchen with an island."', room)
+    )
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A folder in which the commands of a copy of the packages have run, and what they printed.
+
+    Attributes:
+        folder: Of inputs and outputs.
+        help: By kind.
+        printed: By kind.
+    """
+
+    folder: Path
+    help: dict[str, str]
+    printed: dict[str, str]
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory) -> Ran:
+    checkout, work = tmp_path_factory.mktemp("checkout"), tmp_path_factory.mktemp("work")
+    for part in ("dmae", "synth", "configs", "scenes"):
+        shutil.copytree(ROOT / part, checkout / part, ignore=shutil.ignore_patterns("__pycache__"))
+    add_one_of_each(checkout)
+    clip = full_clip(frames=20)
+    save_clip(clip, work / "walk")
+    (work / "recording").mkdir()
+    values = np.concatenate([clip.detections.xy, clip.detections.score[..., None]], -1)
+    (work / "recording/lizard.json").write_text(json.dumps(values.tolist()))
+    write_calibration(clip.rig, work / "recording/calibration.toml", "pose2sim")
+    (work / "takes").mkdir()
+    (work / "takes/one.tall").write_text("0.93")
+    lines = [line for each in COMMANDS.values() for line in each]
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, json.dumps(lines)],
+        cwd=work,
+        env=os.environ | {"PYTHONPATH": f"{checkout}{os.pathsep}{ROOT}"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout.splitlines()[-1])
+    for line, result in zip(lines, results, strict=True):
+        assert result["returncode"] == 0, (line, result["stderr"])
+    printed = [result["stdout"] for result in results]
+    return Ran(work, dict(zip(COMMANDS, printed[::2], strict=True)), dict(zip(COMMANDS, printed[1::2], strict=True)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "choice", "meaning"),
+    [
+        ("format", "data=lizard", "The Lizard tracker's JSON"),
+        ("completion method", "midpoint", ""),
+        ("interaction", "interaction=face_off", "Two people stand still and look at each other."),
+        ("room", "scene=kitchen", "A kitchen with an island."),
+        ("motion reader", "motion=tall", "One number, the hip height of a person who stands, m."),
+        ("detector error", "detector.blackouts.share", "Height of the band, as a share of the image's."),
+    ],
+)
+def test_help_lists_the_new_choice(ran, kind, choice, meaning):
+    assert choice in ran.help[kind] and meaning in ran.help[kind]
+
+
+def test_a_new_format_is_read(ran):
+    assert load_clip(ran.folder / "captured").poses.xyz.shape[:2] == (20, 2)
+
+
+def test_a_new_completion_method_and_a_new_metric_are_scored(ran):
+    results = json.loads((ran.folder / "scores/scores.json").read_text())["results"]
+    assert {result["method"] for result in results} == {"linear", "midpoint"}
+    assert all(result["mean"]["jerkiness"] > 0 for result in results)
+    assert "jerk" in (ran.folder / "report.html").read_text()
+
+
+def test_a_new_interaction_places_people(ran):
+    xyz = load_clip(ran.folder / "facing/000000").truth.xyz
+    assert xyz.shape[1] == 2
+
+
+def test_a_new_room_is_simulated_in(ran):
+    assert load_clip(ran.folder / "inside/000000").provenance["spec"]["arena"] == "kitchen"
+
+
+def test_a_new_motion_reader_moves_people(ran):
+    clip = load_clip(ran.folder / "standing/000000")
+    assert all("one" in person["motion"] for person in clip.provenance["spec"]["persons"])
+
+
+def test_a_new_detector_error_is_applied(ran):
+    clip = load_clip(ran.folder / "blind/000000")
+    assert np.isfinite(clip.truth.xyz).all() and not np.isfinite(clip.detections.xy).any()
