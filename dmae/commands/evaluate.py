@@ -12,6 +12,7 @@ WRITES = "folder"
 EXAMPLES = (
     "dmae evaluate data=runs/test methods=[measured,linear,dmae] out=runs/scores",
     "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] out=runs/scores_shelf",
+    "dmae evaluate data=runs/test poses=predictions out=runs/scores_mine",
 )
 
 

@@ -31,7 +31,8 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
         `pck`, `gaps`, `identity_switches`, `idf1` and more (`dmae.evaluation.scores.score`).
 
     Raises:
-        ValueError: the clip has no truth, or there are no poses.
+        ValueError: the clip has no truth, there are no poses, or they differ from the truth in length or unit or have
+            none of its joints.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -40,12 +41,14 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
         True
     """
     from dmae.evaluation.evaluate import PUBLISHED_ACTORS
+    from dmae.evaluation.predictions import fitting
     from dmae.evaluation.scores import score
 
     poses = clip.poses if poses is None else poses
     if clip.truth is None or poses is None:
         raise ValueError(f"clip {clip.id!r} has no {'truth to score against' if poses else 'poses; run dmae.capture'}")
     truth = convert(clip.truth, get_skeleton(skeleton or clip.truth.skeleton.parts[-1].name))
+    poses = fitting(poses, truth, f"clip {clip.id!r}")
     captured = poses.without(poses.source == Source.COMPLETED)
     actors = PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
     return score(poses, captured, truth, actors, fps=clip.fps)
