@@ -13,6 +13,7 @@ from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import get_skeleton
 from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.predictions import predictions_of, read_prediction
+from dmae.evaluation.scored_data import scored_clip, scored_options
 from dmae.evaluation.scores import score, summary
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
 from dmae.formats.reading import Clips, DataConfig, load
@@ -82,6 +83,10 @@ class EvaluateConfig:
     """Skeleton that poses are compared on; by default that of the truth."""
     smooth: float = 0.1
     """s; smoothing after every method except `measured`."""
+    baseline: str | None = None
+    """`scores.json` of an earlier run, or its folder: exit status 2 if a figure is worse by more than its interval."""
+    changed: list[str] = field(default_factory=list)
+    """Options that differ from those of the baseline on purpose; figures are compared all the same."""
     out: str = "runs/evaluate"
     """Folder for `scores.json`."""
 
@@ -91,9 +96,8 @@ class Trial:
     """Poses with gaps, and the truth about them.
 
     Attributes:
-        clip: Id.
+        clip: The clip that they are of.
         cameras: Views used; none where the gaps are synthetic.
-        fps: Frames per second.
         given: Poses with gaps.
         truth: True poses, on a skeleton that `given` can be converted to.
         actors: True persons that PCP is averaged over; None for all.
@@ -101,9 +105,8 @@ class Trial:
         filled: Poses made elsewhere that are scored; None where methods fill `given`.
     """
 
-    clip: str
+    clip: Clip
     cameras: list[int]
-    fps: float
     given: Poses3D
     truth: Poses3D
     actors: tuple[int, ...] | None = None
@@ -124,7 +127,7 @@ def evaluate(config: EvaluateConfig) -> dict:
         one entry for each method and number of views (0 with synthetic gaps): `method`, `views`, `mean` of the scores,
         `intervals` (95 %, over blocks of time, of `pcp`, %, and of `mpjpe` and `hidden`, mm),
         `worst` (`pcp` and `cameras` of the subset with the lowest PCP) and `runs`, the scores of each clip and subset,
-        as `score` returns them.
+        as `score` returns them. `options` and `clips` say what the scores are of, see `dmae.evaluation.scored_data`.
 
     Raises:
         ValueError: a clip has no truth, there are no clips or methods, no such method or number of views, options
@@ -138,26 +141,33 @@ def evaluate(config: EvaluateConfig) -> dict:
     synthetic = config.input != Input.captured_poses
     total = len(clips) * (1 if synthetic else len(camera_subsets(clips[0], config.views)))
     runs: dict[tuple[str, int], list[dict]] = {}
+    scored: dict[str, dict] = {}
     for trial in progress(_trials(clips, config), "evaluating", total):
-        skeleton = trial.truth.skeleton
-        filled = {name: convert(method(trial.given, trial.fps), skeleton) for name, method in methods.items()}
+        skeleton, fps = trial.truth.skeleton, trial.clip.fps
+        if trial.clip.id not in scored:
+            scored[trial.clip.id] = scored_clip(trial.clip)
+        filled = {name: convert(method(trial.given, fps), skeleton) for name, method in methods.items()}
         filled = {
-            name: poses if name == "measured" else smooth(poses, trial.fps, config.smooth)
-            for name, poses in filled.items()
+            name: poses if name == "measured" else smooth(poses, fps, config.smooth) for name, poses in filled.items()
         }
         if trial.filled is not None:
             filled[HANDED_IN] = trial.filled
         compared = _filled_by_all([poses for name, poses in filled.items() if name != "measured"], trial)
         for name, poses in filled.items():
-            entry = {"clip": trial.clip, "cameras": trial.cameras}
-            entry |= score(
-                poses, trial.given, trial.truth, trial.actors, trial.matches, fps=trial.fps, compared=compared
-            )
+            entry = {"clip": trial.clip.id, "cameras": trial.cameras}
+            entry |= score(poses, trial.given, trial.truth, trial.actors, trial.matches, fps=fps, compared=compared)
             runs.setdefault((name, len(trial.cameras)), []).append(entry)
     results = [{"method": name, "views": views, **summary(entries)} for (name, views), entries in runs.items()]
-    recording = trial.clip if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
+    recording = trial.clip.id if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
     poses = f"poses of {Path(config.poses).name}" if config.poses else Input(config.input).value.replace("_", " ")
-    return {"recording": recording, "skeleton": skeleton.name, "poses": poses, "results": results}
+    return {
+        "recording": recording,
+        "skeleton": skeleton.name,
+        "poses": poses,
+        "options": scored_options(config),
+        "clips": scored,
+        "results": results,
+    }
 
 
 def _trials(clips: Clips, config: EvaluateConfig) -> Iterator[Trial]:
@@ -197,7 +207,7 @@ def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig, path: Path
         given = perturb(given, clip.fps, rng=rng)
     matches = np.tile(np.arange(truth.xyz.shape[1]), (len(clip), 1))
     filled = read_prediction(path, clip, truth, tracks=True) if path else None
-    return Trial(clip.id, [], clip.fps, given, truth, matches=matches, filled=filled)
+    return Trial(clip, [], given, truth, matches=matches, filled=filled)
 
 
 def _predicted_trial(clip: Clip, config: EvaluateConfig, path: Path) -> Trial:
@@ -205,7 +215,7 @@ def _predicted_trial(clip: Clip, config: EvaluateConfig, path: Path) -> Trial:
     truth = _compared_truth(clip, config)
     filled = read_prediction(path, clip, truth)
     given = filled.without(filled.source == Source.COMPLETED)
-    return Trial(clip.id, [*range(len(clip.rig))], clip.fps, given, truth, _actors(clip), filled=filled)
+    return Trial(clip, [*range(len(clip.rig))], given, truth, _actors(clip), filled=filled)
 
 
 def _compared_truth(clip: Clip, config: EvaluateConfig) -> Poses3D:
@@ -224,7 +234,7 @@ def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
         truth, actors = _compared_truth(clip, config), _actors(clip)
     for cameras in camera_subsets(clip, config.views):
         captured = capture(clip.select(views=cameras), config.capture)
-        yield Trial(clip.id, cameras, clip.fps, captured, truth, actors)
+        yield Trial(clip, cameras, captured, truth, actors)
 
 
 def _measured_by_all(clip: Clip, config: EvaluateConfig) -> Poses3D:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dmae.calibration.doctor import Diagnosis
+    from dmae.evaluation.gates import Gate
     from dmae.regression import Verdict
 
 
@@ -52,6 +53,38 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
     captured = poses.without(poses.source == Source.COMPLETED)
     actors = PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
     return score(poses, captured, truth, actors, fps=clip.fps)
+
+
+def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, changed: tuple[str, ...] = ()) -> Gate:
+    """Compare scores with those of a baseline: is any figure worse by more than its interval?
+
+    Args:
+        baseline: The `scores.json` that `dmae evaluate` wrote before, its folder, or its content.
+        scores: The same of now: equal clips, options, skeleton.
+        changed: Options, or groups of them, that differ on purpose.
+
+    Returns:
+        `passed`; `changes`, each figure with both values, the interval of the difference and whether it is `worse` or
+        `better`; `refused`, what could not be compared. As text it is the verdict that the command prints.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: the scores are of other clips, options or skeleton, or of a version without sums by time.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> dmae.save(clip, "walk")
+        >>> from dmae.evaluation.evaluate import EvaluateConfig, evaluate
+        >>> from dmae.formats.reading import DataConfig
+        >>> scores = evaluate(EvaluateConfig(DataConfig(path="walk"), methods=["linear"]))
+        >>> dmae.compare_scores(scores, scores).passed
+        True
+    """
+    from dmae.evaluation import gates
+    from dmae.evaluation.scores import read_scores
+
+    found = (each if isinstance(each, dict) else read_scores(Path(each)) for each in (baseline, scores))
+    return gates.compare_scores(*found, changed)
 
 
 def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> Figure:
