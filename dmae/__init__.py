@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from dmae.public.assessment import evaluate as evaluate
     from dmae.public.assessment import regress as regress
     from dmae.public.assessment import report as report
+    from dmae.public.assessment import show as show
     from dmae.public.motion import capture as capture
     from dmae.public.motion import complete as complete
     from dmae.public.motion import completer as completer
@@ -46,7 +47,7 @@ _HOMES = {
     "dmae.data.clip": ["Clip", "Detections2D", "Poses3D", "Source"],
     "dmae.data.skeleton": ["Skeleton", "get_skeleton"],
     "dmae.online.capture": ["OnlineCapture"],
-    "dmae.public.assessment": ["compare_scores", "doctor", "draw", "evaluate", "regress", "report"],
+    "dmae.public.assessment": ["compare_scores", "doctor", "draw", "evaluate", "regress", "report", "show"],
     "dmae.public.motion": ["capture", "complete", "completer", "train", "triangulate"],
     "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "save"],
     "dmae.reconstruction.config": ["CaptureConfig"],

@@ -15,12 +15,14 @@ if TYPE_CHECKING:
     from dmae.public.recordings import load_dataset as load_dataset
     from synth.public import contact_sheet as contact_sheet
     from synth.public import generate as generate
+    from synth.public import show as show
     from synth.public import verify as verify
 
 _HOME_OF = {
     "contact_sheet": "synth.public",
     "generate": "synth.public",
     "load_dataset": "dmae.public.recordings",
+    "show": "synth.public",
     "verify": "synth.public",
 }
 

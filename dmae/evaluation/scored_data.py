@@ -59,7 +59,7 @@ def option_differences(old: dict, new: dict) -> dict[str, str]:
 
 
 def clip_differences(old: dict[str, dict], new: dict[str, dict]) -> list[str]:
-    """Return how the clips of two scores differ, a line each; empty where they are the same but for rounding."""
+    """Return how the clips of two scores differ, a line each; empty where they are the same up to rounding."""
     lines = [f"clip {name!r} is of the baseline alone" for name in old if name not in new]
     lines += [f"clip {name!r} is not of the baseline" for name in new if name not in old]
     for name in old:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from dmae.calibration.doctor import Diagnosis
     from dmae.evaluation.gates import Gate
     from dmae.regression import Verdict
+    from dmae.viewing.layers import LayersConfig
 
 
 def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None = None) -> dict:
@@ -186,3 +187,45 @@ def regress(solver: Callable, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
     from dmae.regression import check
 
     return check(solver, skip)
+
+
+def show(
+    clip: Clip,
+    out: str | Path,
+    *,
+    frames: int = 4,
+    views: Sequence[str] = (),
+    width: int = 480,
+    layers: LayersConfig | None = None,
+    video: bool = True,
+    rerun: bool = False,
+) -> list[Path]:
+    """Draw a clip, captured, completed, simulated or as recorded: a contact sheet, a video, a recording for Rerun.
+
+    Args:
+        clip: Any clip. What it has is drawn: images, detections, poses, truth.
+        out: Folder of the files.
+        frames: How many the sheet shows, a row each.
+        views: Names of the cameras; by default all.
+        width: Of a view, px.
+        layers: What is drawn; by default the poses, or else the truth, and of real clips the detections.
+        video: Whether to write the video, all views of all frames.
+        rerun: Whether to write the recording.
+
+    Returns:
+        The files: `sheet.png`, `clip.mp4`, `clip.rrd`.
+
+    Raises:
+        ValueError: there is no such camera, or Rerun is not installed.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> completed = dmae.complete(dmae.capture(clip), clip.fps)
+        >>> files = dmae.show(replace(clip, poses=completed), "pictures", frames=1, width=240)
+        >>> [file.name for file in files]
+        ['sheet.png', 'clip.mp4']
+    """
+    from dmae.viewing.show import show_clip
+
+    options = {"frames": frames, "views": views, "width": width, "layers": layers, "video": video, "rerun": rerun}
+    return show_clip(clip, Path(out), **options)
