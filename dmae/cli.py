@@ -177,7 +177,7 @@ def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -
     try:
         module.run(values, out)
     except SystemExit:
-        if interrupted.pressed:
+        if interrupted.signal:
             raise
         # Commands that end with a verdict have done their work, whatever it is.
         record(OmegaConf.to_yaml(config, resolve=True), out)
