@@ -121,8 +121,8 @@ class Learner(lightning.LightningModule):
         save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, path)
         return (
             f"step {self.trainer.global_step}: the loss is {loss}, so training stopped and wrote no weights; the batch "
-            f"is in {path}. Give a smaller learning.lr than {self.train_config.peak_lr:g}, in another folder, or look for "
-            "the clip with coordinates that are far off"
+            f"is in {path}. Give a smaller learning.lr than {self.train_config.peak_lr:g}, in another folder, or look "
+            "for the clip with coordinates that are far off"
         )
 
     def _loss(self, predicted: Prediction, truth: Tensor, counted: Tensor) -> Tensor:
