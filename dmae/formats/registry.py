@@ -68,6 +68,6 @@ class RecordingWriter(Entry):
 
 
 reader = Registry("reader", RecordingReader, __package__, option="data")
-pose_reader = Registry("pose_reader", PoseReader, __package__)
-pose_writer = Registry("pose_writer", PoseWriter, __package__, option="format")
+pose_reader = Registry("pose_reader", PoseReader, __package__, f"{__package__}.motion_capture")
+pose_writer = Registry("pose_writer", PoseWriter, __package__, f"{__package__}.motion_capture", option="format")
 recording_writer = Registry("recording_writer", RecordingWriter, __package__, option="format")
