@@ -14,7 +14,7 @@ _SMALLEST = 0.05
 """% or mm; smaller changes are not printed, and may be those of another processor."""
 _JUDGED = {"pcp": ("strict PCP", "%", 1), "mpjpe": ("MPJPE", "mm", -1), "hidden": ("MPJPE of hidden joints", "mm", -1)}
 """Name, unit, and 1 where more is better or -1 where less is."""
-_AGAIN = "make the baseline again with this version: dmae evaluate ... out=FOLDER"
+_AGAIN = "make them again with this version: dmae evaluate ... out=FOLDER"
 
 
 @dataclass(frozen=True)
@@ -104,16 +104,7 @@ def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ())
         options: As `dmae.evaluation.scored_data.scored_options` returns them.
         changed: Names of options, or of groups of them, that differ on purpose.
     """
-    results = baseline.get("results") if isinstance(baseline, dict) else None
-    needed = {"method", "views", "mean", "runs"}
-    if not (isinstance(results, list) and all(isinstance(each, dict) and needed <= set(each) for each in results)):
-        raise ValueError("baseline: expected the scores.json that dmae evaluate wrote, found other content")
-    lacking = [name for name in ("options", "clips") if name not in baseline]
-    if lacking or not all("blocks" in run for result in results for run in result["runs"]):
-        raise ValueError(
-            f"baseline: an earlier version made it, without {' and '.join(lacking) or 'sums by time'}, so that nothing "
-            f"can be compared fairly; {_AGAIN}"
-        )
+    _check_content(baseline, "baseline")
     differing = option_differences(baseline["options"], options)
     refused = [name for name in differing if not any(f"{name}.".startswith(f"{each}.") for each in changed)]
     if refused:
@@ -137,7 +128,7 @@ def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) 
     Raises:
         ValueError: the scores are of other options, skeleton or clips, or of a version that kept no sums by time.
     """
-    check_baseline(scores, scores.get("options", {}))
+    _check_content(scores, "scores")
     check_baseline(baseline, scores["options"], changed)
     differences = clip_differences(baseline["clips"], scores["clips"])
     if baseline["skeleton"] != scores["skeleton"]:
@@ -162,6 +153,20 @@ def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) 
     notes = [f"{_where(*key)}: new, not in the baseline" for key in after if key not in before]
     notes += [line for key in before if key in after for line in _without_interval(key, before[key], after[key])]
     return Gate(tuple(changes), tuple(refused), tuple(notes))
+
+
+def _check_content(scores: dict, what: str) -> None:
+    """Raise ValueError where scores are not what `dmae evaluate` writes, or of a version that wrote less."""
+    results = scores.get("results") if isinstance(scores, dict) else None
+    needed = {"method", "views", "mean", "runs"}
+    if not (isinstance(results, list) and all(isinstance(each, dict) and needed <= set(each) for each in results)):
+        raise ValueError(f"{what}: expected the scores.json that dmae evaluate wrote, found other content")
+    lacking = [name for name in ("options", "clips") if name not in scores]
+    if lacking or not all("blocks" in run for result in results for run in result["runs"]):
+        raise ValueError(
+            f"{what}: an earlier version made it, without {' and '.join(lacking) or 'sums by time'}, so that nothing "
+            f"can be compared fairly; {_AGAIN}"
+        )
 
 
 def _change(method: str, views: int, figure: str, old: dict, new: dict) -> Change | str | None:
