@@ -1,5 +1,6 @@
 """TRC, the text format of OpenSim for markers: y up, tab separated, an empty cell where a marker is absent."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ from dmae.data.skeleton import SKELETONS, Skeleton
 from dmae.data.store import write_atomic
 from dmae.formats.calibrations.conventions import METRES, LengthUnit
 from dmae.formats.motion_capture.source_table import person_paths, source_table, write_source_table
-from dmae.formats.registry import pose_writer
+from dmae.formats.recordings.pose_files import PoseFile
+from dmae.formats.registry import pose_reader, pose_writer
 
 # Indices of our x, y, z in those of a TRC, and back: TRC (x, y, z) = world (y, z, x).
 _WORLD = (2, 0, 1)
@@ -119,6 +121,35 @@ def _skeleton(path: Path, names: list[str]) -> Skeleton:
         f"{path}: no skeleton has all of the markers {names}; of no skeleton are {sorted(set(names) - known)}, "
         f"there are {sorted(SKELETONS)}"
     )
+
+
+@pose_reader("trc", file="*.trc")
+def read_trc_poses(path: Path) -> PoseFile:
+    """OpenSim's markers: one person, or the files `<name>_P1.trc` and on that `write_trc` wrote of several."""
+    path = Path(path)
+    files = [path] if path.is_file() else _person_files(path)
+    read = [read_trc(file) for file in files]
+    first, rate = read[0]
+    for file, (poses, other) in zip(files, read, strict=True):
+        if (len(poses.xyz), poses.skeleton, other) != (len(first.xyz), first.skeleton, rate):
+            raise ValueError(
+                f"{file}: expected {len(first.xyz)} frames at {rate:g}/s of {first.skeleton.name} as in "
+                f"{files[0].name}, found {len(poses.xyz)} at {other:g}/s of {poses.skeleton.name}"
+            )
+    xyz, source = (np.concatenate([getattr(poses, name) for poses, _ in read], 1) for name in ("xyz", "source"))
+    return PoseFile(Poses3D(first.skeleton, xyz, source), rate)
+
+
+def _person_files(path: Path) -> list[Path]:
+    """Return the files of the persons of `path`, by number."""
+    numbered = {}
+    for file in path.parent.glob("*.trc"):
+        number = re.fullmatch(rf"{re.escape(path.stem)}_P(\d+)", file.stem)
+        if number:
+            numbered[int(number[1])] = file
+    if not numbered:
+        raise FileNotFoundError(f"{path}: no such file, and no {path.stem}_P1.trc")
+    return [numbered[number] for number in sorted(numbered)]
 
 
 @pose_writer("trc")
