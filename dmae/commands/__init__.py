@@ -7,6 +7,7 @@ COMMANDS = {
     "show": "Draw clips as contact sheet, video and Rerun recording",
     "report": "Put scores and pictures on one page",
     "convert": "Turn a recording into another format, or into a clip",
+    "live": "Answer frames with poses as they come, for other programs",
     "export": "Write poses to a file that other programs read",
     "doctor": "Find what is wrong with a calibration and its detections",
     "train": "Learn to complete poses from clips with truth",
