@@ -58,11 +58,12 @@ def locked(out: Path) -> Iterator[None]:
 
 def record(configuration: str, out: Path) -> None:
     """Write the resolved configuration, as YAML, beside what was made with it."""
-    from dmae.data.store import write_atomic  # loads NumPy, which help does without
+    from dmae.checksums import RECORD, with_own_checksum  # loads NumPy, which help does without
+    from dmae.data.store import write_atomic
 
     folder = out if out.is_dir() else out.parent
-    name = "config.yaml" if out.is_dir() else f"{out.name}.config.yaml"
-    write_atomic(folder / name, f"# {versions()}\n{configuration}")
+    name = RECORD if out.is_dir() else f"{out.name}.{RECORD}"
+    write_atomic(folder / name, with_own_checksum(f"# {versions()}\n{configuration}"))
 
 
 def versions() -> str:

@@ -113,6 +113,7 @@ RENAMED: dict[str, dict[str, str]] = {
     },
     "dmae doctor": {"most_delay": "max_offset"},
     "synth show": {"clip": "data"},
+    "synth verify": {"path": "data"},
     "synth generate": _DETECTOR,
     "synth fit-detector": _DETECTOR,
     "synth compare": {

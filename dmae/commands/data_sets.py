@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.store import MANIFEST, write_manifest
+from dmae.data.store import CHECKSUMS, MANIFEST, write_manifest
 from dmae.formats.reading import DataConfig, is_data_set, load
 from dmae.progress import progress
 
@@ -33,7 +33,7 @@ class Manifest:
     def write(self, name: str, write: Callable[[], T], **facts) -> T:
         """Write a clip, and note it as whole."""
         if not self.lines:
-            for earlier in (MANIFEST, "config.yaml"):
+            for earlier in (MANIFEST, CHECKSUMS, "config.yaml"):
                 (self.out / earlier).unlink(missing_ok=True)
         written = write()
         self.lines.append({"id": name, "status": "ok", **facts})

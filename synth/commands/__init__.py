@@ -4,6 +4,7 @@ COMMANDS = {
     "generate": "Simulate clips with exact truth",
     "show": "Draw clips in their rooms as contact sheet, video and Rerun recording",
     "verify": "Check that clips are whole and true",
+    "merge": "Join the parts of a data set",
     "compare": "Compare the detections of a recording and of its simulation",
     "compare-motion": "Compare how recorded and how generated people move",
     "fit-detector": "Fit a detector's preset to a recording",

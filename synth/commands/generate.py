@@ -10,6 +10,7 @@ WRITES = "folder"
 EXAMPLES = (
     "synth generate out=runs/data clips=8 seed=7 workers=2",
     "synth generate scene=living_room rig=dome images=rgb quality=draft scene.seconds=3 out=runs/seen",
+    "synth generate clips=1600 shard=3/16 out=runs/shards/3",
     "synth generate motion=bvh motion.path=takes occlusion.target=[0.2,0.4] out=runs/hidden",
 )
 
@@ -24,4 +25,4 @@ def run(config: GenerateConfig, out: Path) -> None:
 
 def interrupted(config: GenerateConfig, out: Path) -> str:
     whole = len(list(Path(out).glob("[!.]*/clip.json")))
-    return f"{whole} of {config.clips} clips in {out} are whole; the same command makes the others"
+    return f"{whole} of {len(config.numbers)} clips in {out} are whole; the same command makes the others"

@@ -9,39 +9,55 @@ from dmae.reporting.tables import Table, print_tables
 from synth.datasets.verify import CHECKS, verify
 
 WRITES = "file"
-EXAMPLES = ("synth verify path=runs/data", "synth verify path=runs/data/000000 out=runs/verify.json")
+EXAMPLES = ("synth verify data=runs/data", "synth verify data=runs/data fast=true out=runs/verify.json")
 _SHOWN = 20
-"""So many problems are printed; all are written."""
+"""So many problems, and names of clips, are printed; all are written."""
 
 
 @dataclass(frozen=True)
 class VerifyCommand:
     """Check that clips are whole and true. Exits with status 1 if they are not."""
 
-    path: str = "???"
-    """Folder of a clip, or of a data set."""
+    data: str = "???"
+    """Folder of a data set, or of a clip."""
+    fast: bool = False
+    """Compare sizes of files, and the contents of JSON files, with their checksums, and nothing else."""
     out: str | None = None
     """JSON file of what was found; by default `verify.json` in the folder that is checked."""
 
 
 def default_out(config: VerifyCommand) -> Path:
-    return Path(config.path) / "verify.json"
+    return Path(config.data) / "verify.json"
 
 
 def run(config: VerifyCommand, out: Path) -> None:
     """Print how many clips fail each check, write what is wrong to `out`; ValueError if anything is."""
-    clips, problems = verify(Path(config.path))
-    write_atomic(out, json.dumps({"clips": clips, "problems": [p._asdict() for p in problems]}, indent=1))
+    found = verify(Path(config.data), fast=config.fast)
+    written = found._asdict() | {"problems": [problem._asdict() for problem in found.problems]}
+    write_atomic(out, json.dumps(written, indent=1))
     rows = []
     for check, meaning in CHECKS.items():
-        failing = sorted({problem.clip for problem in problems if problem.check == check})
-        some = ", ".join(failing[:3]) + (", ..." if len(failing) > 3 else "")
-        rows.append((f"{check}: {meaning}", str(len(failing)), some or "-"))
-    print_tables([Table(f"{config.path}: {len(clips)} clips", ("check", "fail", "which"), rows)])
+        failing = sorted({problem.clip for problem in found.problems if problem.check == check})
+        rows.append((f"{check}: {meaning}", str(len(failing)), _some(failing, 3) or "-"))
+    print_tables([Table(f"{config.data}: {len(found.clips)} clips", ("check", "fail", "which"), rows)])
     print(out)
-    for clip, check, what in problems[:_SHOWN]:
+    if found.without:
+        print(
+            f"{len(found.without)} of {len(found.clips)} clips have no checksums, as they were made before there were "
+            "any: changes that contradict nothing are not found in them"
+        )
+    for clip, check, what in found.problems[:_SHOWN]:
         print(f"{clip}: {check}: {what}")
-    if problems:
-        more = f"; {len(problems) - _SHOWN} more of them are in {out}" if len(problems) > _SHOWN else ""
-        failing = len({problem.clip for problem in problems})
-        raise ValueError(f"{config.path}: {len(problems)} problems in {failing} of {len(clips)} clips{more}")
+    if found.again:
+        print(f"to make again, by the command that made the data set: {_some(found.again, _SHOWN)}")
+    if not found.problems:
+        if found.number:
+            print(f"sha256 of all: {found.number}")
+        return
+    more = f"; {len(found.problems) - _SHOWN} more of them are in {out}" if len(found.problems) > _SHOWN else ""
+    failing = len({problem.clip for problem in found.problems})
+    raise ValueError(f"{config.data}: {len(found.problems)} problems in {failing} of {len(found.clips)} clips{more}")
+
+
+def _some(names: list[str], most: int) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -19,6 +19,7 @@ from dmae.data.images import KINDS
 from dmae.data.rng import Stream, generator
 from synth.datasets.occlusion import OcclusionConfig, confirm, summary
 from synth.datasets.occlusion_target import sample_hidden_scene
+from synth.datasets.parts.shards import clip_numbers
 from synth.detector.config import DetectorConfig
 from synth.detector.simulated_detector import detect
 from synth.errors import FailedSimulation
@@ -55,8 +56,14 @@ class GenerateConfig:
     """Folder of the data set. Clips that it already holds are kept."""
     seed: int = 0
     """Seed of the whole data set; 0 is a seed."""
+    first: int = 0
+    """Number of the first clip: `first=200 clips=50` makes clips 000200 to 000249, as in the whole data set."""
     clips: int = 8
-    """Number of clips."""
+    """Number of clips, of all shards together."""
+    shard: str | None = None
+    """Which piece of the clips to make: `shard=3/16` the third of sixteen, in a folder of its own."""
+    recheck: bool = False
+    """Compare the contents of images that exist with their checksums, not their sizes alone."""
     workers: int = 1
     """Processes; -1 for one a core."""
     images: ImageKinds = ImageKinds.none
@@ -74,11 +81,17 @@ class GenerateConfig:
     occlusion: OcclusionConfig = field(default_factory=OcclusionConfig)
 
     def __post_init__(self):
-        for name, least in (("seed", 0), ("clips", 1), ("retries", 0)):
+        for name, least in (("seed", 0), ("first", 0), ("clips", 1), ("retries", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
         if self.workers == 0:
             raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+        clip_numbers(self.first, self.clips, self.shard)
+
+    @property
+    def numbers(self) -> range:
+        """Numbers of the clips to make."""
+        return clip_numbers(self.first, self.clips, self.shard)
 
 
 def attempt_seed(seed: int, attempt: int) -> int:

@@ -7,7 +7,7 @@ import av
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.data.images import FIRST_OBJECT_ID
+from dmae.data.images import FIRST_OBJECT_ID, Images
 from synth.labels.silhouettes import agreement
 
 _MIN_AGREEMENT = 0.99
@@ -45,10 +45,13 @@ def _check_view(clip: Clip, kind: str, view: int, name: str) -> list[str]:
     # Without labels, the objects are unknown.
     ids_end = FIRST_OBJECT_ID + len(occlusion.objects) if occlusion else np.inf
     persons = clip.truth.xyz.shape[1] if clip.truth is not None else FIRST_OBJECT_ID - 1
+    blank = []
     for frame, image in enumerate(clip.images.read(kind, name)):
         if image.shape[:2] != (height, width):
             found = f"{image.shape[1]} x {image.shape[0]}"
             return [f"{kind} of camera {name}: expected {width} x {height} px, found {found}"]
+        if kind == "rgb" and image.min() == image.max():
+            blank.append(frame)
         if kind != "ids":
             continue
         shown = np.bincount(image.ravel(), minlength=FIRST_OBJECT_ID)
@@ -61,7 +64,7 @@ def _check_view(clip: Clip, kind: str, view: int, name: str) -> list[str]:
             if not np.array_equal(shown[1 : 1 + len(counted)], counted):
                 return [f"ids of camera {name}, frame {frame}: {shown[1 : 1 + len(counted)].tolist()} pixels show the "
                         f"persons, visible_pixels says {counted.tolist()}"]  # fmt: skip
-    return []
+    return [f"rgb of camera {name}: {len(blank)} frames of one colour, first {blank[0]}"] if blank else []
 
 
 def _check_parts(clip: Clip, name: str) -> list[str]:
@@ -84,22 +87,33 @@ def check_surplus(clip: Clip) -> list[str]:
     if clip.images is None:
         return []
     images, problems = clip.images, []
-    expected = {
-        images.folder / kind / view / f"{frame:06d}.png"
-        for kind in images.kinds
-        if kind != "rgb"
-        for view in images.views
-        for frame in images.frames
-    }
     if "rgb" in images.kinds:
-        expected |= {images.folder / "rgb" / f"{view}.mp4" for view in images.views}
         for path in filter(Path.is_file, sorted(images.folder.glob("rgb/*.mp4"))):
             problems += _check_length(path, len(images.frames))
-    surplus = sorted({*images.folder.rglob("*.png"), *images.folder.rglob("*.mp4")} - expected)
+    surplus = sorted({*images.folder.rglob("*.png"), *images.folder.rglob("*.mp4")} - _files(images))
     if surplus:
         first = surplus[0].relative_to(images.folder)
         problems.append(f"image files that do not belong to the clip: {len(surplus)}, first {first}")
     return problems
+
+
+def missing_files(clip: Clip) -> list[Path]:
+    """Return the image files that a clip names and that do not exist."""
+    return [] if clip.images is None else sorted(path for path in _files(clip.images) if not path.is_file())
+
+
+def _files(images: Images) -> set[Path]:
+    """Return the files of images."""
+    single = [kind for kind in images.kinds if kind != "rgb"]
+    files = {
+        images.folder / kind / view / f"{frame:06d}.png"
+        for kind in single
+        for view in images.views
+        for frame in images.frames
+    }
+    return files | (
+        {images.folder / "rgb" / f"{view}.mp4" for view in images.views} if "rgb" in images.kinds else set()
+    )
 
 
 def _check_length(path: Path, frames: int) -> list[str]:

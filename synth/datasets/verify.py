@@ -4,11 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from dmae.checksums import find_damage, find_data_set_damage, number_of
 from dmae.data.clip import Clip
-from dmae.data.store import MANIFEST, load_clip, read_json, read_manifest
+from dmae.data.store import CHECKSUMS, MANIFEST, load_clip, read_json, read_manifest
 from dmae.progress import progress
 from synth.datasets.checks import check_detections, check_labels, check_numbers, check_projection
-from synth.datasets.clip import ImageKinds
+from synth.datasets.clip import ImageKinds, attempt_seed
 from synth.datasets.generate import CONFIG
 from synth.datasets.image_checks import check_images, check_surplus
 
@@ -23,49 +24,135 @@ class Problem(NamedTuple):
     what: str
 
 
-def verify(path: Path) -> tuple[list[str], list[Problem]]:
+class Verification(NamedTuple):
+    """What a verification found.
+
+    Attributes:
+        clips: Names of the folders checked.
+        problems: All problems.
+        again: Names of the clips to make again.
+        number: One number of all files, the SHA-256 of `checksums.json`; None where there is none.
+        without: Names of the clips without checksums: a change that is no contradiction is not found in these.
+    """
+
+    clips: list[str]
+    problems: list[Problem]
+    again: list[str]
+    number: str | None
+    without: list[str]
+
+
+def verify(path: Path, *, fast: bool = False) -> Verification:
     """Check a clip, or all clips of a data set and its manifest.
 
-    Returns:
-        clips: Names of the folders checked.
-        problems: All problems found.
+    Args:
+        path: The clip or data set.
+        fast: Whether only to compare sizes of files, and the contents of JSON files, with their checksums.
 
     Raises:
         FileNotFoundError: the path is neither a clip nor a data set.
     """
     path = Path(path)
-    if (path / "clip.json").is_file():
-        return [path.name], verify_clip(path)[1]
-    if not (path / MANIFEST).is_file():
+    if (path / "clip.json").is_file() or (_is_clip(path) and not (path / MANIFEST).is_file()):
+        return _result(path.parent, [path.name], verify_clip(path, fast=fast)[1], number_of(path))
+    if not (path / MANIFEST).is_file() and not (path / CHECKSUMS).is_file():
         raise FileNotFoundError(f"{path}: expected a clip (clip.json) or a data set ({MANIFEST}), found neither")
-    try:
-        lines = read_manifest(path)
-        config = read_json(path / CONFIG) if (path / CONFIG).is_file() else None
-    except ValueError as error:
-        return [], [Problem(_DATA_SET, "manifest", str(error))]
-    problems = [Problem(_DATA_SET, "manifest", what) for what in _check_data_set(path, lines)]
-    made = [line for line in lines if line["status"] == "ok"]
-    for line in progress(made, "verifying clips", len(made)):
-        clip, found = verify_clip(path / line["id"])
+    lines, problems = _manifest(path)
+    config, found = _config(path)
+    names = [line["id"] for line in lines if line["status"] == "ok"]
+    problems += found + [
+        Problem(clip or _DATA_SET, "checksums", what) for clip, what in find_data_set_damage(path, names)
+    ]
+    problems += [Problem(_DATA_SET, "manifest", what) for what in _check_data_set(path, lines)]
+    lost = {problem.clip for problem in problems}
+    for line in progress(lines, "verifying clips", len(lines)):
+        # What is known to be damaged is not read.
+        if line["status"] != "ok" or line["id"] in lost:
+            continue
+        clip, found = verify_clip(path / line["id"], fast=fast)
         problems += found
         if clip is not None:
-            problems += [Problem(line["id"], "manifest", what) for what in _check_line(clip, line, config)]
-    return [line["id"] for line in made], problems
+            problems += [
+                Problem(line["id"], "manifest", what)
+                for what in _guarded("clip.json", lambda: _check_line(clip, line, config))  # noqa: B023
+            ]
+    return _result(path, names, problems, number_of(path))
 
 
-def verify_clip(folder: Path) -> tuple[Clip | None, list[Problem]]:
-    """Return a clip, None where it cannot be read, and its problems."""
+def verify_clip(folder: Path, *, fast: bool = False) -> tuple[Clip | None, list[Problem]]:
+    """Return a clip, None where it is not read, and its problems."""
+    damage = find_damage(folder, fast=fast)
+    if damage:
+        # What else is wrong with it follows from that.
+        return None, [Problem(folder.name, "checksums", what) for what in damage]
+    if fast and ((folder / CHECKSUMS).is_file()):
+        return None, []
     try:
         clip = load_clip(folder)
     except (FileNotFoundError, ValueError) as error:
         return None, [Problem(folder.name, "files", str(error))]
+    except Exception as error:
+        return None, [Problem(folder.name, "files", _said(folder / "clip.json", error))]
+    if fast:
+        return None, []
     problems = []
     for check, find in _OF_A_CLIP.items():
-        problems += [Problem(folder.name, check, what) for what in find(clip)]
+        problems += [Problem(folder.name, check, what) for what in _guarded("clip.json", lambda: find(clip))]  # noqa: B023
     if clip.images and clip.images.folder.resolve().is_relative_to(folder.resolve()):
         # A clip may also refer to some of the frames of another one.
         problems += [Problem(folder.name, "images", what) for what in check_surplus(clip)]
     return clip, problems
+
+
+def _is_clip(path: Path) -> bool:
+    return (path / "arrays.safetensors").is_file()
+
+
+def _result(path: Path, names: list[str], problems: list[Problem], number: str | None) -> Verification:
+    again = sorted({problem.clip for problem in problems} - {_DATA_SET})
+    without = [name for name in names if not (path / name / CHECKSUMS).is_file() and name not in again]
+    return Verification(names, problems, again, number, without)
+
+
+def _guarded(name: str, check: Callable[[], list[str]]) -> list[str]:
+    """Run a check of what damaged files can hold: whatever it raises is a problem."""
+    try:
+        return check()
+    except Exception as error:
+        return [_said(name, error)]
+
+
+def _said(name: object, error: Exception) -> str:
+    """Describe an error that a file caused: a key that it lacks, or a value of another kind."""
+    lacks = isinstance(error, KeyError) and error.args
+    what = f"lacks {error.args[0]!r}" if lacks else f"holds what cannot be read, {type(error).__name__}: {error}"
+    return f"{name}: {what}; was a key or value mistyped?"
+
+
+def _manifest(path: Path) -> tuple[list[dict], list[Problem]]:
+    """Read a manifest; where it is damaged, list the folders that hold clips."""
+    try:
+        lines = read_manifest(path)
+        for line in lines:
+            if not isinstance(line["id"], str) or Path(line["id"]).name != line["id"]:
+                raise ValueError(f"{path / MANIFEST}: expected the name of a folder as id, found {line['id']!r}")
+        return lines, []
+    except (ValueError, OSError) as error:
+        there = [{"id": folder.parent.name, "status": "ok"} for folder in sorted(path.glob("*/clip.json"))]
+        return there, [Problem(_DATA_SET, "manifest", f"{error}; the clips are checked without it")]
+
+
+def _config(path: Path) -> tuple[dict | None, list[Problem]]:
+    """Read the configuration of a data set, None where there is none that can be used."""
+    if not (path / CONFIG).is_file():
+        return None, []
+    try:
+        config = read_json(path / CONFIG)
+        ImageKinds[config["images"]], config["scene"]["fps"], config["seed"] + 0
+    except Exception as error:
+        what = str(error) if isinstance(error, ValueError) else _said(path / CONFIG, error)
+        return None, [Problem(_DATA_SET, "manifest", what)]
+    return config, []
 
 
 def _check_data_set(path: Path, lines: list[dict]) -> list[str]:
@@ -90,8 +177,11 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> list[str]:
         # A captured clip: its data set has a manifest and a configuration of another kind.
         return problems
     own = clip.provenance.get("manifest", line)
+    if line.keys() == {"id", "status"}:
+        # The manifest could not be read.
+        line = own
     problems += [
-        f"{key}: {line.get(key)!r} in {MANIFEST}, {own.get(key)!r} in the clip"
+        f"{key}: {line.get(key)!r} in {MANIFEST}, {own.get(key)!r} in clip.json"
         for key in sorted({*line, *own})
         if line.get(key) != own.get(key)
     ]
@@ -109,6 +199,10 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> list[str]:
     found = clip.images.kinds if clip.images else ()
     if found != kinds:
         problems.append(f"images: {kinds} in {CONFIG}, {found} in the clip")
+    if {"seed", "attempts"} <= line.keys() and line["seed"] != (
+        seed := attempt_seed(config["seed"], line["attempts"] - 1)
+    ):
+        problems.append(f"seed: {line['seed']}, and attempt {line['attempts']} with that of {CONFIG} has {seed}")
     return problems
 
 
@@ -120,6 +214,7 @@ _OF_A_CLIP: dict[str, Callable[[Clip], list[str]]] = {
     "images": check_images,
 }
 CHECKS = {
+    "checksums": "all files as they were written, no others",
     "files": "exist, undamaged, of matching shapes",
     "numbers": "finite; points whole or NaN",
     "labels": "codes and occluders that exist and match",

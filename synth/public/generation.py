@@ -79,14 +79,14 @@ def generate(
 
 
 def _in_memory(config: GenerateConfig) -> Iterator[Clip]:
-    made = in_parallel(_clip_or_failure, ((config, index) for index in range(config.clips)), config.workers)
+    made = in_parallel(_clip_or_failure, ((config, index) for index in config.numbers), config.workers)
     failed = 0
-    for index, result in enumerate(made):
+    for index, result in zip(config.numbers, made, strict=True):
         if isinstance(result, Clip):
             yield result
             continue
         failed += 1
-        if failed == config.clips:
+        if failed == len(config.numbers):
             raise result
         warnings.warn(f"clip {clip_id(index)} failed and is left out: {result}", stacklevel=2)
 

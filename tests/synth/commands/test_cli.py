@@ -20,20 +20,20 @@ def test_generate_makes_a_data_set_of_clips(tmp_path):
 def test_verify_and_show_what_was_generated(tmp_path):
     small = ("clips=1", "scene.seconds=0.2", "scene.persons=[1,1]")
     assert synth(tmp_path, "generate", "out=set", *small).returncode == 0
-    done = synth(tmp_path, "verify", "path=set", "out=found.json")
+    done = synth(tmp_path, "verify", "data=set", "out=found.json")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "found.json").is_file()
-    assert synth(tmp_path, "verify", "path=set").returncode == 0
+    assert synth(tmp_path, "verify", "data=set").returncode == 0
     assert (tmp_path / "set/verify.json").is_file()
     done = synth(tmp_path, "show", "clip=set/000000", "out=shown", "width=200")
     assert done.returncode == 0, done.stderr
     assert "not drawn" not in done.stdout
     assert {"sheet.png", "clip.mp4"} <= {path.name for path in (tmp_path / "shown").iterdir()}
     (tmp_path / "set/000000/arrays.safetensors").write_bytes(b"")
-    done = synth(tmp_path, "verify", "path=set", "out=found.json")
+    done = synth(tmp_path, "verify", "data=set", "out=found.json")
     assert done.returncode == 1
     assert "1 problems in 1 of 1 clips" in done.stderr
-    assert "000000: files: " in done.stdout
+    assert "000000: checksums: " in done.stdout
 
 
 def test_a_data_set_is_not_continued_under_another_configuration(tmp_path):

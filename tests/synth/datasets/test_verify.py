@@ -1,6 +1,7 @@
 """Verification: nothing is said of a sound data set, and every damage that is planted is found and named."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -9,10 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
+from dmae.checksums import number_of
 from dmae.data.clip import Detections2D, Poses3D
 from dmae.data.images import write_ids, write_parts, write_video
 from dmae.data.labels import DetectionLabels, JointError, Visibility
-from dmae.data.store import load_clip, read_json, read_manifest, save_clip, write_manifest
+from dmae.data.store import CHECKSUMS, load_clip, read_json, read_manifest, save_clip, write_manifest
 from synth.commands import verify as command
 from synth.commands.verify import VerifyCommand
 from synth.datasets.clip import GenerateConfig, ImageKinds
@@ -46,9 +48,17 @@ def sound(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def data(sound, tmp_path) -> Path:
+def sealed(sound, tmp_path) -> Path:
     """Return a copy of it, to be damaged."""
     return Path(shutil.copytree(sound, tmp_path / "data"))
+
+
+@pytest.fixture
+def data(sealed) -> Path:
+    """Return a copy without checksums: what is wrong has to be found in the contents."""
+    for path in sealed.rglob(CHECKSUMS):
+        path.unlink()
+    return sealed
 
 
 def changed(data: Path, **fields) -> None:
@@ -69,9 +79,14 @@ def only(data: Path, check: str, *words: str) -> None:
 
 
 def test_a_new_data_set_has_no_problems(sound):
-    clips, problems = verify(sound)
-    assert (clips, problems) == (["000000", "000001"], [])
-    assert verify(sound / CLIP) == ([CLIP], [])
+    for fast in (False, True):
+        assert verify(sound, fast=fast) == (["000000", "000001"], [], [], number_of(sound), [])
+    assert verify(sound / CLIP) == ([CLIP], [], [], number_of(sound / CLIP), [])
+
+
+def test_clips_without_checksums_are_named(data):
+    """Those of earlier versions have none."""
+    assert verify(data) == (["000000", "000001"], [], [], None, ["000000", "000001"])
 
 
 def test_a_clip_without_labels_passes(sound, tmp_path):
@@ -286,15 +301,43 @@ def test_clips_of_another_configuration_are_found(data):
     assert any(what.startswith("images: ('rgb',) in config.json") for what in said)
 
 
+def test_a_clip_of_another_seed_is_found(data):
+    config = read_json(data / "config.json")
+    (data / "config.json").write_text(json.dumps(config | {"seed": 4}))
+    assert {what.partition(":")[0] for _, check, what in found(data) if check == "manifest"} == {"seed"}
+
+
+def test_frames_of_one_colour_are_found(data):
+    write_video(data / CLIP / "images/rgb/ring1.mp4", np.zeros((5, 144, 192, 3), np.uint8), 25)
+    only(data, "images", "rgb of camera ring1: 5 frames of one colour, first 0")
+
+
+@pytest.mark.parametrize("sort", ["clip.json", "config.json", "manifest.jsonl"])
+def test_mistyped_keys_are_named_with_their_file(data, sort):
+    path = data / CLIP / sort if sort == "clip.json" else data / sort
+    text = path.read_text()
+    for key in re.findall(r'"(\w+)":', text)[:20]:
+        path.write_text(text.replace(f'"{key}":', f'"{key}x":', 1))
+        problems = found(data)
+        # A clip need not have each of its details; an own file of the data set is compared with its clips.
+        assert all(len(problem) == 3 for problem in problems)
+        if key in ("id", "cameras", "skeletons", "images", "provenance", "sha256", "seed", "fps", "scene", "status"):
+            assert any(sort in what for _, _, what in problems), (key, problems)
+
+
 def test_the_command_counts_and_fails(data, tmp_path, capsys):
-    command.run(VerifyCommand(path=str(data)), tmp_path / "sound.json")
-    assert read_json(tmp_path / "sound.json") == {"clips": ["000000", "000001"], "problems": []}
+    command.run(VerifyCommand(data=str(data)), tmp_path / "sound.json")
+    written = read_json(tmp_path / "sound.json")
+    assert (written["clips"], written["problems"], written["number"]) == (["000000", "000001"], [], None)
     printed = capsys.readouterr().out
     assert all(check in printed for check in CHECKS)
+    assert "2 of 2 clips have no checksums" in printed
     (data / CLIP / "arrays.safetensors").unlink()
     with pytest.raises(ValueError, match="1 problems in 1 of 2 clips"):
-        command.run(VerifyCommand(path=str(data)), tmp_path / "found.json")
-    assert "000000: files: " in capsys.readouterr().out
+        command.run(VerifyCommand(data=str(data)), tmp_path / "found.json")
+    printed = capsys.readouterr().out
+    assert "000000: files: " in printed
+    assert "to make again, by the command that made the data set: 000000\n" in printed
     assert read_json(tmp_path / "found.json")["problems"][0]["check"] == "files"
     with pytest.raises(FileNotFoundError, match="neither"):
         verify(tmp_path)

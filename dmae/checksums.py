@@ -1,0 +1,253 @@
+"""Checksums of clips and data sets: a damaged, missing, foreign or exchanged file is found, whatever it holds."""
+
+import hashlib
+import json
+from collections.abc import Collection, Iterable
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import NamedTuple
+
+from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_json, write_atomic
+
+FORMAT = 1
+RECORD = "config.yaml"
+"""What a command writes beside its output: the options that it ran with. It begins with a checksum of its own."""
+_BESIDE = (
+    RECORD, "*.config.yaml", "verify.json", "splits.json", "leaks.json", "statistics", "report*.html",
+)  # fmt: skip
+"""What commands write into a folder that they are asked about: no part of the clip or data set."""
+_OWN = "# sha256 of what follows: "
+_SHOWN = 3
+"""Most damaged files in a message."""
+
+
+class Checksum(NamedTuple):
+    """Size of a file, bytes, and its SHA-256."""
+
+    bytes: int
+    sha256: str
+
+
+def checksum(path: Path) -> Checksum:
+    """Return the checksum of a file, which is read in pieces."""
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return Checksum(path.stat().st_size, digest)
+
+
+def write_checksums(folder: Path, files: dict[str, Checksum] | None = None) -> None:
+    """Write `checksums.json` into a folder.
+
+    Args:
+        folder: Of a clip or a data set.
+        files: By path in the folder; by default of all files that the folder holds.
+    """
+    folder = Path(folder)
+    if files is None:
+        files = {name: checksum(folder / name) for name in _names(folder)}
+    write_atomic(folder / CHECKSUMS, _text(files))
+
+
+def read_checksums(folder: Path) -> dict[str, Checksum] | None:
+    """Read `checksums.json` of a folder; None where there is none, as in folders written before version 0.2.
+
+    Raises:
+        ValueError: the file is not as `write_checksums` wrote it.
+    """
+    path = Path(folder) / CHECKSUMS
+    if not path.is_file():
+        return None
+    found = read_json(path)
+    try:
+        files = {name: Checksum(**entry) for name, entry in found["files"].items()}
+        same = _text(files).encode() == path.read_bytes()
+    except (KeyError, TypeError, AttributeError):
+        same = False
+    if not same:
+        raise ValueError(f"{path}: expected checksums as they were written; the file was changed or damaged")
+    return files
+
+
+def number_of(folder: Path) -> str | None:
+    """Return the one number of a clip or data set: the SHA-256 of its `checksums.json`; None where there is none."""
+    path = Path(folder) / CHECKSUMS
+    return checksum(path).sha256 if path.is_file() else None
+
+
+def begin_data_set(path: Path) -> dict[str, Checksum | None]:
+    """Return the checksums of the clips of a data set, by name, and remove them while it is written to."""
+    try:
+        files = read_checksums(path) or {}
+    except ValueError:
+        files = {}
+    (Path(path) / CHECKSUMS).unlink(missing_ok=True)
+    return {clip: entry for name, entry in files.items() if (clip := _clip(name))}
+
+
+def end_data_set(path: Path, own: Iterable[str], clips: dict[str, Checksum | None]) -> None:
+    """Write `checksums.json` of a data set: of its own files, and of the `checksums.json` of its clips.
+
+    Args:
+        path: The data set.
+        own: Names of its files beside the manifest, of which those that exist count.
+        clips: Of clips, by name (`clip_checksum`); None for those that have none.
+    """
+    path = Path(path)
+    files = {name: checksum(path / name) for name in (MANIFEST, *own) if (path / name).is_file()}
+    write_checksums(path, files | {f"{name}/{CHECKSUMS}": entry for name, entry in clips.items() if entry})
+
+
+def clip_checksum(folder: Path) -> Checksum | None:
+    """Return the checksum of the `checksums.json` of a clip; None where there is none."""
+    path = Path(folder) / CHECKSUMS
+    return checksum(path) if path.is_file() else None
+
+
+def with_own_checksum(text: str) -> str:
+    """Return a text behind a line with its SHA-256, as a comment of YAML."""
+    return f"{_OWN}{hashlib.sha256(text.encode()).hexdigest()}\n{text}"
+
+
+def _keeps_own_checksum(path: Path) -> bool:
+    first, _, rest = path.read_bytes().partition(b"\n")
+    return first == f"{_OWN}{hashlib.sha256(rest).hexdigest()}".encode()
+
+
+def find_damage(folder: Path, *, fast: bool = False) -> list[str]:
+    """Compare the files of a clip with its checksums.
+
+    Args:
+        folder: The clip.
+        fast: Whether to compare sizes, and the contents of JSON files alone.
+
+    Returns:
+        Descriptions of missing, foreign and changed files; none where there are no checksums.
+    """
+    try:
+        files = read_checksums(folder)
+    except ValueError as error:
+        return [str(error)]
+    if files is None:
+        return []
+    there = set(_names(folder))
+    return [
+        *(f"{name}: missing" for name in sorted(files.keys() - there)),
+        *(f"{name}: a file that does not belong to the clip" for name in sorted(there - files.keys())),
+        *_changed(folder, files, there, fast),
+    ]
+
+
+def find_data_set_damage(path: Path, clips: Collection[str]) -> list[tuple[str | None, str]]:
+    """Compare the own files of a data set, and which clip is where, with its checksums. Files of clips are not read.
+
+    Args:
+        path: The data set.
+        clips: Names of the clips that its manifest lists as made.
+
+    Returns:
+        Names of clips, None for the data set, and descriptions; none where there are no checksums.
+    """
+    path = Path(path)
+    try:
+        files = read_checksums(path)
+    except ValueError as error:
+        return [(None, str(error))]
+    if files is None:
+        sealed = [name for name in clips if (path / name / CHECKSUMS).is_file()]
+        if not sealed:
+            return []
+        return [(None, f"{CHECKSUMS}: missing, and clip {sealed[0]} has one; was the command that made it ended?")]
+    problems: list[tuple[str | None, str]] = []
+    there = {name for name in files if (path / name).is_file()}
+    for name in sorted(files.keys() - there):
+        clip = _clip(name)
+        lost = f"{name}: missing" if clip is None or (path / clip).is_dir() else "the folder of the clip is missing"
+        problems.append((clip, lost))
+    problems += [(_clip(what.partition(":")[0]), what) for what in _changed(path, files, there, fast=False)]
+    if (path / RECORD).is_file() and not _keeps_own_checksum(path / RECORD):
+        problems.append((None, f"{RECORD}: its content was changed or damaged"))
+    known = {CHECKSUMS, *(name.partition("/")[0] for name in files), *clips}
+    for other in sorted(path.iterdir()):
+        if other.name not in known and not _is_beside(other.name):
+            problems.append((None, f"{other.name}: does not belong to the data set"))
+    listed = {_clip(name) for name in files}
+    for name in sorted(set(clips) - listed):
+        if (path / name / CHECKSUMS).is_file():
+            problems.append((name, f"{name}: a clip that is not in {CHECKSUMS} of the data set"))
+    return problems
+
+
+def refuse_damaged(path: Path, instead: str | None) -> None:
+    """Raise ValueError if files of a data set or clip are missing, foreign, of another size, or exchanged.
+
+    Sizes are compared, and the contents of JSON files; where there are no checksums, nothing is.
+
+    Args:
+        path: A clip or a data set; nothing else has checksums.
+        instead: Option that leaves this check out, for the message; None if there is none.
+    """
+    path = Path(path)
+    if (path / "clip.json").is_file():
+        found = [(None, what) for what in find_damage(path, fast=True)]
+    elif not (path / MANIFEST).is_file():
+        return
+    else:
+        folders = clip_folders(path)
+        found = find_data_set_damage(path, [folder.name for folder in folders])
+        found += [(folder.name, what) for folder in folders for what in find_damage(folder, fast=True)]
+    if found:
+        shown = "; ".join(f"{clip}: {what}" if clip else what for clip, what in found[:_SHOWN])
+        advice = f", or use them as they are by {instead}" if instead else ""
+        raise ValueError(
+            f"{path}: {len(found)} files are not as they were written: {shown}. `synth verify data={path}` lists all; "
+            f"make the clips again{advice}"
+        )
+
+
+def _changed(folder: Path, files: dict[str, Checksum], there: set[str], fast: bool) -> list[str]:
+    """Return descriptions of the files that exist and differ from their checksums."""
+    owner = {entry.sha256: name for name, entry in files.items()}
+    differences = (
+        (name, _difference(folder / name, files[name], owner, fast)) for name in sorted(files.keys() & there)
+    )
+    return [f"{name}: {what}" for name, what in differences if what]
+
+
+def _difference(path: Path, expected: Checksum, owner: dict[str, str], fast: bool) -> str | None:
+    """Return what is wrong with a file; None if nothing is."""
+    if not path.is_file():
+        return "expected a file"
+    try:
+        size = path.stat().st_size
+        if size != expected.bytes:
+            return f"expected {expected.bytes} bytes, found {size}"
+        found = expected.sha256 if fast and path.suffix != ".json" else checksum(path).sha256
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    if found == expected.sha256:
+        return None
+    return f"it holds {owner[found]}" if found in owner else "its content was changed or damaged"
+
+
+def _names(folder: Path) -> list[str]:
+    """Return the paths of the files of a clip's folder, in it."""
+    return [
+        path.relative_to(folder).as_posix()
+        for path in sorted(folder.rglob("*"))
+        if not path.is_dir() and path != folder / CHECKSUMS and not _is_beside(path.relative_to(folder).parts[0])
+    ]
+
+
+def _is_beside(name: str) -> bool:
+    return any(fnmatch(name, pattern) for pattern in _BESIDE)
+
+
+def _clip(name: str) -> str | None:
+    """Return the clip that a file of a data set belongs to; None for a file of its own."""
+    clip, slash, _ = name.partition("/")
+    return clip if slash else None
+
+
+def _text(files: dict[str, Checksum]) -> str:
+    entries = {name: files[name]._asdict() for name in sorted(files)}
+    return json.dumps({"format": FORMAT, "files": entries}, indent=1)

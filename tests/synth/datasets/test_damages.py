@@ -1,0 +1,121 @@
+"""Fault injection: every flipped bit and every structural damage is found, and the same command repairs it."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dmae.checksums import refuse_damaged
+from dmae.data.store import read_manifest
+from synth.datasets.clip import GenerateConfig, ImageKinds
+from synth.datasets.generate import generate
+from synth.datasets.verify import verify
+from synth.rendering.renderer import ImageQuality
+from synth.rigs.placement import RingConfig
+from synth.rigs.rig import RigConfig
+from synth.scene.spec import SceneConfig
+from tests.support.damages import OWN, files_of, flip_bit, structural
+
+pytestmark = [pytest.mark.filterwarnings("ignore:no OpenGL"), pytest.mark.slow]
+CLIPS = 3
+
+
+def config(out: Path, **options) -> GenerateConfig:
+    return GenerateConfig(
+        out=str(out),
+        seed=3,
+        clips=CLIPS,
+        images=ImageKinds.all,
+        quality=ImageQuality.draft,
+        scene=SceneConfig(persons=[1, 1], seconds=0.12),
+        rig=RigConfig(ring=RingConfig(views=2, focal=90, size=[96, 72])),
+        **options,
+    )
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory) -> Path:
+    """Return a data set of three clips in three frames of two cameras, with all images."""
+    out = tmp_path_factory.mktemp("sound") / "data"
+    generate(config(out))
+    return out
+
+
+@pytest.fixture
+def data(sound, tmp_path) -> Path:
+    return Path(shutil.copytree(sound, tmp_path / "data"))
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    return {file.relative_to(path).as_posix(): file.read_bytes() for file in files_of(path)}
+
+
+def restore(data: Path, sound: Path) -> None:
+    shutil.rmtree(data)
+    shutil.copytree(sound, data)
+
+
+def undetected(data: Path, sound: Path, name: str, concerned: set[str]) -> list[str]:
+    """Verify a damaged data set, restore it, and return what was not found."""
+    found = verify(data)
+    restore(data, sound)
+    named = {problem.clip for problem in found.problems}
+    missed = [] if concerned <= named else [f"{name}: {concerned} among {named}"]
+    return missed + ([] if set(found.again) >= concerned - OWN else [f"{name}: {concerned} not to be made again"])
+
+
+def test_every_flipped_bit_is_found(data, sound):
+    rng = np.random.default_rng(5)
+    assert [missed for _ in range(30) for missed in undetected(data, sound, "flip", flip_bit(data, rng))] == []
+
+
+def test_every_structural_damage_is_found(data, sound):
+    rng = np.random.default_rng(6)
+    for number in range(len(list(structural(data, rng)))):
+        name, damage = list(structural(data, rng))[number]
+        assert undetected(data, sound, name, damage()) == []
+
+
+def test_the_same_command_repairs_damages(data, sound):
+    """Missing files, other sizes and changed labels are seen at once, images of the same size with `recheck`."""
+    before, rng = contents(sound), np.random.default_rng(7)
+    done = dict(structural(data, rng))
+    for name in ("a picture is missing", "clips exchanged", "a cut picture", "checksums of a clip are missing"):
+        dict(structural(data, rng))[name]()
+        assert verify(data, fast=True).problems, name
+        generate(config(data))
+        assert contents(data) == before, name
+    text = (data / "000001/clip.json").read_text()
+    (data / "000001/clip.json").write_text(text.replace('"fps": 25.0', '"fps": 50.0'))
+    generate(config(data))
+    assert contents(data) == before
+    assert done.keys() >= {"pictures exchanged"}
+    video = data / "000000/images/rgb/ring0.mp4"
+    changed = bytearray(video.read_bytes())
+    changed[-1] ^= 1
+    video.write_bytes(changed)
+    generate(config(data))
+    assert video.read_bytes() == changed
+    generate(config(data, recheck=True))
+    assert contents(data) == before
+
+
+def test_what_does_not_verify_is_refused(data):
+    refuse_damaged(data, "x=true")
+    refuse_damaged(data / "000001", "x=true")
+    (data / "000001/images/rgb/ring0.mp4").unlink()
+    for path in (data, data / "000001"):
+        with pytest.raises(ValueError, match=r"1 files are not as they were written: .*ring0.mp4: missing.*by x=true"):
+            refuse_damaged(path, "x=true")
+
+
+def test_continued_data_sets_are_as_made_at_once(sound, tmp_path):
+    parts = tmp_path / "data"
+    generate(replace(config(parts), clips=1))
+    generate(replace(config(parts), first=2, clips=1))
+    assert [line["id"] for line in read_manifest(parts)] == ["000000", "000002"]
+    assert verify(parts).problems == []
+    generate(config(parts))
+    assert contents(parts) == contents(sound)
