@@ -3,6 +3,7 @@
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 
 from joblib import Parallel, delayed
 
@@ -26,6 +27,8 @@ def _interrupts_blocked(wanted: bool) -> Iterator[None]:
     if not wanted:
         yield
         return
+    # Python 3.11 unblocks SIGINT once it has started this process, which joblib would have it do in the block.
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

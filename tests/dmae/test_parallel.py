@@ -1,5 +1,8 @@
 """Tasks in processes give what tasks in this one give."""
 
+import subprocess
+import sys
+
 import pytest
 
 from dmae.parallel import in_parallel
@@ -15,3 +18,11 @@ def test_results_are_those_of_the_tasks(workers, ordered):
     found = list(in_parallel(square, ((number,) for number in range(7)), workers, ordered=ordered))
     assert sorted(found) == [number**2 for number in range(7)]
     assert not ordered or found == sorted(found)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no masks of signals")
+def test_workers_never_get_ctrl_c():
+    program = "import signal; from dmae.parallel import in_parallel; "
+    program += "print(list(in_parallel(signal.pthread_sigmask, [(signal.SIG_BLOCK, ())] * 3, 2)))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.count("SIGINT") == 3
