@@ -1,6 +1,6 @@
 """Score methods of completion over clips and subsets of cameras."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy as np
 from dmae.completion.methods.registry import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.rng import Stream, generator
-from dmae.data.skeleton import get_skeleton
+from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.scores import score, summary
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
@@ -114,7 +114,8 @@ def evaluate(config: EvaluateConfig) -> dict:
     Returns:
         JSON-able; None stands for a score of nothing. `recording`; `skeleton`; `poses`, the input in words; `results`,
         one entry for each method and number of views (0 with synthetic gaps): `method`, `views`, `mean` of the scores,
-        `intervals` (95 %, over blocks of time, of `pcp`, %, and of `mpjpe` and `hidden`, mm),
+        `intervals` (95 %, over blocks of time, of `pcp`, %, of `mpjpe` and `hidden`, mm, and of `recall`, %, of the
+        hidden joints),
         `worst` (`pcp` and `cameras` of the subset with the lowest PCP) and `runs`, the scores of each clip and subset,
         as `score` returns them.
 
@@ -122,19 +123,12 @@ def evaluate(config: EvaluateConfig) -> dict:
         ValueError: a clip has no truth, there are no clips or methods, no such method or number of views, or options
             exclude each other.
     """
-    methods = _methods(config)
     clips = load(config.data)
     if not clips:
         raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to score")
-    synthetic = config.input != Input.captured_poses
-    total = len(clips) * (1 if synthetic else len(camera_subsets(clips[0], config.views)))
     runs: dict[tuple[str, int], list[dict]] = {}
-    for trial in progress(_trials(clips, config), "evaluating", total):
+    for trial, filled in predictions(clips, config, load_methods(config)):
         skeleton = trial.truth.skeleton
-        filled = {name: convert(method(trial.given, trial.fps), skeleton) for name, method in methods.items()}
-        filled |= {
-            name: smooth(poses, trial.fps, config.smooth) for name, poses in filled.items() if name != "measured"
-        }
         compared = _filled_by_all([poses for name, poses in filled.items() if name != "measured"], trial)
         for name, poses in filled.items():
             entry = {"clip": trial.clip, "cameras": trial.cameras}
@@ -146,6 +140,34 @@ def evaluate(config: EvaluateConfig) -> dict:
     recording = trial.clip if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
     poses = Input(config.input).value.replace("_", " ")
     return {"recording": recording, "skeleton": skeleton.name, "poses": poses, "results": results}
+
+
+def predictions(
+    clips: Sequence[Clip],
+    config: EvaluateConfig,
+    methods: dict[str, Callable[[Poses3D, float], Poses3D]],
+    to_skeleton: Callable[[Poses3D, Skeleton], Poses3D] = convert,
+) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
+    """Yield every trial, and what each method makes of it: on the skeleton of the truth, and smoothed.
+
+    Args:
+        clips: At least one.
+        config: Of its fields `data`, `methods` and `weights` are not read.
+        methods: Functions that fill poses, by name. What `measured` returns is not smoothed.
+        to_skeleton: Brings filled poses to the skeleton of the truth.
+    """
+    total = len(clips) * (1 if config.input != Input.captured_poses else len(camera_subsets(clips[0], config.views)))
+    for trial in progress(_trials(clips, config), "evaluating", total):
+        filled = {
+            name: to_skeleton(fill(trial.given, trial.fps), trial.truth.skeleton) for name, fill in methods.items()
+        }
+        yield (
+            trial,
+            {
+                name: poses if name == "measured" else smooth(poses, trial.fps, config.smooth)
+                for name, poses in filled.items()
+            },
+        )
 
 
 def _trials(clips: Iterable[Clip], config: EvaluateConfig) -> Iterator[Trial]:
@@ -220,8 +242,12 @@ def _filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
     return common
 
 
-def _methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
-    """Return the methods by name."""
+def load_methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
+    """Return the functions of the methods by name.
+
+    Raises:
+        ValueError: there are none, or one is unknown.
+    """
     if not config.methods:
         raise ValueError(f"methods=[]: expected some of {[*completion_method]}")
     weights = Path(config.weights) if config.weights else None

@@ -29,7 +29,7 @@ class Protocol(Entry):
     Attributes:
         missed_count: Whether limbs of a person without a prediction count, as not correct.
         at_half: Whether a limb is correct that is off by exactly half its length.
-        head: How the ends of the annotated head are placed (`dmae.metrics.head_placement`).
+        head: How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.head_placement`).
     """
 
     missed_count: bool = True
