@@ -18,7 +18,7 @@ EXAMPLES = (
 
 
 def run(config: TableConfig, out: Path) -> None:
-    table = make_table(config)
+    table = make_table(config, out)
     path = out / f"table_{config.number}"
     write_atomic(path.with_suffix(".json"), json_text(table) + "\n")
     write_atomic(path.with_suffix(".md"), markdown(table))

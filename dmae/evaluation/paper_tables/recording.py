@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SHELF14, Skeleton
 from dmae.evaluation.evaluate import EvaluateConfig, Trial, load_methods, predictions
 from dmae.evaluation.paper_tables.config import Size, TableConfig
+from dmae.evaluation.paper_tables.data_sets import check_truth
 from dmae.evaluation.paper_tables.head_placement import convert_with_head
 from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, paper_table
 from dmae.evaluation.paper_tables.tally import Tally, actors_of, limb_tally, pooled
@@ -40,8 +42,12 @@ NOISE_NOTE = (
 )
 
 
-def actor_table(config: TableConfig) -> dict:
+def actor_table(config: TableConfig, out: Path) -> dict:
     """Return table 1: PCP of each actor with all cameras.
+
+    Args:
+        config: `data` is the recording.
+        out: Not used; nothing is trained.
 
     Raises:
         ValueError: the data is more than one recording, or has no truth on Shelf's joints.
@@ -60,7 +66,7 @@ def actor_table(config: TableConfig) -> dict:
     return _table(config, clip, columns, rows, frames, [])
 
 
-def camera_table(config: TableConfig) -> dict:
+def camera_table(config: TableConfig, out: Path) -> dict:
     """Return table 2: PCP by the number of cameras, over all subsets of so many.
 
     Raises:
@@ -97,13 +103,7 @@ def load_recording(config: TableConfig) -> Clip:
             "a single clip's folder"
         )
     (clip,) = clips
-    if clip.truth is None or np.isnan(clip.truth.xyz).all():
-        raise ValueError(f"clip {clip.id!r} has no truth; table {config.number} needs true poses on {SHELF14.name}")
-    if SHELF14 not in clip.truth.skeleton.parts:
-        raise ValueError(
-            f"clip {clip.id!r} has truth on {clip.truth.skeleton.name}; the limbs of table {config.number} are those "
-            f"of {SHELF14.name}"
-        )
+    check_truth(clip, config.number)
     return clip
 
 

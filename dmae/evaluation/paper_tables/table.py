@@ -66,6 +66,7 @@ def paper_table(
     recording: str,
     frames: dict[str, int],
     footnotes: Sequence[str],
+    rules: str = "",
 ) -> dict:
     """Return a table.
 
@@ -78,6 +79,7 @@ def paper_table(
         recording: What was scored.
         frames: Annotated frames of each actor.
         footnotes: What differs from the paper, and why.
+        rules: How rows are scored; by default the protocol of the configuration.
 
     Returns:
         JSON-able. `number`, `title`, `recording`, `protocol`, `frames`, `against`, `footnotes`, `columns`; and `rows`:
@@ -86,12 +88,13 @@ def paper_table(
     """
     (reference,) = (row for row in rows if row.name == against)
     made = [_published(row, columns, reference, comparable) for row in published_rows(config.number)]
-    made += [_measured(row, columns, reference, config.protocol) for row in rows]
+    rules = rules or config.protocol
+    made += [_measured(row, columns, reference, rules) for row in rows]
     return {
         "number": config.number,
         "title": f"Table {config.number}: {NUMBERS[config.number]}",
         "recording": recording,
-        "protocol": config.protocol,
+        "protocol": rules,
         "size": str(config.size),
         "frames": frames,
         "against": against,
