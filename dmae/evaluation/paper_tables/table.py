@@ -6,10 +6,14 @@ from enum import StrEnum
 
 import numpy as np
 
-from dmae.evaluation.paper_tables.config import NUMBERS, TableConfig
+from dmae.evaluation.paper_tables.config import NUMBERS, Size, TableConfig
 from dmae.evaluation.paper_tables.published import published_rows
 from dmae.metrics.intervals import Interval, bootstrap_difference, bootstrap_ratio
 from dmae.metrics.time_blocks import BlockSums
+
+_SMALL = (
+    "size=small: fewer methods and short trainings; rows of models trained for this table are below what they can do."
+)
 
 
 class Origin(StrEnum):
@@ -100,7 +104,7 @@ def paper_table(
         "against": against,
         "columns": [vars(column) for column in columns],
         "rows": made,
-        "footnotes": list(footnotes),
+        "footnotes": [*footnotes, *([_SMALL] if config.size == Size.small else [])],
     }
 
 
