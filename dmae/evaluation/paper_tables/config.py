@@ -21,7 +21,8 @@ class Size(StrEnum):
     """How much is spent on a table."""
 
     full = "full"
-    """All methods and full trainings: tables 1 and 2 take minutes on two cores, 3 and 4 half an hour, 5 an hour."""
+    """All methods and full trainings: on two cores minutes for tables 1 and 2, a quarter of an hour for 3 and 4, about
+    an hour for 5."""
     small = "small"
     """Fewer methods and short trainings: all five tables in minutes."""
 

@@ -58,7 +58,7 @@ def actor_table(config: TableConfig, out: Path) -> dict:
         TableColumn(f"actor_{number}", f"actor {number} ({count} frames)")
         for number, count in zip(range(1, len(actors) + 1), frames, strict=True)
     ]
-    columns.append(_average_column(frames))
+    columns.append(TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True))
     rows = []
     for name, found in tallies.items():
         cells = {column.key: pooled(found, [person]) for person, column in enumerate(columns[:-1])}
@@ -85,7 +85,7 @@ def camera_table(config: TableConfig, out: Path) -> dict:
         if count < len(clip.rig):
             columns.append(TableColumn(f"worst_{count}", f"worst {count}"))
             for name, row in rows.items():
-                row.cells[f"worst_{count}"] = min(bootstrap_ratio(pooled([each])).value for each in found[name])
+                row.cells[f"worst_{count}"] = float(np.fmin.reduce([_mean(each) for each in found[name]]))
     notes = ["Cells are means over all subsets of so many cameras, and PCP with the worst of them."]
     return _table(config, clip, columns, list(rows.values()), frames, notes)
 
@@ -138,16 +138,17 @@ def _measure(clip: Clip, config: TableConfig, views: list[int]) -> tuple[dict[st
     """Return the tallies of each method, the actors, and in how many frames each is annotated."""
     methods = load_methods(EvaluateConfig(methods=list(METHODS[config.size]), weights=config.weights))
     tallies: dict[str, list[Tally]] = {name: [] for name in methods}
-    trials = []
+    actors, frames = [], []
     for trial, _, found in tally_trials([clip], config, methods, views):
-        trials.append(trial)
+        actors, frames = actors_of(trial), annotated_frames(trial)
         for name, tally in found.items():
             tallies[name].append(tally)
-    return tallies, actors_of(trials[0]), annotated_frames(trials[0])
+    return tallies, actors, frames
 
 
-def _average_column(frames: Sequence[int]) -> TableColumn:
-    return TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True)
+def _mean(tally: Tally) -> float:
+    """Return the mean PCP of a subset of cameras, %; NaN where nothing counts."""
+    return bootstrap_ratio(pooled([tally]), draws=1).value
 
 
 def _table(

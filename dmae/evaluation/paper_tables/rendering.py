@@ -1,5 +1,6 @@
 """A table of the paper as text: for the terminal, and as Markdown with its notes."""
 
+from dmae.evaluation.paper_tables.table import Origin
 from dmae.reporting.tables import Table
 
 
@@ -64,15 +65,16 @@ def _grid(table: dict, notes: _Notes | None = None) -> tuple[list[str], list[lis
     rows = []
     for row in table["rows"]:
         name = row["name"] + (notes.mark(row["source"], row["note"]) if notes else "")
-        cells = [_cell(row["cells"][column["key"]]) for column in columns]
+        unknown = "-" if row["origin"] == Origin.published else Origin.missing
+        cells = [_cell(row["cells"][column["key"]], unknown) for column in columns]
         differences = [_difference(row["differences"].get(column["key"])) for column in leading]
         rows.append([name, row["origin"], row["protocol"], *cells, *differences])
     return header, rows
 
 
-def _cell(cell: dict) -> str:
+def _cell(cell: dict, unknown: str) -> str:
     if cell["value"] is None:
-        return "-"
+        return unknown
     return f"{cell['value']:.1f}" + ("" if cell["low"] is None else f" [{cell['low']:.1f}, {cell['high']:.1f}]")
 
 
