@@ -59,3 +59,9 @@ class TableConfig:
             tables = "; ".join(f"{number}, {title}" for number, title in NUMBERS.items())
             raise ValueError(f"number={self.number}: the paper's tables are {tables}")
         protocol.find(self.protocol)
+        if self.extra_data and self.number in (1, 2):
+            raise ValueError(f"extra_data={self.extra_data}: nothing is learned for table {self.number}; leave it out")
+        if self.number == 5 and (self.protocol != "strict" or self.weights):
+            raise ValueError(
+                "table 5 counts joints, not limbs, and trains its own networks; leave out protocol and weights"
+            )

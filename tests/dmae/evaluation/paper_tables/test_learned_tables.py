@@ -107,8 +107,8 @@ def test_a_set_of_one_clip_cannot_be_halved(tmp_path):
         table(tmp_path, 3, tmp_path / "clip")
 
 
-def test_the_network_is_the_paper_s_but_for_its_size():
-    wanted = compose(DMAE.commands["train"], ["data=runs/x", "model=paper"])
+def test_the_network_is_the_paper_s_but_for_its_size(clips):
+    wanted = compose(DMAE.commands["train"], [f"data={clips}", "model=paper"])
     made = codes.training_plan(TableConfig(number=5))
     for name in ("frames", "fps", "dropout", "key_init", "residual", "align_heading"):
         assert getattr(made.model, name) == getattr(wanted.model, name), name

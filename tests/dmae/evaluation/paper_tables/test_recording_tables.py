@@ -21,7 +21,7 @@ FRAMES = 130
 
 
 def shaken() -> Clip:
-    """Two walkers over five seconds, seen by three cameras with errors of some pixels; a wrist is hidden for a while."""
+    """Two walkers over five seconds, seen by three cameras with errors of some pixels."""
     clip = scored_clips.seen(frames=FRAMES).select(views=[0, 1, 2])
     xy = clip.detections.xy + np.random.default_rng(0).normal(0, 4, clip.detections.xy.shape)
     return replace(clip, detections=replace(clip.detections, xy=xy))
@@ -149,6 +149,18 @@ class TestBadInput:
     def test_unknown_number(self, number):
         with pytest.raises(ValueError, match=rf"number={number}: the paper's tables are 1, PCP of each actor; 2, "):
             TableConfig(number=number)
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({"number": 1, "extra_data": ["more"]}, "nothing is learned for table 1"),
+            ({"number": 5, "protocol": "4da"}, "table 5 counts joints, not limbs"),
+            ({"number": 5, "weights": "runs/model"}, "trains its own networks"),
+        ],
+    )
+    def test_options_that_a_table_does_not_read(self, options, message):
+        with pytest.raises(ValueError, match=message):
+            TableConfig(**options)
 
     def test_unknown_protocol(self):
         with pytest.raises(ValueError, match="no protocol 'voxelpos'; did you mean 'voxelpose'"):
