@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -20,12 +21,17 @@ class NamedClips(Sequence):
     def __init__(self, members: Sequence[tuple[Clips, int]]):
         self.members = list(members)
 
+    @property
+    def folders(self) -> list[Path]:
+        """Folder of each clip."""
+        return [clips.folders[number] for clips, number in self.members]
+
     def __len__(self) -> int:
         return len(self.members)
 
     def __getitem__(self, index: int) -> Clip:
         clips, number = self.members[index]
-        folder = clips.folders[number]
+        folder = self.folders[index]
         return replace(clips[number], id=f"{folder.parent.name}/{folder.name}")
 
 

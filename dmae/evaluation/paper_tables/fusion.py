@@ -73,8 +73,8 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
     truth, frames = trial.truth.xyz, annotated_frames(trial)
     errors = {}
     for name, poses in filled.items():
-        scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.fps)
-        errors[name] = {"mpjpe": block_sums([{"clip": trial.clip, "cameras": trial.cameras} | scores], "mpjpe")}
+        scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps)
+        errors[name] = {"mpjpe": block_sums([{"clip": trial.clip.id, "cameras": trial.cameras} | scores], "mpjpe")}
     if TUNED in filled:
         limbs = better_limbs(rules, filled[TUNED].xyz, filled[AGAINST].xyz, truth, SHELF14)
         tallies[BETTER] = limb_tally(trial, *limbs, correct_limbs(truth, truth, SHELF14)[1])

@@ -72,8 +72,8 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
     for trial, filled, found in tally_trials(scored, config, methods, []):
         frames += sum(annotated_frames(trial))
         for name, poses in filled.items():
-            scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.fps)
-            runs[name].append({"clip": trial.clip, "cameras": trial.cameras} | scores)
+            scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps)
+            runs[name].append({"clip": trial.clip.id, "cameras": trial.cameras} | scores)
             tallies[name].append(found[name])
     rows = [_row(name, runs[name], tallies[name]) for name in methods]
     return paper_table(

@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SHELF14, Skeleton
-from dmae.evaluation.evaluate import EvaluateConfig, Trial, load_methods, predictions
+from dmae.evaluation.evaluate import EvaluateConfig, Trial, filled_trials, load_methods
 from dmae.evaluation.paper_tables.config import Size, TableConfig
 from dmae.evaluation.paper_tables.data_sets import check_truth
 from dmae.evaluation.paper_tables.head_placement import convert_with_head
@@ -117,7 +117,7 @@ def tally_trials(
     rules = protocol[config.protocol]
     scoring = EvaluateConfig(capture=config.capture, views=views, skeleton=SHELF14.name)
     place: Callable[[Poses3D, Skeleton], Poses3D] = partial(convert_with_head, head=rules.head)
-    for trial, filled in predictions(clips, scoring, methods, place):
+    for trial, filled in filled_trials(clips, scoring, methods, place):
         yield trial, filled, {name: tally_poses(trial, poses, rules) for name, poses in filled.items()}
 
 

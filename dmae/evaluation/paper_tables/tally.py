@@ -31,12 +31,12 @@ class Tally:
 def limb_tally(trial: Trial, correct: np.ndarray, counted: np.ndarray, known: np.ndarray) -> Tally:
     """Return the tally of the limbs (F, T, L) of a trial's actors: correct, counted, and known at all."""
     frames = np.flatnonzero(known.any((1, 2)))
-    _, member = block_members(frames, trial.fps)
+    _, member = block_members(frames, trial.clip.fps)
 
     def summed(limbs: np.ndarray) -> np.ndarray:
         return np.einsum("ftl,bf->tlb", limbs[frames][:, actors_of(trial)].astype(float), member.astype(float))
 
-    return Tally(trial.clip, tuple(trial.cameras), summed(correct & counted), summed(counted), summed(known))
+    return Tally(trial.clip.id, tuple(trial.cameras), summed(correct & counted), summed(counted), summed(known))
 
 
 def actors_of(trial: Trial) -> list[int]:
