@@ -39,6 +39,6 @@ def default_out(config: ReportCommand) -> Path:
 def run(config: ReportCommand, out: Path) -> None:
     default_out(config)
     scores = [read_json(Path(folder) / "scores.json") for folder in config.scores]
-    clips = load(DataConfig(name="clip", path=config.clip)) if config.clip else []
+    clips = load(DataConfig(name="clip", path=config.clip)) if config.clip else None
     write_clips_report(out, clips, scores, title=config.title)
     print(out)

@@ -28,7 +28,7 @@ MOST_FRAMES = 4500
 
 
 def write_clips_report(
-    path: Path, clips: Sequence[Clip], scores: Sequence[dict] = (), *, title: str = TITLE
+    path: Path, clips: Sequence[Clip] | None, scores: Sequence[dict] = (), *, title: str = TITLE
 ) -> list[Findings]:
     """Write the report of clips, captured or not, and of scores, as one HTML file that loads nothing from elsewhere.
 
@@ -36,14 +36,14 @@ def write_clips_report(
 
     Args:
         path: The file.
-        clips: Any number of clips.
+        clips: Any number of clips; None for a page of scores alone.
         scores: What `dmae evaluate` wrote.
         title: Heading of the page.
 
     Returns:
         The findings of each clip, in order.
     """
-    findings = [examine(clip) for clip in progress(clips, "reporting")]
+    findings = [examine(clip) for clip in progress(clips or (), "reporting")]
     shown = _worst_clips(findings)
     most = MOST_FRAMES // max(1, len(shown))
     cuts = {index: window(findings[index].frames, most, _worst_frame(findings[index])) for index in shown}
@@ -60,7 +60,7 @@ def write_clips_report(
         path,
         title,
         sections,
-        summary=summary(findings) if clips else (),
+        summary=() if clips is None else summary(findings),
         players=[player_data(_played(clips[index], findings[index], cut)) for index, cut in cuts.items()],
     )
     return findings

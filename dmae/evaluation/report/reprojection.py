@@ -34,6 +34,7 @@ class Reprojection:
 def reprojection(clip: Clip) -> Reprojection:
     """Compare poses with the detections of each camera that fit them best, frame by frame."""
     poses = convert(clip.poses, clip.detections.skeleton)
+    poses = poses.without(np.isinf(poses.xyz).any(-1))
     frames, persons, joints = poses.source.shape
     measured: dict[str, dict[str, Tally]] = {}
     completed: dict[str, dict[str, Tally]] = {}

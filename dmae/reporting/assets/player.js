@@ -150,6 +150,7 @@ async function player() {
   } else {
     video.addEventListener("seeked", () => shown(video.currentTime - 0.5 / clip.fps));
   }
+  for (const name of ["seeked", "loadeddata"]) video.addEventListener(name, () => draw());
   video.addEventListener("ended", () => { if (playing) { frame = clip.frames - 1; pause(); draw(); } });
   video.addEventListener("error", () => { if (clip) draw(); });
 
@@ -298,6 +299,8 @@ async function player() {
   }
 
   function drawView(colours) {
+    const waiting = hasVideo() && toggles.picture && (video.seeking || video.readyState < 2);
+    if (waiting && "frame" in video.dataset) return;  // what is drawn stays until the next picture is there
     const { context, width, height } = cleared(view);
     if (!clip.frames || !clip.cameras.length) return;
     const chosen = clip.cameras[camera];
