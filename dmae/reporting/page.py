@@ -20,6 +20,8 @@ from dmae.reporting.tables import Table
 _ASSETS = resources.files("dmae.reporting") / "assets"
 _SCRIPTS = ("page.js", "player_data.js", "player_drawing.js", "player.js")
 _LARGEST_SVG = 300_000
+_WIDE = 6.5
+"""Inches; a wider figure stands alone, a narrower one beside a table."""
 _NUMBER = re.compile(r"[<>±~+-]?\s*\d|-?$")
 _THEME = {"#000000": "currentColor", "#ffffff": "var(--page)", "#dddddd": "var(--line)"}
 """Colours of figures that follow the page from light to dark."""
@@ -31,6 +33,11 @@ class CaptionedFigure:
 
     caption: str
     figure: Figure
+
+    @property
+    def wide(self) -> bool:
+        """Whether it takes the width of the page."""
+        return self.figure.get_figwidth() > _WIDE
 
     @property
     def markup(self) -> Markup:

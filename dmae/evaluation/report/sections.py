@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from dmae.data.clip import Source
@@ -83,11 +84,11 @@ def _moments_table(caption: str, found: Sequence[tuple[Findings, WorstMoment]], 
     rows, places = [], []
     for each, moment in found:
         person = "-" if moment.person is None else str(moment.person)
-        when = (str(moment.frame), f"{moment.frame / each.fps:.2f}")
-        rows.append((*((each.id,) if several else ()), *when, person, moment.what, moment.amount))
+        seconds = f"{moment.frame / each.fps:.2f}"
+        rows.append((*((each.id,) if several else ()), str(moment.frame), moment.amount, person, moment.what, seconds))
         inside = moment.frame in played[each.id]
         places.append(Moment(each.id, moment.frame, moment.person) if inside else None)
-    header = (*(("clip",) if several else ()), "frame", "s", "person", "what", "amount")
+    header = (*(("clip",) if several else ()), "frame", "amount", "person", "what", "at s")
     return Table(caption, header, rows, moments=places)
 
 
@@ -96,7 +97,8 @@ def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:
     groups = pooled_groups(findings, "breakdowns")
     if not groups:
         return []
-    known = bool(pooled_truth(findings))
+    truth = pooled_truth(findings)
+    known = bool(truth)
     names = [name for name in (BY_GAP, BY_CAUSE, BY_SEEING, BY_MEASURING, BY_JOINT) if name in groups]
     tables = [_breakdown_table(name, groups[name], known) for name in names]
     text = (
@@ -106,8 +108,12 @@ def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:
     )
     if BY_CAUSE in groups:
         text += " The cause is the most frequent reason for which cameras do not see the joint."
-    figures = [CaptionedFigure("Error by length of the gap: mean, and the error that nine in ten joints stay under.",
-                               _gap_figure(groups[BY_GAP]))] if known else []  # fmt: skip
+    figures = []
+    if known:
+        figures = [
+            CaptionedFigure("Error by length of the gap, and what 90 % stay under.", _gap_figure(groups[BY_GAP])),
+            CaptionedFigure("Share of joints within an error, measured and completed ones.", _error_figure(truth)),
+        ]
     return [Section("Where it errs" if known else "What was not measured", text, tables, figures)]
 
 
@@ -156,21 +162,32 @@ def residuals_section(findings: Sequence[Findings]) -> list[Section]:
 
 
 def _breakdown_table(name: str, groups: dict[str, Tally], known: bool) -> Table:
-    header = (name, "joints", "completed %", "not found %" if known else "missing %")
-    rows = [
-        (
-            group,
-            f"{each.joints:,}",
-            text(100 * each.completed / each.joints, 1),
-            text(100 * each.missing / each.joints, 1),
-        )
-        for group, each in groups.items()
-    ]
-    if not known:
-        return Table(f"By {name}", header, rows, bars=(2,))
-    errors = [(text(each.mean), text(each.quantile(0.9))) for each in groups.values()]
-    rows = [(*row, *error) for row, error in zip(rows, errors, strict=True)]
-    return Table(f"By {name}", (*header, "mean mm", "90 % under"), rows, bars=(4,))
+    columns = {
+        name: list(groups),
+        "joints": [f"{each.joints:,}" for each in groups.values()],
+    }
+    if known:
+        columns["mean mm"] = [text(each.mean) for each in groups.values()]
+        columns["90 % under"] = [text(each.quantile(0.9)) for each in groups.values()]
+    if any(each.completed for each in groups.values()):
+        columns["completed %"] = [text(100 * each.completed / each.joints, 1) for each in groups.values()]
+    if any(each.missing for each in groups.values()):
+        heading = "not found %" if known else "missing %"
+        columns[heading] = [text(100 * each.missing / each.joints, 1) for each in groups.values()]
+    return Table(f"By {name}", list(columns), list(zip(*columns.values(), strict=True)), bars=(2,))
+
+
+def _error_figure(truth: dict[str, Tally]) -> Figure:
+    figure = Figure(figsize=(5.2, 3), layout="constrained")
+    axes = figure.subplots()
+    shown = {"measured": PERSONS[0], "completed": COMPLETED}
+    for name, colour in shown.items():
+        if truth[name].compared:
+            within = 100 * np.cumsum(truth[name].histogram) / truth[name].compared
+            axes.plot(np.arange(1, len(within) + 1), within, color=colour, label=name)
+    most = max(50, 1.5 * (truth["all"].quantile(0.95) or 0))
+    axes.set(xlabel="error [mm]", ylabel="joints within [%]", xlim=(0, most))
+    return _finished(figure)
 
 
 def _gap_figure(groups: dict[str, Tally]) -> Figure:
