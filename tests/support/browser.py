@@ -14,14 +14,17 @@ def find_chromium() -> str | None:
 
 
 @contextmanager
-def opened(browser, path: Path, *, width: int = 1280, dark: bool = False, player: bool = True) -> Iterator:
-    """Open a page; on leaving, check that it raised no error, logged none, and asked nothing of the network."""
+def opened(
+    browser, path: Path, *, width: int = 1280, dark: bool = False, player: bool = True, before: str = ""
+) -> Iterator:
+    """Open a page, after the script `before`; then check that it raised, logged and asked of the network nothing."""
     context = browser.new_context(
         viewport={"width": width, "height": 900}, color_scheme="dark" if dark else "light", reduced_motion="reduce"
     )
     page = context.new_page()
     page.complaints = complaints = []
     page.set_default_timeout(10_000)
+    page.add_init_script(before)
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
     page.on(

@@ -149,7 +149,7 @@ def residuals_section(findings: Sequence[Findings]) -> list[Section]:
                     (group, f"{each.compared:,}", text(each.mean, 1), text(each.quantile(0.9), 1),
                      f"{other.compared:,}" if other else "0", text(other and other.mean, 1))
                 )  # fmt: skip
-        header = (name, "measured", "mean px", "90 % under", "completed", "mean px")
+        header = (name, "measured", "measured px", "90 % under", "completed", "completed px")
         if rows:
             tables.append(Table(f"By {name}", header, rows, bars=(2, 5)))
     if not tables:

@@ -22,6 +22,11 @@ async function player() {
     byId("toggles").append(label);
   }
 
+  function say(notes) {
+    byId("notes").textContent = notes.join(" ");
+    byId("notes").hidden = !notes.length;
+  }
+
   async function open(number) {
     pause();
     const data = packedClips[number];
@@ -36,8 +41,7 @@ async function player() {
     byId("hole").disabled = !clip.gaps.starts.length;
     byId("worst").disabled = worst() === null;
     for (const id of ["play", "back", "forward", "frame"]) byId(id).disabled = clip.frames < 2;
-    byId("notes").textContent = clip.notes.join(" ");
-    byId("notes").hidden = !clip.notes.length;
+    say(clip.notes);
     followed = null;
     frame = 0;
     chooseCamera(mostDetections());
@@ -152,7 +156,11 @@ async function player() {
   }
   for (const name of ["seeked", "loadeddata"]) video.addEventListener(name, () => draw());
   video.addEventListener("ended", () => { if (playing) { frame = clip.frames - 1; pause(); draw(); } });
-  video.addEventListener("error", () => { if (clip) draw(); });
+  video.addEventListener("error", () => {
+    if (!clip || !video.src) return;
+    say([...clip.notes, "This browser cannot play the pictures, which are H.264 video."]);
+    draw();
+  });
 
   // Holes and the worst frame
 
@@ -284,7 +292,8 @@ async function player() {
     const { context, width, height } = cleared(world);
     if (followed !== null && clip.poses && clip.frames) {
       const centre = clip.poses.centre(frame, followed);
-      if (centre) orbit.target = centre.map((value, axis) => orbit.target[axis] + 0.5 * (value - orbit.target[axis]));
+      const step = playing ? 0.2 : 1;  // smoothly while playing
+      if (centre) orbit.target = centre.map((value, axis) => orbit.target[axis] + step * (value - orbit.target[axis]));
     }
     const project = viewer(width, height);
     drawFloor(context, project, orbit.extent, colours);
@@ -380,6 +389,12 @@ async function player() {
   byId("closer").addEventListener("click", () => zoom(0.8));
   byId("farther").addEventListener("click", () => zoom(1.25));
 
+  // Keys that no element has the focus for are the player's while most of it is in sight, else they scroll the page.
+  function inSight() {
+    const { top, bottom } = byId("world").getBoundingClientRect();
+    return bottom > 0 && top < innerHeight;
+  }
+
   const keys = {
     " ": () => (playing ? pause() : play()),
     ArrowLeft: (shift) => jump(frame - (shift ? Math.round(clip.fps) : 1)),
@@ -399,7 +414,7 @@ async function player() {
   };
   document.addEventListener("keydown", (event) => {
     const at = event.target;
-    const elsewhere = at !== document.body && !box.contains(at);
+    const elsewhere = at === document.body ? !inSight() : !box.contains(at);
     const typed = at.matches("select, input[type=checkbox], summary") || (event.key === " " && at.matches("button"));
     if (!clip || elsewhere || typed || event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.shiftKey && event.key === " ") return;  // scrolls back
@@ -415,7 +430,8 @@ async function player() {
       if (clip !== null && packedClips[number].id !== clip.id) await open(number);
       jump(Number(button.dataset.frame) - clip.first);
       follow(button.dataset.person === "" ? null : Number(button.dataset.person));
-      box.scrollIntoView({ behavior: "smooth", block: "start" });
+      const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+      box.scrollIntoView({ behavior: calm ? "auto" : "smooth", block: "start" });
       world.focus({ preventScroll: true });
     });
   }
@@ -427,4 +443,8 @@ async function player() {
   await open(0);
 }
 
-player();
+player().catch((error) => {
+  const note = Object.assign(document.createElement("p"), { className: "notes" });
+  note.textContent = `This browser cannot open the player (${error.message}); all tables and figures are below.`;
+  byId("player").replaceWith(note);
+});

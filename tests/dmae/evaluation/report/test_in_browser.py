@@ -102,6 +102,21 @@ def test_the_keyboard_does_everything(browser, path):
         page.wait_for_selector('#player[data-playing="true"]')
 
 
+def test_keys_scroll_the_page_where_the_player_is_out_of_sight(browser, path):
+    with opened(browser, path) as page:
+        page.evaluate("window.scrollTo(0, document.body.scrollHeight)")
+        page.keyboard.press("ArrowRight")
+        page.keyboard.press(" ")
+        page.wait_for_timeout(60)
+        assert (frame_of(page), page.get_attribute("#player", "data-playing")) == (0, "false")
+
+
+def test_a_browser_that_cannot_open_the_player_says_so(browser, path):
+    with opened(browser, path, before="delete window.DecompressionStream", player=False) as page:
+        page.wait_for_selector("text=This browser cannot open the player")
+        assert page.locator("table").first.is_visible()
+
+
 def test_toggles_and_orbit_change_what_is_drawn(browser, path):
     with opened(browser, path) as page:
         page.keyboard.press("n")
