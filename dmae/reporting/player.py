@@ -82,7 +82,7 @@ def packed(values: np.ndarray) -> str:
     held = np.where(before < 0, 0, np.take_along_axis(whole, np.maximum(before, 0), 0)).T.view(np.uint16)
     steps = np.diff(held, axis=1, prepend=np.zeros((len(held), 1), np.uint16))
     planes = np.stack([steps & 0xFF, steps >> 8, known.T]).astype(np.uint8)
-    return base64.b64encode(zlib.compress(planes.tobytes(), 9)).decode()
+    return base64.b64encode(zlib.compress(planes.tobytes())).decode()
 
 
 def _one_skeleton(truth: Poses3D, wanted: Skeleton) -> Poses3D:
