@@ -33,6 +33,7 @@ function compareCells(a, b) {
 function sortable(table) {
   const body = table.tBodies[0];
   const original = [...body.rows];
+  if (original.length < 2) return;
   const heads = [...table.tHead.rows[0].cells];
   heads.forEach((head, column) => {
     const button = document.createElement("button");

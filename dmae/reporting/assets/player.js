@@ -207,7 +207,7 @@ async function player() {
     }
     const reach = Math.max(high[0] - low[0], high[1] - low[1], 1);
     orbit.target = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, 0.9];
-    orbit.distance = Math.min(40, 3.2 + 1.35 * reach);
+    orbit.distance = Math.min(40, 2.6 + 1.15 * reach);
     orbit.extent = [Math.floor(low[0] - 2), Math.ceil(high[0] + 2), Math.floor(low[1] - 2), Math.ceil(high[1] + 2)];
     if (orbit.extent[1] - orbit.extent[0] > 60 || orbit.extent[3] - orbit.extent[2] > 60) orbit.extent = [-30, 30, -30, 30];
   }
