@@ -39,7 +39,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
         >>> bool(scores["pcp"] > 50)
         True
     """
-    from dmae.evaluation.evaluate import PUBLISHED_ACTORS
+    from dmae.evaluation.reference import scored_actors
     from dmae.evaluation.scores import score
 
     poses = clip.poses if poses is None else poses
@@ -47,8 +47,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
         raise ValueError(f"clip {clip.id!r} has no {'truth to score against' if poses else 'poses; run dmae.capture'}")
     truth = convert(clip.truth, get_skeleton(skeleton or clip.truth.skeleton.parts[-1].name))
     captured = poses.without(poses.source == Source.COMPLETED)
-    actors = PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
-    return score(poses, captured, truth, actors, fps=clip.fps)
+    return score(poses, captured, truth, scored_actors(clip), fps=clip.fps)
 
 
 def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> Figure:
