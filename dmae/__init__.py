@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from dmae.public.recordings import load_dataset as load_dataset
     from dmae.public.recordings import read as read
     from dmae.public.recordings import save as save
+    from dmae.public.stress import corrupt as corrupt
+    from dmae.public.stress import stress as stress
     from dmae.reconstruction.config import CaptureConfig as CaptureConfig
 
 _HOMES = {
@@ -48,6 +50,7 @@ _HOMES = {
     "dmae.public.assessment": ["doctor", "draw", "evaluate", "regress", "report"],
     "dmae.public.motion": ["capture", "complete", "completer", "train", "triangulate"],
     "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "save"],
+    "dmae.public.stress": ["corrupt", "stress"],
     "dmae.reconstruction.config": ["CaptureConfig"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

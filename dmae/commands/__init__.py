@@ -4,6 +4,7 @@ COMMANDS = {
     "capture": "Turn detections into 3D poses",
     "complete": "Fill what no camera measured, marked as such",
     "evaluate": "Score methods over clips and camera subsets",
+    "stress": "Find what breaks the methods: corrupt clips step by step and score each step",
     "report": "Put scores and pictures on one page",
     "convert": "Turn a recording into another format, or into a clip",
     "export": "Write poses to a file that other programs read",

@@ -51,7 +51,7 @@ def capture(
     from dmae.completion.methods import METHODS
 
     if isinstance(config, str):
-        config = _composed("capture", f"capture={config}").capture
+        config = composed("capture", f"capture={config}").capture
     poses = pipeline.capture(clip, config or CaptureConfig())
     if fill != "none":
         poses = METHODS[fill](poses, clip.fps)
@@ -168,7 +168,7 @@ def train(
     """
     from dmae.completion.training.train import train as run
 
-    return run(_composed("train", *overrides), clips, Path(out), validation_data, extra_data)
+    return run(composed("train", *overrides), clips, Path(out), validation_data, extra_data)
 
 
 def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray) -> Points:
@@ -199,7 +199,7 @@ def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray) -> Point
     return triangulation.triangulate(rig, rig.undistort(xy), confidence)
 
 
-def _composed(command: str, *overrides: str):
+def composed(command: str, *overrides: str):
     """Return the configuration of a command."""
     from dmae.cli import DMAE, compose
 

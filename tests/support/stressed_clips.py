@@ -9,10 +9,12 @@ from tests.support.circling_people import circling_people
 from tests.support.clips import looking_at_origin
 
 
-def strollers(frames: int = 40, persons: int = 3, views: int = 5, name: str = "strollers", truth: bool = True) -> Clip:
+def strollers(
+    frames: int = 40, persons: int = 3, views: int = 5, name: str = "strollers", truth: bool = True, fps: float = 25.0
+) -> Clip:
     """People who stroll, detected in every view that has them in its image, a pixel off, in shuffled order."""
     rng = np.random.default_rng(3)
-    rig, poses = looking_at_origin(views), circling_people(frames, persons, rng=rng)
+    rig, poses = looking_at_origin(views), circling_people(frames, persons, rng=rng, fps=fps)
     xy, _ = rig.project(poses.xyz)
     xy = xy + rng.normal(size=xy.shape)
     score = np.where(rig.inside(xy), rng.uniform(0.5, 1, xy.shape[:-1]), np.nan)
@@ -21,7 +23,7 @@ def strollers(frames: int = 40, persons: int = 3, views: int = 5, name: str = "s
     xy[np.isnan(score)] = np.nan
     return Clip(
         name,
-        25.0,
+        fps,
         rig,
         Detections2D(BODY25, xy, score),
         truth=poses if truth else None,
