@@ -3,7 +3,7 @@
     python docs/tools/record.py             # everything in RECORDED
     python docs/tools/record.py shelf       # one of them
 
-The command is run with `out=` in a temporary folder, and the `scores.json` that it leaves is kept,
+The command is run with `out=` in a temporary folder, and the `scores.json` or `stress.json` that it leaves is kept,
 less its single runs.
 """
 
@@ -16,6 +16,8 @@ import tempfile
 from datetime import date
 from importlib import metadata
 from pathlib import Path
+
+from dmae.data.json_text import json_text
 
 ROOT = Path(__file__).parents[2]
 _ALL = "measured,linear,pchip_body,kalman,reject_pchip,rays,gaussian_process,reject_gaussian_process"
@@ -35,6 +37,12 @@ RECORDED = {
         "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] capture=paper methods=[linear]",
         "2 minutes",
     ),
+    "stress_generated": (
+        "synth generate out=clips clips=2 seed=11 scene.seconds=4 scene.persons=[3,3] workers=2 && "
+        "dmae stress data=clips workers=2",
+        "3 minutes",
+    ),
+    "stress_shelf": ("dmae stress data=shelf data.path=$DMAE_DATA/shelf workers=2", "5 minutes"),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
 }
 """Results to the command that makes them and about how long that takes on two cores."""
@@ -46,16 +54,18 @@ def record(name: str, command: str) -> Path:
     Raises:
         CalledProcessError: the command failed.
     """
-    programs = Path(sys.executable).parent
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "out")
-        line = f"{programs}/{command}" + (f" out={out}" if " evaluate " in command else "")
-        done = subprocess.run(line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True)
-        found = (
-            {"scores": _less_runs(json.loads((out / "scores.json").read_text()))}
-            if out.is_dir()
-            else {"printed": done.stdout}
+        line = command + (f" out={out}" if " evaluate " in command or " stress " in command else "")
+        done = subprocess.run(
+            line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ | {"PATH": path}
         )
+        found = {"printed": done.stdout}
+        if (out / "scores.json").is_file():
+            found = {"scores": _less_runs(json.loads((out / "scores.json").read_text()))}
+        elif (out / "stress.json").is_file():
+            found = {"stress": json.loads((out / "stress.json").read_text())}
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "torch", "mujoco"))
     made = {
@@ -65,9 +75,9 @@ def record(name: str, command: str) -> Path:
         "versions": f"python {platform.python_version()}, {versions}",
         **found,
     }
-    path = ROOT / "docs/results" / f"{name}.json"
-    path.write_text(json.dumps(made, indent=1) + "\n")
-    return path
+    file = ROOT / "docs/results" / f"{name}.json"
+    file.write_text(json_text(made) + "\n")
+    return file
 
 
 def _less_runs(scores: dict) -> dict:

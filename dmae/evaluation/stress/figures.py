@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.optimize import isotonic_regression
 
 from dmae.evaluation.stress.curves import HIDDEN_ERROR
 
@@ -27,7 +28,7 @@ def axis_figure(axis: dict) -> Figure:
     right.set(ylabel="error of hidden joints [mm]", ylim=(0, None))
     right.axhline(HIDDEN_ERROR, color="#999999", linewidth=0.8, linestyle=":")
     for panel, which in ((left, "pcp"), (right, "hidden")):
-        panel.set_xlabel(f"{axis['name']} [{axis['unit']}]")
+        panel.set_xlabel(axis["unit"] if axis["name"] in axis["unit"] else f"{axis['name']} [{axis['unit']}]")
         panel.grid(color="#e3e3e3", linewidth=0.5)
         panel.spines[["top", "right"]].set_visible(False)
         _name_lines(panel, axis, which)
@@ -64,12 +65,9 @@ def _name_lines(panel: Axes, axis: dict, figure: str) -> None:
         )  # fmt: skip
 
 
-def _apart(heights: list[float]) -> list[float]:
-    """Return increasing heights at least `_APART` from each other, as near as possible below 1 to those given."""
-    moved = list(heights)
-    for i in range(1, len(moved)):
-        moved[i] = max(moved[i], moved[i - 1] + _APART)
-    for i in reversed(range(len(moved))):
-        most = 1.0 if i == len(moved) - 1 else moved[i + 1] - _APART
-        moved[i] = min(moved[i], most)
-    return moved
+def _apart(heights: list[float]) -> np.ndarray:
+    """Return increasing heights from 0 to 1 that are `_APART` from each other, as near as possible to those given."""
+    if not heights:
+        return np.empty(0)
+    least = _APART * np.arange(len(heights))
+    return np.clip(isotonic_regression(np.array(heights) - least).x, 0, 1 - least[-1]) + least

@@ -11,6 +11,7 @@ from dmae.evaluation.stress.config import StressConfig
 from dmae.evaluation.stress.contenders import Contender, contenders
 from dmae.evaluation.stress.curves import Runs, curves
 from dmae.evaluation.stress.plan import Cell, Plan, allowed, plan
+from dmae.evaluation.stress.words import counted
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 
@@ -56,11 +57,15 @@ class Matrix:
     def forecast(self) -> str:
         """What is to be computed, in words."""
         cells, missing = len(list(self.plan.cells())) * len(self.clips), len(self.missing())
-        clips = f"{len(self.clips)} clip{'s' if len(self.clips) != 1 else ''}"
         kept = f"{cells - missing} of them kept from earlier runs, " if missing < cells else ""
+        parts = (
+            counted(len(self.clips), "clip"),
+            f"corruptions: {len(self.plan.axes)} alone, {len(self.plan.pairs)} in pairs",
+            counted(len(self.plan.seeds), "seed"),
+        )
         return (
-            f"{cells} cells ({clips}, {len(self.plan.axes)} axes, {len(self.plan.pairs)} pairs), {kept}{missing} to "
-            f"compute with {len(self.contenders)} methods each"
+            f"{counted(cells, 'cell')} ({'; '.join(parts)}), {kept}{missing} to compute with "
+            f"{counted(len(self.contenders), 'method')} each"
         )
 
 

@@ -17,9 +17,12 @@ def summary(result: dict) -> list[str]:
     """Return sentences: what was compared with what, what holds, which method stands out."""
     clips, axes = result["clips"], result["axes"]
     sentences = [
-        f"{len(result['methods'])} methods on {len(clips)} clip{'s' if len(clips) > 1 else ''} "
-        f"({_listed(clips)}), {len(axes)} kinds of corruption. {_REFERENCES[result['reference']]}"
+        f"{counted(len(result['methods']), 'method')} on {counted(len(clips), 'clip')} ({_listed(clips)}), "
+        f"{counted(len(axes), 'kind')} of corruption. {_REFERENCES[result['reference']]}"
     ]
+    broken = Counter({axis["name"]: len(axis["methods"]) - len(_unbroken(axis)) for axis in axes})
+    if worst := [f"{name} ({number})" for name, number in broken.most_common(3) if number]:
+        sentences.append(f"What breaks most methods: {_listed(worst)}.")
     harmless = [axis["name"] for axis in axes if _unbroken(axis) == set(axis["methods"])]
     if harmless:
         sentences.append(f"Every method holds over the whole range of {_listed(harmless)}.")
@@ -31,7 +34,7 @@ def summary(result: dict) -> list[str]:
         sentences.append(f"At the greatest level, {name} is better than every other method, beyond noise, on {number}.")
     level = sum(bool(axis["level_with"]) for axis in axes)
     if level:
-        sentences.append(f"On {level} the best method is not to be told from others.")
+        sentences.append(f"On {level} others come as near to the best as noise.")
     return sentences
 
 
@@ -62,7 +65,7 @@ def best_table(result: dict) -> Table:
         best = axis["best"] and axis["methods"][axis["best"]]["points"][-1]["pcp"]
         others = _listed(axis["level_with"]) if axis["level_with"] else "no other method" if axis["best"] else ""
         rows.append((axis["name"], f"{points[0]['level']:g} {axis['unit']}", axis["best"] or "-", _value(best), others))
-    header = ("corruption", "greatest level", "best", "PCP %", "not to be told from")
+    header = ("corruption", "greatest level", "best", "PCP %", "within noise of it")
     return Table("The best method by PCP at the greatest level", header, rows)
 
 
@@ -96,6 +99,11 @@ def breaking_sentence(axis: dict) -> str:
         else:
             parts.append(f"{name} breaks at {_break(axis, name, 'pcp')}")
     return f"By PCP, in {axis['unit']}: {'; '.join(parts)}."
+
+
+def counted(number: int, noun: str) -> str:
+    """Return "1 method" or "2 methods"."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _unbroken(axis: dict) -> set[str]:

@@ -18,7 +18,7 @@ _JITTER = 0.01
 """Of a ghost's height; standard deviation of its joints."""
 
 
-@corruption("ghosts", order=24, unit="ghosts", levels=(0.5, 1, 2, 4), small=(1, 3), most=16)
+@corruption("ghosts", order=24, unit="ghosts", levels=(0.5, 1, 2, 4), small=(1, 4), most=16)
 def ghosts(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """People detected where there are none, mean number of them in an image.
 

@@ -14,7 +14,7 @@ _TIMES = (0.5, 0.1)
 """s; correlation times of the swaps, mixed half and half."""
 
 
-@corruption("person_swaps", order=23, unit="%", levels=(5, 10, 20, 40), small=(10, 30), most=100, people=2)
+@corruption("person_swaps", order=23, unit="%", levels=(5, 10, 20, 40), small=(10, 40), most=100, people=2)
 def person_swaps(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """Limbs detected on the nearest other person in the image, % of the time, in bursts, in each view on its own."""
     persons, limb = people_of_detections(clip), limb_of_joint(clip.detections.skeleton)

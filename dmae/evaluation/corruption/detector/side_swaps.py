@@ -12,7 +12,7 @@ _TIMES = (0.5, 0.1)
 """s; correlation times of the swaps, mixed half and half."""
 
 
-@corruption("side_swaps", order=22, unit="%", levels=(5, 10, 20, 40), small=(10, 30), most=100)
+@corruption("side_swaps", order=22, unit="%", levels=(5, 10, 20, 40), small=(10, 40), most=100)
 def side_swaps(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """Left and right of a person confused by the detector, % of the time, in bursts, in each view on its own."""
     persons = people_of_detections(clip)

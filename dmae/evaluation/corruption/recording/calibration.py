@@ -9,7 +9,7 @@ from dmae.data.clip import Clip
 from dmae.evaluation.corruption.registry import corruption
 
 
-@corruption("calibration", order=33, unit="degrees", levels=(0.1, 0.2, 0.5, 1), small=(0.2, 0.5), most=45)
+@corruption("calibration", order=33, unit="degrees", levels=(0.2, 0.5, 1, 2), small=(0.5, 1), most=45)
 def calibration(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """Degrees by which the calibrated direction of each camera is off; 0.1 is 1 cm at 6 m.
 

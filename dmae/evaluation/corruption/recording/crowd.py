@@ -14,7 +14,7 @@ _DELAY = (0.5, 2.0)
 """s; by which an added person moves later."""
 
 
-@corruption("crowd", order=1, unit="people more", levels=(1, 2, 4, 8), small=(1, 3), most=32, whole=True)
+@corruption("crowd", order=1, unit="people more", levels=(1, 2, 4, 8), small=(1, 4), most=32, whole=True)
 def crowd(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """People added, who each keep 1 to 2 m from one of the clip's people.
 
@@ -27,7 +27,7 @@ def crowd(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     return _with_people(clip, distance[: int(level)], angle, delay)
 
 
-@corruption("closeness", order=2, unit="1/m", levels=(0.5, 1, 2, 4), small=(1, 3))
+@corruption("closeness", order=2, unit="1/m", levels=(0.5, 1, 2, 4), small=(1, 4))
 def closeness(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """How close an added person keeps to each of the clip's people: 2 is half a metre, between the middles of bodies.
 

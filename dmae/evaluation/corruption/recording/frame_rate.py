@@ -8,7 +8,7 @@ from dmae.data.clip import Clip
 from dmae.evaluation.corruption.registry import corruption
 
 
-@corruption("frame_rate", order=91, unit="frames left out", levels=(1, 2, 4, 7), small=(1, 4), whole=True)
+@corruption("frame_rate", order=91, unit="frames left out", levels=(1, 3, 7, 15), small=(3, 7), whole=True)
 def frame_rate(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """Frames left out after each frame that is kept: 1 halves the frame rate.
 

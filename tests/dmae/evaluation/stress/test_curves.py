@@ -95,7 +95,7 @@ def test_the_best_is_named_with_those_that_noise_does_not_tell_from_it(result):
 
 def test_words_say_what_breaks_and_what_was_not_measured(result):
     text = " ".join(summary(result))
-    assert "3 methods on 1 clip (a), 1 kinds of corruption. Results are compared with the truth" in text
+    assert "3 methods on 1 clip (a), 1 kind of corruption. Results are compared with the truth" in text
     assert "steady holds over the whole range of 1 of 1." in text
     assert "frail holds over the whole range of 0 of 1." in text
     pcp, hidden = breaking_tables(result)

@@ -227,7 +227,9 @@ class TestCommand:
         options = ("data=set", "axes=[jitter]", "levels.jitter=[2]", "pairs=[]", "methods=[linear]", "out=found")
         done = dmae(folder, "stress", *options)
         assert done.returncode == 0, done.stderr
-        assert done.stdout.startswith("4 cells (2 clips, 1 axes, 0 pairs), 4 to compute with 1 methods each")
+        assert done.stdout.startswith(
+            "4 cells (2 clips; corruptions: 1 alone, 0 in pairs; 1 seed), 4 to compute with 1 method each"
+        )
         (axis,) = json.loads((folder / "found/stress.json").read_text())["axes"]
         assert [point["level"] for point in axis["methods"]["linear"]["points"]] == [0, 2]
         assert "<html" in (folder / "found/stress.html").read_text()
