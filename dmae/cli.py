@@ -15,10 +15,10 @@ from dmae.command_line.help import command_help, program_help
 from dmae.command_line.options import presets_of
 from dmae.command_line.outputs import check_out, locked, record
 from dmae.command_line.programs import Command, Program
+from dmae.command_line.renamed import renamed
+from dmae.command_line.renamed_presets import update_presets
 from dmae.command_line.spelling import check, expand_data, flag_values, split_flags, suggestion
 from dmae.commands import COMMANDS
-from dmae.commands.renamed import renamed
-from dmae.commands.renamed_presets import update_presets
 from dmae.data.resources import resource_folder
 from dmae.formats.registry import reader
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dmae.data.clip import Clip
 from dmae.evaluation.corruption import corrupt as corruption
-from dmae.public.motion import composed
+from dmae.public.options import composed
 
 
 def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:

@@ -89,6 +89,14 @@ def kept_table(name: str, table: str) -> str:
     return _table(kept["columns"], kept["rows"])
 
 
+def stress_table(name: str, figure: str = "pcp") -> str:
+    """A row for each corruption: at which level each method breaks, by `pcp` or by the error of `hidden` joints."""
+    from dmae.evaluation.stress.words import breaking_tables
+
+    table = breaking_tables(load(name)["stress"])[["pcp", "hidden"].index(figure)]
+    return _table(list(table.header), [list(row) for row in table.rows])
+
+
 def origin(name: str, table: str | None = None) -> str:
     """A line that says which command made a results file, when, and of which commit."""
     found = load(name)
@@ -108,7 +116,8 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
 
 
 _FUNCTIONS = {
-    "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin
+    "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
+    "stress_table": stress_table,
 }  # fmt: skip
 
 

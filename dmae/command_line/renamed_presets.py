@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from dmae.commands.renamed import renamed
+from dmae.command_line.renamed import renamed
 
 
 def update_presets(command: str, folder: Path, copy: Path) -> list[str]:

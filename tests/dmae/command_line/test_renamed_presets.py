@@ -1,7 +1,7 @@
 import pytest
 import yaml
 
-from dmae.commands.renamed_presets import update_presets
+from dmae.command_line.renamed_presets import update_presets
 from tests.support.commands import run_command
 
 OLD = """# A detector of version 0.1.

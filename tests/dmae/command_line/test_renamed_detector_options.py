@@ -2,7 +2,7 @@
 
 import pytest
 
-from dmae.commands.renamed import RENAMED, renamed
+from dmae.command_line.renamed import RENAMED, renamed
 
 
 @pytest.mark.parametrize(
