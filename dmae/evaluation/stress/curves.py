@@ -29,9 +29,10 @@ def curves(plan: Plan, contenders: Sequence[Contender], runs: Runs, clips: Seque
         `axes`, each with `name`, `about`, `unit` and `methods`: name to `points` and `breaks`. A point has `level`,
         `pcp` % and `hidden` mm, each [value, low, high] with the 95 % interval over blocks of time, `recall` and
         `precision` of joints, `idf1` and `absent` %. `breaks` holds by `pcp` and by `hidden` the level at which the
-        method breaks, with its interval: [level, low, high], None for beyond the range; None in place of all three
-        where nothing was measured. `best` is the method of highest PCP at the greatest level, and `level_with` are the
-        others that it does not exceed by more than noise.
+        method breaks, with its interval: [level, low, high], None for beyond the range, and for both ends of the
+        interval where the clips are too short for one; None in place of all three where nothing was measured. `best` is
+        the method of highest PCP at the greatest level, and `level_with` are the others that it does not exceed by more
+        than noise.
 
         `pairs`, each with `names`, `units` and `points` of two `levels`, by method.
     """
@@ -111,6 +112,8 @@ def _point(runs: list[dict]) -> dict:
 
 def _breaks(levels: np.ndarray, by_level: list[list[dict]]) -> dict:
     """Return where a method breaks, by PCP and by the error of hidden joints, as `curves` says."""
+    # Without enough seconds for an interval of a score there is none of what is derived from it.
+    certain = np.isfinite(bootstrap_ratio(block_sums(by_level[0], "pcp")).low)
     curves = {}
     for figure in ("pcp", "hidden"):
         sums = [block_sums(runs, figure) for runs in by_level]
@@ -126,9 +129,8 @@ def _breaks(levels: np.ndarray, by_level: list[list[dict]]) -> dict:
         if np.isnan(margin[0]).all():
             breaks[figure] = None
             continue
-        with np.errstate(invalid="ignore"):
-            found = breaking_point(levels, margin, margin < 0)
-        low, high = np.quantile(found[1:], [0.025, 0.975], method="inverted_cdf")
+        found = breaking_point(levels, margin, margin < 0)
+        low, high = np.quantile(found[1:], [0.025, 0.975], method="inverted_cdf") if certain else (np.nan, np.nan)
         breaks[figure] = [_number(each, 2) for each in (found[0], low, high)]
     return breaks
 

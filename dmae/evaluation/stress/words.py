@@ -34,7 +34,7 @@ def summary(result: dict) -> list[str]:
         sentences.append(f"At the greatest level, {name} is better than every other method, beyond noise, on {number}.")
     level = sum(bool(axis["level_with"]) for axis in axes)
     if level:
-        sentences.append(f"On {level} others come as near to the best as noise.")
+        sentences.append(f"On {level}, other methods are within noise of the best.")
     return sentences
 
 
@@ -117,7 +117,7 @@ def _break(axis: dict, name: str, figure: str) -> str:
     if found is None:
         return "-"
     level, low, high = (f"> {most:g}" if value is None else f"{value:.2g}" for value in found)
-    return level if low == level and found[0] is None else f"{level} ({low} to {high})"
+    return level if found[1] is None else f"{level} ({low} to {high})"
 
 
 def _value(interval: Sequence[float | None] | None) -> str:

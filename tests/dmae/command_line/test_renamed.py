@@ -2,9 +2,9 @@
 
 import pytest
 
+from dmae.command_line import renamed as table
 from dmae.command_line.options import Group
 from dmae.command_line.renamed import RENAMED, UNTIL, renamed
-from dmae.commands import renamed as table
 from tests.support.commands import COMMANDS, run_command
 
 NAMES = {"dmae x": {"a.b": "a.c", "fill=recall": "fill=gaussian_process", "methods=recall": "methods=gp", "rig": "set"}}
