@@ -32,7 +32,7 @@ def curves(plan: Plan, contenders: Sequence[Contender], runs: Runs, clips: Seque
         method breaks, with its interval: [level, low, high], None for beyond the range, and for both ends of the
         interval where the clips are too short for one; None in place of all three where nothing was measured. `best` is
         the method of highest PCP at the greatest level, and `level_with` are the others that it does not exceed by more
-        than noise.
+        than noise, None where the clips are too short to say.
 
         `pairs`, each with `names`, `units` and `points` of two `levels`, by method.
     """
@@ -136,7 +136,7 @@ def _breaks(levels: np.ndarray, by_level: list[list[dict]]) -> dict:
 
 
 def _best(runs: dict[str, list[dict]]) -> dict:
-    """Return the method of highest PCP, and those that it exceeds by no more than noise."""
+    """Return the method of highest PCP, and those that it exceeds by no more than noise; None where that is unknown."""
     sums = {name: block_sums(found, "pcp") for name, found in runs.items()}
     values = {name: bootstrap_ratio(each).value for name, each in sums.items()}
     known = {name: value for name, value in values.items() if not np.isnan(value)}
@@ -144,6 +144,8 @@ def _best(runs: dict[str, list[dict]]) -> dict:
         return {"best": None, "level_with": []}
     best = max(known, key=known.get)
     differences = {name: bootstrap_difference(sums[best], sums[name]) for name in known if name != best}
+    if any(np.isnan(each.low) for each in differences.values()):
+        return {"best": best, "level_with": None}
     return {"best": best, "level_with": [name for name, each in differences.items() if not each.excludes_zero]}
 
 

@@ -29,12 +29,14 @@ def summary(result: dict) -> list[str]:
     for name in result["methods"]:
         held = [axis["name"] for axis in axes if name in _unbroken(axis)]
         sentences.append(f"{name} holds over the whole range of {len(held)} of {len(axes)}.")
-    best = Counter(axis["best"] for axis in axes if axis["best"] and not axis["level_with"])
+    best = Counter(axis["best"] for axis in axes if axis["best"] and axis["level_with"] == [])
     for name, number in best.most_common():
         sentences.append(f"At the greatest level, {name} is better than every other method, beyond noise, on {number}.")
     level = sum(bool(axis["level_with"]) for axis in axes)
     if level:
         sentences.append(f"On {level}, other methods are within noise of the best.")
+    if any(axis["level_with"] is None for axis in axes):
+        sentences.append("The clips are too short for intervals: expected five seconds or more in all.")
     return sentences
 
 
@@ -63,7 +65,8 @@ def best_table(result: dict) -> Table:
     for axis in result["axes"]:
         points = [method["points"][-1] for method in axis["methods"].values()]
         best = axis["best"] and axis["methods"][axis["best"]]["points"][-1]["pcp"]
-        others = _listed(axis["level_with"]) if axis["level_with"] else "no other method" if axis["best"] else ""
+        near = axis["level_with"]
+        others = "not known" if near is None else _listed(near) if near else "no other method" if axis["best"] else ""
         rows.append((axis["name"], f"{points[0]['level']:g} {axis['unit']}", axis["best"] or "-", _value(best), others))
     header = ("corruption", "greatest level", "best", "PCP %", "within noise of it")
     return Table("The best method by PCP at the greatest level", header, rows)

@@ -89,16 +89,17 @@ def test_breaking_points_are_interpolated_and_lie_in_their_intervals(result):
 
 
 def test_short_clips_have_no_intervals():
-    contender = Contender("frail", "", CaptureConfig(), "linear", None)
+    contenders = [Contender(name, "", CaptureConfig(), "linear", None) for name in ("frail", "other")]
     plan = Plan((Axis(("objects",), ((40.0,),)),), (), (0,))
 
     def runs(_, cells):
         return [scores(50.0 if cells[0].levels else 90.0, None, seconds=3)]
 
-    (axis,) = (result := curves(plan, [contender], runs, ["a"], "truth"))["axes"]
+    (axis,) = (result := curves(plan, contenders, runs, ["a"], "truth"))["axes"]
     assert axis["methods"]["frail"]["breaks"]["pcp"] == [pytest.approx(10, abs=0.5), None, None]
     assert axis["methods"]["frail"]["points"][1]["pcp"][1:] == [None, None]
-    assert breaking_tables(result)[0].rows == [("objects", "%", "10")]
+    assert breaking_tables(result)[0].rows == [("objects", "%", "10", "10")]
+    assert axis["level_with"] is None and "too short for intervals" in summary(result)[-1]
 
 
 def test_the_best_is_named_with_those_that_noise_does_not_tell_from_it(result):
