@@ -112,6 +112,7 @@ RENAMED: dict[str, dict[str, str]] = {
         **_MODEL,
     },
     "dmae doctor": {"most_delay": "max_offset"},
+    "synth show": {"clip": "data"},
     "synth generate": _DETECTOR,
     "synth fit-detector": _DETECTOR,
     "synth compare": {

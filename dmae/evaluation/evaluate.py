@@ -1,6 +1,6 @@
 """Score methods of completion over clips and subsets of cameras."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -8,20 +8,25 @@ from pathlib import Path
 import numpy as np
 
 from dmae.completion.methods.registry import completion_method, find_method
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import get_skeleton
 from dmae.data.skeleton_conversion import convert
+from dmae.evaluation.predictions import predictions_of, read_prediction
 from dmae.evaluation.reference import measured_by_all, scored_actors, truth_of
+from dmae.evaluation.scored_data import scored_clip, scored_options
 from dmae.evaluation.scores import score, summary
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
-from dmae.formats.reading import DataConfig, load
+from dmae.formats.reading import Clips, DataConfig, load
 from dmae.formats.recordings.selection import camera_subsets
 from dmae.metrics.matching import match, take_matched
 from dmae.numerics.filling import smooth
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
+
+HANDED_IN = "poses"
+"""The method by which poses made elsewhere stand in the results."""
 
 
 class Input(StrEnum):
@@ -55,6 +60,8 @@ class EvaluateConfig:
         metadata={"choices": completion_method},
     )
     """How joints that no camera measured are filled: completion methods, or module:function of your own."""
+    poses: str | None = None
+    """Poses made elsewhere, which are scored in place of `methods`: a file, or a folder with one for each clip."""
     weights: str | None = None
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     views: list[int] = field(default_factory=list)
@@ -71,6 +78,10 @@ class EvaluateConfig:
     """Skeleton that poses are compared on; by default that of the truth."""
     smooth: float = 0.1
     """s; smoothing after every method except `measured`."""
+    baseline: str | None = None
+    """`scores.json` of an earlier run, or its folder: exit status 2 if a figure is worse by more than its interval."""
+    changed: list[str] = field(default_factory=list)
+    """Options that differ from those of the baseline on purpose; figures are compared all the same."""
     out: str = "runs/evaluate"
     """Folder for `scores.json`."""
 
@@ -80,22 +91,22 @@ class Trial:
     """Poses with gaps, and the truth about them.
 
     Attributes:
-        clip: Id.
+        clip: The clip that they are of.
         cameras: Views used; none where the gaps are synthetic.
-        fps: Frames per second.
         given: Poses with gaps.
         truth: True poses, on a skeleton that `given` can be converted to.
         actors: True persons that PCP is averaged over; None for all.
         matches: (F, T) index of the given person that is each true one; None for the assignment at the least distance.
+        filled: Poses made elsewhere that are scored; None where methods fill `given`.
     """
 
-    clip: str
+    clip: Clip
     cameras: list[int]
-    fps: float
     given: Poses3D
     truth: Poses3D
     actors: tuple[int, ...] | None = None
     matches: np.ndarray | None = None
+    filled: Poses3D | None = None
 
 
 def evaluate(config: EvaluateConfig) -> dict:
@@ -111,39 +122,50 @@ def evaluate(config: EvaluateConfig) -> dict:
         one entry for each method and number of views (0 with synthetic gaps): `method`, `views`, `mean` of the scores,
         `intervals` (95 %, over blocks of time, of `pcp`, %, and of `mpjpe` and `hidden`, mm),
         `worst` (`pcp` and `cameras` of the subset with the lowest PCP) and `runs`, the scores of each clip and subset,
-        as `score` returns them.
+        as `score` returns them. `options` and `clips` say what the scores are of, see `dmae.evaluation.scored_data`.
 
     Raises:
-        ValueError: a clip has no truth, there are no clips or methods, no such method or number of views, or options
-            exclude each other.
+        ValueError: a clip has no truth, there are no clips or methods, no such method or number of views, options
+            exclude each other, or poses made elsewhere do not fit their clip.
+        FileNotFoundError: there are no such poses.
     """
-    methods = _methods(config)
+    methods = {} if config.poses else _methods(config)
     clips = load(config.data)
     if not clips:
         raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to score")
     synthetic = config.input != Input.captured_poses
     total = len(clips) * (1 if synthetic else len(camera_subsets(clips[0], config.views)))
     runs: dict[tuple[str, int], list[dict]] = {}
+    scored: dict[str, dict] = {}
     for trial in progress(_trials(clips, config), "evaluating", total):
-        skeleton = trial.truth.skeleton
-        filled = {name: convert(method(trial.given, trial.fps), skeleton) for name, method in methods.items()}
-        filled |= {
-            name: smooth(poses, trial.fps, config.smooth) for name, poses in filled.items() if name != "measured"
+        skeleton, fps = trial.truth.skeleton, trial.clip.fps
+        if trial.clip.id not in scored:
+            scored[trial.clip.id] = scored_clip(trial.clip)
+        filled = {name: convert(method(trial.given, fps), skeleton) for name, method in methods.items()}
+        filled = {
+            name: poses if name == "measured" else smooth(poses, fps, config.smooth) for name, poses in filled.items()
         }
+        if trial.filled is not None:
+            filled[HANDED_IN] = trial.filled
         compared = _filled_by_all([poses for name, poses in filled.items() if name != "measured"], trial)
         for name, poses in filled.items():
-            entry = {"clip": trial.clip, "cameras": trial.cameras}
-            entry |= score(
-                poses, trial.given, trial.truth, trial.actors, trial.matches, fps=trial.fps, compared=compared
-            )
+            entry = {"clip": trial.clip.id, "cameras": trial.cameras}
+            entry |= score(poses, trial.given, trial.truth, trial.actors, trial.matches, fps=fps, compared=compared)
             runs.setdefault((name, len(trial.cameras)), []).append(entry)
     results = [{"method": name, "views": views, **summary(entries)} for (name, views), entries in runs.items()]
-    recording = trial.clip if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
-    poses = Input(config.input).value.replace("_", " ")
-    return {"recording": recording, "skeleton": skeleton.name, "poses": poses, "results": results}
+    recording = trial.clip.id if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
+    poses = f"poses of {Path(config.poses).name}" if config.poses else Input(config.input).value.replace("_", " ")
+    return {
+        "recording": recording,
+        "skeleton": skeleton.name,
+        "poses": poses,
+        "options": scored_options(config),
+        "clips": scored,
+        "results": results,
+    }
 
 
-def _trials(clips: Iterable[Clip], config: EvaluateConfig) -> Iterator[Trial]:
+def _trials(clips: Clips, config: EvaluateConfig) -> Iterator[Trial]:
     synthetic = config.input != Input.captured_poses
     if config.skeleton and (synthetic or config.reference != ReferencePoses.truth):
         raise ValueError(
@@ -154,14 +176,24 @@ def _trials(clips: Iterable[Clip], config: EvaluateConfig) -> Iterator[Trial]:
         raise ValueError(
             f"input={config.input} has synthetic gaps in the truth, and nothing is captured; leave out views, reference"
         )
-    for number, clip in enumerate(clips):
+    if config.poses and (config.views or config.reference != ReferencePoses.truth):
+        raise ValueError(
+            f"poses={config.poses}: poses made elsewhere are compared with the truth, whatever cameras they are of; "
+            "leave out views, reference"
+        )
+    ids = [folder.name for folder in clips.folders] if len(clips) > 1 else [clips[0].id]
+    paths = predictions_of(Path(config.poses), ids) if config.poses else {}
+    for number, (clip, name) in enumerate(zip(clips, ids, strict=True)):
+        path = paths.get(name)
         if synthetic:
-            yield _synthetic_trial(clip, number, config)
+            yield _synthetic_trial(clip, number, config, path)
+        elif path:
+            yield _predicted_trial(clip, config, path)
         else:
             yield from _captured_trials(clip, config)
 
 
-def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig) -> Trial:
+def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig, path: Path | None) -> Trial:
     truth, wanted = truth_of(clip), clip.detections.skeleton
     truth = convert(truth, wanted if wanted.name in truth.skeleton.name.split("+") else truth.skeleton)
     rng = generator(config.seed, number, Stream.STRESS)
@@ -169,7 +201,20 @@ def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig) -> Trial:
     if config.input == Input.perturbed_poses:
         given = perturb(given, clip.fps, rng=rng)
     matches = np.tile(np.arange(truth.xyz.shape[1]), (len(clip), 1))
-    return Trial(clip.id, [], clip.fps, given, truth, matches=matches)
+    filled = read_prediction(path, clip, truth, tracks=True) if path else None
+    return Trial(clip, [], given, truth, matches=matches, filled=filled)
+
+
+def _predicted_trial(clip: Clip, config: EvaluateConfig, path: Path) -> Trial:
+    """Return poses made elsewhere; what they mark as completed was hidden."""
+    truth = _compared_truth(clip, config)
+    filled = read_prediction(path, clip, truth)
+    given = filled.without(filled.source == Source.COMPLETED)
+    return Trial(clip, [*range(len(clip.rig))], given, truth, scored_actors(clip), filled=filled)
+
+
+def _compared_truth(clip: Clip, config: EvaluateConfig) -> Poses3D:
+    return convert(truth_of(clip), get_skeleton(config.skeleton or clip.truth.skeleton.parts[-1].name))
 
 
 def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
@@ -178,11 +223,10 @@ def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
         _check_fewer_views(clip, config)
         truth = measured_by_all(clip, config.capture)
     else:
-        truth = convert(truth_of(clip), get_skeleton(config.skeleton or clip.truth.skeleton.parts[-1].name))
-        actors = scored_actors(clip)
+        truth, actors = _compared_truth(clip, config), scored_actors(clip)
     for cameras in camera_subsets(clip, config.views):
         captured = capture(clip.select(views=cameras), config.capture)
-        yield Trial(clip.id, cameras, clip.fps, captured, truth, actors)
+        yield Trial(clip, cameras, captured, truth, actors)
 
 
 def _check_fewer_views(clip: Clip, config: EvaluateConfig) -> None:

@@ -1,4 +1,4 @@
-"""The verbs of `import synth`: each command as a function, with objects where the command has files."""
+"""Data sets: generate and verify."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from dmae.cli import compose
 from dmae.data.clip import Clip
@@ -19,7 +17,6 @@ from synth.datasets import verify as datasets_verify
 from synth.datasets.clip import GenerateConfig, ImageKinds, check, clip_id, generate_clip
 from synth.datasets.verify import Problem
 from synth.errors import FailedSimulation
-from synth.viewing import show
 
 
 def generate(
@@ -99,30 +96,6 @@ def _clip_or_failure(config: GenerateConfig, index: int) -> Clip | FailedSimulat
         return generate_clip(config, index)
     except FailedSimulation as failure:
         return failure
-
-
-def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 480) -> None:
-    """Draw a simulated clip as a PNG: some frames, all views, each joint in the colour of what hides it.
-
-    Args:
-        clip: Has visibility.
-        out: The PNG.
-        frames: How many, evenly spread over the clip; a row each.
-        width: Of a view, px.
-
-    Raises:
-        ValueError: the clip has no visibility.
-
-    Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
-        >>> synth.contact_sheet(clip, "sheet.png", frames=1, width=320)
-        >>> Path("sheet.png").stat().st_size > 10_000
-        True
-    """
-    rooms: list[np.ndarray] | None = None
-    if clip.images is None and "spec" in clip.provenance:
-        rooms = show.draw_rooms(clip)
-    show.write_sheet(clip, Path(out), rows=frames, width=width, rooms=rooms)
 
 
 def verify(path: str | Path) -> list[Problem]:
