@@ -4,6 +4,8 @@ COMMANDS = {
     "generate": "Simulate clips with exact truth",
     "show": "Draw a clip as contact sheet, video and Rerun recording",
     "verify": "Check that clips are whole and true",
+    "split": "Divide clips for training and testing, without leaks",
+    "export": "Write a data set in the layout of another program",
     "compare": "Compare the detections of a recording and of its simulation",
     "compare-motion": "Compare how recorded and how generated people move",
     "fit-detector": "Fit a detector's preset to a recording",

@@ -16,6 +16,7 @@ class JointLabels:
 
     Attributes:
         skeleton: J joints.
+        xyz: (F, P, J, 3) m, world.
         xy: (F, V, P, J, 2) px.
         flags: (F, V, P, J) COCO's v: 2 visible, 1 in the image but hidden or not measured, 0 not in the image.
         sources: (F, P, J) `Source` of the poses.
@@ -25,6 +26,7 @@ class JointLabels:
     """
 
     skeleton: Skeleton
+    xyz: np.ndarray
     xy: np.ndarray
     flags: np.ndarray
     sources: np.ndarray
@@ -52,7 +54,7 @@ def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
     inside = rig.inside(xy)
     if not true or clip.occlusion is None:
         visible = np.where(converted.source == Source.COMPLETED, 1, 2)[:, None]
-        return JointLabels(skeleton, xy, np.where(inside, visible, 0), converted.source, true=true)
+        return JointLabels(skeleton, converted.xyz, xy, np.where(inside, visible, 0), converted.source, true=true)
     occluders = clip.occlusion.occluder
     views = [
         _converted_causes(
@@ -62,7 +64,7 @@ def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
     ]
     cause, occluder = (np.stack(each, 1) for each in zip(*views, strict=True))
     flags = np.where(inside, np.where(cause == Visibility.VISIBLE, 2, 1), 0)
-    return JointLabels(skeleton, xy, flags, converted.source, cause, occluder, true)
+    return JointLabels(skeleton, converted.xyz, xy, flags, converted.source, cause, occluder, true)
 
 
 def _converted_causes(

@@ -31,6 +31,7 @@ class PersonLabel:
         amodal_pixels: Number of pixels if nothing else were there; None where unknown.
         amodal_mask: Pixels if nothing else were there; None where there is no image of them.
         amodal_box: Around these.
+        xyz: (J, 3) m, world, None of detections.
         sources: (J,) `Source`, None of detections.
         scores: (J,) confidences, of detections alone.
         cause: (J,) `Visibility`, None where unknown.
@@ -46,6 +47,7 @@ class PersonLabel:
     amodal_pixels: int | None = None
     amodal_mask: RunLengths | None = None
     amodal_box: Box | None = None
+    xyz: np.ndarray | None = None
     sources: np.ndarray | None = None
     scores: np.ndarray | None = None
     cause: np.ndarray | None = None
@@ -201,7 +203,8 @@ def label_persons(
             more["amodal_pixels"] = int(clip.occlusion.amodal_pixels[frame, view, person])
         if labels.cause is not None:
             more |= {name: getattr(labels, name)[frame, view, person] for name in ("cause", "occluder")}
-        found.append(PersonLabel(person, xy, flags, box, sources=labels.sources[frame, person], **more))
+        more |= {"xyz": labels.xyz[frame, person], "sources": labels.sources[frame, person]}
+        found.append(PersonLabel(person, xy, flags, box, **more))
     return found
 
 
