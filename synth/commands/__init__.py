@@ -5,6 +5,7 @@ COMMANDS = {
     "show": "Draw a clip as contact sheet, video and Rerun recording",
     "verify": "Check that clips are whole and true",
     "split": "Divide clips for training and testing, without leaks",
+    "stats": "Describe a data set: a page and a picture",
     "export": "Write a data set in the layout of another program",
     "compare": "Compare the detections of a recording and of its simulation",
     "compare-motion": "Compare how recorded and how generated people move",

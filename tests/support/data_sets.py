@@ -18,12 +18,12 @@ def pictured_set(out: Path, clips: int = 3) -> Path:
         clip = pictured_clip(out / name / "images")
         persons = [
             {
-                "body": {"stature": ord(each)},
+                "body": {"stature": 1.5 + ord(each) / 1000},
                 "motion": f"0{number}_0{place} (cmu, 120 fps) {number}.00-{number + 1}.00 s",
             }
             for place, each in enumerate(people)
         ]
-        spec = {"seed": 3, "clip": number, "motion": {"kind": "bvh"}, "persons": persons}
+        spec = {"seed": 3, "arena": "studio", "clip": number, "motion": {"kind": "bvh"}, "persons": persons}
         save_clip(replace(clip, id=name, provenance={"first_frame": 5, "spec": spec}), out / name)
     write_manifest(out, [{"id": f"{n:06d}", "status": "ok", "frames": 3, "persons": 2} for n in range(clips)])
     return out
