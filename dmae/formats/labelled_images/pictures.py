@@ -119,7 +119,7 @@ def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, rgb: bool 
         streams = {kind: images.read(kind, name) if kind in kinds else repeat(None) for kind in SHOWN}
         for frame, *read in zip(frames, *streams.values(), strict=False):
             for kind, image in zip(SHOWN, read, strict=True):
-                if image is not None and kind != "amodal" and image.shape[1::-1] != size:
+                if image is not None and image.shape[1::-1] != size:
                     raise ValueError(
                         f"clip {clip.id!r}, {kind} of camera {name}, frame {frame}: expected {size[0]} x {size[1]} px, "
                         f"found {image.shape[1]} x {image.shape[0]}"
@@ -188,7 +188,8 @@ def label_persons(
         labels: Of all frames and views of the clip.
         frame, view: Indices of the picture.
         ids: (H, W) image of ids, if there is one: 1 + p is person p.
-        amodal: (P, H, W) True for the pixels that each person would cover if nothing else were there, if known.
+        amodal: (H, W) of bits, if there is such an image: bit p is 1 where person p would be if nothing else were
+            there.
     """
     persons = range(labels.flags.shape[2])
     shown = None if ids is None else np.bincount(ids.ravel(), minlength=1 + len(persons))
@@ -214,5 +215,6 @@ def _masks(ids: np.ndarray | None, shown: np.ndarray | None, amodal: np.ndarray 
         mask = ids == 1 + person
         found = {"mask": encode_mask(mask), "visible_pixels": int(shown[1 + person]), "box": mask_box(mask)}
     if amodal is not None:
-        found |= {"amodal_mask": encode_mask(amodal[person]), "amodal_box": mask_box(amodal[person])}
+        whole = (amodal >> person) & 1 > 0
+        found |= {"amodal_mask": encode_mask(whole), "amodal_box": mask_box(whole)}
     return found

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Poses3D
+from dmae.data.images import write_ids
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25, COCO17
 from dmae.formats.labelled_images.joints import joint_labels
@@ -50,6 +51,21 @@ def test_a_person_whom_nothing_shows_has_the_box_of_the_joints(tmp_path):
     (hidden,) = (p for picture in pictures for p in picture.persons if not p.shown)
     assert hidden.area == 0 and hidden.box[2] > 10
     assert not decode_mask(hidden.mask).any()
+
+
+def test_amodal_masks_are_the_bits_of_the_images_of_whole_persons(tmp_path):
+    clip = pictured_clip(tmp_path)
+    bits = np.zeros((150, 240), np.uint16)
+    bits[40:90, 30:60] = 1
+    bits[70:100, 50:70] |= 2
+    for name in clip.rig.names:
+        for frame in range(3):
+            write_ids(tmp_path / "amodal" / name / f"{frame:06d}.png", bits)
+    clip = replace(clip, images=replace(clip.images, kinds=("rgb", "ids", "amodal")))
+    for picture in read_pictures(clip, joint_labels(clip, clip.truth, COCO17)):
+        first, second = picture.persons
+        assert (first.amodal_box, second.amodal_box) == ((30, 40, 30, 50), (50, 70, 20, 30))
+        np.testing.assert_array_equal(decode_mask(second.amodal_mask), bits & 2 > 0)
 
 
 def test_every_other_frame_and_no_colour(tmp_path):
