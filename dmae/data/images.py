@@ -5,7 +5,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 import cv2
@@ -74,7 +74,7 @@ class Images:
         self._check(kind, view)
         number = self.frames[frame]
         if kind == "rgb":
-            return _open_video(self.folder / "rgb" / f"{view}.mp4", os.getpid()).read(number)
+            return open_video(self.folder / "rgb" / f"{view}.mp4").read(number)
         return self._png(kind, view, number)
 
     def _check(self, kind: str, view: str) -> None:
@@ -122,6 +122,8 @@ class VideoFrames:
         if not path.is_file():
             raise FileNotFoundError(f"{path}: no such video")
         self._container = av.open(str(path))
+        # Whoever reads in parallel does so in several processes.
+        self._container.streams.video[0].codec_context.thread_count = 1
         packets = [packet for packet in self._container.demux(video=0) if packet.pts is not None]
         self._times = sorted(packet.pts for packet in packets)
         self._keyframes = sorted(packet.pts for packet in packets if packet.is_keyframe)
@@ -150,10 +152,19 @@ class VideoFrames:
         raise FileNotFoundError(f"{self._path}: frame {number} cannot be decoded; the video is damaged")
 
 
-@lru_cache(maxsize=4)
-def _open_video(path: Path, process: int) -> VideoFrames:
-    """Return an open video. A process that was forked opens its own: a file is read from one place at a time."""
-    return VideoFrames(path)
+def open_video(path: Path) -> VideoFrames:
+    """Return a video, which stays open until a few others were opened."""
+    return _videos_of(os.getpid())(path, path.stat().st_mtime_ns if path.is_file() else 0)
+
+
+@cache
+def _videos_of(process: int) -> Callable[[Path, int], VideoFrames]:
+    """Return what keeps the open videos of a process.
+
+    A process that was forked opens its own, for a file is read from one place at a time. It leaves those of its parent
+    alone: to close them it would wait for threads of the decoder, which do not live on in it.
+    """
+    return lru_cache(maxsize=4)(lambda path, modified: VideoFrames(path))
 
 
 def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:

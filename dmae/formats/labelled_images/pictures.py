@@ -180,6 +180,8 @@ def label_persons(
     view: int,
     ids: np.ndarray | None = None,
     amodal: np.ndarray | None = None,
+    *,
+    masks: bool = True,
 ) -> list[PersonLabel]:
     """Return the persons who have a joint or a pixel in one picture.
 
@@ -190,13 +192,14 @@ def label_persons(
         ids: (H, W) image of ids, if there is one: 1 + p is person p.
         amodal: (H, W) of bits, if there is such an image: bit p is 1 where person p would be if nothing else were
             there.
+        masks: Whether run lengths of masks are made; boxes and counts of pixels are in any case.
     """
     persons = range(labels.flags.shape[2])
     shown = None if ids is None else np.bincount(ids.ravel(), minlength=1 + len(persons))
     found = []
     for person in persons:
         xy, flags = labels.xy[frame, view, person], labels.flags[frame, view, person]
-        more = _masks(ids, shown, amodal, person) if ids is not None or amodal is not None else {}
+        more = _pixels(ids, shown, amodal, person, masks) if ids is not None or amodal is not None else {}
         box = more.pop("box", None) or joints_box(xy, flags > 0)
         if box is None and more.get("amodal_box") is None:
             continue
@@ -209,12 +212,19 @@ def label_persons(
     return found
 
 
-def _masks(ids: np.ndarray | None, shown: np.ndarray | None, amodal: np.ndarray | None, person: int) -> dict:
+def _pixels(
+    ids: np.ndarray | None, shown: np.ndarray | None, amodal: np.ndarray | None, person: int, masks: bool
+) -> dict:
+    """Return what images of ids and of whole persons say of one person."""
     found = {}
     if ids is not None:
         mask = ids == 1 + person
-        found = {"mask": encode_mask(mask), "visible_pixels": int(shown[1 + person]), "box": mask_box(mask)}
+        found = {"visible_pixels": int(shown[1 + person]), "box": mask_box(mask)}
+        if masks:
+            found["mask"] = encode_mask(mask)
     if amodal is not None:
         whole = (amodal >> person) & 1 > 0
-        found |= {"amodal_mask": encode_mask(whole), "amodal_box": mask_box(whole)}
+        found["amodal_box"] = mask_box(whole)
+        if masks:
+            found["amodal_mask"] = encode_mask(whole)
     return found
