@@ -14,13 +14,19 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from dmae.public.recordings import load_dataset as load_dataset
     from synth.public import contact_sheet as contact_sheet
+    from synth.public import export as export
     from synth.public import generate as generate
+    from synth.public import split as split
+    from synth.public import stats as stats
     from synth.public import verify as verify
 
 _HOME_OF = {
     "contact_sheet": "synth.public",
+    "export": "synth.public",
     "generate": "synth.public",
     "load_dataset": "dmae.public.recordings",
+    "split": "synth.public",
+    "stats": "synth.public",
     "verify": "synth.public",
 }
 

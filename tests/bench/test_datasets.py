@@ -15,7 +15,7 @@ from tests.support.timing import seconds
 
 pytestmark = pytest.mark.bench
 
-CLIPS, FRAMES = 20, 250
+CLIPS, FRAMES = 40, 100
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ for split in found:
 """
 
 
-def test_rows_hold_picture_camera_and_objects(exported, data, tmp_path):
+def test_rows_hold_picture_camera_and_persons(exported, data, tmp_path):
     """Read in a process of its own: the library keeps what it read in a folder that the environment names."""
     out = exported("huggingface")
     offline = {"HF_HOME": str(tmp_path / "kept"), "HF_HUB_OFFLINE": "1", "HF_DATASETS_OFFLINE": "1"}
@@ -25,15 +25,16 @@ def test_rows_hold_picture_camera_and_objects(exported, data, tmp_path):
     assert [row["split"] for row in rows] == ["train"] * 12 + ["validation"] * 6
     people = 0
     for row in rows:
+        assert row["objects"] == ["box"] and row["fps"] == 25
         clip = load_clip(data / row["clip"])
-        frame, objects = row["frame"] - 5, row["objects"]
+        frame, persons = row["frame"] - 5, row["persons"]
         assert row["size"] == row["camera"]["size"] == [240, 150]
         ids = list(clip.images.read("ids", row["camera"]["name"]))[frame]
-        assert [set(objects["track_id"])] == [set(np.unique(ids[(ids > 0) & (ids < 256)]) - 1)]
-        for number, person in enumerate(objects["track_id"]):
-            mask = decode_mask(objects["segmentation"][number])
+        assert [set(persons["track_id"])] == [set(np.unique(ids[(ids > 0) & (ids < 256)]) - 1)]
+        for number, person in enumerate(persons["track_id"]):
+            mask = decode_mask(persons["segmentation"][number])
             np.testing.assert_array_equal(mask, ids == 1 + person)
-            assert objects["area"][number] == mask.sum()
-            assert len(objects["keypoints"][number]) == 3 * 17
+            assert persons["area"][number] == mask.sum()
+            assert len(persons["keypoints"][number]) == 3 * 17
             people += 1
     assert people == 33
