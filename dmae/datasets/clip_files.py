@@ -7,7 +7,9 @@ from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
 
-from dmae.data.clip import Clip
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.labels import Visibility
+from dmae.data.skeleton import get_skeleton
 from dmae.data.store import FORMAT, assemble_clip, clip_folders, is_of_frames, read_json
 
 ARRAYS, META = "arrays.safetensors", "clip.json"
@@ -24,6 +26,7 @@ class ClipFile:
         frames: F.
         cameras: V names.
         persons: By `truth` and `poses`, their P, where the clip has them.
+        skeletons: By the same, the names of their skeletons.
         kinds: Kinds of its images.
     """
 
@@ -31,6 +34,7 @@ class ClipFile:
     frames: int
     cameras: tuple[str, ...]
     persons: dict[str, int]
+    skeletons: dict[str, str]
     kinds: tuple[str, ...]
 
     def read(self, start: int = 0, stop: int | None = None, view: int | None = None) -> Clip:
@@ -58,6 +62,27 @@ class ClipFile:
         clip = replace(clip, images=images, provenance=provenance)
         return clip if view is None else clip.select(views=[view])
 
+    def person(self, of: str, person: int, start: int, stop: int) -> Poses3D:
+        """Return frames `start` to `stop` of one person of `truth` or `poses`, without covariance and rays.
+
+        `views` of truth are the cameras that see a joint, where the clip has labels of visibility.
+
+        Raises:
+            ValueError: as `read`.
+        """
+        path = self.folder / ARRAYS
+        try:
+            file = _arrays(path, _modified(path))
+            xyz, source, views = (
+                file.get_slice(f"{of}.{name}")[start:stop, person : person + 1] for name in ("xyz", "source", "views")
+            )
+            if of == "truth" and "visibility" in file.keys():  # noqa: SIM118
+                seen = file.get_slice("visibility")[start:stop, :, person : person + 1] == Visibility.VISIBLE
+                views = seen.sum(1)
+        except SafetensorError as error:
+            raise ValueError(f"{path}: {error}; the clip is damaged, make it again") from None
+        return Poses3D(get_skeleton(self.skeletons[of]), xyz, source, views=views)
+
 
 def clip_files(path: Path) -> Iterator[ClipFile]:
     """Yield the clips of a data set, or the clip, at a path; only the heads of the files are read.
@@ -81,7 +106,8 @@ def clip_files(path: Path) -> Iterator[ClipFile]:
         except (SafetensorError, OSError) as error:
             raise ValueError(f"{folder / ARRAYS}: {error}; the clip is damaged, make it again") from None
         kinds = tuple(meta["images"]["kinds"]) if meta["images"] else ()
-        yield ClipFile(folder, frames, tuple(meta["cameras"]), persons, kinds)
+        skeletons = {name: meta["skeletons"][name] for name in persons}
+        yield ClipFile(folder, frames, tuple(meta["cameras"]), persons, skeletons, kinds)
 
 
 def _modified(path: Path) -> int:

@@ -1,6 +1,5 @@
 """A data set of windows of motion: one person for so many frames."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal, TypedDict
 
@@ -99,18 +98,14 @@ class WindowDataset(Dataset):
 
     def __getitem__(self, index: int) -> Window:
         number, person, start = self.place(index)
-        clip = self.files[number].read(start, start + self.frames)
-        poses = getattr(clip, self.of)
-        if self.of == "truth" and clip.occlusion is not None:
-            poses = replace(poses, views=clip.occlusion.visible_views)
-        skeleton = self.skeleton or poses.skeleton.parts[0]
-        poses = convert(poses, skeleton)
-        observed = poses.source[:, person] != Source.ABSENT
+        poses = self.files[number].person(self.of, person, start, start + self.frames)
+        poses = convert(poses, self.skeleton or poses.skeleton.parts[0])
+        observed = poses.source[:, 0] != Source.ABSENT
         return Window(
-            xyz=torch.from_numpy(np.where(observed[..., None], poses.xyz[:, person], np.float32(0))),
+            xyz=torch.from_numpy(np.where(observed[..., None], poses.xyz[:, 0], np.float32(0))),
             observed=torch.from_numpy(observed),
-            source=torch.from_numpy(poses.source[:, person].copy()),
-            views=torch.from_numpy(np.where(observed, poses.views[:, person], 0).astype(np.uint8)),
+            source=torch.from_numpy(poses.source[:, 0].copy()),
+            views=torch.from_numpy(np.where(observed, poses.views[:, 0], 0).astype(np.uint8)),
             clip=number,
             person=person,
             start=start,

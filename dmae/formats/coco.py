@@ -245,7 +245,7 @@ def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
 
         def written() -> Iterator[Picture]:
             for picture in progress(read_pictures(clip, labels), "writing pictures", len(clip) * len(clip.rig)):
-                file = partial / picture.camera / f"{picture.number:06d}.jpg"
+                file = partial / f"{picture.path}.jpg"
                 file.parent.mkdir(exist_ok=True)
                 file.write_bytes(picture.encoded("jpg"))
                 yield replace(picture, rgb=None)

@@ -49,7 +49,7 @@ def test_windows_in_random_order(clips):
 
 def test_pictures_in_random_order_and_in_a_row(tmp_path):
     """Beside decoding the same frames of the videos in a row, which is the least that a video costs."""
-    frames = FrameDataset(pictured_set(tmp_path / "set", clips=4))
+    frames = FrameDataset(pictured_set(tmp_path / "set", clips=4, frames=50))
     videos = [file.folder / "images/rgb" / f"{name}.mp4" for file in frames.files for name in file.cameras]
 
     def plain() -> None:

@@ -7,15 +7,15 @@ from dmae.data.store import save_clip, write_manifest
 from tests.support.clips import pictured_clip
 
 
-def pictured_set(out: Path, clips: int = 3) -> Path:
-    """A data set of clips of three frames with images of two small cameras.
+def pictured_set(out: Path, clips: int = 3, frames: int = 3) -> Path:
+    """A data set of clips with images of two small cameras.
 
     Its scenes are of people a and b, b and c, d and e, ..., who follow a take each.
     """
     bodies = [("a", "b"), ("b", "c"), ("d", "e"), ("f", "g"), ("h", "i"), ("j", "k")]
     for number, people in enumerate(bodies[:clips]):
         name = f"{number:06d}"
-        clip = pictured_clip(out / name / "images")
+        clip = pictured_clip(out / name / "images", frames)
         persons = [
             {
                 "body": {"stature": 1.5 + ord(each) / 1000},
@@ -25,5 +25,5 @@ def pictured_set(out: Path, clips: int = 3) -> Path:
         ]
         spec = {"seed": 3, "arena": "studio", "clip": number, "motion": {"kind": "bvh"}, "persons": persons}
         save_clip(replace(clip, id=name, provenance={"first_frame": 5, "spec": spec}), out / name)
-    write_manifest(out, [{"id": f"{n:06d}", "status": "ok", "frames": 3, "persons": 2} for n in range(clips)])
+    write_manifest(out, [{"id": f"{n:06d}", "status": "ok", "frames": frames, "persons": 2} for n in range(clips)])
     return out

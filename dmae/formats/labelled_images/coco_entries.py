@@ -82,10 +82,7 @@ def clip_entry(clip: Clip) -> dict:
 
 def write_json(path: Path, info: dict, skeleton: Skeleton, pictures: list[Picture], folder: str = "") -> None:
     """Write pictures and their persons as one JSON. Files of pictures are `folder` + `<camera>/<frame>.jpg`."""
-    images = [
-        image_entry(picture, number, f"{folder}{picture.camera}/{picture.number:06d}.jpg")
-        for number, picture in enumerate(pictures, 1)
-    ]
+    images = [image_entry(picture, number, f"{folder}{picture.path}.jpg") for number, picture in enumerate(pictures, 1)]
     labelled = [(image, person) for image, picture in enumerate(pictures, 1) for person in picture.persons]
     content = {
         "info": info,

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import repeat
+from urllib.parse import quote
 
 import cv2
 import numpy as np
@@ -88,6 +89,11 @@ class Picture:
     persons: list[PersonLabel]
     rgb: np.ndarray | None = None
 
+    @property
+    def path(self) -> str:
+        """`<camera>/<frame>`, where a file of the picture goes, without suffix."""
+        return f"{file_part(self.camera)}/{self.number:06d}"
+
     def encoded(self, suffix: str) -> bytes:
         """Return `rgb` as a file of a suffix: `jpg` (quality 95) or `png`."""
         quality = {"jpg": [cv2.IMWRITE_JPEG_QUALITY, 95], "png": [cv2.IMWRITE_PNG_COMPRESSION, 1]}[suffix]
@@ -95,6 +101,11 @@ class Picture:
         if not written:
             raise OSError(f"frame {self.number} of camera {self.camera}: could not write {suffix}")
         return data.tobytes()
+
+
+def file_part(name: str) -> str:
+    """Return a name as part of a path, whatever is in it: all but letters, digits, - and _ become %XX."""
+    return quote(name, safe="").replace(".", "%2E").replace("~", "%7E") or "%"
 
 
 def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, rgb: bool = True) -> Iterator[Picture]:

@@ -6,9 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from dmae.data.skeleton_conversion import convert
+from dmae.formats.labelled_images.pictures import file_part
 from dmae.formats.panoptic import write_panoptic
 from synth.datasets.exporters.registry import exporter
-from synth.datasets.exporters.selection import ClipTask, Selection, file_part
+from synth.datasets.exporters.selection import ClipTask, Selection
 
 IMAGES = "hdImgs"
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
-from urllib.parse import quote
 
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import load_clip
 from dmae.formats.labelled_images.joints import joint_labels
-from dmae.formats.labelled_images.pictures import PersonLabel, Picture, read_pictures
+from dmae.formats.labelled_images.pictures import PersonLabel, Picture, file_part, read_pictures
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 
@@ -70,7 +69,7 @@ class ClipTask:
 
     def file_name(self, picture: Picture) -> str:
         """Return the path of a picture in its split, without suffix: `<clip>/<camera>/<frame>`."""
-        return f"{file_part(self.name)}/{file_part(picture.camera)}/{picture.number:06d}"
+        return f"{file_part(self.name)}/{picture.path}"
 
     def write(self, picture: Picture, folder: str) -> str:
         """Write a picture into `<folder>/<split>`; return its path in there."""
@@ -123,11 +122,6 @@ class Selection:
         made = in_parallel(function, ((task,) for task in tasks), self.workers)
         for task, counts in zip(tasks, progress(made, "exporting clips", len(tasks)), strict=True):
             yield Written(task, counts)
-
-
-def file_part(name: str) -> str:
-    """Return a name as part of a path, whatever is in it: all but letters, digits, - and _ become %XX."""
-    return quote(name, safe="").replace(".", "%2E").replace("~", "%7E") or "%"
 
 
 def write_lines(path: Path, lines: list[dict]) -> None:

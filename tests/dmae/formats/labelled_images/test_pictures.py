@@ -12,7 +12,7 @@ from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25, COCO17
 from dmae.formats.labelled_images.joints import joint_labels
 from dmae.formats.labelled_images.masks import decode_mask
-from dmae.formats.labelled_images.pictures import read_pictures
+from dmae.formats.labelled_images.pictures import Picture, read_pictures
 from tests.support.clips import pictured_clip, t_pose
 from tests.support.recordings import recording
 
@@ -84,6 +84,12 @@ def test_poses_that_are_not_the_truth_have_no_masks(tmp_path):
             assert person.mask is person.visible_pixels is person.cause is None
             low = person.xy[person.flags > 0].min(0)
             np.testing.assert_allclose(person.box[:2], low, atol=1e-3)
+
+
+def test_the_file_of_a_picture_stays_in_its_folder():
+    names = {"../../up": "%2E%2E%2F%2E%2E%2Fup", "/etc": "%2Fetc", "..": "%2E%2E", "": "%", "cam-1_b": "cam-1_b"}
+    for camera, part in names.items():
+        assert Picture(camera, 0, 0, 7, (4, 3), []).path == f"{part}/000007"
 
 
 def test_an_image_of_another_size_is_named(tmp_path):
