@@ -199,14 +199,15 @@ def load_clip(folder: Path) -> Clip:
     if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
         raise ValueError(f"{path}: does not match the checksum in clip.json; the clip is damaged, make it again")
     try:
-        return _assemble(folder, meta, load_tensors(data))
+        return assemble_clip(folder, meta, load_tensors(data))
     except (SafetensorError, ValueError) as error:
         raise ValueError(f"{folder}: {error}") from None
     except KeyError as error:
         raise ValueError(f"{folder}: clip.json or arrays.safetensors lacks {error}") from None
 
 
-def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
+def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
+    """Return the clip of a folder from the content of its JSON and its arrays, of all frames or of some."""
     parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
     images = meta["images"]
     if images:
@@ -223,6 +224,13 @@ def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
         **parts,
         occlusion=_labels("occlusion", OcclusionLabels, arrays, objects=tuple(meta["objects"])),
         detection_labels=_labels("detection_labels", DetectionLabels, arrays),
+    )
+
+
+def is_of_frames(array: str) -> bool:
+    """Return whether the first axis of an array on disk is frames; those of cameras are of views."""
+    return array.startswith(("detections.", "truth.", "poses.")) or any(
+        array in each.values() for each in _LABELS.values()
     )
 
 

@@ -3,7 +3,7 @@
     python docs/tools/record.py             # everything in RECORDED
     python docs/tools/record.py shelf       # one of them
 
-The command is run with `out=` in a temporary folder, and the `scores.json` that it leaves is kept,
+The command is run with `out=` in a temporary folder, and the `scores.json` or `stress.json` that it leaves is kept,
 less its single runs.
 """
 
@@ -17,8 +17,15 @@ from datetime import date
 from importlib import metadata
 from pathlib import Path
 
+from dmae.data.json_text import json_text
+
 ROOT = Path(__file__).parents[2]
 _ALL = "measured,linear,pchip_body,kalman,reject_pchip,rays,gaussian_process,reject_gaussian_process"
+
+_INTERACTIONS = (
+    "synth generate -m interaction=fight,hug,dance,huddle rig=ring rig.ring.views=3 clips=4 seed=51 out=interactions"
+)
+_TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
 
 RECORDED = {
     "shelf": (
@@ -35,9 +42,37 @@ RECORDED = {
         "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] capture=paper methods=[linear]",
         "2 minutes",
     ),
+    "table_1": ("dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf", "1 minute"),
+    "table_2": ("dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf", "3 minutes"),
+    "table_3": (
+        f"{_INTERACTIONS} && "
+        "dmae table number=3 data=interactions/0 extra_data=[interactions/1,interactions/2,interactions/3] size=small",
+        "5 minutes",
+    ),
+    "table_4": (
+        f"{_TWO_INTERACTIONS} && dmae table number=4 data=shelf data.path=$DMAE_DATA/shelf "
+        "extra_data=[interactions/0,interactions/1] size=small",
+        "4 minutes",
+    ),
+    "table_5": (
+        f"{_TWO_INTERACTIONS} && dmae table number=5 data=interactions/0 extra_data=[interactions/1] size=small",
+        "4 minutes",
+    ),
+    "stress_generated": (
+        "synth generate out=clips clips=2 seed=11 scene.seconds=4 scene.persons=[3,3] workers=2 && "
+        "dmae stress data=clips workers=2",
+        "3 minutes",
+    ),
+    "stress_shelf": (
+        "dmae stress data=shelf data.path=$DMAE_DATA/shelf data.frames=[0,150] workers=2 pairs=[] "
+        "axes=[objects,persons,misses,side_swaps,offsets,calibration,cameras] "
+        "methods=[measured,linear,gaussian_process,dmae,paper]",
+        "2 minutes",
+    ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
 }
-"""Results to the command that makes them and about how long that takes on two cores."""
+"""Results to the commands that make them, joined by &&, and about how long that takes on two cores. What the last one
+writes to its `out=` is kept."""
 
 
 def record(name: str, command: str) -> Path:
@@ -46,16 +81,14 @@ def record(name: str, command: str) -> Path:
     Raises:
         CalledProcessError: the command failed.
     """
-    programs = Path(sys.executable).parent
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "out")
-        line = f"{programs}/{command}" + (f" out={out}" if " evaluate " in command else "")
-        done = subprocess.run(line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True)
-        found = (
-            {"scores": _less_runs(json.loads((out / "scores.json").read_text()))}
-            if out.is_dir()
-            else {"printed": done.stdout}
+        line = command if "dmae regress" in command else f"{command} out={out}"
+        done = subprocess.run(
+            line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ | {"PATH": path}
         )
+        found = _found(out) or {"printed": done.stdout}
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "torch", "mujoco"))
     made = {
@@ -65,9 +98,20 @@ def record(name: str, command: str) -> Path:
         "versions": f"python {platform.python_version()}, {versions}",
         **found,
     }
-    path = ROOT / "docs/results" / f"{name}.json"
-    path.write_text(json.dumps(made, indent=1) + "\n")
-    return path
+    file = ROOT / "docs/results" / f"{name}.json"
+    file.write_text(json_text(made) + "\n")
+    return file
+
+
+def _found(out: Path) -> dict:
+    """What a command left in its folder: a table of the paper, a stress test, or scores."""
+    tables = list(out.glob("table_*.json"))
+    if tables:
+        return {"table": json.loads(tables[0].read_text())}
+    if (out / "stress.json").is_file():
+        return {"stress": json.loads((out / "stress.json").read_text())}
+    scores = out / "scores.json"
+    return {"scores": _less_runs(json.loads(scores.read_text()))} if scores.is_file() else {}
 
 
 def _less_runs(scores: dict) -> dict:
