@@ -13,7 +13,7 @@ FORMAT = 1
 RECORD = "config.yaml"
 """What a command writes beside its output: the options that it ran with. It begins with a checksum of its own."""
 _BESIDE = (
-    RECORD, "*.config.yaml", "verify.json", "splits.json", "leaks.json", "statistics", "report*.html",
+    RECORD, ".*.lock", "*.config.yaml", "verify.json", "splits.json", "leaks.json", "statistics", "report*.html",
 )  # fmt: skip
 """What commands write into a folder that they are asked about: no part of the clip or data set."""
 _OWN = "# sha256 of what follows: "

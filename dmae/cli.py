@@ -12,7 +12,7 @@ from types import ModuleType
 
 from dmae.command_line import interruption
 from dmae.command_line.help import command_help, program_help
-from dmae.command_line.options import presets_of
+from dmae.command_line.options import Group, presets_of
 from dmae.command_line.outputs import check_out, locked, record
 from dmae.command_line.programs import Command, Program
 from dmae.command_line.renamed import renamed
@@ -218,9 +218,13 @@ def _store(command: Command, configuration: type) -> None:
 
     store = ConfigStore.instance()
     store.store(name=f"{command.name}_schema", node=_schema(configuration))
+    options = command.options()
     for group, presets in command.registries.items():
-        for name, preset in presets().items():
-            store.store(group=group, name=name, node=preset.values)
+        # Hydra takes key=value for a preset where it knows of any, as of an earlier command of this process.
+        store.repo.pop(group, None)
+        if isinstance(options.find(group), Group):
+            for name, preset in presets().items():
+                store.store(group=group, name=name, node=preset.values)
 
 
 def _schema(configuration: type):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from synth.public.comparison import fit_detector as fit_detector
     from synth.public.generation import export as export
     from synth.public.generation import generate as generate
+    from synth.public.generation import merge as merge
     from synth.public.generation import split as split
     from synth.public.generation import stats as stats
     from synth.public.generation import verify as verify
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "dmae.public.recordings": ["load_dataset"],
     "synth.public.comparison": ["compare", "compare_motion", "fit_detector"],
-    "synth.public.generation": ["export", "generate", "split", "stats", "verify"],
+    "synth.public.generation": ["export", "generate", "merge", "split", "stats", "verify"],
     "synth.public.pictures": ["contact_sheet", "show"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

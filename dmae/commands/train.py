@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from dmae.checksums import refuse_damaged
 from dmae.command_line import interruption
 from dmae.completion.training.config import TrainConfig
 from dmae.completion.training.train import train
@@ -21,6 +22,9 @@ EXAMPLES = (
 
 def run(config: TrainConfig, out: Path) -> None:
     paths = (config.extra_data, config.validation_data)
+    if not config.damaged:
+        for path in (config.data.path, *config.extra_data, *config.validation_data):
+            refuse_damaged(path, "damaged=true")
     extra, validation = ([load(DataConfig(path=path)) for path in group] for group in paths)
     # What the user waits for begins with the command, not when torch is loaded.
     since = time.monotonic() if interruption.began is None else interruption.began

@@ -33,6 +33,8 @@ class ExportDataCommand:
     """Files of pictures."""
     workers: int = 1
     """Processes; -1 for one a core."""
+    damaged: bool = False
+    """Export even if files are missing or not as they were written."""
     out: str = "???"
     """Folder to write, whole or not at all; it must be empty or not exist."""
 
@@ -47,6 +49,7 @@ def run(config: ExportDataCommand, out: Path) -> None:
         every=config.every,
         pictures=config.pictures,
         workers=config.workers,
+        damaged=config.damaged,
     )
     for split, counts in summary["splits"].items():
         shown = ", ".join(f"{counts.get(key, 0)} {key}" for key in ("clips", "pictures", "persons", "masks"))

@@ -6,6 +6,7 @@ from collections import Counter
 from importlib import metadata
 from pathlib import Path
 
+from dmae.checksums import refuse_damaged
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import check_vacant, clip_folders, read_json, whole_folder, write_atomic
 from synth.datasets.exporters.registry import Exporter, exporter
@@ -29,6 +30,7 @@ def export(
     every: int = 1,
     pictures: PictureFormat = PictureFormat.jpg,
     workers: int = 1,
+    damaged: bool = False,
 ) -> dict:
     """Write a data set in the layout of another program, whole or not at all.
 
@@ -41,6 +43,7 @@ def export(
         every: 2 for every other frame.
         pictures: Files of pictures.
         workers: Processes; -1 for one a core.
+        damaged: Whether to export even if files are missing or not as they were written.
 
     Returns:
         The content of `export.json`: what was written.
@@ -56,6 +59,8 @@ def export(
     if workers == 0:
         raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
     folders = clip_folders(data)
+    if not damaged:
+        refuse_damaged(data, "damaged=true")
     if (data / "clip.json").is_file():
         data = data.parent
     check_vacant(out, "the exported data set")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from synth.datasets import splits as datasets_splits
 from synth.datasets import verify as datasets_verify
 from synth.datasets.clip import GenerateConfig, ImageKinds, check, clip_id, generate_clip
 from synth.datasets.exporters.selection import PictureFormat
+from synth.datasets.parts import merge as datasets_merge
 from synth.datasets.splits import SplitBy
 from synth.datasets.statistics.page import NUMBERS, describe
 from synth.datasets.verify import Problem
@@ -103,11 +104,12 @@ def _clip_or_failure(config: GenerateConfig, index: int) -> Clip | FailedSimulat
         return failure
 
 
-def verify(path: str | Path) -> list[Problem]:
+def verify(path: str | Path, *, fast: bool = False) -> list[Problem]:
     """Check that the clips of a data set, or one clip, are whole and true.
 
     Args:
         path: Folder of a clip, or of a data set with its manifest.
+        fast: Whether only to compare sizes of files, and the contents of JSON files, with their checksums.
 
     Returns:
         All that is wrong: clip, check, and what; none if nothing is.
@@ -120,7 +122,31 @@ def verify(path: str | Path) -> list[Problem]:
         >>> synth.verify("walks")
         []
     """
-    return datasets_verify.verify(Path(path))[1]
+    return datasets_verify.verify(Path(path), fast=fast).problems
+
+
+def merge(parts: Sequence[str | Path], out: str | Path, *, partial: bool = False) -> None:
+    """Join the parts of a data set: ranges or shards of one configuration and seed.
+
+        synth.merge(["shards/1", "shards/2"], "runs/data")
+
+    Args:
+        parts: Folders of the parts, in any order.
+        out: Folder of the data set; it does not exist yet, or is empty.
+        partial: Whether clips may be missing, between others or of shards.
+
+    Raises:
+        FileNotFoundError: a part is no data set.
+        ValueError: a part is damaged or of another configuration, a clip is in two parts, or clips are missing.
+
+    Examples:
+        >>> for clip in synth.generate("scene.seconds=1", "shard=1/2", clips=2, seed=7, out="first"): pass
+        >>> for clip in synth.generate("scene.seconds=1", "shard=2/2", clips=2, seed=7, out="second"): pass
+        >>> synth.merge(["first", "second"], "both")
+        >>> synth.verify("both")
+        []
+    """
+    datasets_merge.merge([Path(part) for part in parts], Path(out), partial=partial)
 
 
 def split(
@@ -199,6 +225,7 @@ def export(
     every: int = 1,
     pictures: str = "jpg",
     workers: int = 1,
+    damaged: bool = False,
 ) -> dict:
     """Write a data set in the layout of another program: pictures, and what is in them.
 
@@ -211,19 +238,20 @@ def export(
         every: 2 for every other frame.
         pictures: `jpg` or `png`.
         workers: Processes; -1 for one a core.
+        damaged: Whether to export even if files are missing or not as they were written.
 
     Returns:
         What was written, as in `export.json`.
 
     Raises:
-        ValueError: `out` is not empty, or clips lack pictures or truth.
+        ValueError: `out` is not empty, clips lack pictures or truth, or files are damaged.
 
     Examples:
         >>> for clip in synth.generate("scene.seconds=1", clips=1, seed=7, out="walks"): pass
         >>> synth.export("walks", "panoptic", "panoptic")["skeleton"]
         'panoptic19'
     """
-    options = {"skeleton": skeleton, "every": every, "workers": workers}
+    options = {"skeleton": skeleton, "every": every, "workers": workers, "damaged": damaged}
     if pictures not in PictureFormat.__members__:
         raise ValueError(f"pictures={pictures!r}: expected one of {', '.join(PictureFormat.__members__)}")
     chosen = None if splits is None else Path(splits)

@@ -105,6 +105,8 @@ class TrainConfig:
     included: training stops in time for them, and the learning rate falls with the time."""
     seed: int = 0
     """Seed of weights, masks and batches."""
+    damaged: bool = False
+    """Learn even from data sets of which files are missing or not as they were written."""
     out: str = "runs/model"
     """Folder of the model, its record, its checkpoint and TensorBoard's logs."""
 
