@@ -7,7 +7,7 @@ from pathlib import Path
 import yaml
 
 from dmae.completion.weights import find_shipped, load_model
-from dmae.data.store import read_json
+from dmae.files.structured import read_json
 from dmae.metrics.tables import score_tables
 from dmae.reporting.tables import Table
 

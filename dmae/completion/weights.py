@@ -19,7 +19,8 @@ from dmae.completion.network.build import build_network
 from dmae.completion.network.config import model_config
 from dmae.completion.network.paper import DMAE
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.structured import read_json
 
 FORMAT = 5
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dmae.files.names import child
+
 KINDS = ("rgb", "depth", "ids", "parts")
 FIRST_OBJECT_ID = 256
 """Ids in an image: 0 nothing, 1 + p person p, 256 + k object k of `OcclusionLabels.objects`."""
@@ -54,7 +56,7 @@ class Images:
                 yield convert()
             return
         for frame in self.frames:
-            path = self.folder / kind / view / f"{frame:06d}.png"
+            path = child(self.folder / kind, view, "camera") / f"{frame:06d}.png"
             image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             if image is None:
                 raise FileNotFoundError(f"{path}: no readable PNG")
@@ -64,7 +66,7 @@ class Images:
         """Yield functions that return the images of `read("rgb", view)`: frames that are skipped are not converted."""
         import av
 
-        path, wanted, last = self.folder / "rgb" / f"{view}.mp4", set(self.frames), max(self.frames)
+        path, wanted, last = child(self.folder / "rgb", f"{view}.mp4", "camera"), set(self.frames), max(self.frames)
         found = 0
         with av.open(str(path)) as container:
             for number, frame in enumerate(container.decode(video=0)):

@@ -4,7 +4,8 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.structured import read_json
 
 _LISTED = 8
 """Most names of settings in a message."""

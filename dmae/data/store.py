@@ -17,6 +17,9 @@ from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import get_skeleton
+from dmae.files.contents import read_text
+from dmae.files.names import child
+from dmae.files.structured import parse_json, read_json
 
 FORMAT = 1
 MANIFEST = "manifest.jsonl"
@@ -62,31 +65,6 @@ def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
-
-
-def read_json(path: Path):
-    """Read a JSON file.
-
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: malformed JSON, or a key twice in an object; the message names file, line and column, or the key.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    try:
-        return json.loads(path.read_text(), object_pairs_hook=_unique)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: expected JSON, {error}") from None
-
-
-def _unique(pairs: list[tuple]) -> dict:
-    """Refuse repeated keys: `json` would keep the last of two cameras of the same name."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise ValueError(f"key {next(key for key in keys if keys.count(key) > 1)!r} twice in an object")
-    return found
 
 
 def save_clip(clip: Clip, folder: Path) -> None:
@@ -220,15 +198,25 @@ def clip_folders(path: Path) -> list[Path]:
 
 
 def read_manifest(path: Path) -> list[dict]:
-    """Read the lines of a data set's manifest, one a clip: `id`, `status`, `seed`, `quality` and more."""
-    lines = []
-    for number, line in enumerate((Path(path) / MANIFEST).read_text().splitlines(), 1):
+    """Read the lines of a data set's manifest, one a clip: `id`, `status`, `seed`, `quality` and more.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: a line is malformed, or its clip would lie outside the data set; the message names the line.
+    """
+    file, lines = Path(path) / MANIFEST, []
+    for number, text in enumerate(read_text(file).splitlines(), 1):
         try:
-            lines.append(json.loads(line))
-        except json.JSONDecodeError as error:
-            raise ValueError(f"{Path(path) / MANIFEST}, line {number}: expected JSON, {error}") from None
-        if not isinstance(lines[-1], dict) or not {"id", "status"} <= set(lines[-1]):
-            raise ValueError(f"{Path(path) / MANIFEST}, line {number}: expected an object with id and status: {line}")
+            try:
+                line = parse_json(text)
+            except ValueError as error:
+                raise ValueError(f"expected JSON, {error}") from None
+            if not isinstance(line, dict) or not {"id", "status"} <= line.keys():
+                raise ValueError(f"expected an object with id and status, found {text:.60}")
+            child(Path(path), line["id"], "clip")
+        except ValueError as error:
+            raise ValueError(f"{file}, line {number}: {error}") from None
+        lines.append(line)
     return lines
 
 

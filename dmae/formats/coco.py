@@ -9,7 +9,8 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.structured import read_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
 from dmae.formats.openpose import CALIBRATION
 from dmae.formats.recordings.camera_matching import frame_number, natural

@@ -6,6 +6,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25, SHELF14
+from dmae.files.names import child
 from dmae.formats.calibrations.shelf import read_cameras
 from dmae.formats.recordings.candidate_assembly import BODY25_LINKS, assemble
 from dmae.formats.registry import reader
@@ -31,7 +32,8 @@ def read_shelf(path: Path) -> Clip:
     """
     path = Path(path)
     rig = read_cameras(path / "calibration.json")
-    views = [_read_detections(path / "detection" / f"{name}.txt", rig.size[v]) for v, name in enumerate(rig.names)]
+    files = [child(path / "detection", f"{name}.txt", "camera") for name in rig.names]
+    views = [_read_detections(file, size) for file, size in zip(files, rig.size, strict=True)]
     frames = len(views[0])
     for name, view in zip(rig.names, views, strict=True):
         if len(view) != frames:

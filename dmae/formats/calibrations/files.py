@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dmae.data.cameras import CameraRig
-from dmae.data.store import read_json
+from dmae.files.structured import read_json
 from dmae.formats.calibrations.conventions import Convention, LengthUnit, UpDirection
 from dmae.formats.calibrations.entries import LacksSize
 from dmae.formats.calibrations.pose2sim import read_toml

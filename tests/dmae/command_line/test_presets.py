@@ -9,7 +9,7 @@ BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
 )
 HARMFUL = {
     "callback": "# @package _global_\nhydra:\n  callbacks:\n    evil:\n      _target_: evil.Callback\n",
-    "log file": "# @package _global_\nhydra: {job_logging: {handlers: {f: {class: logging.FileHandler, filename: HARM}}}}\n",
+    "log file": "# @package _global_\nhydra: {job_logging: {handlers: {f: {filename: HARM}}}}",
     "run folder": "# @package _global_\nhydra: {run: {dir: HARM}, output_subdir: x, job: {chdir: true}}\n",
     "out": "# @package _global_\nout: HARM\n",
     "package of hydra": "# @package hydra.run\ndir: HARM\n",
