@@ -14,7 +14,7 @@ from types import ModuleType
 from dmae.command_line import interruption
 from dmae.command_line.help import command_help, program_help
 from dmae.command_line.options import presets_of
-from dmae.command_line.outputs import check_out, record
+from dmae.command_line.outputs import check_out, locked, record
 from dmae.command_line.programs import Command, Program
 from dmae.command_line.spelling import (
     PRESET_FLAGS,
@@ -188,15 +188,16 @@ def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -
     check_out(out, module.WRITES)
     describe = getattr(module, "interrupted", None)
     interrupted.describe = lambda: describe(values, out) if describe else f"nothing was written to {out}; run it again"
-    try:
-        module.run(values, out)
-    except SystemExit:
-        if interrupted.pressed:
+    with locked(out):
+        try:
+            module.run(values, out)
+        except SystemExit:
+            if interrupted.signal:
+                raise
+            # Commands that end with a verdict have done their work, whatever it is.
+            record(OmegaConf.to_yaml(config, resolve=True), out)
             raise
-        # Commands that end with a verdict have done their work, whatever it is.
         record(OmegaConf.to_yaml(config, resolve=True), out)
-        raise
-    record(OmegaConf.to_yaml(config, resolve=True), out)
 
 
 def compose(command: Command, overrides: Sequence[str]) -> object:

@@ -1,8 +1,8 @@
 """`dmae evaluate`: score methods over clips and camera subsets."""
 
-import json
 from pathlib import Path
 
+from dmae.data.json_text import json_text
 from dmae.data.store import write_atomic
 from dmae.evaluation.evaluate import EvaluateConfig, evaluate
 from dmae.metrics.tables import score_tables
@@ -18,6 +18,6 @@ EXAMPLES = (
 def run(config: EvaluateConfig, out: Path) -> None:
     scores = evaluate(config)
     path = out / "scores.json"
-    write_atomic(path, json.dumps(scores, indent=1))
+    write_atomic(path, json_text(scores))
     print_tables(score_tables(scores))
     print(path)

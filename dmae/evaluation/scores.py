@@ -5,7 +5,9 @@ import numpy as np
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton_conversion import convert
 from dmae.metrics.comparison import Comparison
+from dmae.metrics.intervals import bootstrap_ratio
 from dmae.metrics.registry import metrics
+from dmae.metrics.time_blocks import FIGURES, block_sums, time_blocks
 from dmae.numerics.robust import mean_known
 
 
@@ -32,7 +34,8 @@ def score(
         compared: (F, T, J) True where joints count in `gaps`; by default all.
 
     Returns:
-        The score of each metric by its name, see `dmae.metrics.registry.metrics`; NaN for a score of nothing.
+        The score of each metric by its name, see `dmae.metrics.registry.metrics`; NaN for a score of nothing. With
+        them `blocks`, the sums that intervals are computed from, see `dmae.metrics.time_blocks.time_blocks`.
 
     Raises:
         ValueError: `poses` and `captured` have not the same persons.
@@ -43,7 +46,7 @@ def score(
     comparison = Comparison(
         convert(poses, skeleton), convert(captured, skeleton), truth, actors, matches, fps, compared
     )
-    return {metric.name: metric.function(comparison) for metric in metrics()}
+    return {metric.name: metric.function(comparison) for metric in metrics()} | {"blocks": time_blocks(comparison)}
 
 
 def summary(runs: list[dict]) -> dict:
@@ -53,7 +56,7 @@ def summary(runs: list[dict]) -> dict:
         runs: What `score` returned, and with it `clip` and `cameras`.
 
     Returns:
-        JSON-able `mean`, `worst` and `runs`, see `evaluate`.
+        JSON-able `mean`, `intervals`, `worst` and `runs`, see `evaluate`.
     """
     by_subset: dict[tuple[int, ...], list[dict]] = {}
     for run in runs:
@@ -69,10 +72,16 @@ def summary(runs: list[dict]) -> dict:
     return _jsonable(
         {
             "mean": _average(list(means.values())) | pooled,
+            "intervals": {figure: _interval(runs, figure) for figure in FIGURES},
             "worst": {"pcp": means[worst]["pcp"], "cameras": list(worst)},
             "runs": runs,
         }
     )
+
+
+def _interval(runs: list[dict], figure: str) -> list[float]:
+    interval = bootstrap_ratio(block_sums(runs, figure))
+    return [interval.low, interval.high]
 
 
 def _average(scores: list):

@@ -10,6 +10,8 @@ from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.evaluate import EvaluateConfig, evaluate
 from dmae.formats.reading import DataConfig
+from dmae.metrics.intervals import bootstrap_ratio
+from dmae.metrics.time_blocks import block_sums
 from tests.support.scored_clips import by_method, config, seen
 
 
@@ -28,6 +30,21 @@ class TestEvaluate:
         assert results["measured", 4]["mean"]["pcp_persons"] == [98, 100]
         assert results["measured", 4]["mean"]["mpjpe"]["denoised"] is None
         assert results["linear", 4]["mean"]["mpjpe"]["measured"] is None
+
+    def test_sums_over_time_give_the_scores_and_their_intervals(self, tmp_path):
+        shaken = np.random.default_rng(0).normal(0, 3, (2, 150, 4, 2, 25, 2))
+        for number, name in enumerate("ab"):
+            clip = seen(frames=150, name=name)
+            xy = clip.detections.xy + shaken[number]
+            save_clip(replace(clip, detections=replace(clip.detections, xy=xy)), tmp_path / name)
+        write_manifest(tmp_path, [{"id": name, "status": "ok"} for name in "ab"])
+        for result in evaluate(config(tmp_path, methods=["linear"], views=[4, 3]))["results"]:
+            means = {"pcp": result["mean"]["pcp"], "mpjpe": result["mean"]["mpjpe"]["all"]}
+            for figure, mean in (means | {"hidden": result["mean"]["hidden"]["mpjpe"]}).items():
+                interval = bootstrap_ratio(block_sums(result["runs"], figure))
+                assert interval.value == pytest.approx(mean, abs=0.02)
+                assert [interval.low, interval.high] == result["intervals"][figure]
+                assert interval.low <= mean <= interval.high
 
     def test_scores_are_strict_json(self, tmp_path):
         save_clip(seen(), tmp_path)

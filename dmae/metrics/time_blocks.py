@@ -1,0 +1,112 @@
+"""Scores summed over blocks of time: what intervals are computed from, as neighbouring frames are nearly the same."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmae.metrics.comparison import Comparison
+from dmae.metrics.pcp import correct_limbs
+
+BLOCK = 1.0
+"""s; length of a block."""
+FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0}
+"""What is summed, and the factor from the ratio of the sums to the unit of the score: %, mm, mm."""
+
+
+def time_blocks(comparison: Comparison) -> dict:
+    """Return sums over the blocks of time in which any joint is true.
+
+    Returns:
+        JSON-able. `seconds`, the length of a block; `block`, the B indices of the blocks; and `pcp` (limbs that are
+        correct, of each actor), `mpjpe` (mm, of all joints), `hidden` (mm, of the joints that capture did not
+        measure), each with `sum` and `count`, (G, B) numbers, where G is the number of actors for `pcp` and else 1.
+    """
+    truth, actors = comparison.truth.xyz, list(comparison.actors)
+    correct, limbs = correct_limbs(comparison.matched[:, actors], truth[:, actors], comparison.skeleton)
+    error = 1000 * np.linalg.norm(comparison.matched - truth.astype(np.float64), axis=-1)
+    found = ~np.isnan(error)
+    per_frame = {
+        "pcp": ((correct & limbs).sum(2).T, limbs.sum(2).T),
+        "mpjpe": _sums(error, found),
+        "hidden": _sums(error, found & comparison.hidden),
+    }
+    frames = np.flatnonzero(comparison.known.any((1, 2)))
+    block, inverse = np.unique((frames / comparison.fps / BLOCK + 1e-9).astype(int), return_inverse=True)
+    member = np.arange(len(block))[:, None] == inverse
+    blocks = {"seconds": BLOCK, "block": block.tolist()}
+    for figure, (total, count) in per_frame.items():
+        blocks[figure] = {
+            "sum": (total[:, frames] @ member.T).round(3).tolist(),
+            "count": (count[:, frames] @ member.T).tolist(),
+        }
+    return blocks
+
+
+def _sums(error: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sum and the number of the counted errors of each frame, (1, F) each."""
+    return np.where(counted, error, 0).sum((1, 2))[None], counted.sum((1, 2))[None]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockSums:
+    """Sums of G ratios over B blocks of time. The score is the weighted mean of the ratios.
+
+    Attributes:
+        total: (G, B) numerators; 0 where a clip has fewer blocks.
+        count: (G, B) denominators.
+        clip: (G,) index of the clip that each ratio is of. The ratios of a clip share its blocks.
+        share: (G,) weight of each ratio.
+        blocks: (C,) the number of blocks of each clip.
+        scale: From a ratio to the unit of the score.
+    """
+
+    total: np.ndarray
+    count: np.ndarray
+    clip: np.ndarray
+    share: np.ndarray
+    blocks: np.ndarray
+    scale: float = 1.0
+
+
+def block_sums(runs: list[dict], figure: str) -> BlockSums:
+    """Return the sums of a score, over clips and subsets of cameras.
+
+    Ratios are averaged as scores are: over actors, then over the clips of a subset of cameras, then over subsets.
+
+    Args:
+        runs: The `runs` of one method and number of views, see `dmae.evaluation.evaluate.evaluate`.
+        figure: One of `FIGURES`.
+
+    Raises:
+        ValueError: a run has no `blocks`, as in scores of earlier versions; or one clip has different blocks in two
+            runs.
+    """
+    clips: dict[str, list[int]] = {}
+    subsets: dict[tuple, int] = {}
+    for run in runs:
+        if "blocks" not in run:
+            raise ValueError("these scores have no sums by time, which intervals need; run dmae evaluate again")
+        if clips.setdefault(run["clip"], run["blocks"]["block"]) != run["blocks"]["block"]:
+            raise ValueError(f"clip {run['clip']!r} has other annotated frames in one run than in another")
+        subsets[tuple(run["cameras"])] = subsets.get(tuple(run["cameras"]), 0) + 1
+    longest = max((len(block) for block in clips.values()), default=0)
+    order = {name: number for number, name in enumerate(clips)}
+    total, count, clip, share = [], [], [], []
+    for run in runs:
+        sums = run["blocks"][figure]
+        ratios = len(sums["sum"])
+        for numerator, denominator in zip(sums["sum"], sums["count"], strict=True):
+            padding = [0] * (longest - len(numerator))
+            total.append([*numerator, *padding])
+            count.append([*denominator, *padding])
+            clip.append(order[run["clip"]])
+            share.append(1 / (len(subsets) * subsets[tuple(run["cameras"])] * ratios))
+    shape = (len(total), longest)
+    return BlockSums(
+        np.array(total, float).reshape(shape),
+        np.array(count, float).reshape(shape),
+        np.array(clip, int),
+        np.array(share),
+        np.array([len(block) for block in clips.values()], int),
+        FIGURES[figure],
+    )
