@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dmae.data.store import clip_folders, load_clip, read_json
-from dmae.evaluation.report_section import scores_section
+from dmae.data.store import clip_folders, load_clip
+from dmae.evaluation.report_section import read_scores, scores_section
 from dmae.reporting.page import views_section, write_report
 
 WRITES = "file"
@@ -37,7 +37,7 @@ def default_out(config: ReportCommand) -> Path:
 
 def run(config: ReportCommand, out: Path) -> None:
     default_out(config)
-    sections = [scores_section(read_json(Path(folder) / "scores.json")) for folder in config.scores]
+    sections = [scores_section(read_scores(Path(folder) / "scores.json")) for folder in config.scores]
     if config.clip:
         for folder in clip_folders(Path(config.clip)):
             clip = load_clip(folder)

@@ -22,7 +22,9 @@ def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], defaul
         ValueError: the array has another shape.
     """
     value = getattr(owner, name)
-    array = np.full(shape, default, dtype) if value is None else np.asarray(value, dtype)
+    # What is too large for the type becomes infinite, which is for the owner to judge.
+    with np.errstate(over="ignore"):
+        array = np.full(shape, default, dtype) if value is None else np.asarray(value, dtype)
     if array.ndim != len(shape) or any(want not in (ANY, n) for want, n in zip(shape, array.shape, strict=True)):
         expected = tuple("any" if n == ANY else n for n in shape)
         raise ValueError(f"{type(owner).__name__}.{name}: expected shape {expected}, found {array.shape}")

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 
 from dmae.files.names import child
+from dmae.files.pictures import read_grey_png
+from dmae.files.videos import open_video
 
 KINDS = ("rgb", "depth", "ids", "parts")
 FIRST_OBJECT_ID = 256
@@ -48,6 +50,7 @@ class Images:
         Raises:
             KeyError: no such kind or view.
             FileNotFoundError: a frame is missing on disk.
+            ValueError: a file is damaged, or has more pixels than a picture can.
         """
         if kind not in self.kinds or view not in self.views:
             raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
@@ -56,10 +59,7 @@ class Images:
                 yield convert()
             return
         for frame in self.frames:
-            path = child(self.folder / kind, view, "camera") / f"{frame:06d}.png"
-            image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-            if image is None:
-                raise FileNotFoundError(f"{path}: no readable PNG")
+            image = read_grey_png(child(self.folder / kind, view, "camera") / f"{frame:06d}.png")
             yield np.where(image > 0, image / np.float32(1000), np.float32(np.nan)) if kind == "depth" else image
 
     def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
@@ -68,13 +68,16 @@ class Images:
 
         path, wanted, last = child(self.folder / "rgb", f"{view}.mp4", "camera"), set(self.frames), max(self.frames)
         found = 0
-        with av.open(str(path)) as container:
-            for number, frame in enumerate(container.decode(video=0)):
-                if number in wanted:
-                    found += 1
-                    yield partial(frame.to_ndarray, format="rgb24")
-                if number == last:
-                    break
+        with open_video(path) as container:
+            try:
+                for number, frame in enumerate(container.decode(video=0)):
+                    if number in wanted:
+                        found += 1
+                        yield partial(frame.to_ndarray, format="rgb24")
+                    if number == last:
+                        break
+            except (av.FFmpegError, ValueError) as error:
+                raise ValueError(f"{path}: this video is damaged, {error}") from None
         if found != len(self.frames):
             raise FileNotFoundError(f"{path}: expected {len(self.frames)} frames, up to {last}; found {found}")
 

@@ -17,7 +17,7 @@ from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import get_skeleton
-from dmae.files.contents import read_text
+from dmae.files.contents import read_bytes, read_text
 from dmae.files.names import child
 from dmae.files.structured import parse_json, read_json
 
@@ -68,7 +68,12 @@ def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None
 
 
 def save_clip(clip: Clip, folder: Path) -> None:
-    """Write a clip to a folder, replacing any that is there. Images stay where they are; their folder is noted."""
+    """Write a clip to a folder, replacing any that is there. Images stay where they are; their folder is noted.
+
+    Raises:
+        ValueError: it holds numbers that `load_clip` refuses, infinite coordinates for instance.
+    """
+    clip.check_numbers()
     folder = Path(folder)
     data = save_tensors({name: np.ascontiguousarray(array) for name, array in _arrays(clip).items()})
     meta = {
@@ -128,18 +133,22 @@ def load_clip(folder: Path) -> Clip:
     if found != FORMAT:
         raise ValueError(f"{folder / 'clip.json'}: expected a clip of format {FORMAT}, found format {found!r}")
     path = folder / "arrays.safetensors"
-    data = path.read_bytes()
+    data = read_bytes(path)
     if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
         raise ValueError(f"{path}: does not match the checksum in clip.json; the clip is damaged, make it again")
     try:
-        return _assemble(folder, meta, load_tensors(data))
-    except (SafetensorError, ValueError) as error:
-        raise ValueError(f"{folder}: {error}") from None
+        clip = _assemble(folder, meta, load_tensors(data))
+        clip.check_numbers()
     except KeyError as error:
         raise ValueError(f"{folder}: clip.json or arrays.safetensors lacks {error}") from None
+    except (SafetensorError, ValueError, TypeError, AttributeError, OverflowError) as error:
+        raise ValueError(f"{folder}: clip.json and arrays.safetensors are no clip: {error}") from None
+    return clip
 
 
 def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
+    if not isinstance(meta["id"], str) or not isinstance(meta["provenance"], dict):
+        raise ValueError("expected an id that is a text, and a provenance that is an object")
     parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
     images = meta["images"]
     if images:

@@ -5,6 +5,7 @@ import zipfile
 from collections.abc import Sequence
 from math import prod
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def _array(data: bytes, *, pickled: bool = False):
         version = np.lib.format.read_magic(file)
         header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = header(file)
-    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError) as error:
+    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError, TokenError) as error:
         # NumPy evaluates the header as a literal, nested as deeply as the file has it.
         raise ValueError(f"the header of an array is damaged, {error}") from None
     content = data[file.tell() :]

@@ -34,14 +34,14 @@ def check_file(path: Path, most: int = MOST_BYTES) -> int:
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return the contents of a file; errors as in `check_file`."""
-    check_file(path, most)
+    size = check_file(path, most)
     # A file could be replaced by a pipe between the check and the opening, which must not block either.
     with os.fdopen(
         os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb"
     ) as file:
-        data = file.read(most + 1)
-    if len(data) > most:
-        raise ValueError(f"{path}: expected at most {_size(most)}, found more")
+        data = file.read(size + 1)
+    if len(data) > size:
+        raise ValueError(f"{path}: it grows while it is read")
     return data
 
 

@@ -3,6 +3,9 @@
 import struct
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from dmae.files.contents import check_file
 
 MOST_PIXELS = 1 << 26
@@ -47,3 +50,15 @@ def _jpeg_size(file) -> tuple[int, int]:
             return width, height
         file.seek(max(length - 2, 0), 1)
     raise ValueError("it has no frame")
+
+
+def read_grey_png(path: Path) -> np.ndarray:
+    """Return the picture (H, W) of a PNG of one channel; errors as in `check_picture`."""
+    check_picture(path)
+    try:
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise ValueError(f"{path}: this PNG is damaged, {error}") from None
+    if image is None or image.ndim != 2:
+        raise ValueError(f"{path}: expected a readable PNG of one channel")
+    return image

@@ -11,6 +11,7 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25, Skeleton
 from dmae.data.store import write_atomic
 from dmae.files.names import child
+from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
 from dmae.formats.openpose import body25_or_body25b
@@ -126,6 +127,7 @@ def _people(file: Path, content, skeleton: Skeleton) -> np.ndarray:
                 f"{file}: annots[{number}].keypoints: expected x, y, confidence of the {len(skeleton)} joints of "
                 f"{skeleton.name}, found {keypoints!r:.60}{shape}; data.skeleton=... names another skeleton"
             )
+        check_numbers(f"{file}: annots[{number}].keypoints", array, MOST_PIXELS)
         found[number] = array
     found[~(found[..., 2] > 0)] = np.nan
     return found[~np.isnan(found).all((1, 2))]

@@ -25,6 +25,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import write_atomic
 from dmae.files.arrays import read_arrays
+from dmae.files.numbers import check_rate
 from dmae.formats.registry import pose_writer
 
 
@@ -61,11 +62,12 @@ def read_npz(path: Path) -> tuple[Poses3D, float]:
     path = Path(path)
     needed = ("joints", "source", "views", "names", "skeleton", "fps")
     arrays = read_arrays(path, "an .npz archive of poses", needed, ("cov",))
-    skeleton = _skeleton(path, str(arrays["skeleton"]), tuple(str(name) for name in arrays["names"]))
+    skeleton = _skeleton(path, str(arrays["skeleton"]), tuple(map(str, np.atleast_1d(arrays["names"]))))
     try:
         poses = Poses3D(skeleton, arrays["joints"], arrays["source"], arrays.get("cov"), arrays["views"])
-        return poses, float(arrays["fps"])
-    except (ValueError, TypeError) as error:
+        poses.check_numbers()
+        return poses, check_rate("fps", arrays["fps"].item())
+    except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(f"{path}: {error}") from None
 
 

@@ -10,6 +10,7 @@ from dmae.data.clip import Clip, Detections2D, Poses3D, Source
 from dmae.data.skeleton import BODY21, BODY25, BODY25B, COCO17, COCO18, HALPE26, PANOPTIC19, SHELF14, Skeleton
 from dmae.data.store import write_atomic
 from dmae.files.names import child
+from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
 from dmae.formats.recordings.camera_matching import frame_number, natural
@@ -160,6 +161,7 @@ def _people(file: Path, content) -> list[np.ndarray]:
                 f"{file}: people[{number}].pose_keypoints_2d: expected x, y, confidence of each joint, "
                 f"found {keypoints!r:.60}"
             )
+        check_numbers(f"{file}: people[{number}].pose_keypoints_2d", array, MOST_PIXELS)
         array = array.reshape(-1, 3)
         array[~(array[:, 2] > 0)] = np.nan
         if not np.isnan(array).all():

@@ -11,6 +11,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import PANOPTIC19, Skeleton
 from dmae.data.store import write_atomic
 from dmae.files.names import child
+from dmae.files.numbers import MOST_METRES, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats import openpose
 from dmae.formats.calibrations.conventions import Convention
@@ -156,10 +157,11 @@ def _bodies(file: Path, content) -> dict[int, np.ndarray]:
 def _flat(found, place: str, count: int) -> np.ndarray:
     try:
         array = np.array(found, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
     if array.shape != (count,):
         raise ValueError(f"{place}: expected {count} numbers, found {found!r:.60}")
+    check_numbers(place, array, 100 * MOST_METRES)
     return array
 
 

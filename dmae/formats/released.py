@@ -12,6 +12,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY21, BODY25, SHELF14
 from dmae.files.arrays import read_npy
+from dmae.files.numbers import MOST_METRES, MOST_PIXELS, check_numbers
 from dmae.formats.calibrations.entries import CameraTable, ParsedCamera, make_rig
 from dmae.formats.recordings.camera_matching import frame_number, natural
 from dmae.formats.recordings.numbered_detections import NumberedDetections, to_clip
@@ -99,6 +100,7 @@ def _person(place: str, person) -> np.ndarray:
     joints = np.asarray(values.get("meta", values.get("filtered_skel")))
     if joints.shape not in ((len(BODY25), 3), (len(BODY21), 3)) or joints.dtype.kind != "f":
         raise ValueError(f"{place}: expected `meta` or `filtered_skel` of 25 or 21 x 3 numbers, found {person!r:.60}")
+    check_numbers(f"{place}: fractions of the image", joints, MOST_PIXELS)
     return joints.astype(np.float64)
 
 
@@ -130,4 +132,5 @@ def _actor(place: str, joints) -> np.ndarray:
         return np.full((len(SHELF14), 3), np.nan)
     if found.shape not in ((len(SHELF14), 3), (len(SHELF14) + 1, 3)):
         raise ValueError(f"{place}: expected {len(SHELF14)} or {len(SHELF14) + 1} x 3 numbers, found {joints!r:.60}")
+    check_numbers(f"{place}: joints, m", found, MOST_METRES)
     return found

@@ -103,7 +103,10 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> list[str]:
     ]
     if config is None:
         return problems
-    fps, kinds = config["scene"]["fps"], ImageKinds[config["images"]].value
+    try:
+        fps, kinds = config["scene"]["fps"], ImageKinds[config["images"]].value
+    except (KeyError, TypeError):
+        return [*problems, f"{CONFIG}: expected the configuration of a data set, found {config!r:.60}"]
     if clip.fps != fps:
         problems.append(f"fps: {fps} in {CONFIG}, {clip.fps} in the clip")
     found = clip.images.kinds if clip.images else ()

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
 from synth.motion.readers.skeleton_recording import SkeletonRecording
-from synth.motion.readers.text import malformed, numbers, read_lines
+from synth.motion.readers.text import LARGEST, malformed, numbers, read_lines
 from synth.motion.retargeting import retarget_take
 
 _FPS = 120.0
@@ -181,7 +181,7 @@ def _parse_frames(path: Path, lines: list[str], bones: dict[str, Bone]) -> dict[
             values[name] = np.array(rows, np.float64)
         except ValueError:
             values[name] = np.empty((0, 0))
-        if values[name].shape[1] != channels or not np.isfinite(values[name]).all():
+        if values[name].shape[1] != channels or not (np.abs(values[name]) <= LARGEST).all():
             # Slow, but finds the line.
             values[name] = np.array(
                 [numbers(path, line, row, channels) for line, row in zip(filled[bone::period], rows, strict=True)]

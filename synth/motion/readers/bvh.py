@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
 from synth.motion.readers.skeleton_recording import SkeletonRecording
-from synth.motion.readers.text import malformed, numbers, read_lines
+from synth.motion.readers.text import LARGEST, malformed, numbers, read_lines
 from synth.motion.retargeting import retarget_take
 
 _CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
@@ -117,7 +117,7 @@ def _parse_frames(path: Path, lines: list[str], first: int, frames: int, channel
         values = np.array([lines[i].split() for i in filled], np.float64)
     except ValueError:
         values = None
-    if values is None or values.shape[1] != channels or not np.isfinite(values).all():
+    if values is None or values.shape[1] != channels or not (np.abs(values) <= LARGEST).all():
         # Slow, but finds the line.
         values = np.array([numbers(path, i, lines[i].split(), channels) for i in filled])
     return values

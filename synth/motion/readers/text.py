@@ -4,6 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
+from dmae.files.contents import read_bytes
+
+_MOST_BYTES = 1 << 30
+LARGEST = 1e9
+"""Of any number, in any unit."""
+
 
 def read_lines(path: Path) -> list[str]:
     """Return the lines of a text file.
@@ -12,9 +18,7 @@ def read_lines(path: Path) -> list[str]:
         FileNotFoundError: there is no such file.
         ValueError: the file is empty or binary.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"no motion file {path}")
-    data = path.read_bytes()
+    data = read_bytes(path, _MOST_BYTES)
     if not data.strip() or b"\0" in data:
         raise ValueError(f"{path}: expected a text file, found {'binary data' if data.strip() else 'an empty one'}")
     return data.decode("latin-1").splitlines()
@@ -40,4 +44,6 @@ def numbers(path: Path, line: int, words: list[str], expected: int) -> list[floa
     if not np.isfinite(values).all():
         column = int(np.flatnonzero(~np.isfinite(values))[0])
         raise malformed(path, line, f"a finite number in column {column + 1}", words[column])
+    if np.abs(values).max(initial=0) > LARGEST:
+        raise malformed(path, line, f"numbers up to {LARGEST:g}", " ".join(words))
     return values

@@ -94,7 +94,7 @@ def test_a_fused_truth_keeps_its_skeleton(tmp_path):
 
 @settings(max_examples=30, deadline=None)
 @given(
-    arrays(np.float32, (2, 4, 1, 25, 2), elements=st.floats(width=32, allow_nan=True, allow_infinity=False)),
+    arrays(np.float32, (2, 4, 1, 25, 2), elements=st.just(np.nan) | st.floats(-1e6, 1e6, width=32)),
     st.sampled_from([BODY25, SHELF14]),
     st.integers(0, 3),
 )
@@ -142,7 +142,7 @@ def test_a_damaged_clip_is_refused(tmp_path):
         (lambda meta: meta.update(format=99), "expected a clip of format 1, found format 99"),
         (lambda meta: meta.pop("fps"), "lacks 'fps'"),
         (lambda meta: meta.update(skeletons={"detections": "body52"}), "body52"),
-        (lambda meta: meta.update(fps=-1), "fps must be positive"),
+        (lambda meta: meta.update(fps=-1), "expected frames per second from"),
         (lambda meta: meta.pop("sha256"), "checksum"),
     ],
 )

@@ -1,0 +1,25 @@
+"""A fixed corpus of changed files: each is read, or refused with its name, in bounded time and memory."""
+
+import pytest
+
+from tests.fuzz.readers import READERS, registered
+from tests.fuzz.run import WRONG, fuzz
+
+COUNT = 15
+"""Inputs for each reader; `make fuzz` takes as many as asked for."""
+FOUND = []
+"""Inputs that failed once, by reader and index."""
+
+
+def test_every_reader_is_fuzzed():
+    names = [reader.name for reader in READERS]
+    assert len(set(names)) == len(names)
+    assert registered() <= set(names)
+
+
+@pytest.mark.slow
+def test_changed_files_are_read_or_refused_with_their_name():
+    plan = [(reader.name, 0, COUNT) for reader in READERS] + [(name, index, 1) for name, index in FOUND]
+    outcomes = list(fuzz(plan))
+    assert len(outcomes) == len(READERS) * COUNT + len(FOUND)
+    assert [each for each in outcomes if each[2] in WRONG] == []
