@@ -43,6 +43,8 @@ _FORMAT_4_FEATURES = {"carried": "held", "mended": "bone_length", "roughness": "
 _FORMAT_4_LAYERS = {"amount": "residual_scale", "embed_base": "embed_hidden"}
 """Names of format 4, which the models of version 0.1 have, and those of today. The tensors are the same."""
 
+_LARGEST = 1e6
+"""Of a weight."""
 SHIPPED = Path(__file__).parents[1] / "models"
 
 
@@ -116,10 +118,11 @@ def _check_sizes(config: ModelConfig, joints: int, tensors: dict[str, Tensor]) -
 
 
 def _check_finite(tensors: dict[str, Tensor], so: str) -> None:
-    wrong = [name for name, tensor in tensors.items() if not torch.isfinite(tensor).all()]
+    wrong = [name for name, tensor in tensors.items() if not (tensor.abs() <= _LARGEST).all()]
     if wrong:
         more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-        raise ValueError(f"weights are not finite, in {', '.join(wrong[:3])}{more}, of {len(tensors)} tensors: {so}")
+        names = f"{', '.join(wrong[:3])}{more}, of {len(tensors)} tensors"
+        raise ValueError(f"weights are not finite, or beyond {_LARGEST:g}, in {names}: {so}")
 
 
 def _from_format_4(tensors: dict[str, Tensor], options: dict) -> tuple[dict[str, Tensor], dict]:

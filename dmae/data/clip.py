@@ -188,6 +188,10 @@ class Clip:
         for name in ("truth", "poses"):
             if (poses := getattr(self, name)) is not None:
                 poses.check_numbers(name)
+        if self.occlusion is not None and self.occlusion.depth_margin is not None:
+            check_numbers("occlusion.depth_margin, m", self.occlusion.depth_margin, MOST_METRES)
+        if self.detection_labels is not None and self.detection_labels.offset_px is not None:
+            check_numbers("detection_labels.offset_px", self.detection_labels.offset_px, MOST_PIXELS)
 
     def _check_labels(self) -> None:
         if self.occlusion is not None:

@@ -8,8 +8,8 @@ import numpy as np
 
 from dmae.files.contents import check_file
 
-MOST_PIXELS = 1 << 26
-"""Of a picture: 8192 x 8192."""
+MOST_PIXELS = 1 << 25
+"""Of a picture: 7680 x 4320 are fewer."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _FRAMES = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
 """JPEG's markers of a frame, which holds the size."""

@@ -19,6 +19,7 @@ _MOST_YAML = 16 << 20
 _MOST_JSON = 1 << 30
 _TEXT = re.compile(rb'"(?:[^"\\]|\\.)*+"?+', re.DOTALL)
 _NO_BRACKETS = bytes(set(range(256)) - set(b"[{]}"))
+_DOTTED = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MOST_DEPTH + 1}}}""")
 _PLAIN = (str, int, float, bool, type(None))
 
 
@@ -135,6 +136,9 @@ def read_toml(path: Path) -> dict:
     """
     text = read_text(path, _MOST_YAML)
     try:
+        # The parser would take memory by the square of their number.
+        if _DOTTED.search(text):
+            raise ValueError(f"it has a key of more than {MOST_DEPTH} parts")
         found = tomllib.loads(text)
         check_plain(found)
     except (ValueError, RecursionError) as error:

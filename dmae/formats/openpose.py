@@ -154,7 +154,7 @@ def _people(file: Path, content) -> list[np.ndarray]:
         keypoints = person.get("pose_keypoints_2d", person.get("pose_keypoints")) if isinstance(person, dict) else None
         try:
             array = np.array(keypoints, np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             array = np.array(np.nan)
         if array.ndim != 1 or len(array) % 3:
             raise ValueError(

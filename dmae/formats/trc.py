@@ -191,7 +191,11 @@ def _read_source(path: Path, xyz: np.ndarray, names: list[str], joints: list[int
     if not beside.is_file():
         return None
     lines = [line.split(",") for line in read_text(beside).splitlines()]
-    wrong = [len(lines) != len(xyz) + 1, lines[0][1:] != names, any(len(line) != len(names) + 1 for line in lines)]
+    wrong = [
+        len(lines) != len(xyz) + 1,
+        not lines or lines[0][1:] != names,
+        any(len(line) != len(names) + 1 for line in lines),
+    ]
     if any(wrong):
         raise ValueError(
             f"{beside}: expected {len(xyz)} frames of the markers of {path.name}; delete it if it is not its"

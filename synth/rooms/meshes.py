@@ -70,7 +70,14 @@ def load_mesh(path: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> tuple[
         turn = np.array([(1, 0, 0), (0, 0, -1), (0, 1, 0)])
     # Faces without an area are left out.
     with np.errstate(divide="ignore", invalid="ignore"):
-        pieces = [(piece, _colour(mesh)) for mesh in _read(path) for piece in _pieces(mesh, path)]
+        meshes = _read(path)
+        try:
+            pieces = [(piece, _colour(mesh)) for mesh in meshes for piece in _pieces(mesh, path)]
+        # trimesh raises errors of many types for meshes that it has read.
+        except Exception as error:
+            if path in str(error):
+                raise
+            raise ValueError(f"{path}: this mesh is broken: {type(error).__name__}: {error}; export it anew") from error
     corners = np.concatenate([piece.vertices for piece, _ in pieces]) @ turn.T
     low, high = corners.min(0), corners.max(0)
     _check_size(path, (high - low) * scale, scale)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.fuzz.bombs import plant
 from tests.fuzz.mutations import mutated
 from tests.fuzz.plausible import nonsense
 from tests.fuzz.readers import READERS, Reader
@@ -28,7 +29,9 @@ class TooLong(BaseException):
 
 
 def changed_file(reader: Reader, folder: Path, index: int) -> Path:
-    """Change one of a reader's files, the same for the same index; return it."""
+    """Change one of a reader's files, the same for the same index; return it. Index -1 and on are bombs."""
+    if index < 0:
+        return plant(reader, folder, -1 - index)
     rng = np.random.default_rng([zlib.crc32(reader.name.encode()), index])
     files = sorted({path for pattern in reader.targets for path in folder.glob(pattern) if path.is_file()})
     file = files[rng.integers(len(files))]

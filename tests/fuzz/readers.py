@@ -24,6 +24,7 @@ from dmae.data.resume import claim_folder
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import load_clip, save_clip, write_manifest
 from dmae.evaluation.report_section import read_scores
+from dmae.files.contents import read_text
 from dmae.formats.calibrations.files import read_calibration
 from dmae.formats.calibrations.registry import calibration_format
 from dmae.formats.npz import export_npz, read_npz
@@ -165,7 +166,7 @@ def _repair_sums(described: str, data: str, folder: Path) -> None:
     try:
         meta = json.loads((folder / described).read_bytes())
         meta["sha256"] = hashlib.sha256((folder / data).read_bytes()).hexdigest()
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, RecursionError):
         return
     (folder / described).write_text(json.dumps(meta))
 
@@ -350,7 +351,7 @@ def sample_motion():
 
 def _read_motion(kind: str, folder: Path):
     (path,) = folder.glob(f"*.{kind}")
-    os.utime(path)  # takes are cached until their file changes
+    os.utime(path, follow_symlinks=False)  # takes are cached until their file changes
     return read_take(path)
 
 
@@ -405,7 +406,7 @@ READERS = [
     *(Reader(f"images/{kind}", _write_pictures, partial(_read_pictures, kind), (f"{kind}/**/*",))
       for kind in ("rgb", "depth", "ids", "parts")),
     Reader("scene/spec", lambda folder: (folder / "spec.json").write_text(_spec()),
-           lambda folder: SceneSpec.from_json((folder / "spec.json").read_text(errors="replace")),
+           lambda folder: SceneSpec.from_json(read_text(folder / "spec.json")),
            unnamed=True),
     Reader("run/settings", lambda folder: (folder / "config.json").write_text('{"a": {"b": 1}, "c": [1, 2]}'),
            lambda folder: claim_folder(folder / "config.json", {"a": {"b": 1}, "c": [1, 2]}, "a data set")),

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.fuzz.bombs import NO_FILES, count
 from tests.fuzz.readers import READERS, registered
 from tests.fuzz.run import WRONG, fuzz
 
@@ -15,6 +16,16 @@ def test_every_reader_is_fuzzed():
     names = [reader.name for reader in READERS]
     assert len(set(names)) == len(names)
     assert registered() <= set(names)
+
+
+@pytest.mark.slow
+def test_bombs_and_what_is_no_file_are_refused_with_their_name():
+    plan = [(reader.name, -count(reader), count(reader)) for reader in READERS]
+    outcomes = list(fuzz(plan))
+    assert len(outcomes) == sum(map(count, READERS))
+    assert [each for each in outcomes if each[2] in WRONG] == []
+    planted = [each for each in outcomes if -1 - each[1] >= len(NO_FILES)]
+    assert [each for each in planted if each[2] != "refused"] == []
 
 
 @pytest.mark.slow

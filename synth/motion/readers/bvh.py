@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
 from synth.motion.readers.skeleton_recording import SkeletonRecording
-from synth.motion.readers.text import LARGEST, malformed, numbers, read_lines
+from synth.motion.readers.text import LARGEST, check_size, malformed, numbers, read_lines
 from synth.motion.retargeting import retarget_take
 
 _CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
@@ -48,6 +48,7 @@ def read_bvh(path: Path) -> SkeletonRecording:
     hierarchy, motion_line = _parse_hierarchy(path, lines)
     frames, frame_time, first = _parse_motion_header(path, lines, motion_line)
     values = _parse_frames(path, lines, first, frames, sum(map(len, hierarchy.channels)))
+    check_size(path, lines, frames, len(hierarchy.joints))
     root, rotations = _decode(hierarchy, values)
     return SkeletonRecording(
         path,

@@ -7,6 +7,7 @@ import numpy as np
 from dmae.files.contents import read_bytes
 
 _MOST_BYTES = 1 << 30
+_CELLS = 200_000
 LARGEST = 1e9
 """Of any number, in any unit."""
 
@@ -22,6 +23,13 @@ def read_lines(path: Path) -> list[str]:
     if not data.strip() or b"\0" in data:
         raise ValueError(f"{path}: expected a text file, found {'binary data' if data.strip() else 'an empty one'}")
     return data.decode("latin-1").splitlines()
+
+
+def check_size(path: Path, lines: list[str], frames: int, joints: int) -> None:
+    """Refuse frames of many joints without a number of their own: rotations take more memory than the file shows."""
+    size = sum(map(len, lines))
+    if frames * joints > max(_CELLS, size):
+        raise ValueError(f"{path}: expected numbers for {joints} joints in {frames} frames, found {size} bytes")
 
 
 def malformed(path: Path, line: int, expected: str, found: str) -> ValueError:
