@@ -1,11 +1,14 @@
 """A fixed corpus of changed files: each is read, or refused with its name, in bounded time and memory."""
 
+from pathlib import Path
+
 import pytest
 
 from tests.fuzz.bombs import NO_FILES, count
 from tests.fuzz.readers import READERS, registered
 from tests.fuzz.run import WRONG, fuzz
 
+pytestmark = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is limited as Linux does it")
 COUNT = 15
 """Inputs for each reader; `make fuzz` takes as many as asked for."""
 FOUND = []
