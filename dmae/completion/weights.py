@@ -58,7 +58,7 @@ def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> N
         ValueError: weights are not finite; the message names their tensors.
     """
     folder = Path(folder)
-    _check_finite(model.state_dict(), "nothing was saved")
+    check_finite(model.state_dict(), "nothing was saved")
     data = save_tensors({name: tensor.contiguous().cpu() for name, tensor in model.state_dict().items()})
     meta = {
         "format": FORMAT,
@@ -103,7 +103,7 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
         model.load_state_dict(tensors)
     except (KeyError, TypeError, AttributeError, RuntimeError, ValueError, OverflowError, SafetensorError) as error:
         raise ValueError(f"{folder}: not a model of this version of dmae: {error}") from None
-    _check_finite(tensors, f"{path} is of no use, train again")
+    check_finite(tensors, f"{path} is of no use, train again")
     return model.eval(), skeleton, meta
 
 
@@ -117,7 +117,8 @@ def _check_sizes(config: ModelConfig, joints: int, tensors: dict[str, Tensor]) -
             raise ValueError(f"expected {name} of shape {shapes[0]} by model.json, found {shapes[1]}")
 
 
-def _check_finite(tensors: dict[str, Tensor], so: str) -> None:
+def check_finite(tensors: dict[str, Tensor], so: str) -> None:
+    """Raise ValueError, which names tensors and ends with `so`, unless all are finite and of a possible size."""
     wrong = [name for name, tensor in tensors.items() if not (tensor.abs() <= _LARGEST).all()]
     if wrong:
         more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""

@@ -164,7 +164,8 @@ def _read_take(
 ) -> Motion:
     options = ReadOptions(fps=fps, unit=unit, up=up, mapping=dict(names))
     try:
-        motion = reader_of(path).function(path, options)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            motion = reader_of(path).function(path, options)
         check_numbers("positions, m", motion.root, _FARTHEST)
         check_numbers("hip height, m", motion.hip_height, _FARTHEST)
     except ValueError as error:

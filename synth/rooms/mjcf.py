@@ -13,13 +13,15 @@ from xml.etree import ElementTree
 import mujoco
 
 from dmae.files.contents import check_file, read_text
+from dmae.files.numbers import check_numbers
 from dmae.files.pictures import check_picture
 
 _MOST_TEXT, _MOST_ASSET = 4 << 20, 200 << 20
 """Bytes of an MJCF file, and of a mesh or picture."""
 _MOST_DEPTH, _MOST_ELEMENTS, _MOST_INCLUDES = 64, 10_000, 32
 """Elements in each other, elements with repeated ones counted each time, and included files in each other."""
-_MOST_NUMBER = 1e9
+_MOST_NUMBER, _FARTHEST = 1e9, 1e5
+"""Of any attribute, and of sizes and positions, m."""
 _BITS = {"contype", "conaffinity", "collision", "group"}
 """Attributes that are no quantities."""
 _PRODUCTS = {
@@ -85,9 +87,14 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
     """Return the model of an MJCF file; errors as in `read_mjcf`."""
     spec = read_mjcf(path)
     try:
-        return spec.compile()
+        model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}") from None
+    solid = model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
+    check_numbers(f"{path}: sizes of geoms, m", model.geom_size[solid], _FARTHEST)
+    check_numbers(f"{path}: positions of geoms, m", model.geom_pos, _FARTHEST)
+    check_numbers(f"{path}: positions of bodies, m", model.body_pos, _FARTHEST)
+    return model
 
 
 def check_mjcf(path: Path) -> None:

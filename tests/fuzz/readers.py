@@ -231,7 +231,7 @@ def _repair_checkpoint(folder: Path) -> None:
 
 def _read_checkpoint(folder: Path):
     path = newest_checkpoint(folder)
-    return path and list(CheckedCheckpoints().load_checkpoint(path)["state_dict"].values())
+    return path and list(CheckedCheckpoints().load_checkpoint(path).get("state_dict", {}).values())
 
 
 @cache

@@ -11,7 +11,11 @@ from tests.fuzz.run import WRONG, fuzz
 pytestmark = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is limited as Linux does it")
 COUNT = 15
 """Inputs for each reader; `make fuzz` takes as many as asked for."""
-FOUND = []
+FOUND = [
+    ("calibration/shelf", 1022), ("mesh/obj", 1039), ("model/checkpoint", 20066), ("model/checkpoint", 20107),
+    ("model/weights", 1039), ("motion/amc", 20037), ("recording/clip", 1065), ("recording/panoptic", 1056),
+    ("room/mjcf", 20166),
+]  # fmt: skip
 """Inputs that failed once, by reader and index."""
 
 

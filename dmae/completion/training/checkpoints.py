@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 
+from dmae.completion.weights import check_finite
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
 
@@ -37,10 +38,15 @@ class CheckedCheckpoints(TorchCheckpointIO):
         """Raises ValueError where the file is not as it was written."""
         content = _content(Path(path))
         try:
-            return torch.load(io.BytesIO(content), map_location=map_location, weights_only=True)
+            state = torch.load(io.BytesIO(content), map_location=map_location, weights_only=True)
         # Torch's reader raises errors of many undocumented types. Nothing in the file is run.
         except Exception as error:
             raise ValueError(f"{path}: expected a checkpoint of dmae train, {str(error).partition('.')[0]}") from error
+        tensors = state.get("state_dict", {}) if isinstance(state, dict) else None
+        if not isinstance(tensors, dict) or not all(isinstance(tensor, torch.Tensor) for tensor in tensors.values()):
+            raise ValueError(f"{path}: expected a checkpoint of dmae train, found no weights in it")
+        check_finite(tensors, f"{path} is of no use, remove it")
+        return state
 
 
 def newest_checkpoint(folder: Path) -> Path | None:
