@@ -9,7 +9,8 @@ from pathlib import Path
 
 from dmae.cli import compose
 from dmae.data.clip import Clip
-from dmae.data.store import clip_folders, load_clip, read_json
+from dmae.data.store import clip_folders, load_clip
+from dmae.files.structured import read_json
 from dmae.parallel import in_parallel
 from synth.cli import SYNTH
 from synth.datasets import export as datasets_export
