@@ -1,6 +1,6 @@
 """Score methods of completion over clips and subsets of cameras."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -10,14 +10,14 @@ import numpy as np
 from dmae.completion.methods.registry import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.rng import Stream, generator
-from dmae.data.skeleton import get_skeleton
+from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.predictions import predictions_of, read_prediction
 from dmae.evaluation.reference import measured_by_all, scored_actors, truth_of
 from dmae.evaluation.scored_data import scored_clip, scored_options
 from dmae.evaluation.scores import score, summary
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
-from dmae.formats.reading import Clips, DataConfig, load
+from dmae.formats.reading import DataConfig, load
 from dmae.formats.recordings.selection import camera_subsets
 from dmae.metrics.matching import match, take_matched
 from dmae.numerics.filling import smooth
@@ -120,7 +120,8 @@ def evaluate(config: EvaluateConfig) -> dict:
     Returns:
         JSON-able; None stands for a score of nothing. `recording`; `skeleton`; `poses`, the input in words; `results`,
         one entry for each method and number of views (0 with synthetic gaps): `method`, `views`, `mean` of the scores,
-        `intervals` (95 %, over blocks of time, of `pcp`, %, and of `mpjpe` and `hidden`, mm),
+        `intervals` (95 %, over blocks of time, of `pcp`, %, of `mpjpe` and `hidden`, mm, and of `recall`, %, of the
+        hidden joints),
         `worst` (`pcp` and `cameras` of the subset with the lowest PCP) and `runs`, the scores of each clip and subset,
         as `score` returns them. `options` and `clips` say what the scores are of, see `dmae.evaluation.scored_data`.
 
@@ -129,24 +130,16 @@ def evaluate(config: EvaluateConfig) -> dict:
             exclude each other, or poses made elsewhere do not fit their clip.
         FileNotFoundError: there are no such poses.
     """
-    methods = {} if config.poses else _methods(config)
+    methods = {} if config.poses else load_methods(config)
     clips = load(config.data)
     if not clips:
         raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to score")
-    synthetic = config.input != Input.captured_poses
-    total = len(clips) * (1 if synthetic else len(camera_subsets(clips[0], config.views)))
     runs: dict[tuple[str, int], list[dict]] = {}
     scored: dict[str, dict] = {}
-    for trial in progress(_trials(clips, config), "evaluating", total):
+    for trial, filled in filled_trials(clips, config, methods):
         skeleton, fps = trial.truth.skeleton, trial.clip.fps
         if trial.clip.id not in scored:
             scored[trial.clip.id] = scored_clip(trial.clip)
-        filled = {name: convert(method(trial.given, fps), skeleton) for name, method in methods.items()}
-        filled = {
-            name: poses if name == "measured" else smooth(poses, fps, config.smooth) for name, poses in filled.items()
-        }
-        if trial.filled is not None:
-            filled[HANDED_IN] = trial.filled
         compared = _filled_by_all([poses for name, poses in filled.items() if name != "measured"], trial)
         for name, poses in filled.items():
             entry = {"clip": trial.clip.id, "cameras": trial.cameras}
@@ -165,7 +158,31 @@ def evaluate(config: EvaluateConfig) -> dict:
     }
 
 
-def _trials(clips: Clips, config: EvaluateConfig) -> Iterator[Trial]:
+def filled_trials(
+    clips: Sequence[Clip],
+    config: EvaluateConfig,
+    methods: dict[str, Callable[[Poses3D, float], Poses3D]],
+    to_skeleton: Callable[[Poses3D, Skeleton], Poses3D] = convert,
+) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
+    """Yield every trial, and what each method makes of it: on the skeleton of the truth, and smoothed.
+
+    Args:
+        clips: At least one.
+        config: Of its fields `data`, `methods` and `weights` are not read.
+        methods: Functions that fill poses, by name. What `measured` returns is not smoothed.
+        to_skeleton: Brings filled poses to the skeleton of the truth.
+    """
+    captured = config.input == Input.captured_poses and not config.poses
+    total = len(clips) * (len(camera_subsets(clips[0], config.views)) if captured else 1)
+    for trial in progress(_trials(clips, config), "evaluating", total):
+        filled = {}
+        for name, fill in methods.items():
+            poses = to_skeleton(fill(trial.given, trial.clip.fps), trial.truth.skeleton)
+            filled[name] = poses if name == "measured" else smooth(poses, trial.clip.fps, config.smooth)
+        yield trial, filled | ({} if trial.filled is None else {HANDED_IN: trial.filled})
+
+
+def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
     synthetic = config.input != Input.captured_poses
     if config.skeleton and (synthetic or config.reference != ReferencePoses.truth):
         raise ValueError(
@@ -248,8 +265,12 @@ def _filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
     return common
 
 
-def _methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
-    """Return the methods by name."""
+def load_methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
+    """Return the functions of the methods by name.
+
+    Raises:
+        ValueError: there are none, or one is unknown.
+    """
     if not config.methods:
         raise ValueError(f"methods=[]: expected some of {[*completion_method]}")
     weights = Path(config.weights) if config.weights else None

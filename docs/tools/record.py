@@ -22,6 +22,11 @@ from dmae.data.json_text import json_text
 ROOT = Path(__file__).parents[2]
 _ALL = "measured,linear,pchip_body,kalman,reject_pchip,rays,gaussian_process,reject_gaussian_process"
 
+_INTERACTIONS = (
+    "synth generate -m interaction=fight,hug,dance,huddle rig=ring rig.ring.views=3 clips=4 seed=51 out=interactions"
+)
+_TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
+
 RECORDED = {
     "shelf": (
         f"dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] "
@@ -37,6 +42,22 @@ RECORDED = {
         "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] capture=paper methods=[linear]",
         "2 minutes",
     ),
+    "table_1": ("dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf", "1 minute"),
+    "table_2": ("dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf", "3 minutes"),
+    "table_3": (
+        f"{_INTERACTIONS} && "
+        "dmae table number=3 data=interactions/0 extra_data=[interactions/1,interactions/2,interactions/3] size=small",
+        "5 minutes",
+    ),
+    "table_4": (
+        f"{_TWO_INTERACTIONS} && dmae table number=4 data=shelf data.path=$DMAE_DATA/shelf "
+        "extra_data=[interactions/0,interactions/1] size=small",
+        "4 minutes",
+    ),
+    "table_5": (
+        f"{_TWO_INTERACTIONS} && dmae table number=5 data=interactions/0 extra_data=[interactions/1] size=small",
+        "4 minutes",
+    ),
     "stress_generated": (
         "synth generate out=clips clips=2 seed=11 scene.seconds=4 scene.persons=[3,3] workers=2 && "
         "dmae stress data=clips workers=2",
@@ -50,7 +71,8 @@ RECORDED = {
     ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
 }
-"""Results to the command that makes them and about how long that takes on two cores."""
+"""Results to the commands that make them, joined by &&, and about how long that takes on two cores. What the last one
+writes to its `out=` is kept."""
 
 
 def record(name: str, command: str) -> Path:
@@ -62,15 +84,11 @@ def record(name: str, command: str) -> Path:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "out")
-        line = command + (f" out={out}" if " evaluate " in command or " stress " in command else "")
+        line = command if "dmae regress" in command else f"{command} out={out}"
         done = subprocess.run(
             line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ | {"PATH": path}
         )
-        found = {"printed": done.stdout}
-        if (out / "scores.json").is_file():
-            found = {"scores": _less_runs(json.loads((out / "scores.json").read_text()))}
-        elif (out / "stress.json").is_file():
-            found = {"stress": json.loads((out / "stress.json").read_text())}
+        found = _found(out) or {"printed": done.stdout}
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "torch", "mujoco"))
     made = {
@@ -83,6 +101,17 @@ def record(name: str, command: str) -> Path:
     file = ROOT / "docs/results" / f"{name}.json"
     file.write_text(json_text(made) + "\n")
     return file
+
+
+def _found(out: Path) -> dict:
+    """What a command left in its folder: a table of the paper, a stress test, or scores."""
+    tables = list(out.glob("table_*.json"))
+    if tables:
+        return {"table": json.loads(tables[0].read_text())}
+    if (out / "stress.json").is_file():
+        return {"stress": json.loads((out / "stress.json").read_text())}
+    scores = out / "scores.json"
+    return {"scores": _less_runs(json.loads(scores.read_text()))} if scores.is_file() else {}
 
 
 def _less_runs(scores: dict) -> dict:
