@@ -26,9 +26,8 @@ def summary(result: dict) -> list[str]:
     harmless = [axis["name"] for axis in axes if _unbroken(axis) == set(axis["methods"])]
     if harmless:
         sentences.append(f"Every method holds over the whole range of {_listed(harmless)}.")
-    for name in result["methods"]:
-        held = [axis["name"] for axis in axes if name in _unbroken(axis)]
-        sentences.append(f"{name} holds over the whole range of {len(held)} of {len(axes)}.")
+    held = [f"{name} {sum(name in _unbroken(axis) for axis in axes)}" for name in result["methods"]]
+    sentences.append(f"Of {counted(len(axes), 'kind')}, each method holds over the whole range of: {', '.join(held)}.")
     best = Counter(axis["best"] for axis in axes if axis["best"] and axis["level_with"] == [])
     for name, number in best.most_common():
         sentences.append(f"At the greatest level, {name} is better than every other method, beyond noise, on {number}.")
