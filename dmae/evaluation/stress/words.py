@@ -91,15 +91,13 @@ def pair_tables(result: dict) -> list[Table]:
 
 def breaking_sentence(axis: dict) -> str:
     """Return where each method breaks on an axis, in a sentence."""
-    parts = []
-    for name in axis["methods"]:
-        found = axis["methods"][name]["breaks"]["pcp"]
-        if found is None:
-            parts.append(f"{name} was not measured")
-        elif found[0] is None:
-            parts.append(f"{name} holds over the whole range")
-        else:
-            parts.append(f"{name} breaks at {_break(axis, name, 'pcp')}")
+    breaks = {name: method["breaks"]["pcp"] for name, method in axis["methods"].items()}
+    broken = [name for name, found in breaks.items() if found and found[0] is not None]
+    parts = [f"{name} breaks at {_break(axis, name, 'pcp')}" for name in broken]
+    if held := [name for name in breaks if name in _unbroken(axis)]:
+        parts.append(f"{_listed(held)} hold{'s' if len(held) == 1 else ''} over the whole range")
+    if unknown := [name for name, found in breaks.items() if found is None]:
+        parts.append(f"not measured: {_listed(unknown)}")
     return f"By PCP, in {axis['unit']}: {'; '.join(parts)}."
 
 

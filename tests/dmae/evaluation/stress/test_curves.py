@@ -10,7 +10,7 @@ from dmae.evaluation.stress.contenders import Contender
 from dmae.evaluation.stress.curves import breaking_point, curves
 from dmae.evaluation.stress.page import write_result
 from dmae.evaluation.stress.plan import Axis, Plan
-from dmae.evaluation.stress.words import breaking_tables, summary
+from dmae.evaluation.stress.words import breaking_sentence, breaking_tables, summary
 from dmae.reconstruction.config import CaptureConfig
 
 LEVELS = np.array([0.0, 10.0, 20.0, 40.0])
@@ -111,6 +111,10 @@ def test_words_say_what_breaks_and_what_was_not_measured(result):
     text = " ".join(summary(result))
     assert "3 methods on 1 clip (a), 1 kind of corruption. Results are compared with the truth" in text
     assert "Of 1 kind, each method holds over the whole range of: steady 1, frail 0, as_good 1." in text
+    sentence = breaking_sentence(result["axes"][0])
+    assert re.fullmatch(
+        r"By PCP, in %: frail breaks at 15 \(.*\); steady and as_good hold over the whole range\.", sentence
+    )
     pcp, hidden = breaking_tables(result)
     assert pcp.rows[0][:3] == ("objects", "%", "> 40") and re.fullmatch(r"15 \(1\d to 1\d\)", pcp.rows[0][3])
     assert hidden.rows[0][2:4] == ("> 40", "-")
