@@ -28,7 +28,8 @@ def summary(result: dict) -> list[str]:
         sentences.append(f"Every method holds over the whole range of {_listed(harmless)}.")
     held = [f"{name} {sum(name in _unbroken(axis) for axis in axes)}" for name in result["methods"]]
     sentences.append(f"Of {counted(len(axes), 'kind')}, each method holds over the whole range of: {', '.join(held)}.")
-    best = Counter(axis["best"] for axis in axes if axis["best"] and axis["level_with"] == [])
+    alone = [axis for axis in axes if axis["best"] and axis["level_with"] == [] and len(axis["methods"]) > 1]
+    best = Counter(axis["best"] for axis in alone)
     for name, number in best.most_common():
         sentences.append(f"At the greatest level, {name} is better than every other method, beyond noise, on {number}.")
     level = sum(bool(axis["level_with"]) for axis in axes)
