@@ -125,7 +125,8 @@ def evaluate(config: EvaluateConfig) -> dict:
     Returns:
         JSON-able; None stands for a score of nothing. `recording`; `skeleton`; `poses`, the input in words; `results`,
         one entry for each method and number of views (0 with synthetic gaps): `method`, `views`, `mean` of the scores,
-        `intervals` (95 %, over blocks of time, of `pcp`, %, and of `mpjpe` and `hidden`, mm),
+        `intervals` (95 %, over blocks of time, of `pcp`, %, of `mpjpe` and `hidden`, mm, and of `recall`, %, of the
+        hidden joints),
         `worst` (`pcp` and `cameras` of the subset with the lowest PCP) and `runs`, the scores of each clip and subset,
         as `score` returns them. `options` and `clips` say what the scores are of, see `dmae.evaluation.scored_data`.
 

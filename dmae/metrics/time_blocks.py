@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmae.metrics.comparison import Comparison
+from dmae.metrics.pck import correct_joints
 from dmae.metrics.pcp import correct_limbs
 
 BLOCK = 1.0
 """s; length of a block."""
-FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0}
-"""What is summed, and the factor from the ratio of the sums to the unit of the score: %, mm, mm."""
+FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0, "recall": 100.0}
+"""What is summed, and the factor from the ratio of the sums to the unit of the score: %, mm, mm, %."""
 
 
 def time_blocks(comparison: Comparison) -> dict:
@@ -30,6 +31,7 @@ def time_blocks(comparison: Comparison) -> dict:
         "pcp": ((correct & limbs).sum(2).T, limbs.sum(2).T),
         "mpjpe": _sums(error, found),
         "hidden": _sums(error, found & comparison.hidden),
+        "recall": _sums(correct_joints(comparison.matched, truth), comparison.known & comparison.hidden),
     }
     frames = np.flatnonzero(comparison.known.any((1, 2)))
     block, member = block_members(frames, comparison.fps)

@@ -22,7 +22,7 @@ from dmae.evaluation.paper_tables.recording import (
     tally_trials,
 )
 from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, paper_table
-from dmae.evaluation.paper_tables.tally import Tally, pooled, recall_tally
+from dmae.evaluation.paper_tables.tally import Tally, pooled
 from dmae.evaluation.scores import score, summary
 from dmae.metrics.time_blocks import block_sums
 from dmae.progress import progress
@@ -68,7 +68,6 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
         methods[name] = load_completer(weights)
     runs: dict[str, list[dict]] = {name: [] for name in methods}
     tallies: dict[str, list[Tally]] = {name: [] for name in methods}
-    recalls: dict[str, list[Tally]] = {name: [] for name in methods}
     frames = 0
     for trial, filled, found in tally_trials(scored, config, methods, []):
         frames += sum(annotated_frames(trial))
@@ -76,19 +75,18 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
             scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps)
             runs[name].append({"clip": trial.clip.id, "cameras": trial.cameras} | scores)
             tallies[name].append(found[name])
-            recalls[name].append(recall_tally(trial, poses))
-    rows = [_row(name, runs[name], tallies[name], recalls[name]) for name in methods]
+    rows = [_row(name, runs[name], tallies[name]) for name in methods]
     return paper_table(
         config, _COLUMNS, rows, against=AGAINST, comparable=None, recording=f"{len(scored)} simulated clips",
         frames={"persons times frames": frames}, footnotes=[*_NOTES, PROTOCOL_NOTE, NOISE_NOTE],
     )  # fmt: skip
 
 
-def _row(name: str, runs: list[dict], tallies: list[Tally], recalls: list[Tally]) -> MeasuredRow:
+def _row(name: str, runs: list[dict], tallies: list[Tally]) -> MeasuredRow:
     mean = summary(runs)["mean"]
     cells = {"pcp": pooled(tallies), "mpjpe": block_sums(runs, "mpjpe"), "hidden": block_sums(runs, "hidden")}
     cells |= {"recall": mean["pck"]["recall"], "precision": mean["pck"]["precision"]}
-    return MeasuredRow(name, cells | {"hidden_recall": pooled(recalls)})
+    return MeasuredRow(name, cells | {"hidden_recall": block_sums(runs, "recall")})
 
 
 def _trained(config: TableConfig, learned: NamedClips, out: Path) -> dict[str, Path]:

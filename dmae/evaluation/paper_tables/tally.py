@@ -5,11 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmae.data.clip import Poses3D
-from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.evaluate import Trial
-from dmae.metrics.comparison import Comparison
-from dmae.metrics.pck import correct_joints
 from dmae.metrics.time_blocks import BlockSums, block_members
 
 
@@ -41,18 +37,6 @@ def limb_tally(trial: Trial, correct: np.ndarray, counted: np.ndarray, known: np
         return np.einsum("ftl,bf->tlb", limbs[frames][:, actors_of(trial)].astype(float), member.astype(float))
 
     return Tally(trial.clip.id, tuple(trial.cameras), summed(correct & counted), summed(counted), summed(known))
-
-
-def recall_tally(trial: Trial, poses: Poses3D) -> Tally:
-    """Return the tally of the true joints that capture did not measure: those that a prediction has within 0.2 m."""
-    captured = convert(trial.given, trial.truth.skeleton)
-    found = Comparison(poses, captured, trial.truth, tuple(actors_of(trial)), fps=trial.clip.fps)
-    hidden = found.known & found.hidden
-    correct = correct_joints(found.matched, trial.truth.xyz) & hidden
-    frames = np.flatnonzero(found.known.any((1, 2)))
-    _, member = block_members(frames, trial.clip.fps)
-    total, count = ((member @ part.sum((1, 2))[frames].astype(float))[None, None] for part in (correct, hidden))
-    return Tally(trial.clip.id, tuple(trial.cameras), total, count, count)
 
 
 def actors_of(trial: Trial) -> list[int]:
