@@ -157,6 +157,8 @@ endef
 	  { ls /usr/share/glvnd/egl_vendor.d/*.json && $(PYTHON) -c 'import ctypes; ctypes.CDLL("libEGL.so.1")'; } >/dev/null 2>&1 || \
 	  { $(call apt,libosmesa6 libegl1 libgl1) || { $(call apt,libegl1 libegl-mesa0 libgl1); }; } || \
 	  echo "note: no OpenGL library, and no right to install one: images will be ray cast, which is slower"
+	@{ command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null || { $(call apt,chromium); } || \
+	  echo "note: no Chromium, and no right to install one: the tests that open the report in a browser are skipped"
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet -e '.[dev]'
 	@touch $@

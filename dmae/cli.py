@@ -231,6 +231,9 @@ def _schema(configuration: type):
 
     def thaw(part):
         part._set_flag("readonly", None)
+        if OmegaConf.get_type(part) is dict and not part:
+            # A dictionary without entries of its own takes any; the command checks them.
+            part._set_flag("struct", False)
         for _, child in part.items_ex(resolve=False):
             if isinstance(child, DictConfig):
                 thaw(child)

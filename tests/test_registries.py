@@ -39,6 +39,7 @@ COMMANDS = {
     "format": ("dmae capture --help data", "dmae capture data=lizard data.path=recording out=captured"),
     "completion method": ("dmae capture --help", "dmae evaluate data=walk methods=[linear,midpoint] out=scores"),
     "metric": ("dmae evaluate --help", "dmae report scores=[scores] out=report.html"),
+    "corruption": ("dmae stress --help", "dmae stress data=walk axes=[shade] methods=[linear] out=stressed"),
     "interaction": (
         "synth generate --help interaction",
         "synth generate interaction=face_off out=facing clips=1 scene.seconds=0.2",
@@ -81,6 +82,7 @@ def add_one_of_each(checkout: Path) -> None:
     (checkout / "dmae/formats/lizard.py").write_text(code_of("add_format"))
     (checkout / "dmae/completion/methods/midpoint.py").write_text(code_of("add_method"))
     (checkout / "dmae/metrics/jerkiness.py").write_text(code_of("add_metric"))
+    (checkout / "dmae/evaluation/corruption/occlusions/shade.py").write_text(code_of("add_corruption"))
     (checkout / "synth/interactions/face_off.py").write_text(code_of("add_interaction"))
     (checkout / "synth/motion/readers/tall.py").write_text(MOTION_READER)
     (checkout / "synth/detector/errors/blackouts.py").write_text(code_of("add_detector_error"))
@@ -145,6 +147,7 @@ def ran(tmp_path_factory) -> Ran:
     [
         ("format", "data=lizard", "The Lizard tracker's JSON"),
         ("completion method", "midpoint", ""),
+        ("corruption", "shade", ""),
         ("interaction", "interaction=face_off", "Two people stand still and look at each other."),
         ("room", "scene=kitchen", "A kitchen with an island."),
         ("motion reader", "motion=tall", "One number, the hip height of a person who stands, m."),
@@ -164,6 +167,11 @@ def test_a_new_completion_method_and_a_new_metric_are_scored(ran):
     assert {result["method"] for result in results} == {"linear", "midpoint"}
     assert all(result["mean"]["jerkiness"] > 0 for result in results)
     assert "jerk" in (ran.folder / "report.html").read_text()
+
+
+def test_a_new_corruption_is_an_axis(ran):
+    (axis,) = json.loads((ran.folder / "stressed/stress.json").read_text())["axes"]
+    assert (axis["name"], axis["unit"]) == ("shade", "% of the image")
 
 
 def test_a_new_interaction_places_people(ran):

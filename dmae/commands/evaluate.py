@@ -27,8 +27,8 @@ WORSE = 2
 
 def run(config: EvaluateConfig, out: Path) -> None:
     """Score, print and write; with a baseline exit with `WORSE` where a figure is worse."""
-    baseline = config.baseline and read_scores(Path(config.baseline))
-    if baseline:
+    baseline = None if config.baseline is None else read_scores(Path(config.baseline))
+    if baseline is not None:
         # Before the work: what cannot be compared is no use afterwards.
         check_baseline(baseline, scored_options(config), config.changed)
     scores = evaluate(config)
@@ -36,7 +36,7 @@ def run(config: EvaluateConfig, out: Path) -> None:
     write_atomic(path, json_text(scores))
     print_tables(score_tables(scores))
     print(path)
-    if baseline:
+    if baseline is not None:
         gate = compare_scores(baseline, scores, config.changed)
         print(gate)
         if not gate.passed:

@@ -3,7 +3,10 @@
 import hashlib
 import json
 import os
+import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 
@@ -62,6 +65,45 @@ def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def check_vacant(out: Path, contents: str) -> None:
+    """Make sure that a folder does not exist yet, or is empty.
+
+    Args:
+        out: The folder.
+        contents: What is to be written into it, for the message: "the data set".
+
+    Raises:
+        ValueError: there is a file, or something in the folder.
+    """
+    out = Path(out)
+    if out.is_file() or (out.is_dir() and any(out.iterdir())):
+        there = "a file" if out.is_file() else f"a folder with {min(path.name for path in out.iterdir())}"
+        raise ValueError(
+            f"{out}: expected no such folder yet, or an empty one, for {contents}; found {there}. "
+            "Choose another out, or remove it"
+        )
+
+
+@contextmanager
+def whole_folder(out: Path) -> Iterator[Path]:
+    """Write a folder whole or not at all: yield another one beside it, which takes its name once the block is done.
+
+    Args:
+        out: A folder that does not exist, or is empty (`check_vacant`).
+    """
+    out = Path(out)
+    partial = out.with_name(f".{out.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        if out.is_dir():
+            out.rmdir()
+        partial.rename(out)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def read_json(path: Path):
@@ -154,14 +196,15 @@ def load_clip(folder: Path) -> Clip:
     if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
         raise ValueError(f"{path}: does not match the checksum in clip.json; the clip is damaged, make it again")
     try:
-        return _assemble(folder, meta, load_tensors(data))
+        return assemble_clip(folder, meta, load_tensors(data))
     except (SafetensorError, ValueError) as error:
         raise ValueError(f"{folder}: {error}") from None
     except KeyError as error:
         raise ValueError(f"{folder}: clip.json or arrays.safetensors lacks {error}") from None
 
 
-def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
+def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
+    """Return the clip of a folder from the content of its JSON and its arrays, of all frames or of some."""
     parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
     images = meta["images"]
     if images:
@@ -178,6 +221,13 @@ def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
         **parts,
         occlusion=_labels("occlusion", OcclusionLabels, arrays, objects=tuple(meta["objects"])),
         detection_labels=_labels("detection_labels", DetectionLabels, arrays),
+    )
+
+
+def is_of_frames(array: str) -> bool:
+    """Return whether the first axis of an array on disk is frames; those of cameras are of views."""
+    return array.startswith(("detections.", "truth.", "poses.")) or any(
+        array in each.values() for each in _LABELS.values()
     )
 
 

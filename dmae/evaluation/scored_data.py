@@ -30,7 +30,8 @@ def scored_clip(clip: Clip) -> dict:
     that of simulated clips there are counts and means: `joints` of the truth and their `mean`, m; `detected` joints,
     the means of their `pixels`, `score` and `offset_px`.
     """
-    truth, found = clip.truth.xyz.astype(np.float64), clip.detections
+    found = clip.detections
+    truth = np.empty((len(clip), 0, 0, 3)) if clip.truth is None else clip.truth.xyz.astype(np.float64)
     facts = {
         "frames": len(clip),
         "fps": clip.fps,

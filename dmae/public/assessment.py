@@ -42,8 +42,8 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
         >>> bool(scores["pcp"] > 50)
         True
     """
-    from dmae.evaluation.evaluate import PUBLISHED_ACTORS
     from dmae.evaluation.predictions import fitting
+    from dmae.evaluation.reference import scored_actors
     from dmae.evaluation.scores import score
 
     poses = clip.poses if poses is None else poses
@@ -52,8 +52,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
     truth = convert(clip.truth, get_skeleton(skeleton or clip.truth.skeleton.parts[-1].name))
     poses = fitting(poses, truth, f"clip {clip.id!r}")
     captured = poses.without(poses.source == Source.COMPLETED)
-    actors = PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
-    return score(poses, captured, truth, actors, fps=clip.fps)
+    return score(poses, captured, truth, scored_actors(clip), fps=clip.fps)
 
 
 def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, changed: tuple[str, ...] = ()) -> Gate:
@@ -109,7 +108,7 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
         True
     """
     from dmae.reporting.figures import views_figure
-    from dmae.reporting.page import frames_to_draw
+    from dmae.reporting.frames import frames_to_draw
 
     clip = clip if poses is None else replace(clip, poses=poses)
     if clip.poses is None:
@@ -117,28 +116,30 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
     return views_figure(clip, frames_to_draw(clip, 1)[0] if frame is None else frame)
 
 
-def report(clip: Clip, out: str | Path, *, title: str = "Occluded multi-view motion, captured and completed") -> None:
-    """Write a page of pictures of a clip's poses: an HTML file that loads nothing from elsewhere.
+def report(
+    clip: Clip | Sequence[Clip],
+    out: str | Path,
+    *,
+    scores: Sequence[dict] = (),
+    title: str = "Multi-view motion: measured and completed",
+) -> None:
+    """Write the report of a clip: a player, the worst moments, errors by group, as one HTML file without network.
 
     Args:
-        clip: Has captured or completed `poses`.
+        clip: With truth and images or without, captured and completed or not yet; or several, as `load_dataset` gives.
         out: The file.
+        scores: Contents of `scores.json` of `dmae evaluate`, to be shown below.
         title: Heading of the page.
-
-    Raises:
-        ValueError: the clip has no poses.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
         >>> dmae.report(replace(clip, poses=dmae.capture(clip)), "report.html")
-        >>> "<html" in Path("report.html").read_text()
+        >>> "Worst moments" in Path("report.html").read_text()
         True
     """
-    from dmae.reporting.page import views_section, write_report
+    from dmae.evaluation.report.page import write_clips_report
 
-    if clip.poses is None:
-        raise ValueError(f"clip {clip.id!r} has no poses to report; run dmae.capture(clip)")
-    write_report(Path(out), title, [views_section(clip)])
+    write_clips_report(Path(out), [clip] if isinstance(clip, Clip) else clip, scores, title=title)
 
 
 def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:

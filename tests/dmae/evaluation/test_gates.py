@@ -156,6 +156,14 @@ def test_what_cannot_be_compared_is_refused_with_both_sides(baseline: dict, edit
         compare_scores(other, baseline)
 
 
+def test_recordings_without_truth_are_compared_too(tmp_path: Path):
+    """All cameras together are the reference of fewer."""
+    save_clip(replace(ten_seconds(), truth=None), tmp_path / "data")
+    scores = evaluate(config(tmp_path / "data", methods=["linear"], views=[3], reference="capture"))
+    gate = compare_scores(json.loads(json.dumps(scores)), scores)
+    assert gate.passed and gate.changes
+
+
 def test_options_may_change_on_purpose(baseline: dict):
     other = copy.deepcopy(baseline)
     other["options"].update({"smooth": 0.2, "capture.tracking.coasting_s": 9})
@@ -211,12 +219,15 @@ def test_the_command_says_so_by_its_status(folder: Path, baseline: dict):
     (folder / "good.json").write_text(json.dumps(worse(baseline, "mpjpe", -1.0)))
     done = dmae(folder, "evaluate", *options, "baseline=good.json")
     assert done.returncode == 2
-    assert "linear, 4 views: MPJPE is worse" in done.stdout and "FAILED: of 10 figures 1 are worse" in done.stdout
+    assert "linear, 4 views: MPJPE is worse" in done.stdout and "FAILED: of 14 figures 1 are worse" in done.stdout
     assert (folder / "scores/scores.json").is_file()
     done = dmae(folder, "evaluate", *options[:1], "methods=[linear]", *options[2:], "baseline=scores")
     assert done.returncode == 1
     assert "not compared: measured, 4 views: in the baseline, and not scored now" in done.stdout
     done = dmae(folder, "evaluate", *options, "baseline=old.json", "smooth=0.3")
     assert done.returncode == 1 and "smooth=0.1 in the baseline, 0.3 here" in done.stderr
+    (folder / "empty.json").write_text("{}")
+    done = dmae(folder, "evaluate", *options, "baseline=empty.json")
+    assert done.returncode == 1 and "baseline: expected the scores.json" in done.stderr
     done = dmae(folder, "evaluate", *options, "baseline=nowhere.json")
     assert done.returncode == 1 and "nowhere.json: no such file" in done.stderr
