@@ -9,7 +9,7 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SHELF14, Skeleton
 from dmae.evaluation.evaluate import EvaluateConfig, Trial, filled_trials, load_methods
-from dmae.evaluation.paper_tables.config import Size, TableConfig
+from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.data_sets import check_truth
 from dmae.evaluation.paper_tables.head_placement import convert_with_head
 from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, paper_table
@@ -20,8 +20,8 @@ from dmae.metrics.pcp import correct_limbs
 from dmae.metrics.protocols import Protocol, count_limbs, protocol
 
 METHODS = {
-    Size.small: ("measured", "linear", "dmae"),
-    Size.full: ("measured", "linear", "pchip_body", "gaussian_process", "dmae", "dmae_denoise"),
+    TableSize.small: ("measured", "linear", "dmae"),
+    TableSize.full: ("measured", "linear", "pchip_body", "gaussian_process", "dmae", "dmae_denoise"),
 }
 AGAINST = "dmae"
 """The row that others are compared with: the shipped network, as it is used by default."""
