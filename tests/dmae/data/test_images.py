@@ -75,8 +75,8 @@ def test_one_frame_of_each_kind(folder):
     np.testing.assert_array_equal(some.at("ids", "left", 1), ids[4])
     np.testing.assert_allclose(some.at("depth", "left", 0), depth[1], atol=0.00051)
     np.testing.assert_array_equal(some.at("rgb", "left", -1), list(images.read("rgb", "left"))[4])
-    with pytest.raises(KeyError, match="no flow images"):
-        some.at("flow", "left", 0)
+    with pytest.raises(KeyError, match="no heat images"):
+        some.at("heat", "left", 0)
     with pytest.raises(IndexError):
         some.at("ids", "left", 2)
     longer = Images(images.folder, ("left",), tuple(range(9)))
