@@ -98,7 +98,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as place:
         os.chdir(place)
         seeds = {}
-        for name, *_ in plan:
+        for name in dict.fromkeys(name for name, *_ in plan):
             seeds[name] = Path(place) / "seeds" / name.replace("/", "_")
             seeds[name].mkdir(parents=True)
             by_name[name].write(seeds[name])

@@ -33,7 +33,8 @@ def fuzz(plan: list[tuple[str, int, int]]) -> Iterator[tuple[str, int, str, str]
             [sys.executable, "-m", "tests.fuzz.child", json.dumps(left)], stdout=subprocess.PIPE, text=True
         )
         lines: queue.Queue = queue.Queue()
-        threading.Thread(target=_drain, args=(child.stdout, lines), daemon=True).start()
+        reading = threading.Thread(target=_drain, args=(child.stdout, lines), daemon=True)
+        reading.start()
         begun = None
         while True:
             try:
@@ -50,6 +51,8 @@ def fuzz(plan: list[tuple[str, int, int]]) -> Iterator[tuple[str, int, str, str]
                 begun = None
                 _advance(left, name, index)
         status = child.wait()
+        reading.join()
+        child.stdout.close()
         if begun:
             yield *begun, "hang" if status == -9 else "crash", f"the process ended with {status}"
             _advance(left, *begun)
