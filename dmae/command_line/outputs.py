@@ -58,8 +58,8 @@ def locked(out: Path) -> Iterator[None]:
 
 def record(configuration: str, out: Path) -> None:
     """Write the resolved configuration, as YAML, beside what was made with it."""
-    from dmae.checksums import RECORD, with_own_checksum  # loads NumPy, which help does without
     from dmae.data.store import write_atomic
+    from dmae.files.checksums import RECORD, with_own_checksum  # loads NumPy, which help does without
 
     folder = out if out.is_dir() else out.parent
     name = RECORD if out.is_dir() else f"{out.name}.{RECORD}"

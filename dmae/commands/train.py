@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from dmae.checksums import refuse_damaged
 from dmae.command_line import interruption
 from dmae.completion.training.config import TrainConfig
 from dmae.completion.training.train import train
 from dmae.data.clip import Clip
+from dmae.files.checksums import refuse_damaged
 from dmae.formats.reading import Clips, DataConfig, load
 
 WRITES = "folder"

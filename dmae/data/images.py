@@ -11,6 +11,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dmae.files.names import child
+from dmae.files.pictures import read_grey_png
+from dmae.files.videos import open_video
+
 KINDS = ("rgb", "depth", "ids", "parts")
 FIRST_OBJECT_ID = 256
 """Ids in an image: 0 nothing, 1 + p person p, 256 + k object k of `OcclusionLabels.objects`."""
@@ -48,6 +52,7 @@ class Images:
         Raises:
             KeyError: no such kind or view.
             FileNotFoundError: a frame is missing on disk.
+            ValueError: a file is damaged, or has more pixels than a picture can.
         """
         self._check(kind, view)
         if kind == "rgb":
@@ -74,7 +79,7 @@ class Images:
         self._check(kind, view)
         number = self.frames[frame]
         if kind == "rgb":
-            return open_video(self.folder / "rgb" / f"{view}.mp4").read(number)
+            return _kept_open(child(self.folder / "rgb", f"{view}.mp4", "camera")).read(number)
         return self._png(kind, view, number)
 
     def _check(self, kind: str, view: str) -> None:
@@ -82,25 +87,25 @@ class Images:
             raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
 
     def _png(self, kind: str, view: str, frame: int) -> np.ndarray:
-        path = self.folder / kind / view / f"{frame:06d}.png"
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if image is None:
-            raise FileNotFoundError(f"{path}: no readable PNG")
+        image = read_grey_png(child(self.folder / kind, view, "camera") / f"{frame:06d}.png")
         return np.where(image > 0, image / np.float32(1000), np.float32(np.nan)) if kind == "depth" else image
 
     def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
         """Yield functions that return the images of `read("rgb", view)`: frames that are skipped are not converted."""
         import av
 
-        path, wanted, last = self.folder / "rgb" / f"{view}.mp4", set(self.frames), max(self.frames)
+        path, wanted, last = child(self.folder / "rgb", f"{view}.mp4", "camera"), set(self.frames), max(self.frames)
         found = 0
-        with av.open(str(path)) as container:
-            for number, frame in enumerate(container.decode(video=0)):
-                if number in wanted:
-                    found += 1
-                    yield partial(frame.to_ndarray, format="rgb24")
-                if number == last:
-                    break
+        with open_video(path) as container:
+            try:
+                for number, frame in enumerate(container.decode(video=0)):
+                    if number in wanted:
+                        found += 1
+                        yield partial(frame.to_ndarray, format="rgb24")
+                    if number == last:
+                        break
+            except (av.FFmpegError, ValueError) as error:
+                raise ValueError(f"{path}: this video is damaged, {error}") from None
         if found != len(self.frames):
             raise FileNotFoundError(f"{path}: expected {len(self.frames)} frames, up to {last}; found {found}")
 
@@ -116,12 +121,8 @@ class VideoFrames:
     """
 
     def __init__(self, path: Path):
-        import av
-
         self._path = path
-        if not path.is_file():
-            raise FileNotFoundError(f"{path}: no such video")
-        self._container = av.open(str(path))
+        self._container = open_video(path)
         # Whoever reads in parallel does so in several processes.
         self._container.streams.video[0].codec_context.thread_count = 1
         packets = [packet for packet in self._container.demux(video=0) if packet.pts is not None]
@@ -152,7 +153,7 @@ class VideoFrames:
         raise FileNotFoundError(f"{self._path}: frame {number} cannot be decoded; the video is damaged")
 
 
-def open_video(path: Path) -> VideoFrames:
+def _kept_open(path: Path) -> VideoFrames:
     """Return a video, which stays open until a few others were opened."""
     return _videos_of(os.getpid())(path, path.stat().st_mtime_ns if path.is_file() else 0)
 

@@ -10,7 +10,8 @@ from safetensors import SafetensorError, safe_open
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import get_skeleton
-from dmae.data.store import FORMAT, assemble_clip, clip_folders, is_of_frames, read_json
+from dmae.data.store import FORMAT, assemble_clip, clip_folders, is_of_frames
+from dmae.files.structured import read_json
 
 ARRAYS, META = "arrays.safetensors", "clip.json"
 _OPEN = 32

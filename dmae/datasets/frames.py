@@ -15,7 +15,7 @@ from dmae.formats.labelled_images.pictures import PersonLabel, label_persons
 
 
 class Target(TypedDict, total=False):
-    """The N persons whom a picture shows, as torchvision's detectors take them."""
+    """The N persons that a picture shows, as torchvision's detectors take them."""
 
     boxes: Tensor
     """(N, 4) float32 left, top, right, bottom, px."""

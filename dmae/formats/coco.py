@@ -9,7 +9,9 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.data.store import check_vacant, read_json, whole_folder
+from dmae.data.store import check_vacant, whole_folder
+from dmae.files.numbers import MOST_PIXELS, check_numbers
+from dmae.files.structured import read_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
 from dmae.formats.labelled_images.coco_entries import clip_entry, write_json
 from dmae.formats.labelled_images.joints import joint_labels
@@ -195,9 +197,11 @@ def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> 
 
 def _numbers(place: str, found, each: int) -> np.ndarray:
     try:
-        return np.array(found, np.float64).reshape(-1, each)
-    except (TypeError, ValueError):
+        array = np.array(found, np.float64).reshape(-1, each)
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{place}: expected a list of numbers, {each} for each joint, found {found!r:.60}") from None
+    check_numbers(place, array, MOST_PIXELS)
+    return array
 
 
 def write_annotations(

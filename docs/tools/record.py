@@ -55,8 +55,9 @@ RECORDED = {
         "4 minutes",
     ),
     "table_5": (
-        f"{_TWO_INTERACTIONS} && dmae table number=5 data=interactions/0 extra_data=[interactions/1] size=small",
-        "4 minutes",
+        f"{_INTERACTIONS.replace('views=3 clips=4', 'views=4 clips=6')} && "
+        "dmae table number=5 data=interactions/0 extra_data=[interactions/1,interactions/3] size=small",
+        "5 minutes",
     ),
     "stress_generated": (
         "synth generate out=clips clips=2 seed=11 scene.seconds=4 scene.persons=[3,3] workers=2 && "

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from synth.datasets.export import export
+from synth.datasets.exporters.export import export
 from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import PictureFormat
 

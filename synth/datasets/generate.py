@@ -7,9 +7,9 @@ from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
 
-from dmae.checksums import Checksum, begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.data.resume import claim_folder
 from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, write_manifest
+from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.datasets.clip import GenerateConfig, ImageKinds, attempt_seed, check, clip_id, generate_clip

@@ -8,6 +8,7 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.data.images import FIRST_OBJECT_ID, Images
+from dmae.files.names import child
 from synth.labels.silhouettes import agreement
 
 _MIN_AGREEMENT = 0.99
@@ -106,7 +107,7 @@ def _files(images: Images) -> set[Path]:
     """Return the files of images."""
     single = [kind for kind in images.kinds if kind != "rgb"]
     files = {
-        images.folder / kind / view / f"{frame:06d}.png"
+        child(images.folder / kind, view, "camera") / f"{frame:06d}.png"
         for kind in single
         for view in images.views
         for frame in images.frames

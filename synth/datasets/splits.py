@@ -14,7 +14,8 @@ from safetensors import safe_open
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from dmae.data.store import clip_folders, read_json, write_atomic
+from dmae.data.store import clip_folders, write_atomic
+from dmae.files.structured import read_json
 from dmae.progress import progress
 
 FORMAT = 1

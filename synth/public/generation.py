@@ -9,14 +9,15 @@ from pathlib import Path
 
 from dmae.cli import compose
 from dmae.data.clip import Clip
-from dmae.data.store import clip_folders, load_clip, read_json
+from dmae.data.store import clip_folders, load_clip
+from dmae.files.structured import read_json
 from dmae.parallel import in_parallel
 from synth.cli import SYNTH
-from synth.datasets import export as datasets_export
 from synth.datasets import generate as datasets
 from synth.datasets import splits as datasets_splits
 from synth.datasets import verify as datasets_verify
 from synth.datasets.clip import GenerateConfig, ImageKinds, check, clip_id, generate_clip
+from synth.datasets.exporters import export as datasets_export
 from synth.datasets.exporters.selection import PictureFormat
 from synth.datasets.parts import merge as datasets_merge
 from synth.datasets.splits import SplitBy

@@ -14,8 +14,9 @@ from dmae.data.images import KINDS
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import FORMAT, save_clip
-from synth.datasets import export, splits
-from synth.datasets.export import export as export_data_set
+from synth.datasets import splits
+from synth.datasets.exporters import export
+from synth.datasets.exporters.export import export as export_data_set
 from synth.datasets.exporters.huggingface import PERSONS
 from synth.datasets.splits import SplitBy, write_splits
 from synth.datasets.statistics import page as statistics

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.checksums import RECORD
 from dmae.data.images import write_ids, write_video
+from dmae.files.checksums import RECORD
 
 OWN = {"data set"}
 """What damages of the files of the data set itself concern."""

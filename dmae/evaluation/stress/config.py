@@ -12,7 +12,7 @@ PAPER = "paper"
 """The contender that captures with the thresholds of the paper."""
 
 
-class Size(StrEnum):
+class StressSize(StrEnum):
     """How many levels of each axis, pairs of axes and seeds."""
 
     small = "small"
@@ -27,7 +27,7 @@ class StressConfig:
 
     data: DataConfig = field(default_factory=DataConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
-    size: Size = Size.small
+    size: StressSize = StressSize.small
     """How many levels of each axis, pairs of axes and seeds."""
     axes: list[str] = field(default_factory=list, metadata={"choices": corruption})
     """What goes wrong, one at a time, or module:function of your own; by default everything that the clips allow."""

@@ -29,7 +29,7 @@ def axis_figure(axis: dict) -> Figure:
     right.axhline(HIDDEN_ERROR, color="#999999", linewidth=0.8, linestyle=":")
     for panel, which in ((left, "pcp"), (right, "hidden")):
         panel.set_xlabel(axis["unit"] if axis["name"] in axis["unit"] else f"{axis['name']} [{axis['unit']}]")
-        panel.grid(color="#e3e3e3", linewidth=0.5)
+        panel.grid(color="#dddddd", linewidth=0.5)
         panel.spines[["top", "right"]].set_visible(False)
         _name_lines(panel, axis, which)
     return figure

@@ -28,13 +28,15 @@ def write_result(result: dict, out: Path) -> None:
         out: Folder.
     """
     write_atomic(out / "stress.json", json_text(result))
-    write_report(out / "stress.html", "What breaks the methods", sections(result))
+    compared, *found = summary(result)
+    paragraphs = [compared, " ".join(found)]
+    write_report(out / "stress.html", "What breaks the methods", sections(result), summary=paragraphs)
 
 
 def sections(result: dict) -> list[Section]:
     """Return the sections of the page."""
     found = [
-        Section("In short", " ".join(summary(result)), tables=[*breaking_tables(result), best_table(result)]),
+        Section("Where methods break", tables=[*breaking_tables(result), best_table(result)]),
         *(_axis_section(axis) for axis in result["axes"]),
     ]
     if result["pairs"]:

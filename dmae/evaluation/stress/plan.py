@@ -7,13 +7,13 @@ from itertools import product
 from dmae.data.clip import Clip
 from dmae.evaluation.corruption.corrupt import check
 from dmae.evaluation.corruption.registry import corruptions, find_corruption
-from dmae.evaluation.stress.config import Size, StressConfig
+from dmae.evaluation.stress.config import StressConfig, StressSize
 
 _PAIRS = {
-    Size.small: ("cameras+objects",),
-    Size.full: ("cameras+objects", "calibration+cameras", "crowd+misses", "jitter+bursts"),
+    StressSize.small: ("cameras+objects",),
+    StressSize.full: ("cameras+objects", "calibration+cameras", "crowd+misses", "jitter+bursts"),
 }
-_SEEDS = {Size.small: 1, Size.full: 3}
+_SEEDS = {StressSize.small: 1, StressSize.full: 3}
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def plan(config: StressConfig) -> Plan:
     names = config.axes or [entry.name for entry in corruptions()]
     axes = [_axis((name,), config, bool(config.axes)) for name in dict.fromkeys(names)]
     pairs = []
-    for pair in _PAIRS[Size(config.size)] if config.pairs is None else config.pairs:
+    for pair in _PAIRS[StressSize(config.size)] if config.pairs is None else config.pairs:
         first, plus, second = pair.partition("+")
         if not (plus and first and second) or first == second:
             raise ValueError(f"pairs={pair}: expected two different axes, as in pairs=[cameras+objects]")
@@ -91,7 +91,7 @@ def plan(config: StressConfig) -> Plan:
     used = {name for axis in (*axes, *pairs) for name in axis.names}
     if unused := set(config.levels) - used:
         raise ValueError(f"levels of {', '.join(sorted(unused))}: no such axis is used; there are {', '.join(used)}")
-    seeds = tuple(range(config.seed, config.seed + _SEEDS[Size(config.size)]))
+    seeds = tuple(range(config.seed, config.seed + _SEEDS[StressSize(config.size)]))
     return Plan(tuple(axes), tuple(pairs), seeds)
 
 
@@ -129,7 +129,7 @@ def _axis(names: tuple[str, ...], config: StressConfig, asked: bool) -> Axis:
     for name in names:
         entry = find_corruption(name)
         given = config.levels.get(name)
-        chosen = given or (entry.small if len(names) > 1 or config.size == Size.small else entry.levels)
+        chosen = given or (entry.small if len(names) > 1 or config.size == StressSize.small else entry.levels)
         for level in chosen:
             entry.check(level)
         levels.append(sorted({float(level) for level in chosen if level}))

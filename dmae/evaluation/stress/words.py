@@ -26,10 +26,10 @@ def summary(result: dict) -> list[str]:
     harmless = [axis["name"] for axis in axes if _unbroken(axis) == set(axis["methods"])]
     if harmless:
         sentences.append(f"Every method holds over the whole range of {_listed(harmless)}.")
-    for name in result["methods"]:
-        held = [axis["name"] for axis in axes if name in _unbroken(axis)]
-        sentences.append(f"{name} holds over the whole range of {len(held)} of {len(axes)}.")
-    best = Counter(axis["best"] for axis in axes if axis["best"] and axis["level_with"] == [])
+    held = [f"{name} {sum(name in _unbroken(axis) for axis in axes)}" for name in result["methods"]]
+    sentences.append(f"Of {counted(len(axes), 'kind')}, each method holds over the whole range of: {', '.join(held)}.")
+    alone = [axis for axis in axes if axis["best"] and axis["level_with"] == [] and len(axis["methods"]) > 1]
+    best = Counter(axis["best"] for axis in alone)
     for name, number in best.most_common():
         sentences.append(f"At the greatest level, {name} is better than every other method, beyond noise, on {number}.")
     level = sum(bool(axis["level_with"]) for axis in axes)
@@ -92,15 +92,13 @@ def pair_tables(result: dict) -> list[Table]:
 
 def breaking_sentence(axis: dict) -> str:
     """Return where each method breaks on an axis, in a sentence."""
-    parts = []
-    for name in axis["methods"]:
-        found = axis["methods"][name]["breaks"]["pcp"]
-        if found is None:
-            parts.append(f"{name} was not measured")
-        elif found[0] is None:
-            parts.append(f"{name} holds over the whole range")
-        else:
-            parts.append(f"{name} breaks at {_break(axis, name, 'pcp')}")
+    breaks = {name: method["breaks"]["pcp"] for name, method in axis["methods"].items()}
+    broken = [name for name, found in breaks.items() if found and found[0] is not None]
+    parts = [f"{name} breaks at {_break(axis, name, 'pcp')}" for name in broken]
+    if held := [name for name in breaks if name in _unbroken(axis)]:
+        parts.append(f"{_listed(held)} hold{'s' if len(held) == 1 else ''} over the whole range")
+    if unknown := [name for name, found in breaks.items() if found is None]:
+        parts.append(f"not measured: {_listed(unknown)}")
     return f"By PCP, in {axis['unit']}: {'; '.join(parts)}."
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
-from dmae.data.store import read_json
+from dmae.files.structured import read_json
 from dmae.formats.labelled_images.coco_entries import annotation_entry, category_entry, clip_entry, image_entry
 from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection, write_lines

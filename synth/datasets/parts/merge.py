@@ -4,8 +4,9 @@ import os
 import shutil
 from pathlib import Path
 
-from dmae.checksums import clip_checksum, end_data_set, refuse_damaged
-from dmae.data.store import CHECKSUMS, MANIFEST, check_vacant, read_json, read_manifest, whole_folder, write_manifest
+from dmae.data.store import CHECKSUMS, MANIFEST, check_vacant, read_manifest, whole_folder, write_manifest
+from dmae.files.checksums import clip_checksum, end_data_set, refuse_damaged
+from dmae.files.structured import read_json
 from dmae.progress import progress
 from synth.datasets.clip import clip_id
 from synth.datasets.generate import CONFIG

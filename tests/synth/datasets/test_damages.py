@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dmae.checksums import refuse_damaged
 from dmae.data.store import read_manifest
+from dmae.files.checksums import refuse_damaged
 from synth.datasets.clip import GenerateConfig, ImageKinds
 from synth.datasets.generate import generate
 from synth.datasets.verify import verify

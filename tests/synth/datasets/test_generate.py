@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dmae.data.labels import Visibility
-from dmae.data.store import load_clip, read_manifest
+from dmae.data.store import CHECKSUMS, load_clip, read_manifest
 from synth.datasets import clip as module
 from synth.datasets import generate as dataset
 from synth.datasets.clip import GenerateConfig, ImageKinds, attempt_seed, generate_clip
@@ -197,7 +197,7 @@ def test_a_crash_leaves_no_half_clip_and_loses_no_whole_one(config, monkeypatch)
     with pytest.raises(OSError, match="disk full"):
         generate(config)
     out = Path(config.out)
-    assert sorted(path.name for path in out.iterdir()) == ["000000", CONFIG, "manifest.jsonl"]
+    assert sorted(path.name for path in out.iterdir()) == ["000000", CHECKSUMS, CONFIG, "manifest.jsonl"]
     assert [line["id"] for line in read_manifest(out)] == ["000000"]
 
 

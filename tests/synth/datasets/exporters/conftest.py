@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from synth.datasets.export import export
+from synth.datasets.exporters.export import export
 from synth.datasets.splits import SplitBy, write_splits
 from tests.support.data_sets import pictured_set
 

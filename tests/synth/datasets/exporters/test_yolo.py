@@ -8,7 +8,7 @@ import yaml
 from dmae.data.skeleton import COCO17
 from dmae.data.store import load_clip
 from dmae.formats.labelled_images.joints import joint_labels
-from synth.datasets.export import export
+from synth.datasets.exporters.export import export
 
 
 def test_labels_are_fractions_of_the_pictures(exported, data):

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from dmae.checksums import number_of
 from dmae.data.store import read_manifest
+from dmae.files.checksums import number_of
 from synth.datasets.clip import GenerateConfig, ImageKinds
 from synth.datasets.generate import generate
 from synth.datasets.parts import merge as module

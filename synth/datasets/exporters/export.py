@@ -6,9 +6,10 @@ from collections import Counter
 from importlib import metadata
 from pathlib import Path
 
-from dmae.checksums import refuse_damaged
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.store import check_vacant, clip_folders, read_json, whole_folder, write_atomic
+from dmae.data.store import check_vacant, clip_folders, whole_folder, write_atomic
+from dmae.files.checksums import refuse_damaged
+from dmae.files.structured import read_json
 from synth.datasets.exporters.registry import Exporter, exporter
 from synth.datasets.exporters.selection import PARTS, PictureFormat, Selection
 from synth.datasets.splits import read_splits

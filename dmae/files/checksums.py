@@ -7,7 +7,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import NamedTuple
 
-from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, read_json, write_atomic
+from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, write_atomic
+from dmae.files.structured import read_json
 
 FORMAT = 1
 RECORD = "config.yaml"
@@ -249,5 +250,7 @@ def _clip(name: str) -> str | None:
 
 
 def _text(files: dict[str, Checksum]) -> str:
+    """Return the content of `checksums.json`, which holds a checksum of itself."""
     entries = {name: files[name]._asdict() for name in sorted(files)}
-    return json.dumps({"format": FORMAT, "files": entries}, indent=1)
+    digest = hashlib.sha256(json.dumps(entries).encode()).hexdigest()
+    return json.dumps({"format": FORMAT, "files": entries, "sha256_of_files": digest}, indent=1)
