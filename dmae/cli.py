@@ -232,6 +232,9 @@ def _store(command: Command, configuration: type) -> None:
 
     store = ConfigStore.instance()
     store.store(name=f"{command.name}_schema", node=_schema(configuration))
+    # Presets of a command of another program that ran before in this process: `data=...` is a plain option of some.
+    for group in DMAE.registries.keys() - command.registries.keys():
+        store.repo.pop(group, None)
     for group, presets in command.registries.items():
         for name, preset in presets().items():
             store.store(group=group, name=name, node=preset.values)
