@@ -38,7 +38,7 @@ LAYERS = (
 """Rooms, lowest first. A room imports from rooms of lower layers; those of the lowest layer may import each other."""
 
 MOST_MODULES = 13
-"""Modules in a folder, `__init__.py` apart."""
+"""Modules in a folder, `__init__.py` apart, where not each is a sub-command."""
 MOST_LINES = 300
 
 
@@ -72,7 +72,8 @@ def test_no_modules_import_each_other():
 
 def test_folders_are_small():
     counted = Counter(path.parent.relative_to(ROOT).as_posix() for path in modules().values())
-    assert {folder: count - 1 for folder, count in counted.items() if count - 1 > MOST_MODULES} == {}
+    counted = {folder: count - 1 for folder, count in counted.items() if not folder.endswith("/commands")}
+    assert {folder: count for folder, count in counted.items() if count > MOST_MODULES} == {}
 
 
 def test_modules_are_short():

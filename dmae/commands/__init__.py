@@ -4,6 +4,7 @@ COMMANDS = {
     "capture": "Turn detections into 3D poses",
     "complete": "Fill what no camera measured, marked as such",
     "evaluate": "Score methods over clips and camera subsets",
+    "benchmark": "Compare completion and capture on clips that are made here, by cause of occlusion",
     "report": "Put scores and pictures on one page",
     "convert": "Turn a recording into another format, or into a clip",
     "export": "Write poses to a file that other programs read",
