@@ -6,13 +6,13 @@ from pathlib import Path
 
 from dmae.data.store import write_atomic
 from dmae.evaluation.benchmark.run import BenchmarkConfig, benchmark
-from dmae.evaluation.benchmark.tables import benchmark_tables, write_page
+from dmae.evaluation.benchmark.tables import CHECKED, benchmark_tables, write_page
 from dmae.reporting.tables import print_tables
 
 WRITES = "folder"
 EXAMPLES = (
     "dmae benchmark methods=[linear,dmae,my_module:fill] workers=2 out=runs/benchmark",
-    "dmae benchmark size=full methods=[my_module:fill] against=runs/benchmark out=runs/mine data=runs/benchmark/data",
+    "dmae benchmark size=full methods=[my_module:fill] against=runs/benchmark out=runs/mine data_folder=runs/benchmark/data",
 )
 
 
@@ -21,12 +21,11 @@ def run(config: BenchmarkConfig, out: Path) -> None:
     write_atomic(out / "scores.json", json.dumps(scores))
     write_page(scores, out / "benchmark.html")
     print_tables(benchmark_tables(scores))
-    if not scores["frozen"]:
-        print(f"{scores['benchmark']} has no frozen checksums: scores from elsewhere may be of other clips")
+    print(CHECKED[scores["checksums"]])
     print(out / "scores.json", out / "benchmark.html", sep="\n")
 
 
 def interrupted(config: BenchmarkConfig, out: Path) -> str:
-    data = Path(config.data) if config.data else out / "data"
+    data = Path(config.data_folder) if config.data_folder else out / "data"
     whole = len(list(data.glob("given/*/*/[!.]*/clip.json")))
     return f"{whole} clips in {data} are made and captured; the same command goes on from there, and scores them again"

@@ -9,7 +9,7 @@ from pathlib import Path
 from dmae.data.clip import Clip
 from dmae.data.resume import claim_folder
 from dmae.data.store import load_clip, read_manifest, save_clip
-from dmae.evaluation.benchmark.checksums import check_clip
+from dmae.evaluation.benchmark.checksums import Agreement, check_clip
 from dmae.evaluation.benchmark.definition import ClipSet, Definition, Size
 from dmae.parallel import in_parallel
 from dmae.progress import progress
@@ -20,7 +20,7 @@ CLIPS, GIVEN = "clips", "given"
 """Folders of the benchmark's data: simulated clips, and what methods may see of them, captured."""
 
 
-def make_clips(definition: Definition, size: Size, data: Path, workers: int = 1) -> list[str]:
+def make_clips(definition: Definition, size: Size, data: Path, workers: int = 1) -> Agreement:
     """Generate, check and capture the clips of a benchmark that are not there yet.
 
     In `data`, `clips/<id>` holds each clip with its truth and labels, and `given/<id>` what methods are given of it:
@@ -33,7 +33,7 @@ def make_clips(definition: Definition, size: Size, data: Path, workers: int = 1)
         workers: Processes; -1 for one a core.
 
     Returns:
-        The ids of the clips.
+        How the clips agree with those that were frozen, of all the worst.
 
     Raises:
         ValueError: the folder holds another benchmark, a clip cannot be generated, or is not the one that was frozen.
@@ -47,9 +47,8 @@ def make_clips(definition: Definition, size: Size, data: Path, workers: int = 1)
         _generate(each, data, workers)
     ids = [name for each in sets for name in each.ids]
     tasks = [(definition, data, name) for name in ids]
-    for _ in progress(in_parallel(_prepare, tasks, workers), "checking and capturing clips", len(ids)):
-        pass
-    return ids
+    found = list(progress(in_parallel(_prepare, tasks, workers), "checking and capturing clips", len(ids)))
+    return max(found, key=[*Agreement].index)
 
 
 def clip_of(data: Path, name: str) -> Clip:
@@ -63,8 +62,10 @@ def given_clip(data: Path, name: str) -> Clip:
 
 
 def _generate(each: ClipSet, data: Path, workers: int) -> None:
-    """Generate a set of clips by the command `synth generate`: this package knows no simulator."""
+    """Generate a set of clips, unless it is whole, by the command `synth generate`: this package knows no simulator."""
     folder = data / CLIPS / each.folder
+    if all((data / CLIPS / name / "clip.json").is_file() for name in each.ids):
+        return
     command = [
         sys.executable, "-m", "synth.cli", "generate", f"out='{folder}'", f"seed={each.seed}", f"clips={each.clips}",
         f"workers={workers}", *each.options,
@@ -78,12 +79,14 @@ def _generate(each: ClipSet, data: Path, workers: int) -> None:
         raise ValueError(f"{each.folder}/{failed[0]['id']}: could not be generated: {failed[0]['reason']}")
 
 
-def _prepare(definition: Definition, data: Path, name: str) -> None:
+def _prepare(definition: Definition, data: Path, name: str) -> Agreement:
     """Check a clip, and capture it unless that was done."""
     clip = clip_of(data, name)
-    if definition.checksums.is_file():
-        check_clip(name, clip, definition.checksums)
-    if (data / GIVEN / name / "clip.json").is_file():
-        return
-    seen = replace(clip, truth=None, occlusion=None, detection_labels=None, true_rig=None, id=name.replace("/", "-"))
-    save_clip(replace(seen, poses=capture(seen, CaptureConfig()), provenance={}), data / GIVEN / name)
+    frozen = definition.checksums.is_file()
+    agreement = check_clip(name, clip, definition.checksums) if frozen else Agreement.unchecked
+    if not (data / GIVEN / name / "clip.json").is_file():
+        seen = replace(
+            clip, truth=None, occlusion=None, detection_labels=None, true_rig=None, id=name.replace("/", "-")
+        )
+        save_clip(replace(seen, poses=capture(seen, CaptureConfig()), provenance={}), data / GIVEN / name)
+    return agreement

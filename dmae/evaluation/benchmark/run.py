@@ -39,7 +39,7 @@ class BenchmarkConfig:
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     against: str | None = None
     """Earlier scores, a `scores.json` or its folder, to compare with: paired differences with intervals."""
-    data: str | None = None
+    data_folder: str | None = None
     """Folder of the clips, which runs can share; by default `data` in `out`."""
     workers: int = 1
     """Processes; -1 for one a core."""
@@ -51,10 +51,10 @@ def benchmark(config: BenchmarkConfig) -> dict:
     """Make the clips of a benchmark unless they are there, and score methods and captures on them.
 
     Returns:
-        JSON-able. `benchmark`, `size`, and `frozen`, whether the clips were compared with frozen checksums; `axes`, the
-        classes of cells; `levels`, each with its name, clips and difficulty; `clips`, facts about each; `completion`
-        and `capture`, for each hand-in by name its `summary` and its `clips`, the cells of each by id; `differences`
-        from earlier scores, see `differences`.
+        JSON-able. `benchmark`; `size`; `checksums`, how the clips agree with those that were frozen (`Agreement`);
+        `axes`, the classes of cells; `levels`, each with its name, clips and difficulty; `clips`, facts about each;
+        `completion` and `capture`, for each hand-in by name its `summary` and its `clips`, the cells of each by id;
+        `differences` from earlier scores, see `differences`.
 
     Raises:
         ValueError: no such benchmark or hand-in, poses do not fit a clip, clips are not those that were frozen, or
@@ -73,15 +73,15 @@ def benchmark(config: BenchmarkConfig) -> dict:
     earlier = _earlier(config.against)
     if earlier:
         check_same(earlier, definition.name, config.size)
-    data = Path(config.data) if config.data else Path(config.out) / "data"
-    make_clips(definition, config.size, data, config.workers)
+    data = Path(config.data_folder) if config.data_folder else Path(config.out) / "data"
+    agreement = make_clips(definition, config.size, data, config.workers)
     level_of = {name: each.level for each in sets for name in each.ids}
     tasks = [(data, name, hand_ins) for name in ids]
     scored = list(progress(in_parallel(score_clip, tasks, config.workers), "scoring clips", len(ids)))
     scores = {
         "benchmark": definition.name,
         "size": Size(config.size).value,
-        "frozen": definition.checksums.is_file(),
+        "checksums": agreement.value,
         "axes": AXES,
         "levels": [
             {

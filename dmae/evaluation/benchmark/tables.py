@@ -7,11 +7,19 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dmae.evaluation.benchmark.cells import AXES
+from dmae.evaluation.benchmark.checksums import Agreement
 from dmae.reporting.figures import PERSONS
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
 
 NOT_MEASURED = "not measured"
+CHECKED = {
+    Agreement.equal: "The clips are byte for byte those that were frozen.",
+    Agreement.near: "The clips are those that were frozen, up to how this processor rounds: scores differ in their "
+    "last digits from those made elsewhere.",
+    Agreement.unchecked: "No checksums are frozen: scores from elsewhere may be of other clips.",
+}
+"""What `checksums` of scores means."""
 _MARKERS = "osD^vP*X<>h"
 
 
@@ -41,8 +49,7 @@ def write_page(scores: dict, path: Path) -> None:
     if best:
         mm = completion[best]["mm"]["value"]
         text += f" Of {len(completion)} methods {best} has the smallest error of holes, {mm:.1f} mm."
-    if not scores["frozen"]:
-        text += " These clips have no frozen checksums: scores from elsewhere may be of other clips."
+    text += f" {CHECKED[scores['checksums']]}"
     figures = []
     if completion:
         levels = [level["name"] for level in scores["levels"]]
