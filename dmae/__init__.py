@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from dmae.data.skeleton import Skeleton as Skeleton
     from dmae.data.skeleton import get_skeleton as get_skeleton
     from dmae.online.capture import OnlineCapture as OnlineCapture
+    from dmae.public.assessment import benchmark as benchmark
     from dmae.public.assessment import doctor as doctor
     from dmae.public.assessment import draw as draw
     from dmae.public.assessment import evaluate as evaluate
@@ -45,7 +46,7 @@ _HOMES = {
     "dmae.data.clip": ["Clip", "Detections2D", "Poses3D", "Source"],
     "dmae.data.skeleton": ["Skeleton", "get_skeleton"],
     "dmae.online.capture": ["OnlineCapture"],
-    "dmae.public.assessment": ["doctor", "draw", "evaluate", "regress", "report"],
+    "dmae.public.assessment": ["benchmark", "doctor", "draw", "evaluate", "regress", "report"],
     "dmae.public.motion": ["capture", "complete", "completer", "train", "triangulate"],
     "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "save"],
     "dmae.reconstruction.config": ["CaptureConfig"],

@@ -1,26 +1,23 @@
 """`dmae benchmark`: compare completion and capture on clips that are made here, with frozen checksums."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
-from dmae.data.store import write_atomic
 from dmae.evaluation.benchmark.run import BenchmarkConfig, benchmark
-from dmae.evaluation.benchmark.tables import CHECKED, benchmark_tables, write_page
+from dmae.evaluation.benchmark.tables import CHECKED, benchmark_tables, write_scores
 from dmae.reporting.tables import print_tables
 
 WRITES = "folder"
 EXAMPLES = (
     "dmae benchmark methods=[linear,dmae,my_module:fill] workers=2 out=runs/benchmark",
-    "dmae benchmark size=full methods=[my_module:fill] against=runs/benchmark out=runs/mine data_folder=runs/benchmark/data",
+    "dmae benchmark methods=[runs/filled] against=runs/benchmark data_folder=runs/benchmark/data out=runs/mine",
 )
 
 
 def run(config: BenchmarkConfig, out: Path) -> None:
     scores = benchmark(replace(config, out=str(out)))
-    write_atomic(out / "scores.json", json.dumps(scores))
-    write_page(scores, out / "benchmark.html")
-    print_tables(benchmark_tables(scores))
+    write_scores(scores, out)
+    print_tables([*benchmark_tables(scores).values()])
     print(CHECKED[scores["checksums"]])
     print(out / "scores.json", out / "benchmark.html", sep="\n")
 

@@ -24,6 +24,7 @@ TITLES = {
     "pose2sim_recording": "A Pose2Sim recording to completed 3D",
     "dataset_and_model": "A data set, and a model trained on it",
     "triangulation_check": "Your triangulation under pytest",
+    "benchmark_method": "Your method on the benchmark",
     "frames_as_they_come": "Frames as they come",
     "custom_detector_error": "A detector error of your own",
 }

@@ -11,7 +11,10 @@ import pytest
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 NEEDS_RECORDINGS = {"pose2sim_recording"}
-SMALLER = {"dataset_and_model": (["4"], {"clips=10": "clips=3"})}
+SMALLER = {
+    "dataset_and_model": (["4"], {"clips=10": "clips=3"}),
+    "benchmark_method": ([str(EXAMPLES.parent / "tests/data/tiny_benchmark.yaml")], {"workers=2": "workers=1"}),
+}
 """Arguments, and changes of the text, with which a script does less."""
 MOST_LINES = 60
 

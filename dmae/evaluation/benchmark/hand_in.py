@@ -37,16 +37,18 @@ class HandIn:
         name: As users name it: a completion method, `capture`, `package.module:function`, or a folder.
         task: What it hands in.
         weights: Folder of trained weights, for learned completion methods.
+        own: A function handed in by Python; then the name is its.
     """
 
     name: str
     task: Task
     weights: str | None = None
+    own: Callable | None = None
 
     @property
     def folder(self) -> Path | None:
         """The folder of poses, None if it is none; a folder called as a method is `./NAME`."""
-        known = self.name in completion_method or self.name == OURS
+        known = self.own or self.name in completion_method or self.name == OURS
         return Path(self.name) if not known and Path(self.name).is_dir() else None
 
     def check(self, clips: list[str]) -> None:
@@ -72,6 +74,8 @@ class HandIn:
 
     def function(self) -> Callable:
         """Return the function that makes poses: of poses and frames per second, or of a clip."""
+        if self.own:
+            return self.own
         if self.task == Task.completion:
             return find_method(self.name).load(Path(self.weights) if self.weights else None)
         if self.name == OURS:
@@ -104,6 +108,13 @@ class HandIn:
                 raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
         check_poses(poses, given.poses, self.task, where)
         return poses
+
+
+def find_hand_in(given: str | Callable, task: Task, weights: str | None = None) -> HandIn:
+    """Return the hand-in of a name or of a function."""
+    if callable(given):
+        return HandIn(getattr(given, "__name__", repr(given)), task, weights, given)
+    return HandIn(given, task, weights)
 
 
 def check_poses(poses: Poses3D, given: Poses3D, task: Task, where: str) -> None:

@@ -1,5 +1,6 @@
 """Run a benchmark: make its clips, score what is handed in, and compare that with earlier scores."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from dmae.evaluation.benchmark.cells import AXES, capture_cells, completion_cell
 from dmae.evaluation.benchmark.clips import clip_of, given_clip, make_clips
 from dmae.evaluation.benchmark.definition import Size, find_definition
 from dmae.evaluation.benchmark.differences import check_same, differences
-from dmae.evaluation.benchmark.hand_in import OURS, HandIn, Task
+from dmae.evaluation.benchmark.hand_in import OURS, HandIn, Task, find_hand_in
 from dmae.evaluation.benchmark.holes import holes_of_capture, holes_of_sight
 from dmae.evaluation.benchmark.summary import capture_summary, completion_summary
 from dmae.parallel import in_parallel
@@ -47,12 +48,17 @@ class BenchmarkConfig:
     """Folder for `scores.json`, `benchmark.html` and the clips."""
 
 
-def benchmark(config: BenchmarkConfig) -> dict:
+def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), captures: Sequence[Callable] = ()) -> dict:
     """Make the clips of a benchmark unless they are there, and score methods and captures on them.
+
+    Args:
+        config: What is run.
+        methods, captures: Functions beside those that the configuration names.
 
     Returns:
         JSON-able. `benchmark`; `size`; `checksums`, how the clips agree with those that were frozen (`Agreement`);
-        `axes`, the classes of cells; `levels`, each with its name, clips and difficulty; `clips`, facts about each;
+        `axes`, the classes of cells; `levels`, each with its name, clips and difficulty; `holes`, their
+        number in each cell; `clips`, facts about each;
         `completion` and `capture`, for each hand-in by name its `summary` and its `clips`, the cells of each by id;
         `differences` from earlier scores, see `differences`.
 
@@ -62,8 +68,11 @@ def benchmark(config: BenchmarkConfig) -> dict:
         FileNotFoundError: a folder of poses lacks clips, or there are no earlier scores.
     """
     definition = find_definition(config.name)
-    hand_ins = [HandIn(name, Task.completion, config.weights) for name in dict.fromkeys(config.methods)]
-    hand_ins += [HandIn(name, Task.capture) for name in dict.fromkeys(config.captures)]
+    hand_ins = [find_hand_in(each, Task.completion, config.weights) for each in (*config.methods, *methods)]
+    hand_ins += [find_hand_in(each, Task.capture) for each in (*config.captures, *captures)]
+    names = [(each.task, each.name) for each in hand_ins]
+    if len(set(names)) < len(names):
+        raise ValueError(f"expected hand-ins of different names, found {[name for _, name in names]}")
     if not hand_ins:
         raise ValueError("methods=[] captures=[]: nothing to score")
     sets = definition.sets(config.size)
@@ -91,8 +100,9 @@ def benchmark(config: BenchmarkConfig) -> dict:
             }
             for number, level in enumerate(definition.levels)
         ],
+        "holes": np.sum([each["holes"] for each in scored], 0).tolist(),
         "clips": [
-            {"level": level_of[each["id"]]} | {key: value for key, value in each.items() if key not in [*Task]}
+            {"level": level_of[each["id"]]} | {key: value for key, value in each.items() if key not in [*Task, "holes"]}
             for each in scored
         ],
     }
@@ -116,8 +126,9 @@ def score_clip(data: Path, name: str, hand_ins: list[HandIn]) -> dict:
     Returns:
         JSON-able. `id`, `frames`, `persons`, `cameras`; `joints`, the number of true joints, `uncaptured`, those of
         persons that capture missed, `hidden`, those of others that it did not measure; `causes`, the number of hidden
-        joints by cause, and `linear_mm`, the sum of errors of linear filling there; `completion` and `capture`, the
-        cells of each hand-in by name. Completed poses count as a capture, too: `capture + <method>`.
+        joints by cause; `holes`, the number in each cell, and `linear_mm`, the sum of errors of linear filling there;
+        `completion` and `capture`, the cells of each hand-in by name. Completed poses count as a capture, too:
+        `capture + <method>`.
     """
     clip, given = clip_of(data, name), given_clip(data, name)
     holes, sight = holes_of_capture(clip, given.poses), holes_of_sight(clip, given.poses.skeleton)
@@ -142,7 +153,7 @@ def score_clip(data: Path, name: str, hand_ins: list[HandIn]) -> dict:
         "uncaptured": int((known & (holes.matches < 0)[..., None]).sum()),
         "hidden": int(holes.hidden.sum()),
         "causes": np.bincount(holes.cause[holes.hidden], minlength=len(AXES["cause"])).tolist(),
-        "holes": sum(by_linear["holes"]),
+        "holes": by_linear["holes"],
         "linear_mm": round(sum(by_linear["mm"]), 1),
         **found,
     }
@@ -154,7 +165,7 @@ def _difficulty(scored: list[dict]) -> dict:
     def total(key: str) -> float:
         return sum(each[key] for each in scored)
 
-    hidden, holes = total("hidden"), total("holes")
+    hidden, holes = total("hidden"), sum(sum(each["holes"]) for each in scored)
     by_cause = np.sum([each["causes"] for each in scored], 0)
     return {
         "clips": len(scored),

@@ -1,11 +1,13 @@
 """Scores of a benchmark as tables, and as a page."""
 
+import json
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from dmae.data.store import write_atomic
 from dmae.evaluation.benchmark.cells import AXES
 from dmae.evaluation.benchmark.checksums import Agreement
 from dmae.reporting.figures import PERSONS
@@ -23,28 +25,40 @@ CHECKED = {
 _MARKERS = "osD^vP*X<>h"
 
 
-def benchmark_tables(scores: dict) -> list[Table]:
-    """Return the tables of a benchmark, see `dmae.evaluation.benchmark.run.benchmark`."""
+def benchmark_tables(scores: dict) -> dict[str, Table]:
+    """Return the tables of a benchmark by name: `difficulty`, `levels`, `cause`, `frames`, `part`, `cells` and more.
+
+    Args:
+        scores: What `dmae.evaluation.benchmark.run.benchmark` returned; summaries are enough.
+    """
     completion = {name: entry["summary"] for name, entry in scores["completion"].items()}
-    tables = [_difficulty(scores)]
+    tables = {"difficulty": _difficulty(scores)}
     if completion:
-        tables += [_levels(scores, completion), *(_by_axis(scores, completion, axis) for axis in AXES)]
-        tables += [_cells(scores, completion), *_regions(completion)]
+        tables["levels"] = _levels(scores, completion)
+        tables |= {axis: _by_axis(scores, completion, axis) for axis in AXES}
+        tables["cells"] = _cells(scores, completion)
+        if any(each["held"] is not None for each in completion.values()):
+            tables["regions"] = _regions(completion)
     if scores["capture"]:
-        tables.append(_captures(scores))
+        tables["captures"] = _captures(scores)
     if scores.get("differences"):
-        tables.append(_differences(scores["differences"]))
+        tables["differences"] = _differences(scores["differences"])
     return tables
+
+
+def write_scores(scores: dict, folder: Path) -> None:
+    """Write `scores.json` and the page `benchmark.html`."""
+    write_atomic(folder / "scores.json", json.dumps(scores))
+    write_page(scores, folder / "benchmark.html")
 
 
 def write_page(scores: dict, path: Path) -> None:
     """Write the tables, and figures of the error by level and by length of holes, as one HTML page."""
-    tables = {table.caption: table for table in benchmark_tables(scores)}
     completion = {name: entry["summary"] for name, entry in scores["completion"].items() if entry["summary"]["mm"]}
     best = min(completion, key=lambda name: completion[name]["mm"]["value"], default=None)
     text = (
-        f"{len(scores['clips'])} clips, made from a definition and its seed. Holes are the joints of captured persons "
-        "that capture did not measure; every method fills the same ones. Errors are means over levels."
+        f"{sum(level['clips'] for level in scores['levels'])} clips, made from a definition and its seed. Holes are the "
+        "joints of captured persons that capture did not measure; every method fills the same ones. Errors are means over levels."
     )
     if best:
         mm = completion[best]["mm"]["value"]
@@ -63,7 +77,7 @@ def write_page(scores: dict, path: Path) -> None:
             ),
         ]
     heading = f"{scores['benchmark']}, {scores['size']}"
-    sections = [Section(heading, text, tables=list(tables.values()), figures=figures)]
+    sections = [Section(heading, text, tables=[*benchmark_tables(scores).values()], figures=figures)]
     write_report(path, f"Benchmark {scores['benchmark']}", sections)
 
 
@@ -118,19 +132,14 @@ def _cells(scores: dict, completion: dict) -> Table:
     return Table("Mean error of holes, mm, by cause, length and body part", header, rows)
 
 
-def _regions(completion: dict) -> list[Table]:
-    stating = {name: each for name, each in completion.items() if each["held"] is not None}
-    if not stating:
-        return []
+def _regions(completion: dict) -> Table:
     rows = [
-        (
-            name, _text(each["held"]), *map(_text, each["held_frames"].values()),
-            *map(_text, each["held_cause"].values()),
-        )
-        for name, each in stating.items()
-    ]  # fmt: skip
+        (name, *map(_text, (each["held"], *each["held_frames"].values(), *each["held_cause"].values())))
+        for name, each in completion.items()
+        if each["held"] is not None
+    ]
     header = ("method", "all", *AXES["frames"], *AXES["cause"])
-    return [Table("Filled holes within the 90 % regions that methods state, %", header, rows)]
+    return Table("Filled holes within the 90 % regions that methods state, %", header, rows)
 
 
 def _captures(scores: dict) -> Table:
@@ -180,8 +189,7 @@ def _figure(completion: dict, classes: list[str], values, label: str) -> Figure:
 
 def _holes(scores: dict) -> np.ndarray:
     """Return the number of holes of each cell, over all clips."""
-    clips = next(iter(scores["completion"].values()))["clips"]
-    return np.sum([each["holes"] for each in clips.values()], 0).reshape([len(each) for each in AXES.values()])
+    return np.reshape(scores["holes"], [len(classes) for classes in AXES.values()])
 
 
 def _padded(table: Table) -> Table:
