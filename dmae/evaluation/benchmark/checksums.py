@@ -51,11 +51,13 @@ def freeze(clips: dict[str, Clip], file: Path) -> None:
     """
     if Path(file).exists():
         raise ValueError(f"{file}: exists; frozen checksums stay. Remove the file only if no scores are published yet")
-    frozen = {
-        "versions": next(iter(clips.values())).provenance.get("versions", {}),
-        "clips": {name: {**clip_checksums(clip), "sample": _sample(clip)} for name, clip in sorted(clips.items())},
-    }
-    write_atomic(file, json.dumps(frozen, indent=1) + "\n")
+    versions = next(iter(clips.values())).provenance.get("versions", {})
+    # A line a clip.
+    lines = ",\n".join(
+        f"  {json.dumps(name)}: {json.dumps({**clip_checksums(clip), 'sample': _sample(clip)})}"
+        for name, clip in sorted(clips.items())
+    )
+    write_atomic(file, f'{{\n "versions": {json.dumps(versions)},\n "clips": {{\n{lines}\n }}\n}}\n')
 
 
 def check_clip(name: str, clip: Clip, file: Path) -> Agreement:

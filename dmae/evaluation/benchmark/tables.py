@@ -56,9 +56,10 @@ def write_page(scores: dict, path: Path) -> None:
     """Write the tables, and figures of the error by level and by length of holes, as one HTML page."""
     completion = {name: entry["summary"] for name, entry in scores["completion"].items() if entry["summary"]["mm"]}
     best = min(completion, key=lambda name: completion[name]["mm"]["value"], default=None)
+    clips = sum(level["clips"] for level in scores["levels"])
     text = (
-        f"{sum(level['clips'] for level in scores['levels'])} clips, made from a definition and its seed. Holes are the "
-        "joints of captured persons that capture did not measure; every method fills the same ones. Errors are means over levels."
+        f"{clips} clips, made from a definition and its seed. Holes are the joints of captured persons that capture "
+        "did not measure; every method fills the same ones. Errors are means over levels."
     )
     if best:
         mm = completion[best]["mm"]["value"]
