@@ -23,7 +23,7 @@ _NEAR_M, _NEAR_SHARE = 0.02, 0.02
 differ by at most this share."""
 
 
-class Agreement(StrEnum):
+class FrozenMatch(StrEnum):
     """How the clips here agree with those that were frozen, the best first."""
 
     equal = "equal"
@@ -60,7 +60,7 @@ def freeze(clips: dict[str, Clip], file: Path) -> None:
     write_atomic(file, f'{{\n "versions": {json.dumps(versions)},\n "clips": {{\n{lines}\n }}\n}}\n')
 
 
-def check_clip(name: str, clip: Clip, file: Path) -> Agreement:
+def check_clip(name: str, clip: Clip, file: Path) -> FrozenMatch:
     """Compare a clip with the frozen checksums, or else with a sample of what was frozen.
 
     The generator's contacts amplify how a processor rounds: one without AVX2 makes joints that are millimetres off.
@@ -75,7 +75,7 @@ def check_clip(name: str, clip: Clip, file: Path) -> Agreement:
     found, expected = clip_checksums(clip), frozen["clips"][name]
     differing = [part for part in PARTS if found[part] != expected[part]]
     if not differing:
-        return Agreement.equal
+        return FrozenMatch.equal
     own = clip.provenance.get("versions", {})
     others = [
         f"{package} {version}, here {own.get(package)}"
@@ -83,7 +83,7 @@ def check_clip(name: str, clip: Clip, file: Path) -> Agreement:
         if own.get(package) != version and package != "python"
     ]
     if not others and _is_near(_sample(clip), expected["sample"]):
-        return Agreement.near
+        return FrozenMatch.near
     reason = (
         f"it was frozen with {'; '.join(others)}. Install the pinned versions: pip install -c constraints.txt"
         if others

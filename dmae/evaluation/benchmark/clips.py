@@ -9,7 +9,7 @@ from pathlib import Path
 from dmae.data.clip import Clip
 from dmae.data.resume import claim_folder
 from dmae.data.store import load_clip, read_manifest, save_clip
-from dmae.evaluation.benchmark.checksums import Agreement, check_clip
+from dmae.evaluation.benchmark.checksums import FrozenMatch, check_clip
 from dmae.evaluation.benchmark.definition import ClipSet, Definition, Size
 from dmae.parallel import in_parallel
 from dmae.progress import progress
@@ -20,7 +20,7 @@ CLIPS, GIVEN = "clips", "given"
 """Folders of the benchmark's data: simulated clips, and what methods may see of them, captured."""
 
 
-def make_clips(definition: Definition, size: Size, data: Path, workers: int = 1) -> Agreement:
+def make_clips(definition: Definition, size: Size, data: Path, workers: int = 1) -> FrozenMatch:
     """Generate, check and capture the clips of a benchmark that are not there yet.
 
     In `data`, `clips/<id>` holds each clip with its truth and labels, and `given/<id>` what methods are given of it:
@@ -48,7 +48,7 @@ def make_clips(definition: Definition, size: Size, data: Path, workers: int = 1)
     ids = [name for each in sets for name in each.ids]
     tasks = [(definition, data, name) for name in ids]
     found = list(progress(in_parallel(_prepare, tasks, workers), "checking and capturing clips", len(ids)))
-    return max(found, key=[*Agreement].index)
+    return max(found, key=[*FrozenMatch].index)
 
 
 def clip_of(data: Path, name: str) -> Clip:
@@ -79,11 +79,11 @@ def _generate(each: ClipSet, data: Path, workers: int) -> None:
         raise ValueError(f"{each.folder}/{failed[0]['id']}: could not be generated: {failed[0]['reason']}")
 
 
-def _prepare(definition: Definition, data: Path, name: str) -> Agreement:
+def _prepare(definition: Definition, data: Path, name: str) -> FrozenMatch:
     """Check a clip, and capture it unless that was done."""
     clip = clip_of(data, name)
     frozen = definition.checksums.is_file()
-    agreement = check_clip(name, clip, definition.checksums) if frozen else Agreement.unchecked
+    agreement = check_clip(name, clip, definition.checksums) if frozen else FrozenMatch.unchecked
     if not (data / GIVEN / name / "clip.json").is_file():
         seen = replace(
             clip, truth=None, occlusion=None, detection_labels=None, true_rig=None, id=name.replace("/", "-")

@@ -56,7 +56,7 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
         methods, captures: Functions beside those that the configuration names.
 
     Returns:
-        JSON-able. `benchmark`; `size`; `checksums`, how the clips agree with those that were frozen (`Agreement`);
+        JSON-able. `benchmark`; `size`; `checksums`, how the clips agree with those that were frozen (`FrozenMatch`);
         `axes`, the classes of cells; `levels`, each with its name, clips and difficulty; `holes`, their
         number in each cell; `clips`, facts about each;
         `completion` and `capture`, for each hand-in by name its `summary` and its `clips`, the cells of each by id;

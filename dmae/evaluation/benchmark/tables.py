@@ -9,17 +9,17 @@ from matplotlib.figure import Figure
 
 from dmae.data.store import write_atomic
 from dmae.evaluation.benchmark.cells import AXES
-from dmae.evaluation.benchmark.checksums import Agreement
+from dmae.evaluation.benchmark.checksums import FrozenMatch
 from dmae.reporting.figures import PERSONS
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
 
 NOT_MEASURED = "not measured"
 CHECKED = {
-    Agreement.equal: "The clips are byte for byte those that were frozen.",
-    Agreement.near: "The clips are those that were frozen, up to how this processor rounds: scores differ in their "
+    FrozenMatch.equal: "The clips are byte for byte those that were frozen.",
+    FrozenMatch.near: "The clips are those that were frozen, up to how this processor rounds: scores differ in their "
     "last digits from those made elsewhere.",
-    Agreement.unchecked: "No checksums are frozen: scores from elsewhere may be of other clips.",
+    FrozenMatch.unchecked: "No checksums are frozen: scores from elsewhere may be of other clips.",
 }
 """What `checksums` of scores means."""
 _MARKERS = "osD^vP*X<>h"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Clip
-from dmae.evaluation.benchmark.checksums import Agreement, check_clip, clip_checksums, freeze
+from dmae.evaluation.benchmark.checksums import FrozenMatch, check_clip, clip_checksums, freeze
 from tests.support.clips import full_clip
 
 VERSIONS = {"numpy": "2.0", "mujoco": "3.6", "python": "3.11.1"}
@@ -30,7 +30,7 @@ def moved(clip: Clip, metres: float) -> Clip:
 
 
 def test_the_same_clip_is_equal(clip: Clip, frozen):
-    assert check_clip("1_self/a/000000", clip, frozen) == Agreement.equal
+    assert check_clip("1_self/a/000000", clip, frozen) == FrozenMatch.equal
 
 
 def test_one_changed_byte_of_any_part_changes_its_checksum(clip: Clip):
@@ -53,9 +53,9 @@ def test_other_bits_of_nan_are_the_same(clip: Clip):
 
 
 def test_clips_that_only_round_otherwise_are_near(clip: Clip, frozen):
-    assert check_clip("1_self/a/000000", moved(clip, 0.002), frozen) == Agreement.near
+    assert check_clip("1_self/a/000000", moved(clip, 0.002), frozen) == FrozenMatch.near
     python = replace(moved(clip, 0.002), provenance={"versions": VERSIONS | {"python": "3.12.0"}})
-    assert check_clip("1_self/a/000000", python, frozen) == Agreement.near
+    assert check_clip("1_self/a/000000", python, frozen) == FrozenMatch.near
 
 
 def test_another_clip_is_refused_with_its_name_and_the_likely_reason(clip: Clip, frozen):
