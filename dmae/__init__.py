@@ -23,12 +23,15 @@ if TYPE_CHECKING:
     from dmae.data.skeleton import get_skeleton as get_skeleton
     from dmae.online.capture import OnlineCapture as OnlineCapture
     from dmae.public.assessment import benchmark as benchmark
+    from dmae.public.assessment import compare_scores as compare_scores
     from dmae.public.assessment import doctor as doctor
     from dmae.public.assessment import draw as draw
     from dmae.public.assessment import evaluate as evaluate
     from dmae.public.assessment import regress as regress
     from dmae.public.assessment import report as report
+    from dmae.public.assessment import show as show
     from dmae.public.motion import capture as capture
+    from dmae.public.motion import card as card
     from dmae.public.motion import complete as complete
     from dmae.public.motion import completer as completer
     from dmae.public.motion import train as train
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
     from dmae.public.recordings import load as load
     from dmae.public.recordings import load_dataset as load_dataset
     from dmae.public.recordings import read as read
+    from dmae.public.recordings import read_poses as read_poses
     from dmae.public.recordings import save as save
     from dmae.reconstruction.config import CaptureConfig as CaptureConfig
 
@@ -46,9 +50,18 @@ _HOMES = {
     "dmae.data.clip": ["Clip", "Detections2D", "Poses3D", "Source"],
     "dmae.data.skeleton": ["Skeleton", "get_skeleton"],
     "dmae.online.capture": ["OnlineCapture"],
-    "dmae.public.assessment": ["benchmark", "doctor", "draw", "evaluate", "regress", "report"],
-    "dmae.public.motion": ["capture", "complete", "completer", "train", "triangulate"],
-    "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "save"],
+    "dmae.public.assessment": [
+        "benchmark",
+        "compare_scores",
+        "doctor",
+        "draw",
+        "evaluate",
+        "regress",
+        "report",
+        "show",
+    ],
+    "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
+    "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "read_poses", "save"],
     "dmae.reconstruction.config": ["CaptureConfig"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -13,12 +13,12 @@ from types import ModuleType
 from dmae.command_line import interruption
 from dmae.command_line.help import command_help, program_help
 from dmae.command_line.options import presets_of
-from dmae.command_line.outputs import check_out, record
+from dmae.command_line.outputs import check_out, locked, record
 from dmae.command_line.programs import Command, Program
+from dmae.command_line.renamed import renamed
+from dmae.command_line.renamed_presets import update_presets
 from dmae.command_line.spelling import check, expand_data, flag_values, split_flags, suggestion
 from dmae.commands import COMMANDS
-from dmae.commands.renamed import renamed
-from dmae.commands.renamed_presets import update_presets
 from dmae.data.resources import resource_folder
 from dmae.formats.registry import reader
 
@@ -174,15 +174,16 @@ def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -
     check_out(out, module.WRITES)
     describe = getattr(module, "interrupted", None)
     interrupted.describe = lambda: describe(values, out) if describe else f"nothing was written to {out}; run it again"
-    try:
-        module.run(values, out)
-    except SystemExit:
-        if interrupted.pressed:
+    with locked(out):
+        try:
+            module.run(values, out)
+        except SystemExit:
+            if interrupted.signal:
+                raise
+            # Commands that end with a verdict have done their work, whatever it is.
+            record(OmegaConf.to_yaml(config, resolve=True), out)
             raise
-        # Commands that end with a verdict have done their work, whatever it is.
         record(OmegaConf.to_yaml(config, resolve=True), out)
-        raise
-    record(OmegaConf.to_yaml(config, resolve=True), out)
 
 
 def compose(command: Command, overrides: Sequence[str]) -> object:

@@ -1,15 +1,22 @@
 """Tasks in several processes. Ctrl-C reaches the main process alone, which then ends the others."""
 
+import os
 import signal
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from multiprocessing import resource_tracker
 
 from joblib import Parallel, delayed
 
+_CHECKED_EVERY = 0.5
+"""s; a worker outlives a killed main process by no more than this."""
+
 
 def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ordered: bool = True) -> Iterator:
-    """Yield `function(*task)` of each task.
+    """Yield `function(*task)` of each task. Workers end when the main process is killed.
 
     Args:
         workers: Processes; -1 for one a core. With 1 everything runs in this process.
@@ -17,8 +24,28 @@ def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ord
     """
     how = "generator" if ordered else "generator_unordered"
     with _interrupts_blocked(workers != 1):
-        results = Parallel(n_jobs=workers, return_as=how)(delayed(function)(*task) for task in tasks)
+        results = Parallel(n_jobs=workers, return_as=how)(
+            delayed(_in_worker)(os.getpid(), function, *task) for task in tasks
+        )
     yield from results
+
+
+def _in_worker(main: int, function: Callable, *task):
+    if os.getpid() != main:
+        _end_with(main)
+    return function(*task)
+
+
+@cache
+def _end_with(main: int) -> None:
+    """End this worker when its main process, which is its parent, has gone: nothing must be written any more."""
+
+    def watch() -> None:
+        while os.getppid() == main:
+            time.sleep(_CHECKED_EVERY)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="end with the main process", daemon=True).start()
 
 
 @contextmanager

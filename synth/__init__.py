@@ -13,16 +13,21 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from dmae.public.recordings import load_dataset as load_dataset
-    from synth.public import contact_sheet as contact_sheet
-    from synth.public import generate as generate
-    from synth.public import verify as verify
+    from synth.public.comparison import compare as compare
+    from synth.public.comparison import compare_motion as compare_motion
+    from synth.public.comparison import fit_detector as fit_detector
+    from synth.public.generation import generate as generate
+    from synth.public.generation import verify as verify
+    from synth.public.pictures import contact_sheet as contact_sheet
+    from synth.public.pictures import show as show
 
-_HOME_OF = {
-    "contact_sheet": "synth.public",
-    "generate": "synth.public",
-    "load_dataset": "dmae.public.recordings",
-    "verify": "synth.public",
+_HOMES = {
+    "dmae.public.recordings": ["load_dataset"],
+    "synth.public.comparison": ["compare", "compare_motion", "fit_detector"],
+    "synth.public.generation": ["generate", "verify"],
+    "synth.public.pictures": ["contact_sheet", "show"],
 }
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = sorted(_HOME_OF)
 

@@ -11,6 +11,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import hypothesis
 import pytest
 
+from tests.support.browser import find_chromium
+
 # In continuous integration a red run means that a change broke something: the same examples are tried every time.
 hypothesis.settings.register_profile("ci", derandomize=True)
 if os.environ.get("CI"):
@@ -26,6 +28,20 @@ def data_folder() -> Path:
     if not Path(folder).is_dir():
         pytest.fail(f"DMAE_DATA={folder}: no such folder")
     return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A headless Chromium, one for all tests of a process."""
+    program = find_chromium()
+    if program is None:
+        pytest.skip("needs Chromium: install it (`apt-get install chromium`), or name it in CHROMIUM")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

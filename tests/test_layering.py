@@ -13,7 +13,7 @@ HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf"}
 LAYERS = (
     ("dmae.data", "dmae.numerics", "dmae.parallel", "dmae.plugins", "dmae.progress", "dmae.registry"),
     ("dmae.command_line", "dmae.formats", "dmae.reporting"),
-    ("dmae.reconstruction", "dmae.calibration", "dmae.metrics"),
+    ("dmae.reconstruction", "dmae.calibration", "dmae.metrics", "dmae.viewing"),
     ("dmae.completion",),
     ("dmae.online",),
     ("dmae.evaluation",),

@@ -1,4 +1,4 @@
-"""Ctrl-C: one line that says what is whole on disk and how to go on, and exit status 130."""
+"""Ctrl-C and SIGTERM: one line that says what is whole on disk and how to go on, and exit status 130 or 143."""
 
 import os
 import signal
@@ -9,53 +9,61 @@ from contextlib import contextmanager
 
 began: float | None = None
 """When the command began, by `time.monotonic`; None where none did."""
-STATUS = 130
-"""128 + SIGINT, as shells have it."""
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interruption:
     """What to say should the user interrupt."""
 
     def __init__(self):
-        self.pressed = False
+        self.signal: int | None = None
+        """The signal that interrupted; None before."""
         self.describe: Callable[[], str] = lambda: "nothing was begun"
         """What is whole, and how to go on."""
 
+    @property
+    def status(self) -> int:
+        """The exit status that tells of the signal, as shells have it."""
+        return 128 + (self.signal or signal.SIGINT)
+
     def check(self) -> None:
         """Stop now if the user has interrupted. Imports can swallow the exception that tells it."""
-        if self.pressed:
+        if self.signal:
             raise KeyboardInterrupt
 
 
 @contextmanager
 def one_line(label: str) -> Iterator[Interruption]:
-    """Answer Ctrl-C in the block with one line and exit status 130. A second Ctrl-C ends the process at once.
+    """Answer Ctrl-C and SIGTERM in the block with one line and exit status 128 plus the signal.
+
+    A second signal ends the process at once.
 
     Args:
         label: The command, which the line begins with.
     """
     interruption, main = Interruption(), os.getpid()
 
-    def press(*_) -> None:
+    def press(number: int, _) -> None:
         if os.getpid() != main:  # a forked worker, which leaves the message to its parent
             raise KeyboardInterrupt
-        if interruption.pressed:
-            os._exit(STATUS)
-        interruption.pressed = True
+        if interruption.signal:
+            os._exit(interruption.status)
+        interruption.signal = number
         raise KeyboardInterrupt
 
     # A shell that starts a command in the background has it ignore Ctrl-C.
-    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) != signal.SIG_IGN
-    before = signal.signal(signal.SIGINT, press) if ours else None
+    main_thread = threading.current_thread() is threading.main_thread()
+    ours = [number for number in _SIGNALS if main_thread and signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, press) for number in ours}
     try:
         yield interruption
     except BaseException as error:
         # An import that is interrupted can fail with another error.
-        if not (interruption.pressed or isinstance(error, KeyboardInterrupt)):
+        if not (interruption.signal or isinstance(error, KeyboardInterrupt)):
             raise
         clear = "\r" if sys.stderr.isatty() else ""  # over the terminal's ^C
         print(f"{clear}{label}: interrupted; {interruption.describe()}", file=sys.stderr, flush=True)
-        sys.exit(STATUS)
+        sys.exit(interruption.status)
     finally:
-        if ours:
-            signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

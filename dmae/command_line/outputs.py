@@ -1,6 +1,8 @@
-"""Where results go: refuse early what cannot be written, and record how a result was made."""
+"""Where results go: refuse early what cannot be written, keep other commands out, record how a result was made."""
 
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 
@@ -23,6 +25,35 @@ def check_out(out: str | Path, writes: str | None) -> None:
         raise ValueError(f"out={out}: expected a folder, found a file; choose another out, or remove the file")
     if writes == "file" and out.is_dir():
         raise ValueError(f"out={out}: expected a file to write, found a folder; give a file in it, as out={out}/NAME")
+
+
+@contextmanager
+def locked(out: Path) -> Iterator[None]:
+    """Keep other commands from writing to `out` in the block, by a file beside it that is removed afterwards.
+
+    A command that is killed leaves that file; it does not keep others out.
+
+    Raises:
+        ValueError: another command is writing there.
+    """
+    from filelock import FileLock, Timeout
+
+    made = [folder for folder in out.absolute().parents if not folder.exists()]
+    out.absolute().parent.mkdir(parents=True, exist_ok=True)
+    path = out.absolute().parent / f".{out.name}.lock"
+    try:
+        with FileLock(path, timeout=0):
+            try:
+                yield
+            finally:
+                path.unlink(missing_ok=True)
+                for folder in made:
+                    if not any(folder.iterdir()):
+                        folder.rmdir()
+    except Timeout:
+        raise ValueError(
+            f"out={out}: another command is writing there; wait until it has ended, or choose another out"
+        ) from None
 
 
 def record(configuration: str, out: Path) -> None:

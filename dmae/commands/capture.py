@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from dmae.commands.data_sets import Manifest, describe_joints, each_clip, finished
@@ -61,8 +62,8 @@ def run(config: CaptureCommand, out: Path) -> None:
             if config.fill != "none":
                 poses = METHODS[config.fill](poses, clip.fps)
             poses = smooth(poses, clip.fps, config.smooth)
-            save_clip(replace(clip, poses=poses), folder)
-            manifest.add(name, persons=poses.xyz.shape[1])
+            captured = replace(clip, poses=poses)
+            manifest.write(name, partial(save_clip, captured, folder), persons=poses.xyz.shape[1])
             print(f"{clip.id}: {len(clip)} frames, {poses.xyz.shape[1]} persons, {describe_joints(poses)}")
     print(f"{out}: {frames / spent:.0f} frames/s")
 

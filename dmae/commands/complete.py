@@ -1,6 +1,7 @@
 """`dmae complete`: fill what no camera measured, with trained weights."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from dmae.commands.data_sets import Manifest, describe_joints, finished
@@ -58,8 +59,8 @@ def run(config: CompleteCommand, out: Path) -> None:
                 poses = complete_online(completer, clip.poses, clip.fps, config.delay)
             else:
                 poses = completer(clip.poses, clip.fps)
-            save_clip(replace(clip, poses=poses), out / folder.name if several else out)
-            manifest.add(folder.name)
+            completed, target = replace(clip, poses=poses), out / folder.name if several else out
+            manifest.write(folder.name, partial(save_clip, completed, target))
             print(f"{clip.id}: {describe_joints(poses)}")
     print(out)
 

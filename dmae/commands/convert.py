@@ -1,6 +1,7 @@
 """`dmae convert`: a recording to another format, or to a clip."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from dmae.commands.data_sets import Manifest, each_clip
@@ -30,8 +31,7 @@ class ConvertCommand:
 def run(config: ConvertCommand, out: Path) -> None:
     with Manifest(out, is_data_set(config.data) and config.format == "clip") as manifest:
         for clip, name, folder in each_clip(config.data, out, "converting"):
-            lacking = write_recording(clip, folder, config.format)
-            manifest.add(name)
+            lacking = manifest.write(name, partial(write_recording, clip, folder, config.format))
             print(f"{folder}: {len(clip)} frames, {len(clip.rig)} cameras, {clip.detections.skeleton.name}")
             for note in clip.provenance.get("notes", ()):
                 print(f"  {note}")

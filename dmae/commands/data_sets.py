@@ -1,12 +1,15 @@
 """What commands share that turn clips into clips: a data set at both ends, or a single clip."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.store import MANIFEST, write_manifest
 from dmae.formats.reading import DataConfig, is_data_set, load
 from dmae.progress import progress
+
+T = TypeVar("T")
 
 
 def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, str, Path]]:
@@ -19,15 +22,22 @@ def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, s
 class Manifest:
     """The manifest of a data set that is being written; of a single clip there is none.
 
-    It is written on leaving, however that happens, so that the clips that are whole are a data set.
+    It is written on leaving, however that happens, so that the clips that are whole are a data set. An earlier one is
+    removed with the configuration beside it before the first clip is written: should the command be killed, clips of
+    two runs are no data set.
     """
 
     def __init__(self, out: Path, several: bool):
         self.out, self.several, self.lines = out, several, []
 
-    def add(self, name: str, **facts) -> None:
-        """A clip that has been written."""
+    def write(self, name: str, write: Callable[[], T], **facts) -> T:
+        """Write a clip, and note it as whole."""
+        if not self.lines:
+            for earlier in (MANIFEST, "config.yaml"):
+                (self.out / earlier).unlink(missing_ok=True)
+        written = write()
         self.lines.append({"id": name, "status": "ok", **facts})
+        return written
 
     def __enter__(self) -> "Manifest":
         return self

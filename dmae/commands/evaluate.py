@@ -1,10 +1,14 @@
 """`dmae evaluate`: score methods over clips and camera subsets."""
 
+import sys
 from pathlib import Path
 
 from dmae.data.json_text import json_text
 from dmae.data.store import write_atomic
 from dmae.evaluation.evaluate import EvaluateConfig, evaluate
+from dmae.evaluation.gates import check_baseline, compare_scores
+from dmae.evaluation.scored_data import scored_options
+from dmae.evaluation.scores import read_scores
 from dmae.metrics.tables import score_tables
 from dmae.reporting.tables import print_tables
 
@@ -12,12 +16,28 @@ WRITES = "folder"
 EXAMPLES = (
     "dmae evaluate data=runs/test methods=[measured,linear,dmae] out=runs/scores",
     "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] out=runs/scores_shelf",
+    "dmae evaluate data=runs/test poses=predictions out=runs/scores_mine",
+    "dmae evaluate data=runs/test baseline=runs/scores out=runs/scores_now",
 )
 
 
+WORSE = 2
+"""Exit status where a figure is worse than the baseline; errors have status 1, and so has what cannot be compared."""
+
+
 def run(config: EvaluateConfig, out: Path) -> None:
+    """Score, print and write; with a baseline exit with `WORSE` where a figure is worse."""
+    baseline = None if config.baseline is None else read_scores(Path(config.baseline))
+    if baseline is not None:
+        # Before the work: what cannot be compared is no use afterwards.
+        check_baseline(baseline, scored_options(config), config.changed)
     scores = evaluate(config)
     path = out / "scores.json"
     write_atomic(path, json_text(scores))
     print_tables(score_tables(scores))
     print(path)
+    if baseline is not None:
+        gate = compare_scores(baseline, scores, config.changed)
+        print(gate)
+        if not gate.passed:
+            sys.exit(WORSE if gate.worse else 1)

@@ -1,11 +1,12 @@
-"""`dmae report`: scores and pictures as one page."""
+"""`dmae report`: what a clip or a data set is worth, with a player, and scores, as one page."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dmae.data.store import clip_folders, load_clip, read_json
-from dmae.evaluation.report_section import scores_section
-from dmae.reporting.page import views_section, write_report
+from dmae.data.store import read_json
+from dmae.evaluation.report.page import TITLE, write_clips_report
+from dmae.formats.reading import load
+from dmae.formats.recordings.data_config import DataConfig
 
 WRITES = "file"
 EXAMPLES = (
@@ -16,14 +17,14 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class ReportCommand:
-    """Put scores and pictures on one page, an HTML file that loads nothing from elsewhere."""
+    """Put clips, in a player, and scores on one page, an HTML file that loads nothing from elsewhere."""
 
-    title: str = "Occluded multi-view motion, captured and completed"
+    title: str = TITLE
     """Heading of the page."""
     scores: list[str] = field(default_factory=list)
     """Folders that `dmae evaluate` wrote."""
     clip: str | None = None
-    """Folder of a captured or completed clip to draw, or of a data set of them."""
+    """Folder of a clip, captured and completed or not yet, or of a data set of them."""
     out: str | None = None
     """File of the page; by default `report.html` in the folder of the clip, or else of the first scores."""
 
@@ -37,12 +38,7 @@ def default_out(config: ReportCommand) -> Path:
 
 def run(config: ReportCommand, out: Path) -> None:
     default_out(config)
-    sections = [scores_section(read_json(Path(folder) / "scores.json")) for folder in config.scores]
-    if config.clip:
-        for folder in clip_folders(Path(config.clip)):
-            clip = load_clip(folder)
-            if clip.poses is None:
-                raise ValueError(f"{folder}: has no poses to report; run dmae capture on it first")
-            sections.append(views_section(clip))
-    write_report(out, config.title, sections)
+    scores = [read_json(Path(folder) / "scores.json") for folder in config.scores]
+    clips = load(DataConfig(name="clip", path=config.clip)) if config.clip else None
+    write_clips_report(out, clips, scores, title=config.title)
     print(out)

@@ -28,7 +28,7 @@ def run(config: TrainConfig, out: Path) -> None:
 
 
 def interrupted(config: TrainConfig, out: Path) -> str:
-    if (Path(out) / "checkpoint.ckpt").is_file():
+    if list(Path(out).glob("checkpoint*.ckpt")):
         return f"{out} holds a checkpoint; the same command goes on from there"
     epoch = f"learning.epoch={config.learning.epoch}"
     return f"{out} holds no checkpoint yet (one is written every {epoch} steps); the same command begins anew"

@@ -32,9 +32,11 @@ def model_card(folder: Path, scores: Sequence[Path], command: str) -> str:
         ValueError: scores are of other weights.
     """
     model, skeleton, record = load_model(folder)
-    config = _config(folder)
+    # Weights that Python trained have no command's configuration, only the settings that training depends on.
+    trained = read_json(folder / "training.json")
+    config = _config(folder) if (folder / "config.yaml").is_file() else trained
     held_back = record["validation_clips"]
-    learned = [name for name in read_json(folder / "training.json")["clips"] if name not in held_back]
+    learned = [name for name in trained["clips"] if name not in held_back]
     learning = config["learning"]
     settings = {"max_minutes": config["max_minutes"]} | {name: learning[name] for name in ("batch", "lr", "loss")}
     settings = {name: value for name, value in settings.items() if value is not None} | {"seed": config["seed"]}
@@ -74,8 +76,11 @@ def _sets(clips: Sequence[str], config: dict) -> str:
     counts = Counter()
     for clip in clips:
         prefix = next((prefix for prefix in _VALIDATION if clip.startswith(prefix)), "")
-        first = config["validation_data"][0] if prefix else config["data"]["path"]
-        counts[clip.removeprefix(prefix).rpartition("/")[0] or Path(first).name] += 1
+        if "data" in config:
+            first = Path(config["validation_data"][0] if prefix else config["data"]["path"]).name
+        else:
+            first = "a Python program"
+        counts[clip.removeprefix(prefix).rpartition("/")[0] or first] += 1
     return ", ".join(f"{count} clips of {name}" for name, count in sorted(counts.items()))
 
 

@@ -49,8 +49,12 @@ def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> N
 
     Args:
         record: JSON-able; how the model was made.
+
+    Raises:
+        ValueError: weights are not finite; the message names their tensors.
     """
     folder = Path(folder)
+    _check_finite(model.state_dict(), "nothing was saved")
     data = save_tensors({name: tensor.contiguous().cpu() for name, tensor in model.state_dict().items()})
     meta = {
         "format": FORMAT,
@@ -93,7 +97,15 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
         model.load_state_dict(tensors)
     except (KeyError, TypeError, AttributeError, RuntimeError, SafetensorError) as error:
         raise ValueError(f"{folder}: not a model of this version of dmae: {error}") from None
+    _check_finite(tensors, f"{path} is of no use, train again")
     return model.eval(), skeleton, meta
+
+
+def _check_finite(tensors: dict[str, Tensor], so: str) -> None:
+    wrong = [name for name, tensor in tensors.items() if not torch.isfinite(tensor).all()]
+    if wrong:
+        more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+        raise ValueError(f"weights are not finite, in {', '.join(wrong[:3])}{more}, of {len(tensors)} tensors: {so}")
 
 
 def _from_format_4(tensors: dict[str, Tensor], options: dict) -> tuple[dict[str, Tensor], dict]:

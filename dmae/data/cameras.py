@@ -144,7 +144,7 @@ class CameraRig:
             for view in range(len(self)):
                 xy[:, view] = self._distort(view, normalised[:, view].reshape(-1, 1, 2)).reshape(xy[:, view].shape)
             radius = np.linalg.norm(normalised, axis=-1, keepdims=True)
-            normalised = np.where(radius < self._reach[:, None, None], xy, np.nan)
+            normalised = np.where(radius < self.reach[:, None, None], xy, np.nan)
         return normalised @ self.K[:, :2, :2].swapaxes(-1, -2) + self.K[:, None, :2, 2]
 
     def _distort(self, view: int, points: np.ndarray) -> np.ndarray:
@@ -155,7 +155,7 @@ class CameraRig:
         return cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), self._opencv_dist(view))[0]
 
     @cached_property
-    def _reach(self) -> np.ndarray:
+    def reach(self) -> np.ndarray:
         """(V,) tangent of the angle off axis up to which distortion is monotonic; inf if everywhere.
 
         Beyond it the polynomial turns back and would project points far outside the image into it.

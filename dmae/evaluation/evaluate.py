@@ -1,6 +1,6 @@
 """Score methods of completion over clips and subsets of cameras."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from dmae.completion.methods.registry import completion_method, find_method
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.rng import Stream, generator
-from dmae.data.skeleton import get_skeleton
+from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert
+from dmae.evaluation.predictions import predictions_of, read_prediction
+from dmae.evaluation.scored_data import scored_clip, scored_options
 from dmae.evaluation.scores import score, summary
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
 from dmae.formats.reading import DataConfig, load
@@ -24,6 +26,9 @@ from dmae.reconstruction.pipeline import capture
 
 PUBLISHED_ACTORS = (0, 1, 2)
 """The three of Shelf's four actors that published averages are over."""
+
+HANDED_IN = "poses"
+"""The method by which poses made elsewhere stand in the results."""
 
 _REFERENCE_VIEWS = 3
 """A joint that all cameras measured in at least this many views counts as true with `reference=capture`."""
@@ -60,6 +65,8 @@ class EvaluateConfig:
         metadata={"choices": completion_method},
     )
     """How joints that no camera measured are filled: completion methods, or module:function of your own."""
+    poses: str | None = None
+    """Poses made elsewhere, which are scored in place of `methods`: a file, or a folder with one for each clip."""
     weights: str | None = None
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     views: list[int] = field(default_factory=list)
@@ -76,6 +83,10 @@ class EvaluateConfig:
     """Skeleton that poses are compared on; by default that of the truth."""
     smooth: float = 0.1
     """s; smoothing after every method except `measured`."""
+    baseline: str | None = None
+    """`scores.json` of an earlier run, or its folder: exit status 2 if a figure is worse by more than its interval."""
+    changed: list[str] = field(default_factory=list)
+    """Options that differ from those of the baseline on purpose; figures are compared all the same."""
     out: str = "runs/evaluate"
     """Folder for `scores.json`."""
 
@@ -85,22 +96,22 @@ class Trial:
     """Poses with gaps, and the truth about them.
 
     Attributes:
-        clip: Id.
+        clip: The clip that they are of.
         cameras: Views used; none where the gaps are synthetic.
-        fps: Frames per second.
         given: Poses with gaps.
         truth: True poses, on a skeleton that `given` can be converted to.
         actors: True persons that PCP is averaged over; None for all.
         matches: (F, T) index of the given person that is each true one; None for the assignment at the least distance.
+        filled: Poses made elsewhere that are scored; None where methods fill `given`.
     """
 
-    clip: str
+    clip: Clip
     cameras: list[int]
-    fps: float
     given: Poses3D
     truth: Poses3D
     actors: tuple[int, ...] | None = None
     matches: np.ndarray | None = None
+    filled: Poses3D | None = None
 
 
 def evaluate(config: EvaluateConfig) -> dict:
@@ -114,41 +125,69 @@ def evaluate(config: EvaluateConfig) -> dict:
     Returns:
         JSON-able; None stands for a score of nothing. `recording`; `skeleton`; `poses`, the input in words; `results`,
         one entry for each method and number of views (0 with synthetic gaps): `method`, `views`, `mean` of the scores,
-        `intervals` (95 %, over blocks of time, of `pcp`, %, and of `mpjpe` and `hidden`, mm),
+        `intervals` (95 %, over blocks of time, of `pcp`, %, of `mpjpe` and `hidden`, mm, and of `recall`, %, of the
+        hidden joints),
         `worst` (`pcp` and `cameras` of the subset with the lowest PCP) and `runs`, the scores of each clip and subset,
-        as `score` returns them.
+        as `score` returns them. `options` and `clips` say what the scores are of, see `dmae.evaluation.scored_data`.
 
     Raises:
-        ValueError: a clip has no truth, there are no clips or methods, no such method or number of views, or options
-            exclude each other.
+        ValueError: a clip has no truth, there are no clips or methods, no such method or number of views, options
+            exclude each other, or poses made elsewhere do not fit their clip.
+        FileNotFoundError: there are no such poses.
     """
-    methods = _methods(config)
+    methods = {} if config.poses else load_methods(config)
     clips = load(config.data)
     if not clips:
         raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to score")
-    synthetic = config.input != Input.captured_poses
-    total = len(clips) * (1 if synthetic else len(camera_subsets(clips[0], config.views)))
     runs: dict[tuple[str, int], list[dict]] = {}
-    for trial in progress(_trials(clips, config), "evaluating", total):
-        skeleton = trial.truth.skeleton
-        filled = {name: convert(method(trial.given, trial.fps), skeleton) for name, method in methods.items()}
-        filled |= {
-            name: smooth(poses, trial.fps, config.smooth) for name, poses in filled.items() if name != "measured"
-        }
+    scored: dict[str, dict] = {}
+    for trial, filled in filled_trials(clips, config, methods):
+        skeleton, fps = trial.truth.skeleton, trial.clip.fps
+        if trial.clip.id not in scored:
+            scored[trial.clip.id] = scored_clip(trial.clip)
         compared = _filled_by_all([poses for name, poses in filled.items() if name != "measured"], trial)
         for name, poses in filled.items():
-            entry = {"clip": trial.clip, "cameras": trial.cameras}
-            entry |= score(
-                poses, trial.given, trial.truth, trial.actors, trial.matches, fps=trial.fps, compared=compared
-            )
+            entry = {"clip": trial.clip.id, "cameras": trial.cameras}
+            entry |= score(poses, trial.given, trial.truth, trial.actors, trial.matches, fps=fps, compared=compared)
             runs.setdefault((name, len(trial.cameras)), []).append(entry)
     results = [{"method": name, "views": views, **summary(entries)} for (name, views), entries in runs.items()]
-    recording = trial.clip if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
-    poses = Input(config.input).value.replace("_", " ")
-    return {"recording": recording, "skeleton": skeleton.name, "poses": poses, "results": results}
+    recording = trial.clip.id if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
+    poses = f"poses of {Path(config.poses).name}" if config.poses else Input(config.input).value.replace("_", " ")
+    return {
+        "recording": recording,
+        "skeleton": skeleton.name,
+        "poses": poses,
+        "options": scored_options(config),
+        "clips": scored,
+        "results": results,
+    }
 
 
-def _trials(clips: Iterable[Clip], config: EvaluateConfig) -> Iterator[Trial]:
+def filled_trials(
+    clips: Sequence[Clip],
+    config: EvaluateConfig,
+    methods: dict[str, Callable[[Poses3D, float], Poses3D]],
+    to_skeleton: Callable[[Poses3D, Skeleton], Poses3D] = convert,
+) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
+    """Yield every trial, and what each method makes of it: on the skeleton of the truth, and smoothed.
+
+    Args:
+        clips: At least one.
+        config: Of its fields `data`, `methods` and `weights` are not read.
+        methods: Functions that fill poses, by name. What `measured` returns is not smoothed.
+        to_skeleton: Brings filled poses to the skeleton of the truth.
+    """
+    captured = config.input == Input.captured_poses and not config.poses
+    total = len(clips) * (len(camera_subsets(clips[0], config.views)) if captured else 1)
+    for trial in progress(_trials(clips, config), "evaluating", total):
+        filled = {}
+        for name, fill in methods.items():
+            poses = to_skeleton(fill(trial.given, trial.clip.fps), trial.truth.skeleton)
+            filled[name] = poses if name == "measured" else smooth(poses, trial.clip.fps, config.smooth)
+        yield trial, filled | ({} if trial.filled is None else {HANDED_IN: trial.filled})
+
+
+def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
     synthetic = config.input != Input.captured_poses
     if config.skeleton and (synthetic or config.reference != ReferencePoses.truth):
         raise ValueError(
@@ -159,14 +198,24 @@ def _trials(clips: Iterable[Clip], config: EvaluateConfig) -> Iterator[Trial]:
         raise ValueError(
             f"input={config.input} has synthetic gaps in the truth, and nothing is captured; leave out views, reference"
         )
-    for number, clip in enumerate(clips):
+    if config.poses and (config.views or config.reference != ReferencePoses.truth):
+        raise ValueError(
+            f"poses={config.poses}: poses made elsewhere are compared with the truth, whatever cameras they are of; "
+            "leave out views, reference"
+        )
+    ids = [folder.name for folder in clips.folders] if len(clips) > 1 else [clips[0].id]
+    paths = predictions_of(Path(config.poses), ids) if config.poses else {}
+    for number, (clip, name) in enumerate(zip(clips, ids, strict=True)):
+        path = paths.get(name)
         if synthetic:
-            yield _synthetic_trial(clip, number, config)
+            yield _synthetic_trial(clip, number, config, path)
+        elif path:
+            yield _predicted_trial(clip, config, path)
         else:
             yield from _captured_trials(clip, config)
 
 
-def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig) -> Trial:
+def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig, path: Path | None) -> Trial:
     truth, wanted = _truth(clip), clip.detections.skeleton
     truth = convert(truth, wanted if wanted.name in truth.skeleton.name.split("+") else truth.skeleton)
     rng = generator(config.seed, number, Stream.STRESS)
@@ -174,7 +223,24 @@ def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig) -> Trial:
     if config.input == Input.perturbed_poses:
         given = perturb(given, clip.fps, rng=rng)
     matches = np.tile(np.arange(truth.xyz.shape[1]), (len(clip), 1))
-    return Trial(clip.id, [], clip.fps, given, truth, matches=matches)
+    filled = read_prediction(path, clip, truth, tracks=True) if path else None
+    return Trial(clip, [], given, truth, matches=matches, filled=filled)
+
+
+def _predicted_trial(clip: Clip, config: EvaluateConfig, path: Path) -> Trial:
+    """Return poses made elsewhere; what they mark as completed was hidden."""
+    truth = _compared_truth(clip, config)
+    filled = read_prediction(path, clip, truth)
+    given = filled.without(filled.source == Source.COMPLETED)
+    return Trial(clip, [*range(len(clip.rig))], given, truth, _actors(clip), filled=filled)
+
+
+def _compared_truth(clip: Clip, config: EvaluateConfig) -> Poses3D:
+    return convert(_truth(clip), get_skeleton(config.skeleton or clip.truth.skeleton.parts[-1].name))
+
+
+def _actors(clip: Clip) -> tuple[int, ...] | None:
+    return PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
 
 
 def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
@@ -182,12 +248,10 @@ def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
     if config.reference == ReferencePoses.capture:
         truth = _measured_by_all(clip, config)
     else:
-        truth = convert(_truth(clip), get_skeleton(config.skeleton or clip.truth.skeleton.parts[-1].name))
-        if clip.provenance.get("format") == "shelf":
-            actors = PUBLISHED_ACTORS
+        truth, actors = _compared_truth(clip, config), _actors(clip)
     for cameras in camera_subsets(clip, config.views):
         captured = capture(clip.select(views=cameras), config.capture)
-        yield Trial(clip.id, cameras, clip.fps, captured, truth, actors)
+        yield Trial(clip, cameras, captured, truth, actors)
 
 
 def _measured_by_all(clip: Clip, config: EvaluateConfig) -> Poses3D:
@@ -220,8 +284,12 @@ def _filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
     return common
 
 
-def _methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
-    """Return the methods by name."""
+def load_methods(config: EvaluateConfig) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
+    """Return the functions of the methods by name.
+
+    Raises:
+        ValueError: there are none, or one is unknown.
+    """
     if not config.methods:
         raise ValueError(f"methods=[]: expected some of {[*completion_method]}")
     weights = Path(config.weights) if config.weights else None

@@ -1,9 +1,12 @@
 """Scores of a prediction, and their averages over runs."""
 
+from pathlib import Path
+
 import numpy as np
 
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton_conversion import convert
+from dmae.data.store import read_json
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.intervals import bootstrap_ratio
 from dmae.metrics.registry import metrics
@@ -47,6 +50,17 @@ def score(
         convert(poses, skeleton), convert(captured, skeleton), truth, actors, matches, fps, compared
     )
     return {metric.name: metric.function(comparison) for metric in metrics()} | {"blocks": time_blocks(comparison)}
+
+
+def read_scores(path: Path) -> dict:
+    """Read the `scores.json` that `dmae evaluate` wrote, or that of its folder.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is not JSON.
+    """
+    path = Path(path)
+    return read_json(path / "scores.json" if path.is_dir() else path)
 
 
 def summary(runs: list[dict]) -> dict:

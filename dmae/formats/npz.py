@@ -25,13 +25,20 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import write_atomic
-from dmae.formats.registry import pose_writer
+from dmae.formats.recordings.pose_files import PoseFile
+from dmae.formats.registry import pose_reader, pose_writer
 
 
 @pose_writer("npz", fused=True)
 def write_npz(poses: Poses3D, clip: Clip, path: Path) -> None:
     """A NumPy archive with joints, their sources, covariances and names."""
     export_npz(poses, clip.fps, path)
+
+
+@pose_reader("npz", file="*.npz")
+def read_npz_poses(path: Path) -> PoseFile:
+    """A NumPy archive that `write_npz` wrote."""
+    return PoseFile(*read_npz(path))
 
 
 def export_npz(poses: Poses3D, fps: float, path: Path) -> None:

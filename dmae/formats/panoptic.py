@@ -16,7 +16,8 @@ from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_cali
 from dmae.formats.calibrations.panoptic import CONVENTION
 from dmae.formats.recordings.camera_matching import frame_number
 from dmae.formats.recordings.numbered_detections import with_cameras
-from dmae.formats.registry import pose_writer, reader
+from dmae.formats.recordings.pose_files import PoseFile
+from dmae.formats.registry import pose_reader, pose_writer, reader
 from dmae.progress import progress
 
 POSES = "hdPose3d_stage1_coco19"
@@ -56,6 +57,15 @@ def read_panoptic(
         return with_cameras(found, path, calibration, fps)
     found = replace(found, fps=poses.fps, notes=(*found.notes, *poses.notes))
     return with_cameras(found, path, calibration, fps, poses.xyz, PANOPTIC19)
+
+
+@pose_reader("panoptic", signs=["hdPose3d_stage1_coco19", "body3DScene_*.json"])
+def read_panoptic_poses(path: Path) -> PoseFile:
+    """A folder of CMU Panoptic's poses; frames without a file between the first and the last are absent."""
+    found = read_poses(path)
+    numbers = range(min(found.xyz), max(found.xyz) + 1)
+    absent = np.full_like(next(iter(found.xyz.values())), np.nan)
+    return PoseFile(Poses3D(PANOPTIC19, np.array([found.xyz.get(number, absent) for number in numbers])), found.fps)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""The registries of formats: readers of recordings, writers of poses, and writers of recordings.
+"""The registries of formats: readers of recordings and of poses, writers of poses and of recordings.
 
-To add a format, write its functions into a file of this folder under the decorators `reader`, `pose_writer` and
-`recording_writer` (`dmae.registry`).
+To add a format, write its functions into a file of this folder under the decorators `reader`, `pose_reader`,
+`pose_writer` and `recording_writer` (`dmae.registry`).
 """
 
 from dataclasses import dataclass, field
@@ -26,6 +26,19 @@ class RecordingReader(Entry):
     file: str = ""
     general: bool = False
     data_set: bool = False
+
+
+@dataclass(frozen=True)
+class PoseReader(Entry):
+    """A function of the path of poses that returns a `dmae.formats.recordings.pose_files.PoseFile`.
+
+    Attributes:
+        file: Pattern of the names of files that it reads; empty where it reads folders.
+        signs: Patterns; a folder is read where one of them is found in it.
+    """
+
+    file: str = ""
+    signs: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -55,5 +68,6 @@ class RecordingWriter(Entry):
 
 
 reader = Registry("reader", RecordingReader, __package__, option="data")
-pose_writer = Registry("pose_writer", PoseWriter, __package__, option="format")
+pose_reader = Registry("pose_reader", PoseReader, __package__, f"{__package__}.motion_capture")
+pose_writer = Registry("pose_writer", PoseWriter, __package__, f"{__package__}.motion_capture", option="format")
 recording_writer = Registry("recording_writer", RecordingWriter, __package__, option="format")

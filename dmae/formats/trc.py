@@ -1,5 +1,6 @@
 """TRC, the text format of OpenSim for markers: y up, tab separated, an empty cell where a marker is absent."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import SKELETONS, Skeleton
 from dmae.data.store import write_atomic
 from dmae.formats.calibrations.conventions import METRES, LengthUnit
-from dmae.formats.registry import pose_writer
+from dmae.formats.motion_capture.source_table import person_paths, source_table, write_source_table
+from dmae.formats.recordings.pose_files import PoseFile
+from dmae.formats.registry import pose_reader, pose_writer
 
 # Indices of our x, y, z in those of a TRC, and back: TRC (x, y, z) = world (y, z, x).
 _WORLD = (2, 0, 1)
@@ -120,12 +123,33 @@ def _skeleton(path: Path, names: list[str]) -> Skeleton:
     )
 
 
-def trc_paths(path: Path, persons: int) -> list[Path]:
-    """Return the files of several persons, `<name>_P1.trc` and on; of a single one the path itself."""
+@pose_reader("trc", file="*.trc")
+def read_trc_poses(path: Path) -> PoseFile:
+    """OpenSim's markers: one person, or the files `<name>_P1.trc` and on that `write_trc` wrote of several."""
     path = Path(path)
-    if persons == 1:
-        return [path]
-    return [path.with_name(f"{path.stem}_P{person + 1}{path.suffix}") for person in range(persons)]
+    files = [path] if path.is_file() else _person_files(path)
+    read = [read_trc(file) for file in files]
+    first, rate = read[0]
+    for file, (poses, other) in zip(files, read, strict=True):
+        if (len(poses.xyz), poses.skeleton, other) != (len(first.xyz), first.skeleton, rate):
+            raise ValueError(
+                f"{file}: expected {len(first.xyz)} frames at {rate:g}/s of {first.skeleton.name} as in "
+                f"{files[0].name}, found {len(poses.xyz)} at {other:g}/s of {poses.skeleton.name}"
+            )
+    xyz, source = (np.concatenate([getattr(poses, name) for poses, _ in read], 1) for name in ("xyz", "source"))
+    return PoseFile(Poses3D(first.skeleton, xyz, source), rate)
+
+
+def _person_files(path: Path) -> list[Path]:
+    """Return the files of the persons of `path`, by number."""
+    numbered = {}
+    for file in path.parent.glob("*.trc"):
+        number = re.fullmatch(rf"{re.escape(path.stem)}_P(\d+)", file.stem)
+        if number:
+            numbered[int(number[1])] = file
+    if not numbered:
+        raise FileNotFoundError(f"{path}: no such file, and no {path.stem}_P1.trc")
+    return [numbered[number] for number in sorted(numbered)]
 
 
 @pose_writer("trc")
@@ -135,7 +159,7 @@ def write_trc_poses(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit 
 
 
 def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthUnit.m) -> list[Path]:
-    """Write a file for each person, at the `trc_paths`, to a micrometre; frame 1 is at time 0.
+    """Write a file for each person, at the `person_paths`, to a micrometre; frame 1 is at time 0.
 
     A TRC cannot say that a joint is not measured, so a second file, `<name>.source.csv`, does: measured, denoised,
     completed or absent for each frame and marker.
@@ -144,19 +168,14 @@ def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthU
         The TRC files.
     """
     names = [marker(joint) for joint in poses.skeleton.joints]
-    paths = trc_paths(path, poses.xyz.shape[1])
+    paths = person_paths(path, poses.xyz.shape[1])
     digits = {LengthUnit.m: 6, LengthUnit.cm: 4, LengthUnit.mm: 3}[unit]
     for person, file in enumerate(paths):
         xyz = poses.xyz[:, person][..., _TRC].astype(np.float64) / METRES[unit]
         write_atomic(
             file, "\n".join([*_written_header(file, names, len(xyz), fps, unit), *_written(xyz, fps, digits)]) + "\n"
         )
-        kinds = [",".join(["Frame#", *names])]
-        kinds += [
-            ",".join([str(frame + 1), *(Source(k).name.lower() for k in row)])
-            for frame, row in enumerate(poses.source[:, person])
-        ]
-        write_atomic(_source_path(file), "\n".join(kinds) + "\n")
+        write_source_table(file, names, poses.source[:, person])
     return paths
 
 
@@ -179,12 +198,8 @@ def _written(xyz: np.ndarray, fps: float, digits: int) -> list[str]:
     ]
 
 
-def _source_path(path: Path) -> Path:
-    return path.with_suffix(".source.csv")
-
-
 def _read_source(path: Path, xyz: np.ndarray, names: list[str], joints: list[int]) -> np.ndarray | None:
-    beside = _source_path(path)
+    beside = source_table(path)
     if not beside.is_file():
         return None
     lines = [line.split(",") for line in beside.read_text().splitlines()]

@@ -44,13 +44,13 @@ def idf1(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> float:
     return float(200 * found / total) if total else float("nan")
 
 
-@metric("identity_switches", order=10, columns=(Column("switches", "", order=8),))
+@metric("identity_switches", order=10, columns=(Column("switches", "", order=8, table="identities"),))
 def _identity_switches(comparison: Comparison) -> int:
     """Number of times that a true person is matched to another prediction than before."""
     return identity_switches(comparison.matches)
 
 
-@metric("idf1", order=11, columns=(Column("IDF1", "%", order=9),))
+@metric("idf1", order=11, columns=(Column("IDF1", "%", order=9, table="identities"),))
 def _idf1(comparison: Comparison) -> float:
     """Identity F1 score, %."""
     return idf1(comparison.pred.xyz, comparison.truth.xyz)

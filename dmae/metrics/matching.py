@@ -39,14 +39,27 @@ def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray
     return matches
 
 
-def match_nearest(pred: np.ndarray, truth: np.ndarray, gate: float = np.inf) -> np.ndarray:
-    """Assign to every true person the prediction at the least mean distance; two persons may share one prediction.
+def match_nearest(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Assign to every true person the prediction at the least mean distance, however far; persons may share one.
 
     Arguments and result are as in `match`.
     """
+    if not pred.shape[1]:
+        return np.full(truth.shape[:2], -1)
     mean = mean_known(distances(pred, truth), -1)
-    mean = np.where(mean <= gate, mean, np.inf)
-    return np.where((mean < np.inf).any(-1), mean.argmin(-1), -1) if pred.shape[1] else np.full(truth.shape[:2], -1)
+    return np.where(np.isnan(mean).all(-1), -1, np.nan_to_num(mean, nan=np.inf).argmin(-1))
+
+
+def match_claimed(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray:
+    """Let every prediction claim the true person nearest to it, nearer than the gate; the first claim on one counts.
+
+    Arguments and result are as in `match`.
+    """
+    if 0 in (pred.shape[1], truth.shape[1]):
+        return np.full(truth.shape[:2], -1)
+    mean = np.nan_to_num(mean_known(distances(pred, truth), -1), nan=np.inf)
+    claims = (mean == mean.min(1, keepdims=True)) & (mean < gate)
+    return np.where(claims.any(-1), claims.argmax(-1), -1)
 
 
 def distances(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -33,7 +33,9 @@ def limb_ends(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     return xyz[..., np.asarray(bones, int), :]
 
 
-def correct_limbs(matched: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+def correct_limbs(
+    matched: np.ndarray, truth: np.ndarray, skeleton: Skeleton, *, at_half: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
     """Decide limb by limb: correct is (d_start + d_end) / 2 <= half the true length, d the distances of the ends.
 
     A limb with an end that was not predicted, and every limb of a missed person, is not correct.
@@ -42,6 +44,7 @@ def correct_limbs(matched: np.ndarray, truth: np.ndarray, skeleton: Skeleton) ->
         matched: (F, T, J, 3) predictions in the order of the truth, from `take_matched`, m.
         truth: (F, T, J, 3) m.
         skeleton: Of both.
+        at_half: Whether a limb is correct at exactly half the length.
 
     Returns:
         correct: (F, T, L) bool.
@@ -51,7 +54,7 @@ def correct_limbs(matched: np.ndarray, truth: np.ndarray, skeleton: Skeleton) ->
     error = np.linalg.norm(ends - true_ends, axis=-1).mean(-1)
     length = np.linalg.norm(true_ends[..., 1, :] - true_ends[..., 0, :], axis=-1)
     # Stored coordinates are float32; their rounding must not decide about a limb at exactly the threshold.
-    return error <= 0.5 * length + 1e-6, ~np.isnan(length)
+    return error <= 0.5 * length + (1e-6 if at_half else -1e-6), ~np.isnan(length)
 
 
 @metric("pcp", order=1)

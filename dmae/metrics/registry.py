@@ -14,19 +14,21 @@ from dmae.registry import Entry, Registry
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table of joints and identities.
+    """A column of the tables of joints and of identities.
 
     Attributes:
         heading: Unique among all columns.
         unit: Of the numbers: "%", "mm" or "".
         value: Takes the score of the metric, and returns a number, or None for nothing.
         order: Columns stand in this order, then in that of the metrics.
+        table: "joints" or "identities".
     """
 
     heading: str
     unit: str
     value: Callable[[Any], float | None] = lambda score: score
     order: int = 100
+    table: str = "joints"
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Metric(Entry):
 
     Attributes:
         order: Metrics stand in this order, then by name.
-        columns: Its columns in the table of joints and identities.
+        columns: Its columns in the tables of joints and identities.
         pool: Takes the scores of several runs, and returns that of all of them; None for the mean of each number,
             first over clips, then over subsets of cameras.
         one_clip: Whether scores of different clips cannot be averaged; then there is no mean over several clips.

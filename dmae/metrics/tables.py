@@ -3,6 +3,9 @@
 from dmae.metrics.registry import metrics
 from dmae.reporting.tables import Table
 
+_COLUMN_TABLES = {"joints": "Joints within 0.2 m", "identities": "Identities"}
+"""Captions of the tables of the columns that metrics declare."""
+
 
 def score_tables(scores: dict) -> list[Table]:
     """Return the tables of scores, with a row for each method and number of views.
@@ -17,7 +20,7 @@ def score_tables(scores: dict) -> list[Table]:
     firsts = [(result["method"], str(result["views"] or "-")) for result in results]
     lengths = [gap["frames"] for gap in means[0]["gaps"]]
     rows = list(zip(firsts, means, strict=True))
-    tables = [_pcp_table(scores, firsts), _columns_table(rows)]
+    tables = [_pcp_table(scores, firsts), *(_columns_table(rows, *each) for each in _COLUMN_TABLES.items())]
     poses = f" in {scores['poses']}" if "poses" in scores else ""
     tables.append(
         Table(
@@ -54,16 +57,16 @@ def _pcp_table(scores: dict, firsts: list[tuple[str, str]]) -> Table:
     )
 
 
-def _columns_table(rows: list[tuple[tuple[str, str], dict]]) -> Table:
+def _columns_table(rows: list[tuple[tuple[str, str], dict]], table: str, caption: str) -> Table:
     """The columns that metrics declare; scores from before a metric was added have nothing in its columns."""
-    columns = [(metric.name, column) for metric in metrics() for column in metric.columns]
+    columns = [(metric.name, column) for metric in metrics() for column in metric.columns if column.table == table]
     columns.sort(key=lambda each: each[1].order)
     units = dict.fromkeys(column.unit for _, column in columns if column.unit)
     captions = [
         f"{', '.join(column.heading for _, column in columns if column.unit == unit)} in {unit}" for unit in units
     ]
     return Table(
-        f"Joints within 0.2 m and identities: {'; '.join(captions)}",
+        f"{caption}: {'; '.join(captions)}",
         ("method", "views", *(column.heading for _, column in columns)),
         [
             (*first, *(_text(column.value(mean[name]) if name in mean else None) for name, column in columns))
@@ -84,4 +87,4 @@ def _gap_rows(gaps: list[tuple[tuple[str, str], list[dict]]]) -> list[tuple[str,
 
 
 def _text(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"
+    return "not measured" if value is None else f"{value:.1f}"

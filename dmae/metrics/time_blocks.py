@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmae.metrics.comparison import Comparison
+from dmae.metrics.pck import correct_joints
 from dmae.metrics.pcp import correct_limbs
 
 BLOCK = 1.0
 """s; length of a block."""
-FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0}
-"""What is summed, and the factor from the ratio of the sums to the unit of the score: %, mm, mm."""
+FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0, "recall": 100.0}
+"""What is summed, and the factor from the ratio of the sums to the unit of the score: %, mm, mm, %."""
 
 
 def time_blocks(comparison: Comparison) -> dict:
@@ -19,7 +20,8 @@ def time_blocks(comparison: Comparison) -> dict:
     Returns:
         JSON-able. `seconds`, the length of a block; `block`, the B indices of the blocks; and `pcp` (limbs that are
         correct, of each actor), `mpjpe` (mm, of all joints), `hidden` (mm, of the joints that capture did not
-        measure), each with `sum` and `count`, (G, B) numbers, where G is the number of actors for `pcp` and else 1.
+        measure) and `recall` (of these, the ones within 0.2 m), each with `sum` and `count`, (G, B) numbers, where G
+        is the number of actors for `pcp` and else 1.
     """
     truth, actors = comparison.truth.xyz, list(comparison.actors)
     correct, limbs = correct_limbs(comparison.matched[:, actors], truth[:, actors], comparison.skeleton)
@@ -29,10 +31,10 @@ def time_blocks(comparison: Comparison) -> dict:
         "pcp": ((correct & limbs).sum(2).T, limbs.sum(2).T),
         "mpjpe": _sums(error, found),
         "hidden": _sums(error, found & comparison.hidden),
+        "recall": _sums(correct_joints(comparison.matched, truth), comparison.known & comparison.hidden),
     }
     frames = np.flatnonzero(comparison.known.any((1, 2)))
-    block, inverse = np.unique((frames / comparison.fps / BLOCK + 1e-9).astype(int), return_inverse=True)
-    member = np.arange(len(block))[:, None] == inverse
+    block, member = block_members(frames, comparison.fps)
     blocks = {"seconds": BLOCK, "block": block.tolist()}
     for figure, (total, count) in per_frame.items():
         blocks[figure] = {
@@ -40,6 +42,21 @@ def time_blocks(comparison: Comparison) -> dict:
             "count": (count[:, frames] @ member.T).tolist(),
         }
     return blocks
+
+
+def block_members(frames: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the blocks of time that some frames lie in.
+
+    Args:
+        frames: (N,) indices.
+        fps: Frames per second.
+
+    Returns:
+        block: (B,) indices of the blocks.
+        member: (B, N) True for the frames of each block.
+    """
+    block, inverse = np.unique((frames / fps / BLOCK + 1e-9).astype(int), return_inverse=True)
+    return block, np.arange(len(block))[:, None] == inverse
 
 
 def _sums(error: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -100,7 +100,8 @@ class OnlineCapture:
 
     def _evidence(self, frames: list[Detections2D], th_p: float) -> Evidence:
         """Return the evidence of frames with different numbers of detections."""
-        most = max(frame.xy.shape[2] for frame in frames)
+        # Tracks go on through frames in which no camera detects anyone.
+        most = max(1, *(frame.xy.shape[2] for frame in frames))
         xy = np.full((len(frames), len(self._rig), most, len(self._skeleton), 2), np.nan)
         score = np.full(xy.shape[:-1], np.nan)
         for i, frame in enumerate(frames):

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dmae.calibration.doctor import Diagnosis
+    from dmae.evaluation.gates import Gate
     from dmae.regression import Verdict
+    from dmae.viewing.layers import LayersConfig
 
 
 def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None = None) -> dict:
@@ -31,7 +33,8 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
         `pck`, `gaps`, `identity_switches`, `idf1` and more (`dmae.evaluation.scores.score`).
 
     Raises:
-        ValueError: the clip has no truth, or there are no poses.
+        ValueError: the clip has no truth, there are no poses, or they differ from the truth in length or unit or have
+            none of its joints.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -40,15 +43,49 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
         True
     """
     from dmae.evaluation.evaluate import PUBLISHED_ACTORS
+    from dmae.evaluation.predictions import fitting
     from dmae.evaluation.scores import score
 
     poses = clip.poses if poses is None else poses
     if clip.truth is None or poses is None:
         raise ValueError(f"clip {clip.id!r} has no {'truth to score against' if poses else 'poses; run dmae.capture'}")
     truth = convert(clip.truth, get_skeleton(skeleton or clip.truth.skeleton.parts[-1].name))
+    poses = fitting(poses, truth, f"clip {clip.id!r}")
     captured = poses.without(poses.source == Source.COMPLETED)
     actors = PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
     return score(poses, captured, truth, actors, fps=clip.fps)
+
+
+def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, changed: tuple[str, ...] = ()) -> Gate:
+    """Compare scores with those of a baseline: is any figure worse by more than its interval?
+
+    Args:
+        baseline: The `scores.json` that `dmae evaluate` wrote before, its folder, or its content.
+        scores: The same of now: equal clips, options, skeleton.
+        changed: Options, or groups of them, that differ on purpose.
+
+    Returns:
+        `passed`; `changes`, each figure with both values, the interval of the difference and whether it is `worse` or
+        `better`; `refused`, what could not be compared. As text it is the verdict that the command prints.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: the scores are of other clips, options or skeleton, or of a version without sums by time.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> dmae.save(clip, "walk")
+        >>> from dmae.evaluation.evaluate import EvaluateConfig, evaluate
+        >>> from dmae.formats.reading import DataConfig
+        >>> scores = evaluate(EvaluateConfig(DataConfig(path="walk"), methods=["linear"]))
+        >>> dmae.compare_scores(scores, scores).passed
+        True
+    """
+    from dmae.evaluation import gates
+    from dmae.evaluation.scores import read_scores
+
+    found = (each if isinstance(each, dict) else read_scores(Path(each)) for each in (baseline, scores))
+    return gates.compare_scores(*found, changed)
 
 
 def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> Figure:
@@ -72,7 +109,7 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
         True
     """
     from dmae.reporting.figures import views_figure
-    from dmae.reporting.page import frames_to_draw
+    from dmae.reporting.frames import frames_to_draw
 
     clip = clip if poses is None else replace(clip, poses=poses)
     if clip.poses is None:
@@ -80,28 +117,30 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
     return views_figure(clip, frames_to_draw(clip, 1)[0] if frame is None else frame)
 
 
-def report(clip: Clip, out: str | Path, *, title: str = "Occluded multi-view motion, captured and completed") -> None:
-    """Write a page of pictures of a clip's poses: an HTML file that loads nothing from elsewhere.
+def report(
+    clip: Clip | Sequence[Clip],
+    out: str | Path,
+    *,
+    scores: Sequence[dict] = (),
+    title: str = "Multi-view motion: measured and completed",
+) -> None:
+    """Write the report of a clip: a player, the worst moments, errors by group, as one HTML file without network.
 
     Args:
-        clip: Has captured or completed `poses`.
+        clip: With truth and images or without, captured and completed or not yet; or several, as `load_dataset` gives.
         out: The file.
+        scores: Contents of `scores.json` of `dmae evaluate`, to be shown below.
         title: Heading of the page.
-
-    Raises:
-        ValueError: the clip has no poses.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
         >>> dmae.report(replace(clip, poses=dmae.capture(clip)), "report.html")
-        >>> "<html" in Path("report.html").read_text()
+        >>> "Worst moments" in Path("report.html").read_text()
         True
     """
-    from dmae.reporting.page import views_section, write_report
+    from dmae.evaluation.report.page import write_clips_report
 
-    if clip.poses is None:
-        raise ValueError(f"clip {clip.id!r} has no poses to report; run dmae.capture(clip)")
-    write_report(Path(out), title, [views_section(clip)])
+    write_clips_report(Path(out), [clip] if isinstance(clip, Clip) else clip, scores, title=title)
 
 
 def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
@@ -204,3 +243,45 @@ def regress(solver: Callable, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
     from dmae.regression import check
 
     return check(solver, skip)
+
+
+def show(
+    clip: Clip,
+    out: str | Path,
+    *,
+    frames: int = 4,
+    views: Sequence[str] = (),
+    width: int = 480,
+    layers: LayersConfig | None = None,
+    video: bool = True,
+    rerun: bool = False,
+) -> list[Path]:
+    """Draw a clip, captured, completed, simulated or as recorded: a contact sheet, a video, a recording for Rerun.
+
+    Args:
+        clip: Any clip. What it has is drawn: images, detections, poses, truth.
+        out: Folder of the files.
+        frames: How many the sheet shows, a row each.
+        views: Names of the cameras; by default all.
+        width: Of a view, px.
+        layers: What is drawn; by default the poses, or else the truth, and of real clips the detections.
+        video: Whether to write the video, all views of all frames.
+        rerun: Whether to write the recording.
+
+    Returns:
+        The files: `sheet.png`, `clip.mp4`, `clip.rrd`.
+
+    Raises:
+        ValueError: there is no such camera, or Rerun is not installed.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> completed = dmae.complete(dmae.capture(clip), clip.fps)
+        >>> files = dmae.show(replace(clip, poses=completed), "pictures", frames=1, width=240)
+        >>> [file.name for file in files]
+        ['sheet.png', 'clip.mp4']
+    """
+    from dmae.viewing.show import show_clip
+
+    options = {"frames": frames, "views": views, "width": width, "layers": layers, "video": video, "rerun": rerun}
+    return show_clip(clip, Path(out), **options)

@@ -1,4 +1,4 @@
-"""Motion of people: capture, complete, train, triangulate."""
+"""Motion of people: capture, complete, train, describe a model, triangulate."""
 
 from __future__ import annotations
 
@@ -169,6 +169,32 @@ def train(
     from dmae.completion.training.train import train as run
 
     return run(_composed("train", *overrides), clips, Path(out), validation_data, extra_data)
+
+
+def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()) -> str:
+    """Describe trained weights: what they are made of and how they score.
+
+    Args:
+        weights: Folder that `train`, or `dmae train`, wrote.
+        command: How these weights are made, data included: a command line, or the name of a script.
+        scores: Folders that `dmae evaluate` wrote with these weights.
+
+    Returns:
+        The card as Markdown; `dmae card` writes it to `MODEL_CARD.md` beside the weights.
+
+    Raises:
+        FileNotFoundError: a file of the weights or scores is missing.
+        ValueError: scores are of other weights.
+
+    Examples:
+        >>> clips = list(synth.generate("scene.seconds=1", clips=2, seed=7))
+        >>> folder = dmae.train(clips, "model", "learning.steps=2", "learning.epoch=2")
+        >>> print(dmae.card(folder, command="python train.py").splitlines()[0])
+        # D-MAE for body25
+    """
+    from dmae.completion.model_card import model_card
+
+    return model_card(Path(weights), [Path(folder) for folder in scores], command)
 
 
 def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray) -> Points:

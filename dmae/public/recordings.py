@@ -1,4 +1,4 @@
-"""Recordings and clips: read, load, save, export."""
+"""Recordings, poses and clips: read, load, save, export."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from pathlib import Path
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.store import load_clip, save_clip
 from dmae.formats.reading import Clips
+from dmae.formats.recordings import pose_files
 from dmae.formats.recordings.data_config import DataConfig
+from dmae.formats.recordings.pose_files import PoseFile
 from dmae.formats.writing import write_poses, write_recording
 
 
@@ -45,6 +47,29 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
     if len(clips) != 1:
         raise ValueError(f"{path}: expected one recording, found a data set of {len(clips)}; use dmae.load_dataset")
     return clips[0]
+
+
+def read_poses(path: str | Path) -> PoseFile:
+    """Read poses that any supported program wrote: `.npz`, `.trc`, a clip, CMU Panoptic's folder.
+
+    Args:
+        path: The file or folder; of several persons' TRC files, `<name>_P1.trc` and on, `<name>.trc`.
+
+    Returns:
+        `poses` (F, P, J, 3) m, world; `fps` and `clip`, its id, where the file says.
+
+    Raises:
+        FileNotFoundError: there is nothing at the path.
+        ValueError: the format is not recognised, or the file is malformed.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> dmae.export(clip, "poses.npz", poses=dmae.capture(clip))
+        >>> read = dmae.read_poses("poses.npz")
+        >>> read.fps, read.poses.skeleton.name
+        (25.0, 'body25')
+    """
+    return pose_files.read_poses(Path(path))
 
 
 def load(folder: str | Path) -> Clip:

@@ -1,20 +1,30 @@
-"""One self-contained HTML page: sections of text, tables and figures."""
+"""One self-contained HTML page: a summary, a player, and sections of text, tables and figures."""
 
 import base64
+import hashlib
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
 import jinja2
-import numpy as np
+from markupsafe import Markup
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from dmae.data.clip import Clip, Source
 from dmae.data.store import write_atomic
-from dmae.reporting.figures import views_figure
 from dmae.reporting.tables import Table
+
+_ASSETS = resources.files("dmae.reporting") / "assets"
+_SCRIPTS = ("page.js", "player_data.js", "player_drawing.js", "player.js")
+_LARGEST_SVG = 300_000
+_WIDE = 6.5
+"""Inches; a wider figure stands alone, a narrower one beside a table."""
+_NUMBER = re.compile(r"[<>±~+-]?\s*\d|-?$")
+_THEME = {"#000000": "currentColor", "#ffffff": "var(--page)", "#dddddd": "var(--line)"}
+"""Colours of figures that follow the page from light to dark."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +33,24 @@ class CaptionedFigure:
 
     caption: str
     figure: Figure
+
+    @property
+    def wide(self) -> bool:
+        """Whether it takes the width of the page."""
+        return self.figure.get_figwidth() > _WIDE
+
+    @property
+    def markup(self) -> Markup:
+        """The figure as an element of the page: lines and text in its colours, or pixels where it holds many points."""
+        with rc_context({"svg.fonttype": "none", "svg.hashsalt": "dmae"}):
+            buffer = io.StringIO()
+            self.figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+        text = buffer.getvalue()
+        if len(text) <= _LARGEST_SVG:
+            drawn = text[text.index("<svg") :]
+            drawn = re.sub("#(?:000000|ffffff|dddddd)", lambda found: _THEME[found.group()], drawn)
+            return Markup(drawn.replace("<svg ", Markup('<svg role="img" aria-label="{}" ').format(self.caption), 1))
+        return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(self.caption, self.png)
 
     @property
     def png(self) -> str:
@@ -34,7 +62,7 @@ class CaptionedFigure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, and under it text, tables and figures in this order."""
+    """A heading, and under it text, tables and figures in this order. An empty line in the text parts paragraphs."""
 
     heading: str
     text: str = ""
@@ -42,56 +70,45 @@ class Section:
     figures: Sequence[CaptionedFigure] = ()
 
 
-def write_report(path: Path, title: str, sections: Sequence[Section]) -> None:
-    """Write the page as one file that loads nothing from elsewhere."""
+def write_report(
+    path: Path, title: str, sections: Sequence[Section], *, summary: Sequence[str] = (), players: Sequence[dict] = ()
+) -> None:
+    """Write the page as one file that loads nothing from elsewhere.
+
+    Its content security policy lets the browser run this module's scripts alone, so that a name from a file stays text.
+
+    Args:
+        path: The file.
+        title: Heading of the page.
+        sections: In order.
+        summary: Paragraphs under the title.
+        players: Clips of the player, see `dmae.reporting.player.player_data`; without any there is no player.
+    """
+    script = "\n".join((_ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS[: None if players else 1])
     template = jinja2.Template(
-        resources.files("dmae").joinpath("report.html").read_text(), autoescape=True, undefined=jinja2.StrictUndefined
+        (_ASSETS / "page.html").read_text(encoding="utf-8"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    write_atomic(path, template.render(title=title, sections=sections))
-
-
-def frames_to_draw(clip: Clip, number: int) -> list[int]:
-    """Return the frames of a clip with most completed joints, or else with most missing ones, or else most persons."""
-    source = clip.poses.source
-    present = (source != Source.ABSENT).any(-1, keepdims=True)
-    kinds = (source == Source.COMPLETED, (source == Source.ABSENT) & present, source != Source.ABSENT)
-    return frames_with_most(next((kind for kind in kinds if kind.any()), kinds[0]).sum((1, 2)), number)
-
-
-def frames_with_most(counts: np.ndarray, number: int, apart: int = 10) -> list[int]:
-    """Return the frames with the largest counts (F,), at least `apart` frames from each other, in order of time."""
-    left, chosen = counts.copy(), []
-    while len(chosen) < number and (left >= 0).any():
-        frame = int(left.argmax())
-        chosen.append(frame)
-        left[max(0, frame - apart) : frame + apart + 1] = -1
-    return sorted(chosen)
-
-
-def views_section(clip: Clip, number: int = 2) -> Section:
-    """Return pictures of a clip's poses: of the frames with most completed joints, or else with most missing ones."""
-    if clip.poses is None:
-        return Section(f"Clip {clip.id}: no poses", "This clip has no captured poses; dmae capture makes them.")
-    source = clip.poses.source
-    present = (source != Source.ABSENT).any(-1, keepdims=True)
-    if not present.any():
-        return Section(f"Clip {clip.id}: no persons", "Capture found no person in this clip.")
-    completed, missing = source == Source.COMPLETED, (source == Source.ABSENT) & present
-    joints = present.sum() * source.shape[-1]
-    heading = f"Clip {clip.id}: {'completed' if completed.any() else 'captured'} poses"
-    if completed.any():
-        text = f"{completed.sum() / joints:.1%} of the joints are completed, drawn in red: no camera measured them."
-        text += f" {missing.sum() / joints:.1%} are missing." if missing.any() else ""
-        text += " These are the frames with the most completed joints."
-    elif missing.any():
-        text = f"No joint is completed; {missing.sum() / joints:.1%} are missing. These are the frames with the most."
-    else:
-        text = "Every joint was measured; no joint is completed. These are frames with the most persons."
-    return Section(
-        heading,
-        text,
-        figures=[
-            CaptionedFigure(f"Frame {f}, reprojected into every view.", views_figure(clip, f))
-            for f in frames_to_draw(clip, number)
-        ],
+    page = template.render(
+        title=title,
+        sections=sections,
+        summary=summary,
+        alignment=_alignment,
+        players=players,
+        style=Markup((_ASSETS / "page.css").read_text(encoding="utf-8")),
+        script=Markup(script),
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     )
+    write_atomic(path, page)
+
+
+def _alignment(table: Table) -> list[str]:
+    """Return a class for each column: sentences and words are read from the left, numbers stand at the right."""
+    columns = [[row[column] for row in table.rows] for column in range(len(table.header))]
+    return [
+        "prose" if any(len(cell) > 40 for cell in cells) else "" if all(map(_NUMBER.match, cells)) else "words"
+        for cells in columns
+    ]

@@ -9,12 +9,32 @@ from rich.console import Console
 
 
 @dataclass(frozen=True)
+class Moment:
+    """A place in the page's player: a frame of a clip, and the person to look at, if one is meant."""
+
+    clip: str
+    frame: int
+    person: int | None = None
+
+
+@dataclass(frozen=True)
 class Table:
-    """A caption, a header, and rows of cells, which are written as they are; format numbers first."""
+    """A caption, a header, and rows of cells, which are written as they are; format numbers first.
+
+    Attributes:
+        bars: Columns, by index, that a page draws with a bar behind each number, in proportion to the largest.
+        moments: What the first cell of each row opens in the player of a page; none, or one a row.
+    """
 
     caption: str
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
+    bars: Sequence[int] = ()
+    moments: Sequence[Moment | None] = ()
+
+    def __post_init__(self):
+        if self.moments and len(self.moments) != len(self.rows):
+            raise ValueError(f"table {self.caption!r}: {len(self.rows)} rows, but {len(self.moments)} moments")
 
 
 def print_tables(tables: Sequence[Table]) -> None:

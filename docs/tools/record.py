@@ -20,6 +20,11 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 _ALL = "measured,linear,pchip_body,kalman,reject_pchip,rays,gaussian_process,reject_gaussian_process"
 
+_INTERACTIONS = (
+    "synth generate -m interaction=fight,hug,dance,huddle rig=ring rig.ring.views=3 clips=4 seed=51 out=interactions"
+)
+_TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
+
 RECORDED = {
     "shelf": (
         f"dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] "
@@ -40,9 +45,26 @@ RECORDED = {
         "rays,gaussian_process,reject_pchip,reject_gaussian_process,dmae,dmae_reject]",
         "15 minutes",
     ),
+    "table_1": ("dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf", "1 minute"),
+    "table_2": ("dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf", "3 minutes"),
+    "table_3": (
+        f"{_INTERACTIONS} && "
+        "dmae table number=3 data=interactions/0 extra_data=[interactions/1,interactions/2,interactions/3] size=small",
+        "5 minutes",
+    ),
+    "table_4": (
+        f"{_TWO_INTERACTIONS} && dmae table number=4 data=shelf data.path=$DMAE_DATA/shelf "
+        "extra_data=[interactions/0,interactions/1] size=small",
+        "4 minutes",
+    ),
+    "table_5": (
+        f"{_TWO_INTERACTIONS} && dmae table number=5 data=interactions/0 extra_data=[interactions/1] size=small",
+        "4 minutes",
+    ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
 }
-"""Results to the command that makes them and about how long that takes on two cores."""
+"""Results to the commands that make them, joined by &&, and about how long that takes on two cores. What the last one
+writes to its `out=` is kept."""
 
 
 def record(name: str, command: str) -> Path:
@@ -54,13 +76,10 @@ def record(name: str, command: str) -> Path:
     programs = Path(sys.executable).parent
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "out")
-        line = f"{programs}/{command}" + (f" out={out}" if command.split()[1] in ("evaluate", "benchmark") else "")
+        line = " && ".join(f"{programs}/{each}" for each in command.split(" && "))
+        line += "" if "dmae regress" in command else f" out={out}"
         done = subprocess.run(line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True)
-        found = (
-            {"scores": less_runs(json.loads((out / "scores.json").read_text()))}
-            if out.is_dir()
-            else {"printed": done.stdout}
-        )
+        found = _found(out) or {"printed": done.stdout}
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "torch", "mujoco"))
     made = {
@@ -75,8 +94,16 @@ def record(name: str, command: str) -> Path:
     return path
 
 
-def less_runs(scores: dict) -> dict:
-    """The scores without those of single clips."""
+def _found(out: Path) -> dict:
+    """What a command left in its folder: scores, or a table of the paper."""
+    tables = list(out.glob("table_*.json"))
+    if tables:
+        return {"table": json.loads(tables[0].read_text())}
+    scores = out / "scores.json"
+    return {"scores": _less_runs(json.loads(scores.read_text()))} if scores.is_file() else {}
+
+
+def _less_runs(scores: dict) -> dict:
     for result in scores.get("results", []):
         result.pop("runs", None)
     scores.pop("clips", None)

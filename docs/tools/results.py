@@ -100,6 +100,25 @@ def kept_table(name: str, table: str) -> str:
     return _table(kept["columns"], kept["rows"])
 
 
+def paper_table(name: str) -> str:
+    """A table of the paper with its notes, as `dmae table` writes it."""
+    from dmae.evaluation.paper_tables.rendering import markdown
+
+    return markdown(load(name)["table"]).rstrip()
+
+
+def protocols() -> str:
+    """What each protocol of PCP does."""
+    from dmae.metrics.protocols import protocol
+
+    rows = [
+        [f"`{name}`", rules.help, "counts as wrong" if rules.missed_count else "does not count",
+         "correct" if rules.at_half else "wrong", f"`{rules.head}`"]
+        for name, rules in protocol.items()
+    ]  # fmt: skip
+    return _table(["", "assignment", "a person without a prediction", "a limb off by half", "head"], rows)
+
+
 def origin(name: str, table: str | None = None) -> str:
     """A line that says which command made a results file, when, and of which commit."""
     found = load(name)
@@ -119,8 +138,8 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
 
 
 _FUNCTIONS = {
-    "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table,
-    "benchmark_table": benchmark_table, "origin": origin
+    "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
+    "paper_table": paper_table, "benchmark_table": benchmark_table, "protocols": protocols,
 }  # fmt: skip
 
 

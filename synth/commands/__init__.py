@@ -2,7 +2,7 @@
 
 COMMANDS = {
     "generate": "Simulate clips with exact truth",
-    "show": "Draw a clip as contact sheet, video and Rerun recording",
+    "show": "Draw clips in their rooms as contact sheet, video and Rerun recording",
     "verify": "Check that clips are whole and true",
     "compare": "Compare the detections of a recording and of its simulation",
     "compare-motion": "Compare how recorded and how generated people move",

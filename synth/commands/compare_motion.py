@@ -10,7 +10,7 @@ from dmae.data.store import MANIFEST, write_atomic
 from dmae.reporting.tables import print_tables
 from synth.datasets.motion_comparison import draw, largest_differences, numbers, table, write_page
 from synth.datasets.motion_realism import MIN_SECONDS, compare, measure
-from synth.datasets.motion_tracks import ReadingConfig, clip_tracks, take_tracks
+from synth.datasets.motion_tracks import ReadingConfig, clip_tracks, same_rate, take_tracks
 
 WRITES = "folder"
 EXAMPLES = (
@@ -55,11 +55,7 @@ def run(config: CompareMotionCommand, out: Path) -> None:
         recorded = clip_tracks(path, captured=True)
     else:
         recorded, left_out = take_tracks(path, simulated[0].fps, config.takes, config.motion)
-    if recorded[0].fps != simulated[0].fps:
-        raise ValueError(
-            f"expected one frame rate, found {recorded[0].fps:g} a second in {path} and {simulated[0].fps:g} in "
-            f"{config.sim}; simulate with scene.fps={recorded[0].fps:g}"
-        )
+    same_rate(recorded, simulated, config.real, config.sim)
     short = [track for track in recorded + simulated if track.seconds < MIN_SECONDS]
     left_out += [f"{track.name}, of {track.seconds:.2f} s" for track in short]
     real, sim = (measure(tracks, config.longest) for tracks in (recorded, simulated))

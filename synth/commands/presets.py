@@ -1,6 +1,7 @@
-"""The presets that registries have: `interaction=<name>`, `motion=<format>` and `scene=<room>`."""
+"""The presets that registries have: `interaction=<name>`, `motion=<format>`, `scene=<room>` and `data=<format>`."""
 
 from dmae.command_line.options import Preset, presets_of
+from dmae.formats.registry import reader as recording_reader
 from synth.interactions.registry import interaction_choices
 from synth.motion.readers import reader
 from synth.rooms.catalogue import room_choices, room_presets
@@ -15,5 +16,10 @@ def rooms() -> dict[str, Preset]:
     return {name: Preset(meaning, values[name]) for name, meaning in room_choices().items()}
 
 
-REGISTRIES = {"interaction": interactions, "motion": presets_of(reader, "kind"), "scene": rooms}
+REGISTRIES = {
+    "data": presets_of(recording_reader, "name"),
+    "interaction": interactions,
+    "motion": presets_of(reader, "kind"),
+    "scene": rooms,
+}
 """Functions that return presets by name, for each group of options."""

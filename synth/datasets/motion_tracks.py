@@ -1,13 +1,13 @@
 """Read tracks of people in motion, from recorded takes and from clips alike."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Poses3D
+from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.data.skeleton_conversion import convert
 from dmae.formats.reading import DataConfig, load
@@ -122,19 +122,45 @@ def clip_tracks(path: Path, *, captured: bool) -> list[Track]:
         ValueError: the clips have no persons, a clip has no such poses, or another frame rate than the first.
     """
     clips = load(DataConfig("clip", str(path)))
+    named = zip(map(str, clips.folders), clips, strict=True)
+    return tracks_of(progress(named, "reading clips", len(clips)), captured=captured)
+
+
+def tracks_of(clips: Iterable[tuple[str, Clip]], *, captured: bool) -> list[Track]:
+    """Return the track of every person of clips.
+
+    Args:
+        clips: Names, or folders, and clips.
+        captured: Whether to prefer the captured poses of clips that have them to the truth.
+
+    Raises:
+        ValueError: as `clip_tracks`.
+    """
     tracks: list[Track] = []
-    for folder, clip in progress(zip(clips.folders, clips, strict=True), "reading clips", len(clips)):
+    names = []
+    for name, clip in clips:
+        names.append(name)
         poses = clip.poses if captured and clip.poses is not None else clip.truth
         if poses is None:
             wanted = "poses (dmae capture makes them) or a truth" if captured else "a truth, as in simulated clips"
-            raise ValueError(f"{folder}: expected {wanted}, found none")
+            raise ValueError(f"{name}: expected {wanted}, found none")
         if tracks and clip.fps != tracks[0].fps:
-            raise ValueError(f"{folder}: expected {tracks[0].fps:g} frames a second as before, found {clip.fps:g}")
+            raise ValueError(f"{name}: expected {tracks[0].fps:g} frames a second as before, found {clip.fps:g}")
         xyz = _on_body25(poses)
-        tracks += [Track(f"{folder.name}, person {p}", clip.fps, xyz[:, p]) for p in range(xyz.shape[1])]
+        tracks += [Track(f"{Path(name).name}, person {p}", clip.fps, xyz[:, p]) for p in range(xyz.shape[1])]
     if not tracks:
-        raise ValueError(f"{path}: expected people in its clips, found {len(clips)} clips without people")
+        raise ValueError(f"expected people in the clips, found {len(names)} clips without people")
     return tracks
+
+
+def same_rate(recorded: Sequence[Track], simulated: Sequence[Track], real: str, sim: str) -> None:
+    """Raise ValueError where tracks recorded in `real` and simulated in `sim` have not one frame rate."""
+    rates = recorded[0].fps, simulated[0].fps
+    if rates[0] != rates[1]:
+        raise ValueError(
+            f"expected one frame rate, found {rates[0]:g} a second in {real} and {rates[1]:g} in {sim}; simulate with "
+            f"scene.fps={rates[0]:g}"
+        )
 
 
 def _on_body25(poses: Poses3D) -> np.ndarray:

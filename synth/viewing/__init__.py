@@ -1,1 +1,1 @@
-"""What does a clip look like? A contact sheet, a video, and a recording for the Rerun viewer."""
+"""Where was a clip made? The room of a simulated clip as a picture; `dmae.viewing` draws the people."""

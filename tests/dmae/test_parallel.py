@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -26,3 +27,26 @@ def test_workers_never_get_ctrl_c():
     program += "print(list(in_parallel(signal.pthread_sigmask, [(signal.SIG_BLOCK, ())] * 3, 2)))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.count("SIGINT") == 3
+
+
+def test_workers_end_with_a_killed_main_process(tmp_path):
+    program = """
+import sys, time
+from pathlib import Path
+from dmae.parallel import in_parallel
+
+def task(name):
+    Path(name).touch()
+    time.sleep(2)
+    Path(name + " done").touch()
+
+list(in_parallel(task, [("one",), ("two",)], 2))
+"""
+    process = subprocess.Popen([sys.executable, "-c", program], cwd=tmp_path)
+    while len(list(tmp_path.iterdir())) < 2:
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
+    time.sleep(2.5)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["one", "two"]

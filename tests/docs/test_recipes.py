@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import dmae
 import synth
@@ -15,6 +16,7 @@ from dmae.completion.methods import completion_method
 from dmae.formats.registry import reader
 from dmae.metrics.registry import metric
 from synth.interactions import interaction
+from tests.support.commands import run_command
 
 PAGES = Path(__file__).parents[2] / "docs/how-to"
 
@@ -84,3 +86,19 @@ def test_a_detector_error(recipe, tmp_path: Path):
 @pytest.fixture(scope="module")
 def small_clip():
     return next(synth.generate("scene.seconds=1", clips=1, seed=2)).select(views=[0, 1, 3])
+
+
+@pytest.mark.slow
+def test_the_workflow_that_guards_scores_runs(tmp_path: Path):
+    """The commands of the page make a baseline, and the steps of the workflow compare with it."""
+    page = (PAGES / "gates.md").read_text()
+    steps = yaml.safe_load(re.search(r"```yaml\n(.*?)```", page, re.DOTALL)[1])["jobs"]["scores"]["steps"]
+    runs = [step["run"].split() for step in steps if step.get("run", "").startswith(("synth", "dmae"))]
+    first, *_ = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
+    baseline = [line.split() for line in first.splitlines() if line.startswith(("synth", "dmae"))]
+    assert [each[0] for each in (*baseline, *runs)] == ["synth", "dmae", "synth", "dmae"]
+    assert baseline[0] == runs[0]
+    for program, *arguments in (*baseline, runs[1]):
+        done = run_command(tmp_path, program, *arguments)
+        assert done.returncode == 0, done.stderr
+    assert "passed: of" in done.stdout

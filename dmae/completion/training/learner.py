@@ -2,10 +2,12 @@
 
 import math
 import time
+from pathlib import Path
 
 import lightning
 import torch
 from lightning.pytorch.callbacks import Timer
+from safetensors.torch import save_file
 from torch import Tensor
 from torch.utils.data import DataLoader
 
@@ -106,8 +108,22 @@ class Learner(lightning.LightningModule):
         loss = self._loss(predicted, batch.truth, batch.hidden)
         if weight:
             loss = loss + weight * self._loss(predicted, batch.truth, batch.observed)
+        if not torch.isfinite(loss):
+            raise ValueError(self._not_finite(batch, float(loss.detach())))
         self.log("train_loss", loss)
         return loss
+
+    def _not_finite(self, batch: Examples, loss: float) -> str:
+        """Save the batch of a loss that is not finite; return what happened and what to do."""
+        path = Path(self.trainer.default_root_dir, "not_finite.safetensors")
+        tensors = {"truth": batch.truth, "hidden": batch.hidden, "observed": batch.observed}
+        tensors |= {f"windows.{name}": tensor for name, tensor in batch.windows._asdict().items()}
+        save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, path)
+        return (
+            f"step {self.trainer.global_step}: the loss is {loss}, so training stopped and wrote no weights; the batch "
+            f"is in {path}. Give a smaller learning.lr than {self.train_config.peak_lr:g}, in another folder, or look "
+            "for the clip with coordinates that are far off"
+        )
 
     def _loss(self, predicted: Prediction, truth: Tensor, counted: Tensor) -> Tensor:
         squared = (predicted.xyz - truth).square().sum(-1)

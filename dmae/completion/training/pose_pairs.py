@@ -30,12 +30,15 @@ def pose_pair(clip: Clip, skeleton: Skeleton, fps: float) -> PosePair:
     """Return the true poses of a clip, and where it has `poses` those of the same persons, at another rate.
 
     Raises:
-        ValueError: the clip has no truth, or for two skeletons side by side (`dmae.completion.fusion`) no truth on
-            the second.
+        ValueError: the clip has no truth, or infinite coordinates, or for two skeletons side by side
+            (`dmae.completion.fusion`) no truth on the second.
         KeyError: the skeleton cannot be derived from those of the clip.
     """
     if clip.truth is None:
         raise ValueError(f"clip {clip.id!r} has no truth to learn from")
+    for name, poses in (("truth", clip.truth), ("poses", clip.poses)):
+        if poses is not None and np.isinf(poses.xyz).any():
+            raise ValueError(f"clip {clip.id!r}: {name} has infinite coordinates; unknown joints must be NaN")
     source, target = skeleton.parts[0], skeleton.parts[-1]
     truth = convert(clip.truth, skeleton) if source is target else true_pair(clip.truth, skeleton)
     if clip.poses is None:

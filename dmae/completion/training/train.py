@@ -18,6 +18,7 @@ from dmae.completion.network.paper import DMAE
 from dmae.completion.normalisation import rest_pose
 from dmae.completion.training.batches import calibration_poses, validation_batches
 from dmae.completion.training.callbacks import AverageWeights, ShowProgress, StopInTime, quiet_lightning
+from dmae.completion.training.checkpoints import CHECKPOINT, CheckedCheckpoints, newest_checkpoint
 from dmae.completion.training.config import TrainConfig
 from dmae.completion.training.examples import Examples, Recipe
 from dmae.completion.training.learner import Learner
@@ -65,7 +66,8 @@ def train(
     Raises:
         FileNotFoundError: there is no model in the folder `config.init`.
         ValueError: a clip has no truth, there is nothing to learn from, the model of `config.init` is different, two
-            clips have one id, or the folder holds a model of another configuration or of other clips.
+            clips have one id, or the folder holds a model of another configuration or of other clips, or checkpoints
+            that are damaged; or the loss is not finite, or a clip's truth or poses are infinite.
     """
     out, limit = Path(out), TimeLimit(config.max_minutes, since)
     initial = _load_initial(config)
@@ -115,7 +117,7 @@ def train(
 
 def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, dict[str, float]]:
     """Train the learner, from the checkpoint in the folder if there is one; return its steps and validation scores."""
-    learning, checkpoint = config.learning, out / "checkpoint.ckpt"
+    learning, checkpoint = config.learning, newest_checkpoint(out)
     with quiet_lightning():
         trainer = lightning.Trainer(
             max_steps=learning.steps,
@@ -124,10 +126,11 @@ def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, dict[st
             callbacks=[
                 learner.timer,
                 StopInTime(learner.limit),
-                ModelCheckpoint(out, checkpoint.stem, every_n_epochs=1, enable_version_counter=False),
+                ModelCheckpoint(out, Path(CHECKPOINT).stem, every_n_epochs=1, enable_version_counter=False),
                 AverageWeights(learning.average),
                 ShowProgress(),
             ],
+            plugins=[CheckedCheckpoints()],
             logger=TensorBoardLogger(out, name="", version="tensorboard"),
             default_root_dir=out,
             log_every_n_steps=min(10, learning.epoch),
@@ -137,7 +140,7 @@ def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, dict[st
             enable_progress_bar=False,
             enable_model_summary=False,
         )
-        trainer.fit(learner, ckpt_path=checkpoint if checkpoint.is_file() else None, weights_only=True)
+        trainer.fit(learner, ckpt_path=checkpoint, weights_only=True)
         scores = trainer.validate(learner, verbose=False)[0] if learner.validation else {}
     return trainer.global_step, scores
 

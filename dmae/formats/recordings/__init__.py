@@ -1,1 +1,1 @@
-"""What formats of several cameras share: numbered detections, matching of cameras, selection of frames and views."""
+"""What formats share: numbered detections, matching of cameras, selection of frames and views, files of poses."""

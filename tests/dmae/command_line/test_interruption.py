@@ -14,9 +14,9 @@ from tests.support.commands import run_command, start_command
 SMALL = ("scene.seconds=0.2", "scene.persons=[1,1]")
 
 
-def interrupt(process, *, group: bool = True):
-    """Press Ctrl-C, which a terminal sends to the whole process group."""
-    (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
+def interrupt(process, *, group: bool = True, by: int = signal.SIGINT):
+    """Press Ctrl-C, which a terminal sends to the whole process group, or send another signal."""
+    (os.killpg if group else os.kill)(process.pid, by)
     return process.communicate(timeout=60)
 
 
@@ -69,15 +69,16 @@ def test_clips_captured_before_an_interruption_are_a_data_set(folder):
 
 
 @pytest.mark.slow
-def test_training_resumes_from_its_checkpoint(folder):
+@pytest.mark.parametrize(("by", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_training_resumes_from_its_checkpoint(folder, by, status):
     tiny = [f"model.encoder.{size}" for size in ("dim=8", "heads=1", "head_dim=8")]
     tiny += ["model.decoder.dim=8", "learning.epoch=2", "learning.batch=2", "learning.steps=100000"]
-    process = start_command(folder, "dmae", "train", "data=set", "out=model", *tiny)
-    wait_for(folder / "model/checkpoint.ckpt", process)
-    _, error = interrupt(process)
-    assert process.returncode == 130
+    process = start_command(folder, "dmae", "train", "data=set", f"out=model{status}", *tiny)
+    wait_for(folder / f"model{status}/checkpoint.ckpt", process)
+    _, error = interrupt(process, by=by)
+    assert process.returncode == status
     assert error.splitlines() == [
-        "dmae train: interrupted; model holds a checkpoint; the same command goes on from there"
+        f"dmae train: interrupted; model{status} holds a checkpoint; the same command goes on from there"
     ]
 
 
@@ -92,7 +93,7 @@ def test_an_interruption_before_training_begins_is_one_line(folder):
 def test_errors_of_interrupted_imports_are_not_shown(capsys):
     with pytest.raises(SystemExit) as end, one_line("dmae x") as interruption:
         interruption.describe = lambda: "all is well"
-        interruption.pressed = True
+        interruption.signal = signal.SIGINT
         raise ImportError("numpy is broken")
     assert end.value.code == 130
     assert capsys.readouterr().err == "dmae x: interrupted; all is well\n"

@@ -95,6 +95,9 @@ def test_a_clip_is_captured_exported_scored_and_reported(folder):
     done = dmae(folder, "report", "clip=out", "scores=[scores]", "out=page/report.html")
     assert done.returncode == 0, done.stderr
     assert "Strict PCP" in (folder / "page/report.html").read_text()
+    done = dmae(folder, "report", "clip=one")
+    assert done.returncode == 0, done.stderr
+    assert "It is not captured yet: run dmae capture." in (folder / "one/report.html").read_text()
     done = dmae(folder, "report", "scores=[scores]")
     assert done.stdout.strip() == "scores/report.html" and (folder / "scores/report.html").is_file()
 
@@ -163,8 +166,7 @@ def test_a_recording_is_converted_and_captured_and_exported(folder):
         (["complete", "clip=one", "weights=one", "out=bad"], "model.json"),
         (["evaluate", "data=one", "methods=[magic]", "out=bad"], "no method 'magic'"),
         (["report", "out=bad/report.html"], "nothing to report"),
-        (["report", "clip=one", "out=bad/report.html"], "one: has no poses to report; run dmae capture on it first"),
-        (["report", "clip=set", "out=bad/report.html"], "set/a: has no poses to report"),
+        (["report", "clip=openpose", "out=bad/report.html"], "openpose: expected a clip"),
     ],
 )
 def test_bad_input_is_one_clear_error_and_leaves_nothing_behind(folder, arguments, said):

@@ -9,7 +9,7 @@ import pytest
 from dmae.commands.data_sets import Manifest, describe_joints, finished
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
-from dmae.data.store import read_manifest, save_clip
+from dmae.data.store import clip_folders, read_manifest, save_clip
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import run_command
 
@@ -51,7 +51,7 @@ def test_the_printed_share_is_that_of_nan_in_the_export(tmp_path):
 def test_a_manifest_is_written_even_after_an_error(tmp_path):
     with pytest.raises(KeyboardInterrupt), Manifest(tmp_path, True) as manifest:
         save_clip(full_clip(), tmp_path / "a")
-        manifest.add("a", persons=2)
+        manifest.write("a", lambda: None, persons=2)
         raise KeyboardInterrupt
     assert read_manifest(tmp_path) == [{"id": "a", "status": "ok", "persons": 2}]
     assert finished(tmp_path) == f"1 clips in {tmp_path} are whole and can be used"
@@ -59,3 +59,19 @@ def test_a_manifest_is_written_even_after_an_error(tmp_path):
         pass
     assert not (tmp_path / "none").exists()
     assert finished(tmp_path / "none") == "nothing was written"
+
+
+def test_a_killed_overwrite_is_no_data_set(tmp_path):
+    """Clips of two runs must not pass for a data set of one."""
+    with Manifest(tmp_path, several=True) as manifest:
+        for name in "ab":
+            manifest.write(name, lambda name=name: save_clip(full_clip(frames=2), tmp_path / name))
+    (tmp_path / "config.yaml").touch()
+    assert len(clip_folders(tmp_path)) == 2
+    second = Manifest(tmp_path, several=True)
+    second.write("a", lambda: save_clip(full_clip(frames=3), tmp_path / "a"))
+    assert not (tmp_path / "config.yaml").exists()
+    with pytest.raises(FileNotFoundError, match="expected a clip"):
+        clip_folders(tmp_path)
+    second.__exit__()
+    assert [folder.name for folder in clip_folders(tmp_path)] == ["a"]

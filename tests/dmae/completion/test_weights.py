@@ -130,3 +130,19 @@ def test_models_of_version_0_1_are_read(tmp_path, residual):
 
 def test_shipped_weights_are_small():
     assert sum(path.stat().st_size for path in weights.SHIPPED.rglob("*") if path.is_file()) < 20e6
+
+
+def test_weights_that_are_not_finite_are_neither_saved_nor_loaded(tmp_path, monkeypatch):
+    model = untrained().model
+    record = {"denoises": False, "calibration": None}
+    with torch.no_grad():
+        next(model.parameters()).fill_(torch.nan)
+    name = next(name for name, _ in model.named_parameters())
+    with pytest.raises(ValueError, match=rf"not finite, in {name}, of \d+ tensors: nothing was saved"):
+        save_model(model, SHELF14, tmp_path / "model", record)
+    assert not (tmp_path / "model").exists()
+    with monkeypatch.context() as patched:
+        patched.setattr(weights, "_check_finite", lambda *_: None)
+        save_model(model, SHELF14, tmp_path / "model", record)
+    with pytest.raises(ValueError, match=rf"not finite, in {name}, .*weights\.safetensors is of no use"):
+        load_model(tmp_path / "model")

@@ -38,7 +38,7 @@ class TestSyntheticGaps:
         save_clip(circling(), tmp_path)
         scores = evaluate(config(tmp_path, methods=["linear"], input=Input.true_poses))
         assert gaps_figure(scores).axes[0].get_title() == "synthetic gaps"
-        assert score_tables(scores)[2].rows[0][:2] == ("linear", "-")
+        assert score_tables(scores)[3].rows[0][:2] == ("linear", "-")
 
     def test_gaps_depend_on_seed_and_clip(self, tmp_path):
         for name in "ab":

@@ -6,7 +6,8 @@ import pytest
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, BODY25B, HALPE26, SHELF14
 from dmae.formats.calibrations.conventions import LengthUnit
-from dmae.formats.trc import marker, read_trc, trc_paths, write_trc
+from dmae.formats.motion_capture.source_table import person_paths
+from dmae.formats.trc import marker, read_trc, write_trc
 from tests.support.clips import walkers
 from tests.support.trc_files import read_independently
 
@@ -63,7 +64,7 @@ def test_several_persons_are_several_files(tmp_path):
     poses = holed(3)
     written = write_trc(poses, 25.0, tmp_path / "walk.trc")
     assert [path.name for path in written] == ["walk_P1.trc", "walk_P2.trc", "walk_P3.trc"]
-    assert written == trc_paths(tmp_path / "walk.trc", 3)
+    assert written == person_paths(tmp_path / "walk.trc", 3)
     for person, path in enumerate(written):
         np.testing.assert_allclose(read_trc(path)[0].xyz[:, 0], poses.xyz[:, person], atol=1e-6)
 

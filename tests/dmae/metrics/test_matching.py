@@ -3,7 +3,7 @@
 import numpy as np
 
 from dmae.data.skeleton import SHELF14
-from dmae.metrics.matching import match, match_nearest
+from dmae.metrics.matching import match, match_claimed, match_nearest
 from tests.support.clips import t_pose
 from tests.support.shelf_walkers import aside, people
 
@@ -31,7 +31,19 @@ def test_one_prediction_serves_one_person():
 def test_the_nearest_may_be_far_unless_gated():
     truth = people(1, 1)
     assert match_nearest(aside(truth, 7), truth).tolist() == [[0]]
-    assert match_nearest(aside(truth, 7), truth, gate=0.5).tolist() == [[-1]]
+    assert match_claimed(aside(truth, 7), truth).tolist() == [[-1]]
+    assert match_claimed(aside(truth, 0.499), truth).tolist() == [[0]]
+    assert match_claimed(aside(truth, 0.501), truth).tolist() == [[-1]]
+
+
+def test_a_prediction_claims_one_person_and_the_first_claim_counts():
+    """Both predictions are nearest to the first person; the second person, also near, goes without."""
+    truth = people(1, 2)
+    truth[0, 1] = aside(truth[0, 0], 0.3)
+    pred = np.stack([aside(truth[0, 0], 0.12), aside(truth[0, 0], 0.05)])[None]
+    assert match_claimed(pred, truth).tolist() == [[0, -1]]
+    assert match_claimed(pred[:, ::-1], truth).tolist() == [[0, -1]]
+    assert match_nearest(pred, truth).tolist() == [[1, 0]]
 
 
 def test_the_assignment_is_the_best_for_all():
@@ -55,4 +67,7 @@ def test_nobody_matches_nobody():
     assert (match(truth[:, :0], truth) == -1).all()
     assert match(truth, truth[:, :0]).shape == (2, 0)
     assert (match(np.full_like(truth, np.nan), truth) == -1).all()
-    assert (match_nearest(truth[:, :0], truth) == -1).all()
+    for lenient in (match_nearest, match_claimed):
+        assert (lenient(truth[:, :0], truth) == -1).all()
+        assert (lenient(np.full_like(truth, np.nan), truth) == -1).all()
+        assert lenient(truth, truth[:, :0]).shape == (2, 0)

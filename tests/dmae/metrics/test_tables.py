@@ -23,29 +23,31 @@ def scores() -> dict:
 
 
 def test_numbers_stand_under_their_headings():
-    pcp, errors, gaps = score_tables(scores())
+    pcp, errors, identities, gaps = score_tables(scores())
     assert dict(zip(pcp.header, pcp.rows[0], strict=True)) == {
         "method": "measured", "views": "2", "mean": "99.5", "worst": "99.5",
         "person 0": "98.0", "person 1": "100.0", "person 2": "100.0", "person 3": "100.0",
     }  # fmt: skip
     assert dict(zip(errors.header, errors.rows[1], strict=True)) == {
         "method": "linear", "views": "2", "recall": "100.0", "precision": "100.0", "filled": "0.4",
-        "absent": "0.0", "MPJPE": "0.0", "seen": "0.0", "hidden": "0.0", "switches": "0.0", "IDF1": "100.0",
+        "absent": "0.0", "MPJPE": "0.0", "seen": "0.0", "hidden": "0.0",
     }  # fmt: skip
+    assert identities.header == ("method", "views", "switches", "IDF1")
+    assert identities.rows[0] == ("measured", "2", "0.0", "100.0")
     assert gaps.header == ("method", "views", "1-5", "6-15", "16-40", ">40")
     assert gaps.rows == [
-        ("measured", "2", "-", "-", "-", "-"),
-        ("linear", "2", "0.0", "-", "-", "-"),
+        ("measured", "2", *["not measured"] * 4),
+        ("linear", "2", "0.0", *["not measured"] * 3),
         ("joints", "2", "4 of 4", "0 of 0", "0 of 0", "0 of 0"),
     ]
 
 
 def test_methods_that_state_covariances_get_a_table_of_regions():
     sure = scores()
-    assert len(score_tables(sure)) == 3
+    assert len(score_tables(sure)) == 4
     sure["results"][1]["mean"]["gaps"][0] |= {"stated": 4, "held": 75.0}
-    regions = score_tables(sure)[3]
-    assert regions.rows == [("linear", "2", "75.0", "-", "-", "-")]
+    regions = score_tables(sure)[4]
+    assert regions.rows == [("linear", "2", "75.0", *["not measured"] * 3)]
 
 
 def test_four_persons_fit_eighty_columns(capsys, monkeypatch):

@@ -93,6 +93,19 @@ def test_zero_people_and_zero_frames_are_valid_results():
     assert OnlineCapture(looking_at_origin(4), BODY25, FPS, DEFAULT).flush() == []
 
 
+def test_people_survive_frames_in_which_no_camera_detects_anyone():
+    clip = detected_clip(crossing())
+    online = OnlineCapture(clip.rig, BODY25, FPS, DEFAULT)
+    nothing = Detections2D(BODY25, np.empty((1, len(clip.rig), 0, 25, 2)), np.empty((1, len(clip.rig), 0, 25)))
+    finished = [
+        done
+        for frame in range(60)
+        for done in online.push(nothing if 30 <= frame < 34 else clip.select(frames=[frame]).detections)
+    ]
+    finished += online.flush()
+    assert [frame.people.tolist() for frame in (finished[20], finished[50])] == [[0, 1, 2]] * 2
+
+
 def test_frames_of_another_shape_are_refused():
     clip = detected_clip(crossing())
     with pytest.raises(ValueError, match="expected one frame of body25, found 2 of body25"):

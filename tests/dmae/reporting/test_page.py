@@ -3,11 +3,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from dmae.data.clip import Poses3D, Source
 from dmae.evaluation.report_section import scores_section
 from dmae.reporting.figures import COMPLETED, gaps_figure, views_figure
-from dmae.reporting.page import frames_with_most, views_section, write_report
+from dmae.reporting.frames import frames_to_draw, frames_with_most
+from dmae.reporting.page import CaptionedFigure, Section, write_report
+from dmae.reporting.tables import Moment, Table
 from tests.support.clips import full_clip
 
 
@@ -68,25 +71,11 @@ def test_frames_with_most_are_apart():
     assert frames_with_most(counts, 2, apart=3) == [0, 5]
 
 
-def test_captions_are_true_of_completed_measured_and_gappy_clips(completed):
-    section = views_section(completed, 1)
-    assert section.heading == "Clip made-up: completed poses"
-    assert re.match(r"0\.7% of the joints are completed.* frames with the most completed joints", section.text)
-    assert section.figures[0].caption == "Frame 5, reprojected into every view."
-    measured = replace(completed, poses=completed.truth)
-    assert "Every joint was measured; no joint is completed." in views_section(measured, 1).text
+def test_the_frames_drawn_have_most_completed_joints_or_else_most_missing(completed):
+    assert frames_to_draw(completed, 1) == [5]
     lacking = np.zeros(completed.truth.source.shape, bool)
     lacking[3, 0, :5] = True
-    gappy = views_section(replace(completed, poses=completed.truth.without(lacking)), 1)
-    assert re.match(r"No joint is completed; 0\.8% are missing", gappy.text)
-    assert gappy.figures[0].caption.startswith("Frame 3,")
-
-
-def test_clips_without_poses_or_persons_are_described_as_such(completed):
-    without = views_section(replace(completed, poses=None))
-    assert without.heading.endswith("no poses") and not without.figures
-    empty = completed.truth.without(np.ones(completed.truth.source.shape, bool))
-    assert views_section(replace(completed, poses=empty)).text == "Capture found no person in this clip."
+    assert frames_to_draw(replace(completed, poses=completed.truth.without(lacking)), 1) == [3]
 
 
 def test_a_clip_without_poses_cannot_be_drawn():
@@ -102,11 +91,37 @@ def test_gaps_that_nothing_filled_are_left_out_of_the_plot():
     assert axes.get_ylim()[1] > 20
 
 
-def test_the_page_is_complete_and_loads_nothing(completed, tmp_path):
+def test_the_page_is_complete_and_loads_nothing(tmp_path):
     page = tmp_path / "report.html"
-    write_report(page, "A <title>", [scores_section(scores([20.0, 40.0])), views_section(completed, 1)])
+    write_report(page, "A <title>", [scores_section(scores([20.0, 40.0]))], summary=["Two & three"])
     text = page.read_text()
-    assert "A &lt;title&gt;" in text
+    assert "A &lt;title&gt;" in text and "Two &amp; three" in text
     assert "Scores on made-up" in text
-    assert text.count("data:image/png;base64,") == 2
-    assert not re.search(r"(src|href)=['\"](?!data:)", text)
+    assert text.count("<svg ") == 1
+    assert not re.search(r"(src|href)=['\"](?!data:|#)", text)
+    assert 'id="player"' not in text and "player.js" not in text
+
+
+def test_lines_and_text_of_figures_follow_the_theme():
+    drawn = str(CaptionedFigure('a "caption" <b>', gaps_figure(scores([20.0]))).markup)
+    assert drawn.startswith('<svg role="img" aria-label="a &#34;caption&#34; &lt;b&gt;"')
+    assert "currentColor" in drawn and "#000000" not in drawn
+
+
+def test_figures_of_many_points_are_pixels():
+    figure = Figure()
+    figure.subplots().plot(*np.random.default_rng(0).normal(size=(2, 20_000)), ".")
+    drawn = str(CaptionedFigure("points", figure).markup)
+    assert drawn.startswith("<img") and len(drawn) < 300_000
+
+
+def test_columns_of_numbers_stand_at_the_right_and_words_at_the_left(tmp_path):
+    rows = [("a", "1.5", "-", "l_wrist", "a long sentence " * 4), ("b", "<2", "3 mm", "-", "short")]
+    write_report(tmp_path / "page.html", "t", [Section("s", tables=[Table("c", "vwxyz", rows)])])
+    classes = re.findall(r'<th scope="col" class="(\w*)">', (tmp_path / "page.html").read_text())
+    assert classes == ["words", "", "", "words", "prose"]
+
+
+def test_a_table_has_a_moment_for_each_row_or_none():
+    with pytest.raises(ValueError, match="2 rows, but 1 moments"):
+        Table("c", ("a",), [("1",), ("2",)], moments=[Moment("clip", 0)])

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from dmae.cli import DMAE
-from dmae.commands.renamed import RENAMED, renamed
+from dmae.command_line.renamed import RENAMED, renamed
 from dmae.completion.network.config import ModelConfig
 from dmae.completion.training.config import TrainConfig
 from tests.support.training import changed

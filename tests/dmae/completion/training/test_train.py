@@ -170,3 +170,20 @@ def test_errors_that_are_expected_to_be_large_have_less_weight():
     once, twice = error_loss(Loss.relative, squared, sure)
     assert float(twice / once) == pytest.approx(2, rel=1e-3)
     assert (error_loss(Loss.relative, squared, sure) > 100 * error_loss(Loss.relative, squared, unsure)).all()
+
+
+def test_a_loss_that_is_not_finite_ends_training_without_weights(clips, tmp_path):
+    config = changed(TINY, lr=1e30)
+    with pytest.raises(ValueError, match=r"step \d: the loss is (nan|inf).*smaller learning\.lr than 1e\+30"):
+        train(config, clips, tmp_path)
+    assert not (tmp_path / "weights.safetensors").exists() and not (tmp_path / "model.json").exists()
+    batch = load_file(tmp_path / "not_finite.safetensors")
+    assert batch["truth"].shape == batch["windows.x"].shape
+
+
+def test_infinite_coordinates_are_not_learned_from(clips, tmp_path):
+    xyz = clips[0].truth.xyz.copy()
+    xyz[3, 0, 2] = np.inf
+    broken = replace(clips[0], truth=replace(clips[0].truth, xyz=xyz))
+    with pytest.raises(ValueError, match="clip 'clip0': truth has infinite coordinates"):
+        train(TINY, [broken, *clips[1:]], tmp_path)

@@ -1,0 +1,78 @@
+"""`dmae live`: poses of frames as they come, for other programs."""
+
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from socketserver import StreamRequestHandler, TCPServer
+
+from dmae.completion.pipeline import completers
+from dmae.data.skeleton import get_skeleton
+from dmae.formats.calibrations.files import read_calibration
+from dmae.online.capture import OnlineCapture
+from dmae.online.json_lines import LONGEST, answer_lines
+from dmae.reconstruction.config import CaptureConfig
+
+WRITES = None
+EXAMPLES = (
+    "dmae live calibration=rig.toml fps=25 < frames.jsonl > poses.jsonl",
+    "dmae live calibration=rig.toml fps=25 complete=true listen=127.0.0.1:5555",
+)
+
+
+@dataclass(frozen=True)
+class LiveCommand:
+    """Answer detections of frames with poses, as lines of JSON (see `dmae.online.json_lines` or the documentation).
+
+    Frames are read from standard input and answered on standard output, or on a socket with `listen`.
+    """
+
+    calibration: str = "???"
+    """Calibration file of any format that is read, or the folder in which it is."""
+    fps: float = "???"
+    """1/s; rate at which frames come."""
+    skeleton: str = "body25"
+    """Skeleton of the detections."""
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    complete: bool = False
+    """Complete what no camera measured as well; this adds to the delay."""
+    weights: str | None = None
+    """Folder that `dmae train` wrote; by default the weights that come with the package."""
+    listen: str | None = None
+    """host:port to listen on; one program at a time, each with a capture of its own. By default standard input."""
+
+
+def run(config: LiveCommand, out: None) -> None:
+    rig, skeleton = read_calibration(Path(config.calibration)), get_skeleton(config.skeleton)
+    completer = completers(Path(config.weights) if config.weights else None)(skeleton) if config.complete else None
+
+    def answers(lines: Iterable[str]) -> Iterable[str]:
+        capture = OnlineCapture(rig, skeleton, config.fps, config.capture, completer)
+        return answer_lines(lines, capture, rig.names, skeleton, config.fps)
+
+    if config.listen is None:
+        for line in answers(sys.stdin):
+            print(line, flush=True)
+        return
+
+    class Handler(StreamRequestHandler):
+        def handle(self) -> None:
+            # A line is cut at the longest, and refused then, so that no sender can fill the memory.
+            read = iter(lambda: self.rfile.readline(LONGEST + 1), b"")
+            try:
+                for line in answers(part.decode(errors="replace") for part in read):
+                    self.wfile.write(f"{line}\n".encode())
+            except OSError:
+                pass  # the program has gone
+
+    with TCPServer(_address(config.listen), Handler) as server:
+        host, port = server.server_address[:2]
+        print(f"listening on {host}:{port}", flush=True)
+        server.serve_forever()
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, colon, port = text.rpartition(":")
+    if not colon or not host or not port.isdigit() or int(port) > 65535:
+        raise ValueError(f"listen={text}: expected host:port, as 127.0.0.1:5555")
+    return host, int(port)

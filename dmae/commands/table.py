@@ -1,0 +1,26 @@
+"""`dmae table`: a table of the paper, published rows beside rows measured here."""
+
+from pathlib import Path
+
+from dmae.data.json_text import json_text
+from dmae.data.store import write_atomic
+from dmae.evaluation.paper_tables.config import TableConfig
+from dmae.evaluation.paper_tables.make import make_table
+from dmae.evaluation.paper_tables.rendering import markdown, terminal_table
+from dmae.reporting.tables import print_tables
+
+WRITES = "folder"
+EXAMPLES = (
+    "dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf out=runs/table",
+    "dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf protocol=4da size=small out=runs/table",
+    "dmae table number=3 data=runs/interactions/0 extra_data=[runs/interactions/1,runs/interactions/2] out=runs/table",
+)
+
+
+def run(config: TableConfig, out: Path) -> None:
+    table = make_table(config, out)
+    path = out / f"table_{config.number}"
+    write_atomic(path.with_suffix(".json"), json_text(table) + "\n")
+    write_atomic(path.with_suffix(".md"), markdown(table))
+    print_tables([terminal_table(table)])
+    print(path.with_suffix(".json"))

@@ -1,0 +1,216 @@
+"""Gates: whether scores are worse than a baseline, by more than other moments of the same clips would explain."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmae.evaluation.scored_data import clip_differences, option_differences
+from dmae.metrics.intervals import bootstrap_difference
+from dmae.metrics.registry import metrics
+from dmae.metrics.time_blocks import FIGURES, block_sums
+
+_SMALLEST = 0.05
+"""% or mm; smaller changes are not printed, and may be those of another processor."""
+_JUDGED = {"pcp": ("strict PCP", "%", 1), "mpjpe": ("MPJPE", "mm", -1), "hidden": ("MPJPE of hidden joints", "mm", -1)}
+"""Name, unit, and 1 where more is better or -1 where less is."""
+_AGAIN = "make them again with this version: dmae evaluate ... out=FOLDER"
+
+
+@dataclass(frozen=True)
+class Change:
+    """One figure of one method and number of views, before and after.
+
+    Attributes:
+        method: Name.
+        views: Number of views; 0 with synthetic gaps.
+        figure: One of `dmae.metrics.time_blocks.FIGURES`.
+        old, new: The figure of the baseline and of the scores, in its unit.
+        low, high: 95 % interval of `new - old` over the same blocks of time.
+    """
+
+    method: str
+    views: int
+    figure: str
+    old: float
+    new: float
+    low: float
+    high: float
+
+    @property
+    def worse(self) -> bool:
+        """Whether the figure is worse by more than its interval."""
+        return self._gain < -_SMALLEST and (self.high < 0 or self.low > 0)
+
+    @property
+    def better(self) -> bool:
+        """Whether the figure is better by more than its interval."""
+        return self._gain > _SMALLEST and (self.high < 0 or self.low > 0)
+
+    @property
+    def _gain(self) -> float:
+        return _JUDGED[self.figure][2] * (self.new - self.old)
+
+    def __str__(self) -> str:
+        name, unit, _ = _JUDGED[self.figure]
+        bounds = sorted(map(abs, (self.low, self.high)))
+        where = _where(self.method, self.views)
+        if not (self.worse or self.better):
+            return f"{where}: {name} {self.old:.1f} -> {self.new:.1f} {unit}, within its interval"
+        return (
+            f"{where}: {name} is {'worse' if self.worse else 'better'} by {abs(self._gain):.1f} {unit} (95 % interval "
+            f"{bounds[0]:.1f} to {bounds[1]:.1f}): {self.old:.1f} -> {self.new:.1f}"
+        )
+
+
+@dataclass(frozen=True)
+class Gate:
+    """The verdict on scores beside a baseline.
+
+    Attributes:
+        changes: Of all figures that could be compared.
+        refused: Figures that could not, and why.
+        notes: What is new, and what changed that has no interval and so is not judged.
+    """
+
+    changes: tuple[Change, ...]
+    refused: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def worse(self) -> tuple[Change, ...]:
+        return tuple(change for change in self.changes if change.worse)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every figure of the baseline was compared and none is worse."""
+        return not (self.worse or self.refused)
+
+    def __str__(self) -> str:
+        better = [change for change in self.changes if change.better]
+        same = len(self.changes) - len(self.worse) - len(better)
+        lines = [*map(str, self.worse), *map(str, better), *(f"not compared: {line}" for line in self.refused)]
+        lines += [f"not judged: {line}" for line in self.notes]
+        verdict = f"of {len(self.changes)} figures {len(self.worse)} are worse, {len(better)} better, {same} the same "
+        verdict += "within their intervals" + (f"; {len(self.refused)} could not be compared" if self.refused else "")
+        return "\n".join([*lines, f"{'passed' if self.passed else 'FAILED'}: {verdict}"])
+
+
+def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ()) -> None:
+    """Raise ValueError where scores made with `options` could not be compared with a baseline at all.
+
+    Args:
+        baseline: Content of the `scores.json` that `dmae evaluate` wrote.
+        options: As `dmae.evaluation.scored_data.scored_options` returns them.
+        changed: Names of options, or of groups of them, that differ on purpose.
+    """
+    _check_content(baseline, "baseline")
+    differing = option_differences(baseline["options"], options)
+    refused = [name for name in differing if not any(f"{name}.".startswith(f"{each}.") for each in changed)]
+    if refused:
+        raise ValueError(
+            f"baseline: scores of other options are not compared: {'; '.join(differing[name] for name in refused)}. "
+            f"Use the same, or name those that you changed on purpose: changed=[{','.join(refused)}]"
+        )
+
+
+def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) -> Gate:
+    """Compare scores with those of a baseline, figure by figure, over the same blocks of time.
+
+    A figure is worse, or better, where the 95 % interval of its difference excludes zero and the difference is large
+    enough to be printed.
+
+    Args:
+        baseline: What `dmae.evaluation.evaluate.evaluate` returned before, or its JSON.
+        scores: What it returned now.
+        changed: Names of options, or of groups of them, that differ on purpose.
+
+    Raises:
+        ValueError: the scores are of other options, skeleton or clips, or of a version that kept no sums by time.
+    """
+    _check_content(scores, "scores")
+    check_baseline(baseline, scores["options"], changed)
+    differences = clip_differences(baseline["clips"], scores["clips"])
+    if baseline["skeleton"] != scores["skeleton"]:
+        differences.insert(0, f"skeleton {baseline['skeleton']} in the baseline, {scores['skeleton']} here")
+    if differences:
+        raise ValueError(
+            f"baseline: scores of other data are not compared: {'; '.join(differences[:5])}"
+            f"{f' and {len(differences) - 5} more' if len(differences) > 5 else ''}"
+        )
+    before, after = ({(each["method"], each["views"]): each for each in part["results"]} for part in (baseline, scores))
+    changes, refused = [], []
+    for key in before:
+        if key not in after:
+            refused.append(f"{_where(*key)}: in the baseline, and not scored now")
+            continue
+        for figure in FIGURES:
+            found = _change(*key, figure, before[key], after[key])
+            if isinstance(found, Change):
+                changes.append(found)
+            elif found:
+                refused.append(found)
+    notes = [f"{_where(*key)}: new, not in the baseline" for key in after if key not in before]
+    notes += [line for key in before if key in after for line in _without_interval(key, before[key], after[key])]
+    return Gate(tuple(changes), tuple(refused), tuple(notes))
+
+
+def _check_content(scores: dict, what: str) -> None:
+    """Raise ValueError where scores are not what `dmae evaluate` writes, or of a version that wrote less."""
+    results = scores.get("results") if isinstance(scores, dict) else None
+    needed = {"method", "views", "mean", "runs"}
+    if not (isinstance(results, list) and all(isinstance(each, dict) and needed <= set(each) for each in results)):
+        raise ValueError(f"{what}: expected the scores.json that dmae evaluate wrote, found other content")
+    lacking = [name for name in ("options", "clips") if name not in scores]
+    if lacking or not all("blocks" in run for result in results for run in result["runs"]):
+        raise ValueError(
+            f"{what}: an earlier version made it, without {' and '.join(lacking) or 'sums by time'}, so that nothing "
+            f"can be compared fairly; {_AGAIN}"
+        )
+
+
+def _change(method: str, views: int, figure: str, old: dict, new: dict) -> Change | str | None:
+    """Return how a figure changed, why that cannot be said, or None where there is nothing to measure in both."""
+    name, where = _JUDGED[figure][0], _where(method, views)
+    runs, others = (sorted(each["runs"], key=_run) for each in (new, old))
+    if [_run(run) for run in runs] != [_run(run) for run in others]:
+        return f"{where}: scored on other clips or subsets of cameras"
+    if any(run["blocks"]["block"] != other["blocks"]["block"] for run, other in zip(runs, others, strict=True)):
+        return f"{where}: {name}: the truth covers other times"
+    sums = [block_sums(part, figure) for part in (others, runs)]
+    counts = [int(part.count.sum()) for part in sums]
+    if not all(counts):
+        known = "here" if counts[1] else "in the baseline"
+        return f"{where}: {name}: measured {known} alone" if any(counts) else None
+    change, before = bootstrap_difference(*sums[::-1]), _value(old, figure)
+    low, high = change.low, change.high
+    if np.isnan([low, high]).any():
+        if change.value:
+            return f"{where}: {name}: less than 5 s of truth, too little for an interval; score longer clips"
+        low = high = 0.0
+    return Change(method, views, figure, before, before + change.value, low, high)
+
+
+def _value(result: dict, figure: str) -> float:
+    mean = result["mean"][figure]
+    return mean if figure == "pcp" else mean["all" if figure == "mpjpe" else "mpjpe"]
+
+
+def _run(run: dict) -> tuple:
+    return run["clip"], tuple(run["cameras"])
+
+
+def _without_interval(key: tuple[str, int], old: dict, new: dict) -> Sequence[str]:
+    """Return the figures of the tables that have no interval, where what is printed changed."""
+    lines = []
+    for metric in metrics():
+        for column in metric.columns if metric.name not in FIGURES else ():
+            pair = [column.value(each["mean"][metric.name]) for each in (old, new) if metric.name in each["mean"]]
+            if len(pair) == 2 and None not in pair and abs(pair[1] - pair[0]) > _SMALLEST:
+                unit = f" {column.unit}" if column.unit else ""
+                lines.append(f"{_where(*key)}: {column.heading} {pair[0]:.1f} -> {pair[1]:.1f}{unit}, has no interval")
+    return lines
+
+
+def _where(method: str, views: int) -> str:
+    return f"{method}, {views} views" if views else f"{method}, synthetic gaps"

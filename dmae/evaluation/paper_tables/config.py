@@ -1,0 +1,67 @@
+"""What a table is made of."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from dmae.formats.reading import DataConfig
+from dmae.metrics.protocols import protocol
+from dmae.reconstruction.config import CaptureConfig
+
+NUMBERS = {
+    1: "PCP of each actor",
+    2: "PCP by number of cameras",
+    3: "people who interact, and transfer",
+    4: "fusion limb by limb",
+    5: "the codes of joint and time",
+}
+"""The tables of the paper."""
+
+
+class Size(StrEnum):
+    """How much is spent on a table."""
+
+    full = "full"
+    """All methods and full trainings: on two cores minutes for tables 1 and 2, a quarter of an hour for 3 and 4, about
+    an hour for 5."""
+    small = "small"
+    """Fewer methods and short trainings: all five tables in minutes."""
+
+
+@dataclass(frozen=True)
+class TableConfig:
+    """Reproduce a table of the paper: published rows beside rows measured here, with intervals.
+
+    Tables 1 and 2 (PCP of each actor; by number of cameras) and 4 (pose fusion, limb by limb) score one recording with
+    truth on Shelf's joints. Table 3 (people who interact, and transfer) and 5 (the codes) take a generated data set.
+    Writes `table_N.json` and `table_N.md`.
+    """
+
+    number: int = 1
+    """Number of the table in the paper, 1 to 5."""
+    data: DataConfig = field(default_factory=DataConfig)
+    extra_data: list[str] = field(default_factory=list)
+    """Folders of further data sets: of table 3 and 5 more clips; of table 4 simulated clips that fusion is learned
+    from, without which its rows are not measured."""
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    protocol: str = field(default="strict", metadata={"choices": protocol})
+    """How limbs are counted in the rows measured here; the others are for comparison with rows published under them."""
+    size: Size = Size.full
+    """How much is spent: all methods and full trainings, or a table in a minute or two."""
+    weights: str | None = None
+    """Folder that `dmae train` wrote, for `dmae`; by default the weights that come with the package."""
+    seed: int = 0
+    """Seed of trainings and masks."""
+    out: str = "runs/table"
+    """Folder for the table."""
+
+    def __post_init__(self):
+        if self.number not in NUMBERS:
+            tables = "; ".join(f"{number}, {title}" for number, title in NUMBERS.items())
+            raise ValueError(f"number={self.number}: the paper's tables are {tables}")
+        protocol.find(self.protocol)
+        if self.extra_data and self.number in (1, 2):
+            raise ValueError(f"extra_data={self.extra_data}: nothing is learned for table {self.number}; leave it out")
+        if self.number == 5 and (self.protocol != "strict" or self.weights):
+            raise ValueError(
+                "table 5 counts joints, not limbs, and trains its own networks; leave out protocol and weights"
+            )

@@ -1,0 +1,71 @@
+"""The clips of several data sets as one, each read when it is accessed."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.data.skeleton import SHELF14
+from dmae.formats.reading import Clips, DataConfig, load
+
+
+class NamedClips(Sequence):
+    """Clips of several data sets, called as their folders are: names of clips count from 0 in each set.
+
+    Args:
+        members: The set and the index of each clip.
+    """
+
+    def __init__(self, members: Sequence[tuple[Clips, int]]):
+        self.members = list(members)
+
+    @property
+    def folders(self) -> list[Path]:
+        """Folder of each clip."""
+        return [clips.folders[number] for clips, number in self.members]
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    def __getitem__(self, index: int) -> Clip:
+        clips, number = self.members[index]
+        folder = self.folders[index]
+        return replace(clips[number], id=f"{folder.parent.name}/{folder.name}")
+
+
+def load_sets(paths: Sequence[str]) -> NamedClips:
+    """Return the clips of several data sets."""
+    sets = [load(DataConfig(path=path)) for path in paths]
+    return NamedClips([(clips, number) for clips in sets for number in range(len(clips))])
+
+
+def halves(data: DataConfig, paths: Sequence[str]) -> tuple[NamedClips, NamedClips]:
+    """Return the first and the second half of the clips of each data set: to learn from, and to score.
+
+    Raises:
+        ValueError: a set has a single clip.
+    """
+    learned, scored = [], []
+    for clips in [load(data), *(load(DataConfig(path=path)) for path in paths)]:
+        if len(clips) < 2:
+            raise ValueError(
+                f"{clips.config.path}: {len(clips)} clip; expected a data set of two clips or more, half of them to "
+                "learn from, half to score; make one by synth generate"
+            )
+        half = len(clips) // 2
+        learned += [(clips, number) for number in range(half)]
+        scored += [(clips, number) for number in range(half, len(clips))]
+    return NamedClips(learned), NamedClips(scored)
+
+
+def check_truth(clip: Clip, number: int) -> None:
+    """Raise ValueError where a clip has no truth on the joints of Shelf, whose limbs a table is about."""
+    if clip.truth is None or np.isnan(clip.truth.xyz).all():
+        raise ValueError(f"clip {clip.id!r} has no truth; table {number} needs true poses on {SHELF14.name}")
+    if SHELF14 not in clip.truth.skeleton.parts:
+        raise ValueError(
+            f"clip {clip.id!r} has truth on {clip.truth.skeleton.name}; the limbs of table {number} are those of "
+            f"{SHELF14.name}"
+        )

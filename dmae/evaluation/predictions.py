@@ -1,0 +1,124 @@
+"""Predictions made elsewhere: read, and checked against the clip that they are of."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.skeleton import Skeleton
+from dmae.data.skeleton_conversion import convert
+from dmae.formats.recordings.pose_files import pose_paths, read_poses
+from dmae.numerics.robust import mean_known
+
+_LARGER = 2.5
+"""People who are larger or smaller than the true ones by this factor are in another unit."""
+_UNITS = {1000: "mm", 100: "cm", 39.37: "inches", 3.281: "feet", 0.001: "km"}
+"""Factors from metres."""
+
+
+def predictions_of(path: Path, clips: Sequence[str]) -> dict[str, Path]:
+    """Return the path of the poses of each clip.
+
+    Args:
+        path: Poses of one clip, or a folder of those of several, each named for its clip.
+        clips: Ids.
+
+    Raises:
+        FileNotFoundError: there are no poses at the path.
+        ValueError: clips and poses are not of the same ids.
+    """
+    found = pose_paths(path)
+    if found is None:
+        if len(clips) > 1:
+            raise ValueError(
+                f"poses={path}: expected poses of the {len(clips)} clips {_listed(clips)}, found those of one; give a "
+                f"folder that holds {clips[0]}.npz and so on"
+            )
+        return {clips[0]: Path(path)}
+    lacking, spare = [name for name in clips if name not in found], [name for name in found if name not in clips]
+    if lacking or spare:
+        raise ValueError(
+            f"poses={path}: expected poses of the clips {_listed(clips)}, found {_listed(list(found))}; "
+            f"without poses: {_listed(lacking)}; of no clip: {_listed(spare)}"
+        )
+    return found
+
+
+def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = False) -> Poses3D:
+    """Read the poses of a clip, on the skeleton of its truth.
+
+    Args:
+        path: Poses in any format that `dmae.formats.recordings.pose_files.read_poses` reads.
+        clip: Of F frames.
+        truth: True poses, (F, T, J).
+        tracks: Whether person i of the poses has to be true person i.
+
+    Raises:
+        FileNotFoundError: there is nothing at the path.
+        ValueError: the poses are malformed, or of another clip, rate, length, skeleton, unit or number of persons.
+    """
+    found = read_poses(path)
+    if found.clip not in (None, clip.id):
+        raise ValueError(f"{path}: expected poses of clip {clip.id!r}, found those of clip {found.clip!r}")
+    if found.fps is not None and not np.isclose(found.fps, clip.fps, rtol=1e-3):
+        raise ValueError(
+            f"{path}: expected {clip.fps:g} frames a second as in clip {clip.id!r}, found {found.fps:g}; resample them"
+        )
+    return fitting(found.poses, truth, f"{path}: clip {clip.id!r}", tracks=tracks)
+
+
+def fitting(poses: Poses3D, truth: Poses3D, where: str, *, tracks: bool = False) -> Poses3D:
+    """Return poses on the skeleton of the truth that they are compared with.
+
+    Args:
+        poses: (F, P, K, 3) m.
+        truth: (F, T, J, 3) m.
+        where: What is compared, for messages.
+        tracks: Whether person i of the poses has to be true person i.
+
+    Raises:
+        ValueError: they differ in length, unit or, with `tracks`, number of persons, or there is no conversion.
+    """
+    frames, persons = truth.xyz.shape[:2]
+    if len(poses.xyz) != frames:
+        raise ValueError(f"{where}: expected {frames} frames of poses as of truth, found {len(poses.xyz)}")
+    if tracks and poses.xyz.shape[1] != persons:
+        raise ValueError(
+            f"{where}: expected {persons} persons, each of the index of the true one, found {poses.xyz.shape[1]}"
+        )
+    if np.isinf(poses.xyz).any():
+        raise ValueError(f"{where}: poses have infinite coordinates; joints that are not known must be NaN")
+    try:
+        converted = convert(poses, truth.skeleton)
+    except KeyError as error:
+        raise ValueError(f"{where}: {error.args[0]}") from None
+    _check_unit(converted, truth, truth.skeleton, where)
+    return converted
+
+
+def _check_unit(poses: Poses3D, truth: Poses3D, skeleton: Skeleton, where: str) -> None:
+    """Compare the lengths of bones, which do not depend on the place of people in the world."""
+    bones = np.array(skeleton.bones, int).reshape(-1, 2)
+    ours, true = (
+        np.linalg.norm(np.diff(p.xyz.astype(float)[:, :, bones], axis=-2)[..., 0, :], axis=-1) for p in (poses, truth)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = mean_known(ours, (0, 1)) / mean_known(true, (0, 1))
+    ratios = ratios[np.isfinite(ratios)]
+    if not len(ratios):
+        return
+    factor = float(np.median(ratios))
+    if 1 / _LARGER < factor < _LARGER:
+        return
+    near = min(_UNITS, key=lambda unit: abs(np.log(factor / unit)) if factor > 0 else np.inf)
+    unit = f", as if in {_UNITS[near]}" if factor > 0 and abs(np.log(factor / near)) < np.log(1.3) else ""
+    raise ValueError(
+        f"{where}: expected poses in m; their bones are {factor:.4g} times as long as the true ones{unit}. "
+        f"Divide the coordinates by {near if unit else factor:.4g}"
+    )
+
+
+def _listed(names: Sequence[str], most: int = 5) -> str:
+    shown = ", ".join(names[:most])
+    return (f"{shown} and {len(names) - most} more" if len(names) > most else shown) or "none"

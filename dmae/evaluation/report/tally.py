@@ -1,0 +1,81 @@
+"""Counts and errors of a group of joints, which add up over clips without keeping their joints."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmae.data.clip import Source
+
+BINS = 2000
+"""Errors are counted in bins of one unit, mm or px; the last holds all larger ones."""
+
+
+@dataclass(frozen=True)
+class Tally:
+    """A group of joints.
+
+    Attributes:
+        joints: How many there are.
+        completed: How many of them are completed.
+        missing: How many are absent.
+        compared: How many have an error.
+        total: Sum of the errors.
+        histogram: (BINS,) counts of errors by their whole number of units.
+    """
+
+    joints: int
+    completed: int
+    missing: int
+    compared: int
+    total: float
+    histogram: np.ndarray
+
+    def __add__(self, other: "Tally") -> "Tally":
+        return Tally(
+            self.joints + other.joints,
+            self.completed + other.completed,
+            self.missing + other.missing,
+            self.compared + other.compared,
+            self.total + other.total,
+            self.histogram + other.histogram,
+        )
+
+    @property
+    def mean(self) -> float | None:
+        """Mean error; None of none."""
+        return self.total / self.compared if self.compared else None
+
+    def quantile(self, share: float) -> float | None:
+        """Return the error that this share of joints does not exceed, within one unit; None of none."""
+        if not self.compared:
+            return None
+        counts = np.cumsum(self.histogram)
+        bin = int(np.searchsorted(counts, share * self.compared))
+        before = counts[bin - 1] if bin else 0
+        return bin + (share * self.compared - before) / max(self.histogram[bin], 1)
+
+
+def tally(error: np.ndarray, source: np.ndarray) -> Tally:
+    """Return the tally of joints.
+
+    Args:
+        error: (...) in mm or px; NaN where there is none.
+        source: (...) `Source` of each joint.
+    """
+    known = error[np.isfinite(error)]
+    return Tally(
+        source.size,
+        int((source == Source.COMPLETED).sum()),
+        int((source == Source.ABSENT).sum()),
+        len(known),
+        float(known.sum(dtype=np.float64)),
+        np.bincount(np.minimum(known, BINS - 1).astype(int), minlength=BINS),
+    )
+
+
+def added(first: dict[str, Tally], second: dict[str, Tally]) -> dict[str, Tally]:
+    """Return two sets of groups as one; groups of the same name add up."""
+    return {
+        name: first[name] + second[name] if name in first and name in second else (first.get(name) or second[name])
+        for name in [*first, *(name for name in second if name not in first)]
+    }

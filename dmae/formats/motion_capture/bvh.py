@@ -1,0 +1,86 @@
+"""BVH, Biovision's text format of joint angles: y up, facing z in the rest pose, a file for each person.
+
+A BVH cannot say that a joint is absent or was not measured, so a table beside each file does
+(`dmae.formats.motion_capture.source_table`).
+"""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.store import write_atomic
+from dmae.formats.calibrations.conventions import METRES, LengthUnit
+from dmae.formats.motion_capture.joint_rotations import JointRotations, joint_rotations
+from dmae.formats.motion_capture.source_table import person_paths, write_source_table
+from dmae.formats.registry import pose_writer
+
+Y_UP = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
+"""From our world to one with y up, in which a person who faces our x faces z."""
+_END = 0.05
+"""m; length of the bone that is drawn beyond a last joint, which the format asks for."""
+_ORDER = "ZXY"
+
+
+@pose_writer("bvh")
+def write_bvh(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> None:
+    """Biovision BVH: joint angles on a T-pose, a file for each person, with the sources of joints in a second file."""
+    for person, file in enumerate(person_paths(path, poses.xyz.shape[1])):
+        motion = joint_rotations(poses, clip.fps, person)
+        write_atomic(
+            file, "\n".join([*_hierarchy(motion, METRES[unit]), *_motion(motion, clip.fps, METRES[unit])]) + "\n"
+        )
+        write_source_table(file, motion.joints, poses.source[:, person][:, motion.order])
+
+
+def _hierarchy(motion: JointRotations, metre: float) -> list[str]:
+    lines = ["HIERARCHY"]
+    offsets = motion.offsets @ Y_UP.T / metre
+
+    def write(joint: int, depth: int) -> None:
+        indent, inner = "\t" * depth, "\t" * (depth + 1)
+        channels = "6 Xposition Yposition Zposition" if joint == 0 else "3"
+        lines.append(f"{indent}{'JOINT' if joint else 'ROOT'} {motion.joints[joint]}")
+        lines.append(f"{indent}{{")
+        lines.append(f"{inner}OFFSET {_numbers(offsets[joint])}")
+        lines.append(f"{inner}CHANNELS {channels} " + " ".join(f"{axis}rotation" for axis in _ORDER))
+        children = [child for child, parent in enumerate(motion.parents) if parent == joint]
+        for child in children:
+            write(child, depth + 1)
+        if not children:
+            length = max(float(np.linalg.norm(offsets[joint])), 1e-9)
+            end = offsets[joint] / length * _END / metre
+            lines.extend([f"{inner}End Site", f"{inner}{{", f"{inner}\tOFFSET {_numbers(end)}", f"{inner}}}"])
+        lines.append(f"{indent}}}")
+
+    write(0, 0)
+    return lines
+
+
+def _motion(motion: JointRotations, fps: float, metre: float) -> list[str]:
+    frames = len(motion.root)
+    turned = Y_UP @ motion.rotations @ Y_UP.T
+    angles = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_euler(_ORDER, degrees=True, suppress_warnings=True)
+    angles = np.unwrap(angles.reshape(frames, -1, 3), period=360, axis=0)
+    depth_first = _depth_first(motion.parents)
+    rows = np.concatenate([motion.root @ Y_UP.T / metre, angles[:, depth_first].reshape(frames, -1)], 1)
+    return ["MOTION", f"Frames: {frames}", f"Frame Time: {1 / fps:.9g}", *map(_numbers, rows)]
+
+
+def _depth_first(parents: tuple[int, ...]) -> list[int]:
+    """Return the joints in the order in which a BVH lists them: each followed by all below it."""
+    order: list[int] = []
+
+    def visit(joint: int) -> None:
+        order.append(joint)
+        for child, parent in enumerate(parents):
+            if parent == joint:
+                visit(child)
+
+    visit(0)
+    return order
+
+
+def _numbers(row: np.ndarray) -> str:
+    return " ".join(f"{value:.6f}" for value in row)

@@ -1,0 +1,166 @@
+"""Joint rotations on a rest pose: the motion of one person as animation programs want it.
+
+Joints are a tree of nodes with fixed offsets from their parents. A node with several children takes the rotation that
+brings its children nearest to where they are (Kabsch 1976); one with a single child takes the smallest rotation from
+its parent's that points at the child, so that limbs do not twist.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from dmae.data.clip import Poses3D, Source
+from dmae.numerics.bones import bone_lengths
+from dmae.numerics.filling import fill_body_frame
+from dmae.numerics.heading import rotate_z, smooth_heading
+from dmae.numerics.interpolation import linear, pchip
+
+_LIMBS = {"elbow": (0, 1, 0), "wrist": (0, 1, 0), "knee": (0, 0, -1), "ankle": (0, 0, -1)}
+"""Directions of limbs in the rest pose, a T-pose that faces x: of the left side, y is outwards."""
+_SMOOTHED = 0.4
+"""s; standard deviation of the weights by which the heading is smoothed."""
+
+
+@dataclass(frozen=True)
+class JointRotations:
+    """The motion of one person, J joints in an order in which parents come first.
+
+    Attributes:
+        joints: Names.
+        parents: (J,) index of the parent; -1 for the only root, which is the first.
+        offsets: (J, 3) m from the parent in the rest pose, a T-pose that faces x with z up; zero for the root.
+        root: (F, 3) m, world.
+        rotations: (F, J, 3, 3) from the axes of each joint to those of its parent, of the root to the world.
+        order: (J,) index of each joint in the skeleton that the poses had.
+    """
+
+    joints: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets: np.ndarray
+    root: np.ndarray
+    rotations: np.ndarray
+    order: tuple[int, ...]
+
+    @property
+    def xyz(self) -> np.ndarray:
+        """(F, J, 3) m, world: where the joints are."""
+        turned, xyz = self.rotations.copy(), np.repeat(self.root[:, None], len(self.joints), 1)
+        for joint, parent in enumerate(self.parents):
+            if parent >= 0:
+                xyz[:, joint] = xyz[:, parent] + turned[:, parent] @ self.offsets[joint]
+                turned[:, joint] = turned[:, parent] @ self.rotations[:, joint]
+        return xyz
+
+
+def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
+    """Return the motion of one person as rotations. Bones have their median lengths.
+
+    Joints that are absent in some frames are interpolated, and held before the first and after the last; joints that
+    are never known are left out.
+
+    Args:
+        poses: F frames.
+        fps: Frames per second.
+        person: Index of the person.
+
+    Raises:
+        ValueError: the person is never there, or its root joint is never known.
+    """
+    skeleton = poses.skeleton
+    arrays = {part.name: getattr(poses, part.name)[:, [person]] for part in fields(poses) if part.name != "skeleton"}
+    one = Poses3D(skeleton, **arrays)
+    known = (one.source != Source.ABSENT).any((0, 1))
+    root = skeleton.parents.index(-1)
+    if not known[root]:
+        raise ValueError(
+            f"person {person}: joint {skeleton.joints[root]!r}, the root of {skeleton.name}, is never known; without "
+            "it there is no tree of joints"
+        )
+    order, parents = _tree(skeleton.parents, known, root)
+    xyz = linear(fill_body_frame(one, fps, pchip).xyz.astype(np.float64))
+    heading = smooth_heading(one.xyz.astype(np.float64), skeleton, _SMOOTHED * fps)[:, 0]
+    names = tuple(skeleton.joints[joint] for joint in order)
+    offsets = _rest(one.xyz[:, :, order], xyz[:, 0, order], names, parents, heading)
+    rotations = _rotations(xyz[:, 0, order], offsets, parents)
+    return JointRotations(names, parents, offsets, xyz[:, 0, order[0]], rotations, order)
+
+
+def _tree(parents: tuple[int, ...], known: np.ndarray, root: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the known joints, parents first, and the index in them of each one's nearest known ancestor."""
+    ancestors = {}
+    for joint in np.flatnonzero(known).tolist():
+        above = parents[joint]
+        while above >= 0 and not known[above]:
+            above = parents[above]
+        ancestors[joint] = root if above < 0 and joint != root else above
+    order = [root]
+    for joint in order:
+        order += [child for child, parent in ancestors.items() if parent == joint and child != root]
+    return tuple(order), tuple(order.index(ancestors[joint]) if joint != root else -1 for joint in order)
+
+
+def _rest(
+    measured: np.ndarray, xyz: np.ndarray, names: tuple[str, ...], parents: tuple[int, ...], heading: np.ndarray
+) -> np.ndarray:
+    """(J, 3) offsets in the rest pose, m.
+
+    Limbs point as in a T-pose. Other offsets are those of the person on average, in the axes of the parent.
+
+    Args:
+        measured: (F, 1, J, 3) m, NaN where absent.
+        xyz: (F, J, 3) m, without gaps.
+        heading: (F,) rad.
+    """
+    bones = [(parent, joint) for joint, parent in enumerate(parents) if parent >= 0]
+    known = bone_lengths(measured.astype(np.float64), bones)[:, 0]
+    # A bone with ends that were never known together has the length of the interpolated ones.
+    known = np.where(np.isnan(known).all(0), bone_lengths(xyz[:, None], bones)[:, 0], known)
+    lengths = np.r_[0, np.nanmedian(known, 0)]
+    offsets = np.zeros((len(names), 3))
+    for parent, joint in bones:
+        side, _, part = names[joint].rpartition("_")
+        if part in _LIMBS and side in ("l", "r"):
+            offsets[joint] = np.array(_LIMBS[part]) * (1, 1 if side == "l" else -1, 1)
+        else:
+            offsets[joint] = rotate_z(xyz[:, joint] - xyz[:, parent], -heading).mean(0)
+    offsets *= lengths[:, None] / np.maximum(np.linalg.norm(offsets, axis=-1, keepdims=True), 1e-9)
+    return offsets
+
+
+def _rotations(xyz: np.ndarray, offsets: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
+    """(F, J, 3, 3) rotations to the axes of the parent, given positions (F, J, 3) and offsets (J, 3)."""
+    in_world, local = np.empty((len(xyz), len(parents), 3, 3)), np.empty((len(xyz), len(parents), 3, 3))
+    for joint, parent in enumerate(parents):
+        children = [child for child, above in enumerate(parents) if above == joint]
+        before = in_world[:, parent] if parent >= 0 else np.broadcast_to(np.eye(3), (len(xyz), 3, 3))
+        found = xyz[:, children] - xyz[:, joint, None]
+        if not children:
+            in_world[:, joint] = before
+        elif len(children) == 1 or np.linalg.matrix_rank(offsets[children], tol=1e-3) < 2:
+            in_world[:, joint] = _swing(before @ offsets[children[0]], found[:, 0]) @ before
+        else:
+            in_world[:, joint] = _kabsch(offsets[children], found)
+        local[:, joint] = before.swapaxes(-1, -2) @ in_world[:, joint]
+    return local
+
+
+def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(F, 3, 3) smallest rotations that turn vectors (F, 3) towards others (F, 3)."""
+    start, end = (part / np.maximum(np.linalg.norm(part, axis=-1, keepdims=True), 1e-9) for part in (start, end))
+    axis, cosine = np.cross(start, end), (start * end).sum(-1)
+    # Opposite directions: half a turn about any axis across.
+    across = np.cross(start, np.eye(3)[np.abs(start).argmin(-1)])
+    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
+    half = 2 * across[:, :, None] * across[:, None] - np.eye(3)
+    K = np.zeros((len(start), 3, 3))
+    K[:, [2, 0, 1], [1, 2, 0]], K[:, [1, 2, 0], [2, 0, 1]] = axis, -axis
+    turned = np.eye(3) + K + K @ K / np.maximum(1 + cosine, 1e-9)[:, None, None]
+    return np.where((cosine > -1 + 1e-6)[:, None, None], turned, half)
+
+
+def _kabsch(offsets: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """(F, 3, 3) rotations that bring offsets (n, 3) nearest to vectors (F, n, 3)."""
+    left, _, right = np.linalg.svd(found.swapaxes(-1, -2) @ offsets)
+    sign = np.linalg.det(left @ right)
+    left[..., -1] *= sign[..., None]
+    return left @ right

@@ -1,0 +1,174 @@
+"""The data of the page's player: a clip's cameras, poses, truth and detections, made small and inlined."""
+
+import base64
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.skeleton import Skeleton
+from dmae.data.skeleton_conversion import convert
+from dmae.numerics.gaps import neighbours
+from dmae.numerics.robust import mean_known
+from dmae.reporting.figures import PERSONS
+from dmae.reporting.videos import small_videos
+
+_UNIT_M = 0.001
+_UNIT_PX = 0.5
+_UNIT_SPREAD_M = 0.0005
+_LARGEST = 32000
+
+
+@dataclass(frozen=True)
+class Played:
+    """A clip in the player, and what its timeline shows.
+
+    Attributes:
+        clip: Captured or not, with images or not, and not long: `window` cuts a long one.
+        first: Number of its first frame in the clip that it was cut from.
+        error: (F,) mean error of the joints of each frame, mm; NaN where unknown. None without truth.
+        notes: Sentences about what is not there.
+    """
+
+    clip: Clip
+    first: int = 0
+    error: np.ndarray | None = None
+    notes: Sequence[str] = ()
+
+
+def window(frames: int, most: int, centre: int) -> slice:
+    """Return the `most` frames around a centre, or all of a clip that has no more."""
+    start = min(max(0, centre - most // 2), max(0, frames - most))
+    return slice(start, min(frames, start + most))
+
+
+def player_data(played: Played) -> dict:
+    """Return the JSON-able data of one clip. Arrays are differences over time, compressed, in base64 (`packed`)."""
+    clip = played.clip
+    videos, problem = small_videos(clip)
+    poses, truth = clip.poses, clip.truth
+    if truth is not None:
+        truth = _one_skeleton(truth, (poses or clip.detections).skeleton)
+    return {
+        "id": clip.id,
+        "fps": clip.fps,
+        "frames": len(clip),
+        "first": played.first,
+        "colours": PERSONS,
+        "cameras": [_camera(clip.rig, view) | {"video": videos[view]} for view in range(len(clip.rig))],
+        "poses": None if poses is None else _poses(poses, with_source=True),
+        "truth": None if truth is None else _poses(truth, with_source=False),
+        "detections": _detections(clip.detections),
+        "error": None if played.error is None else _numbers(played.error),
+        "notes": [*played.notes, *([problem] if problem else [])],
+    }
+
+
+def packed(values: np.ndarray) -> str:
+    """Return base64 of numbers (F, ...), rounded to 16-bit integers; what is not finite stays absent.
+
+    The bytes, deflated: for each series over time its differences, low bytes of all, then high bytes, then whether
+    each is known. What is absent repeats the value before it, so that a gap costs nothing.
+    """
+    series = values.reshape(len(values), -1)
+    known = np.isfinite(series)
+    whole = np.where(known, np.clip(np.round(np.where(known, series, 0)), -_LARGEST, _LARGEST), 0).astype(np.int16)
+    before, _ = neighbours(known)
+    held = np.where(before < 0, 0, np.take_along_axis(whole, np.maximum(before, 0), 0)).T.view(np.uint16)
+    steps = np.diff(held, axis=1, prepend=np.zeros((len(held), 1), np.uint16))
+    planes = np.stack([steps & 0xFF, steps >> 8, known.T]).astype(np.uint8)
+    return base64.b64encode(zlib.compress(planes.tobytes())).decode()
+
+
+def _one_skeleton(truth: Poses3D, wanted: Skeleton) -> Poses3D:
+    """Of a fused skeleton only one is drawn: that of the poses, or else the first."""
+    parts = [part.name for part in truth.skeleton.parts]
+    return convert(truth, wanted if wanted.name in parts else truth.skeleton.parts[0]) if len(parts) > 1 else truth
+
+
+def _poses(poses: Poses3D, *, with_source: bool) -> dict:
+    xyz = poses.xyz.astype(np.float64)
+    known = xyz[np.isfinite(xyz).all(-1)]
+    low, high = (known.min(0), known.max(0)) if len(known) else (np.zeros(3), np.zeros(3))
+    origin = (low + high) / 2
+    unit = max(_UNIT_M, float((high - low).max()) / 2 / _LARGEST)
+    data = {
+        **_skeleton(poses.skeleton),
+        "persons": xyz.shape[1],
+        "origin": origin.tolist(),
+        "unit": unit,
+        "xyz": packed((xyz - origin) / unit),
+    }
+    if with_source:
+        data["source"] = packed(poses.source)
+        data |= {"spreadUnit": _UNIT_SPREAD_M, "spread": packed(_spread(poses) / _UNIT_SPREAD_M)}
+    return data
+
+
+def _spread(poses: Poses3D) -> np.ndarray:
+    """Return the symmetric roots (F, P, J, 6) of the covariances, m: xx xy xz yy yz zz; NaN where unknown."""
+    roots = np.full((*poses.cov.shape[:3], 3, 3), np.nan)
+    known = np.isfinite(poses.cov).all((-1, -2)) & np.isfinite(poses.xyz).all(-1)
+    if known.any():
+        values, vectors = np.linalg.eigh(poses.cov[known].astype(np.float64))
+        roots[known] = (vectors * np.sqrt(np.maximum(values, 0))[:, None]) @ vectors.swapaxes(-1, -2)
+    rows, columns = np.triu_indices(3)
+    return roots[..., rows, columns]
+
+
+def _skeleton(skeleton: Skeleton) -> dict:
+    return {"joints": skeleton.joints, "bones": skeleton.bones}
+
+
+def _detections(detections: Detections2D) -> dict:
+    places = _steady(detections.xy)
+    unit = max(_UNIT_PX, float(np.nanmax(np.abs(places), initial=0)) / _LARGEST)
+    return {
+        **_skeleton(detections.skeleton),
+        "number": places.shape[2],
+        "unit": unit,
+        "xy": packed(places / unit),
+    }
+
+
+def _steady(xy: np.ndarray) -> np.ndarray:
+    """Reorder detections (F, V, D, J, 2) so that each place holds what is nearest to what it held: that packs well.
+
+    Places that no frame fills are left out.
+    """
+    centre = mean_known(xy, 3)
+    order = np.zeros(xy.shape[:3], int)
+    for view in range(xy.shape[1]):
+        last = np.full((xy.shape[2], 2), -1e6)  # an empty place is far from everything
+        for frame in range(len(xy)):
+            known = np.isfinite(centre[frame, view]).all(-1)
+            here = np.where(known[:, None], centre[frame, view], 1e6)
+            places, detections = linear_sum_assignment(np.abs(here[None] - last[:, None]).sum(-1))
+            order[frame, view, places] = detections
+            filled = known[detections]
+            last[places[filled]] = here[detections[filled]]
+    placed = np.take_along_axis(xy, order[..., None, None], 2)
+    return placed[:, :, np.isfinite(placed).any((0, 1, 3, 4))]
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [round(value, 1) if isfinite(value) else None for value in values.tolist()]
+
+
+def _camera(rig: CameraRig, view: int) -> dict:
+    reach = float(rig.reach[view])
+    return {
+        "name": rig.names[view],
+        "K": [float(rig.K[view, row, column]) for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2))],
+        "dist": np.pad(rig.dist[view], (0, 8 - rig.dist.shape[1])).tolist(),
+        "fisheye": bool(rig.fisheye[view]),
+        "reach": reach if isfinite(reach) else None,
+        "R": rig.cam_from_world[view, :3, :3].ravel().tolist(),
+        "t": rig.cam_from_world[view, :3, 3].tolist(),
+        "size": rig.size[view].tolist(),
+    }

@@ -1,0 +1,129 @@
+"""Show clips: what `dmae show` and `synth show` share."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from importlib import util
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.formats.reading import is_data_set, load
+from dmae.formats.recordings.data_config import DataConfig
+from dmae.viewing.layers import LayersConfig, chosen_layers
+from dmae.viewing.sheet import has_images, write_overlay_video, write_sheet
+
+Rooms = Callable[[Clip], Sequence[np.ndarray]]
+"""Draws the room of a clip: (H, W, 3) uint8 a view."""
+_LEAST = {"frames": 1, "width": 160}
+
+
+@dataclass(frozen=True)
+class ShowConfig:
+    """Draw clips, captured, completed, simulated or as recorded: `sheet.png`, `clip.mp4` and a recording for Rerun."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    out: str = "runs/show"
+    """Folder of the pictures; of a data set each clip has a folder in it."""
+    frames: int = 4
+    """How many the sheet shows, evenly spread over the clip."""
+    views: list[str] = field(default_factory=list)
+    """Names of the cameras; none for all."""
+    width: int = 480
+    """px; of a view."""
+    layers: LayersConfig = field(default_factory=LayersConfig)
+    video: bool = True
+    """Whether to write `clip.mp4`, all views of all frames."""
+    rerun: bool = False
+    """Whether to write `clip.rrd` for the Rerun viewer, which `pip install 'dmae-synth[viz]'` adds."""
+
+    def __post_init__(self):
+        for name, least in _LEAST.items():
+            if getattr(self, name) < least:
+                raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
+
+
+def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
+    """Draw the clips that a configuration names, and print what each lacks and the files that were written.
+
+    Args:
+        config: What to draw, and how.
+        out: Folder.
+        rooms: Draws the room of a clip without images; by default a grid on its floor is drawn.
+
+    Raises:
+        ValueError: no clip is there, a clip has no such camera, or Rerun is wanted and not installed.
+    """
+    clips, several = load(config.data), is_data_set(config.data)
+    if not clips:
+        raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to show")
+    for clip, folder in zip(clips, clips.folders, strict=True):
+        clip = of_views(clip, config.views)
+        lacking, backdrop = chosen_layers(clip, config.layers).lacking, None
+        if lacking:
+            print(f"clip {clip.id}: no {', no '.join(lacking)}")
+        if rooms and not has_images(clip):
+            try:
+                backdrop = rooms(clip)
+            except (ValueError, OSError) as error:
+                print(f"only the floor of the room is drawn: {error}")
+        written = show_clip(
+            clip,
+            out / folder.name if several else out,
+            frames=config.frames,
+            width=config.width,
+            layers=config.layers,
+            video=config.video,
+            rerun=config.rerun,
+            rooms=backdrop,
+        )
+        print(*written, sep="\n")
+
+
+def show_clip(
+    clip: Clip,
+    out: Path,
+    *,
+    frames: int = 4,
+    views: Sequence[str] = (),
+    width: int = 480,
+    layers: LayersConfig | None = None,
+    video: bool = True,
+    rerun: bool = False,
+    rooms: Sequence[np.ndarray] | None = None,
+) -> list[Path]:
+    """Draw one clip; the options are those of `ShowConfig`, and `rooms` what is drawn behind people without images.
+
+    Returns:
+        The files: `sheet.png`, `clip.mp4`, `clip.rrd`.
+
+    Raises:
+        ValueError: the clip has no frames, no such camera, or Rerun is wanted and not installed.
+    """
+    if rerun and util.find_spec("rerun") is None:
+        raise ValueError("rerun=true: rerun-sdk is not installed; pip install 'dmae-synth[viz]' adds it")
+    if not len(clip):
+        raise ValueError(f"clip {clip.id!r}: expected frames to draw, found none")
+    clip = of_views(clip, views)
+    chosen = chosen_layers(clip, layers or LayersConfig())
+    files = [out / "sheet.png"]
+    write_sheet(clip, files[0], chosen, rows=frames, width=width, rooms=rooms)
+    if video:
+        files.append(out / "clip.mp4")
+        write_overlay_video(clip, files[-1], chosen, width=width, rooms=rooms)
+    if rerun:
+        from dmae.viewing.rerun import write_recording
+
+        files.append(out / "clip.rrd")
+        write_recording(clip, files[-1], chosen)
+    return files
+
+
+def of_views(clip: Clip, names: Sequence[str]) -> Clip:
+    """Return the clip of some cameras, with its poses: they are drawn, not used."""
+    unknown = sorted(set(names) - set(clip.rig.names))
+    if unknown:
+        raise ValueError(f"views: clip {clip.id!r} has no camera {unknown}; it has {list(clip.rig.names)}")
+    if not names:
+        return clip
+    return replace(clip.select(views=[clip.rig.names.index(name) for name in names]), poses=clip.poses)

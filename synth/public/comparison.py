@@ -1,0 +1,126 @@
+"""Comparison of what is generated with recordings: detections, motion, and detectors fitted to a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dmae.data.clip import Clip
+from dmae.data.rng import Stream, generator
+
+if TYPE_CHECKING:
+    from synth.datasets.motion_realism import Difference
+    from synth.detector.comparison import Limits, Row
+    from synth.detector.config import DetectorConfig
+    from synth.detector.fitting import Fit
+
+
+def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, workers: int = 1) -> list[Row]:
+    """Compare the detections of a recording with those of its simulation.
+
+    Args:
+        real: The recording, of three cameras or more.
+        sim: Simulated clips, with the same skeleton.
+        limits: Greatest differences allowed; by default those of `synth compare`.
+        workers: Processes; -1 for one a core.
+
+    Returns:
+        A row a statistic: `what`, the values `real` and `sim`, their `distance`, and whether it is `exceeded`.
+
+    Raises:
+        ValueError: no person can be measured in one of them, or their skeletons differ.
+
+    Examples:
+        >>> one, other = synth.generate("scene.seconds=1", clips=2, seed=7)
+        >>> rows = synth.compare(one, [other])
+        >>> [row.distance for row in synth.compare(one, [one]) if row.exceeded]
+        []
+    """
+    from synth.detector import comparison
+    from synth.detector.pooling import measure_all
+    from synth.detector.statistics import measure
+
+    clips = list(sim)
+    return comparison.compare(measure(real), measure_all(clips, len(clips), workers), limits or comparison.Limits())
+
+
+def compare_motion(
+    real: str | Path | Iterable[Clip], sim: Iterable[Clip], *, takes: Sequence[str] = ("*",), longest: float = 10.0
+) -> list[Difference]:
+    """Compare how recorded and how generated people move.
+
+    Args:
+        real: A take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder of takes; or clips, of which the captured poses
+            count, or else the truth.
+        sim: Simulated clips, of which the truth counts.
+        takes: Only takes whose file names without suffix are like one of these; `*` and `?` stand for anything.
+        longest: The most for which a take, or a person of a clip, counts, s.
+
+    Returns:
+        A difference a quantity, as of speeds and angles: quantiles of both, and Wasserstein and Kolmogorov-Smirnov
+        distances, beside those between halves of the recordings.
+
+    Raises:
+        FileNotFoundError: there are no takes.
+        ValueError: there are no people to measure, or frame rates differ.
+
+    Examples:
+        >>> one, other = synth.generate("scene.seconds=1", clips=2, seed=7)
+        >>> differences = synth.compare_motion([one], [other])
+        >>> bool(max(each.ks for each in differences) <= 1)
+        True
+    """
+    from synth.datasets import motion_realism
+    from synth.datasets.motion_tracks import same_rate, take_tracks, tracks_of
+
+    simulated = tracks_of(((clip.id, clip) for clip in sim), captured=False)
+    if isinstance(real, str | Path):
+        recorded, _ = take_tracks(Path(real), simulated[0].fps, takes)
+    else:
+        recorded = tracks_of(((clip.id, clip) for clip in real), captured=True)
+    same_rate(recorded, simulated, "the recordings", "the simulated clips")
+    samples = (motion_realism.measure(tracks, longest) for tracks in (recorded, simulated))
+    return motion_realism.compare(*samples, rng=generator(0, 0, Stream.VALIDATION))
+
+
+def fit_detector(
+    recording: Clip,
+    clips: Sequence[Clip],
+    *,
+    start: DetectorConfig | None = None,
+    truth: str = "others",
+    rounds: int = 8,
+    seed: int = 0,
+    workers: int = 1,
+) -> Fit:
+    """Fit the simulated detector to a recording.
+
+    Args:
+        recording: Its detections are imitated.
+        clips: Simulated clips of a scene like the recording's, seen by its cameras.
+        start: Start of the fit; options that the recording does not determine keep its values.
+        truth: What its detections are measured against: `others`, the other views, or `annotated`, the clip's truth.
+        rounds: Number of simulations.
+        seed: Of the detector.
+        workers: Processes; -1 for one a core.
+
+    Returns:
+        `config`, the detector; `undetermined`, options that the recording does not determine, and why; `statistics` of
+        the clips as it detects them. `synth.detector.presets.preset_yaml` writes the detector as a preset.
+
+    Raises:
+        ValueError: the recording cannot be measured, or the clips have no visibility or another skeleton.
+
+    Examples:
+        >>> recording, *clips = synth.generate("scene.seconds=1", clips=2, seed=7)
+        >>> fit = synth.fit_detector(recording, clips, rounds=1)
+        >>> sorted(vars(fit))
+        ['config', 'statistics', 'undetermined']
+    """
+    from synth.detector import fitting
+    from synth.detector.config import DetectorConfig
+    from synth.detector.statistics import ErrorReference, measure
+
+    statistics = measure(recording, ErrorReference(truth))
+    return fitting.fit(statistics, clips, start or DetectorConfig(), rounds=rounds, seed=seed, workers=workers)

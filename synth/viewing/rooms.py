@@ -1,0 +1,35 @@
+"""Draw the room of a simulated clip, to put behind its people where there are no images."""
+
+import json
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.viewing.canvas import PAPER
+from synth.rendering.raycasting import RayPainter
+from synth.scene.build import build_scene
+from synth.scene.spec import SceneSpec
+
+_BLOCK = 2
+"""px; side of the blocks of pixels that share a ray."""
+
+
+def draw_rooms(clip: Clip) -> list[np.ndarray]:
+    """Render the room of a clip, without its people: (H, W, 3) uint8 a view, dimmed. No OpenGL is needed.
+
+    Raises:
+        ValueError: the clip's provenance has no scene, or one of another version.
+        FileNotFoundError: a file of the room does not exist.
+    """
+    if "spec" not in clip.provenance:
+        raise ValueError(f"clip {clip.id!r} has no scene in its provenance")
+    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+    scene = build_scene(replace(spec, persons=()), rig)
+    data = mujoco.MjData(scene.model)
+    mujoco.mj_forward(scene.model, data)
+    painter = RayPainter(scene.model, scene.geom_ids, rig, _BLOCK)
+    rooms = [painter.paint(data, view, ("rgb",))[0] for view in range(len(rig))]
+    return [(0.25 * np.array(PAPER) + 0.65 * room).astype(np.uint8) for room in rooms]

@@ -1,0 +1,23 @@
+"""Where results go: one command at a time, and no trace of those that failed."""
+
+import pytest
+
+from dmae.command_line.outputs import locked
+
+
+def test_two_commands_do_not_write_to_one_folder(tmp_path):
+    with (
+        locked(tmp_path / "set"),
+        pytest.raises(ValueError, match=r"out=.*set: another command is writing there"),
+        locked(tmp_path / "set"),
+    ):
+        pass
+    with locked(tmp_path / "set"), locked(tmp_path / "other"):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_folders_are_left_where_something_was_written(tmp_path):
+    with locked(tmp_path / "a/b/set"):
+        (tmp_path / "a/result").touch()
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "result"]

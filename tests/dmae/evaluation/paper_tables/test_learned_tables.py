@@ -1,0 +1,116 @@
+"""Tables for which models are trained: here for a few steps, on small clips."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.cli import DMAE, compose
+from dmae.data.clip import Clip
+from dmae.data.store import save_clip, write_manifest
+from dmae.evaluation.paper_tables import codes, fusion, interactions
+from dmae.evaluation.paper_tables.config import Size, TableConfig
+from dmae.evaluation.paper_tables.make import make_table
+from dmae.formats.reading import DataConfig
+from tests.support.clips import full_clip
+from tests.support.scored_clips import seen
+
+pytestmark = pytest.mark.slow
+COUNT = 4
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory):
+    """A data set of walkers, truth on two skeletons."""
+    folder = tmp_path_factory.mktemp("data") / "walkers"
+    for number in range(COUNT):
+        clip = seen(frames=50, name=f"{number}")
+        save_clip(walked(clip, number), folder / clip.id)
+    write_manifest(folder, [{"id": str(number), "status": "ok"} for number in range(COUNT)])
+    return folder
+
+
+def walked(clip: Clip, number: int) -> Clip:
+    """The same walkers, detected with other errors."""
+    error = np.random.default_rng(number).normal(0, 2, clip.detections.xy.shape)
+    return replace(clip, detections=replace(clip.detections, xy=clip.detections.xy + error))
+
+
+def table(out, number: int, path, **changes) -> dict:
+    config = TableConfig(number=number, data=DataConfig(path=str(path)), size=Size.small, **changes)
+    return make_table(config, out)
+
+
+def rows_of(made: dict) -> dict[str, dict]:
+    return {row["name"]: row for row in made["rows"] if row["origin"] != "published"}
+
+
+def test_interactions_have_a_row_for_transfer_and_one_without(clips, tmp_path, monkeypatch):
+    monkeypatch.setitem(interactions._STEPS, Size.small, (2, 2))
+    made = table(tmp_path, 3, clips)
+    rows = rows_of(made)
+    assert list(rows) == ["measured", "linear", "dmae", interactions.TUNED, interactions.ALONE]
+    assert made["recording"] == "2 simulated clips"
+    for name, row in rows.items():
+        assert row["origin"] == "measured here"
+        assert all(row["cells"][key]["value"] is not None for key in ("pcp", "recall", "mpjpe", "hidden_recall"))
+        assert (row["differences"] == {}) == (name == "dmae")
+    assert rows["measured"]["cells"]["hidden"]["value"] is None
+    assert rows["measured"]["cells"]["hidden_recall"]["value"] == 0
+    assert all(row["differences"] == {} for row in made["rows"] if row["origin"] == "published")
+    trained = [folder.name for folder in (tmp_path / "models").iterdir()]
+    assert sorted(trained) == ["table_3_alone", "table_3_tuned"]
+
+
+def test_codes_have_recall_and_error_of_the_same_masked_joints(clips, tmp_path, monkeypatch):
+    monkeypatch.setitem(codes._STEPS, Size.small, 2)
+    rows = rows_of(table(tmp_path, 5, clips))
+    assert list(rows) == [*codes.VARIANTS, codes.INTERPOLATED]
+    for row in rows.values():
+        assert 0 <= row["cells"]["recall"]["value"] <= 100
+        assert row["cells"]["mpjpe"]["value"] >= 0
+    # Walkers glide: interpolation is right where two steps of training are not.
+    assert rows[codes.INTERPOLATED]["cells"]["recall"]["value"] > 99
+    assert rows[codes.BOTH]["cells"]["recall"]["value"] < 90
+
+
+def test_fusion_has_rows_before_and_after_tuning_and_the_better_of_two_says_so(clips, tmp_path, monkeypatch):
+    monkeypatch.setitem(fusion._STEPS, Size.small, 2)
+    monkeypatch.setattr(fusion, "_TUNING_STEPS", 2)
+    save_clip(seen(frames=60), tmp_path / "clip")
+    made = table(tmp_path, 4, tmp_path / "clip", extra_data=[str(clips)])
+    rows = rows_of(made)
+    assert list(rows) == ["linear", "dmae", fusion.PRETRAINED, fusion.TUNED, fusion.BETTER]
+    for group in fusion.GROUPS:
+        assert rows[fusion.TUNED]["cells"][group]["value"] is not None
+    better = rows[fusion.BETTER]
+    assert better["protocol"] == "hkbu, better of two by the truth"
+    assert "no system can do so" in better["note"]
+    for name in ("dmae", fusion.TUNED):
+        assert better["cells"]["average"]["value"] >= rows[name]["cells"]["average"]["value"] - 0.5
+    # 15 frames are tuned on, 10 after them left out.
+    assert made["frames"] == {"actor 1": 35, "actor 2": 35}
+
+
+def test_fusion_without_simulated_clips_is_not_measured(tmp_path):
+    save_clip(seen(frames=60), tmp_path / "clip")
+    rows = rows_of(table(tmp_path, 4, tmp_path / "clip"))
+    for name in (fusion.PRETRAINED, fusion.TUNED, fusion.BETTER):
+        assert rows[name]["origin"] == "not measured"
+        assert "give extra_data=[...]" in rows[name]["note"]
+        assert {cell["value"] for cell in rows[name]["cells"].values()} == {None}
+
+
+def test_a_set_of_one_clip_cannot_be_halved(tmp_path):
+    save_clip(full_clip(frames=20), tmp_path / "clip")
+    with pytest.raises(ValueError, match="1 clip; expected a data set of two clips or more"):
+        table(tmp_path, 3, tmp_path / "clip")
+
+
+def test_the_network_is_the_paper_s_but_for_its_size(clips):
+    wanted = compose(DMAE.commands["train"], [f"data={clips}", "model=paper"])
+    made = codes.training_plan(TableConfig(number=5))
+    for name in ("frames", "fps", "dropout", "key_init", "residual", "align_heading"):
+        assert getattr(made.model, name) == getattr(wanted.model, name), name
+    assert made.examples == wanted.examples
+    assert made.learning.loss == wanted.learning.loss

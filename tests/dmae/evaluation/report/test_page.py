@@ -1,0 +1,63 @@
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dmae
+from dmae.data.images import Images
+from dmae.evaluation.report import page as report_page
+from dmae.evaluation.report.page import write_clips_report
+from tests.support.clips import full_clip
+from tests.support.reported_clips import completed_clip
+
+
+def players(path):
+    return json.loads(re.search(r'id="clips">(.*?)</script>', path.read_text(), re.DOTALL).group(1))
+
+
+def test_long_clips_are_shown_around_their_worst_frame(tmp_path, monkeypatch):
+    monkeypatch.setattr(report_page, "MOST_FRAMES", 8)
+    write_clips_report(tmp_path / "report.html", [completed_clip()])
+    (shown,) = players(tmp_path / "report.html")
+    assert (shown["first"], shown["frames"]) == (6, 8)
+    assert "The clip is long: the player shows frames 6 to 13 of 30." in shown["notes"]
+    text = (tmp_path / "report.html").read_text()
+    inside = re.findall(r'data-frame="(\d+)"', text)
+    assert inside and all(6 <= int(frame) < 14 for frame in inside)
+
+
+def test_of_many_clips_the_worst_are_in_the_player_and_all_in_the_table(tmp_path, monkeypatch):
+    monkeypatch.setattr(report_page, "MOST_CLIPS", 2)
+    bad = completed_clip()
+    good = replace(bad, id="good", poses=bad.truth)
+    clips = [good, replace(bad, id="bad"), replace(good, id="also good"), replace(bad, id="worse")]
+    clips.append(replace(good, id="uncaptured", poses=None))
+    dmae.report(clips, tmp_path / "report.html", title="Five")
+    assert [each["id"] for each in players(tmp_path / "report.html")] == ["bad", "worse"]
+    text = (tmp_path / "report.html").read_text()
+    assert "<h1>Five</h1>" in text and "The player holds 2 of them" in text
+    assert all(each.id in text for each in clips)
+    assert "5 clips: 150 frames" in text and "1 clip is not captured yet" in text
+
+
+def test_pictures_that_are_gone_are_said_to_be(tmp_path):
+    clip = replace(full_clip(), images=Images(tmp_path / "gone", full_clip().rig.names, tuple(range(12)), ("rgb",)))
+    dmae.report(clip, tmp_path / "report.html")
+    (shown,) = players(tmp_path / "report.html")
+    assert shown["notes"][-1].startswith("The pictures of cameras cam0, cam1, cam2, cam3 cannot be read")
+
+
+def test_a_data_set_without_clips_is_a_page(tmp_path):
+    dmae.report([], tmp_path / "report.html", scores=[])
+    assert "This data set has no clip" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize("lost", ["truth", "poses"])
+def test_joints_at_infinity_do_not_break_the_page(tmp_path, lost):
+    clip = completed_clip()
+    xyz = getattr(clip, lost).xyz.copy()
+    xyz[3, 0, 2] = np.inf
+    dmae.report(replace(clip, **{lost: replace(getattr(clip, lost), xyz=xyz)}), tmp_path / "report.html")
+    assert players(tmp_path / "report.html")[0]["frames"] == 30
