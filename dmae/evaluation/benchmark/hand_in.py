@@ -10,14 +10,12 @@ import numpy as np
 
 from dmae.completion.methods.registry import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
-from dmae.data.store import load_clip
-from dmae.formats.npz import read_npz
+from dmae.evaluation.predictions import fitting
+from dmae.formats.recordings.pose_files import pose_paths, read_poses
 from dmae.plugins import load_function
 
 OURS = "capture"
 """The capture that comes with the package, nothing filled."""
-_MOST_FACTOR = 3.0
-"""Greatest factor between the size of people handed in and of those captured."""
 
 
 class Task(StrEnum):
@@ -69,7 +67,7 @@ class HandIn:
             more = f" and {len(lacking) - 3} more" if len(lacking) > 3 else ""
             raise FileNotFoundError(
                 f"{self.name}: lacks {len(lacking)} of {len(clips)} clips: {', '.join(lacking[:3])}{more}; expected "
-                f"{lacking[0]}.npz, as dmae export format=npz writes, or a clip with poses in {lacking[0]}/"
+                f"{lacking[0]}.npz, as dmae export format=npz writes, or another format that dmae.read_poses reads"
             )
 
     def function(self) -> Callable:
@@ -96,9 +94,10 @@ class HandIn:
         """
         where = f"{self.name}, clip {name}"
         if self.folder is not None:
-            poses, fps = _read(_file(self.folder, name))
-            if abs(fps - given.fps) > 1e-3 * given.fps:
-                raise ValueError(f"{where}: expected {given.fps:g} frames per second, found {fps:g}")
+            found = read_poses(_file(self.folder, name))
+            if found.fps is not None and not np.isclose(found.fps, given.fps, rtol=1e-3):
+                raise ValueError(f"{where}: expected {given.fps:g} frames per second, found {found.fps:g}")
+            poses = found.poses
         else:
             function = _loaded(self)
             try:
@@ -106,8 +105,7 @@ class HandIn:
             # A function of another project may raise anything; the clip and the function are named with it.
             except Exception as error:
                 raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
-        check_poses(poses, given.poses, self.task, where)
-        return poses
+        return check_poses(poses, given.poses, self.task, where)
 
 
 def find_hand_in(given: str | Callable, task: Task, weights: str | None = None) -> HandIn:
@@ -117,8 +115,8 @@ def find_hand_in(given: str | Callable, task: Task, weights: str | None = None) 
     return HandIn(given, task, weights)
 
 
-def check_poses(poses: Poses3D, given: Poses3D, task: Task, where: str) -> None:
-    """Check that poses fit a clip.
+def check_poses(poses: Poses3D, given: Poses3D, task: Task, where: str) -> Poses3D:
+    """Return poses on the skeleton of the given ones.
 
     Args:
         poses: Handed in.
@@ -127,53 +125,18 @@ def check_poses(poses: Poses3D, given: Poses3D, task: Task, where: str) -> None:
         where: What they are of, for messages.
 
     Raises:
-        ValueError: they are no `Poses3D`, of another skeleton, length, number of persons or unit, or not finite.
+        ValueError: they are no `Poses3D`, of another length, number of persons or unit, on a skeleton without a
+            conversion, or not finite.
     """
     if not isinstance(poses, Poses3D):
         raise ValueError(f"{where}: expected dmae.Poses3D, found {type(poses).__name__}")
-    if poses.skeleton != given.skeleton:
-        raise ValueError(f"{where}: expected poses on {given.skeleton.name!r}, found {poses.skeleton.name!r}")
-    (frames, persons), (found_frames, found_persons) = given.source.shape[:2], poses.source.shape[:2]
-    if found_frames != frames:
-        raise ValueError(f"{where}: expected {frames} frames, found {found_frames}")
-    if task == Task.completion and found_persons != persons:
-        raise ValueError(
-            f"{where}: expected the {persons} persons of the given poses, in their order, found {found_persons}"
-        )
-    if np.isinf(poses.xyz).any():
-        raise ValueError(f"{where}: has infinite coordinates; joints that are not known must be NaN")
-    factor = _person_size(poses) / _person_size(given)
-    if factor > _MOST_FACTOR or factor < 1 / _MOST_FACTOR:
-        units = {1000: "millimetres", 100: "centimetres", 39.4: "inches"}
-        unit = next((f", as if in {unit}" for number, unit in units.items() if 0.6 < factor / number < 1.6), "")
-        raise ValueError(f"{where}: people are {factor:.4g} times as large as those given{unit}; expected metres")
-
-
-def _person_size(poses: Poses3D) -> float:
-    """Return the median distance of joints from the median joint of their person, m; NaN if there are none."""
-    known = poses.xyz[~np.isnan(poses.xyz).any((-1, -2))].astype(np.float64)
-    if not len(known):
-        some = poses.xyz.astype(np.float64)
-        present = (~np.isnan(some).any(-1)).sum(-1) > 1
-        known = some[present]
-    if not len(known):
-        return np.nan
-    return float(np.nanmedian(np.linalg.norm(known - np.nanmedian(known, -2, keepdims=True), axis=-1)))
+    return fitting(poses, given, where, tracks=task == Task.completion)
 
 
 def _file(folder: Path, name: str) -> Path | None:
     """Return the file or folder of a clip's poses, None if there is none."""
-    archive, clip = folder / f"{name}.npz", folder / name
-    return archive if archive.is_file() else clip if (clip / "clip.json").is_file() else None
-
-
-def _read(path: Path) -> tuple[Poses3D, float]:
-    if path.is_file():
-        return read_npz(path)
-    clip = load_clip(path)
-    if clip.poses is None:
-        raise ValueError(f"{path}: this clip has no poses; dmae complete and dmae capture write them")
-    return clip.poses, clip.fps
+    place = folder / name
+    return (pose_paths(place.parent) or {}).get(place.name) if place.parent.is_dir() else None
 
 
 @cache

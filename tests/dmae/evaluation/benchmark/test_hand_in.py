@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Poses3D
-from dmae.data.skeleton import COCO17
+from dmae.data.skeleton import BODY25, COCO17, Skeleton
 from dmae.data.skeleton_conversion import convert
 from dmae.data.store import save_clip
 from dmae.evaluation.benchmark.hand_in import HandIn, Task, check_poses
@@ -16,6 +16,7 @@ from tests.support.clips import full_clip, walkers
 
 NAME = "1_self/apart/000000"
 GIVEN = walkers()
+ODD = Skeleton("odd", ("tail",), (-1,))
 
 
 def scaled(poses: Poses3D, factor: float) -> Poses3D:
@@ -26,18 +27,24 @@ def scaled(poses: Poses3D, factor: float) -> Poses3D:
     ("poses", "message"),
     [
         (GIVEN.xyz, "expected dmae.Poses3D, found ndarray"),
-        (GIVEN.select(slice(1, None)), "expected 12 frames, found 11"),
-        (walkers(persons=3), "expected the 2 persons.*found 3"),
-        (convert(GIVEN, COCO17), "expected poses on 'body25', found 'coco17'"),
-        (scaled(GIVEN, 1000), "people are 1000 times as large as those given, as if in millimetres; expected metres"),
-        (scaled(GIVEN, 100), "as if in centimetres"),
-        (scaled(GIVEN, 0.1), "0.1 times as large"),
+        (GIVEN.select(slice(1, None)), "expected 12 frames .*found 11"),
+        (walkers(persons=3), "expected 2 persons.*found 3"),
+        (Poses3D(ODD, np.zeros((12, 2, 1, 3))), "no way from skeleton 'odd' to 'body25'"),
+        (scaled(GIVEN, 1000), "1000 times as long as the true ones, as if in mm"),
+        (scaled(GIVEN, 100), "as if in cm"),
         (replace(GIVEN, xyz=np.where(GIVEN.xyz > 1.6, np.inf, GIVEN.xyz)), "infinite coordinates"),
     ],
 )
 def test_what_does_not_fit_is_named(poses, message):
-    with pytest.raises(ValueError, match=f"mine: {message}|mine: .*{message}"):
+    with pytest.raises(ValueError, match=f"mine: .*{message}|mine: {message}"):
         check_poses(poses, GIVEN, Task.completion, "mine")
+
+
+def test_poses_on_another_skeleton_are_converted():
+    found = check_poses(convert(GIVEN, COCO17), GIVEN, Task.completion, "mine")
+    wrist = BODY25.index("r_wrist")
+    np.testing.assert_array_equal(found.xyz[:, :, wrist], GIVEN.xyz[:, :, wrist])
+    assert found.skeleton == BODY25
 
 
 def test_captures_may_have_any_number_of_persons_and_nothing_may_be_handed_in():
@@ -68,7 +75,7 @@ def test_clips_that_a_folder_lacks_are_named(tmp_path: Path):
 
 def test_a_clip_without_poses_is_named(tmp_path: Path):
     save_clip(full_clip(), tmp_path / NAME)
-    with pytest.raises(ValueError, match="this clip has no poses"):
+    with pytest.raises(ValueError, match="000000"):
         HandIn(str(tmp_path), Task.completion).poses(NAME, replace(full_clip(), poses=GIVEN))
 
 
