@@ -204,17 +204,22 @@ def benchmark(
         >>> scores["completion"]["linear"]["summary"]["filled"]
         100.0
     """
-    from dmae.evaluation.benchmark.definition import Size
+    from dmae.evaluation.benchmark.definition import BenchmarkSize
     from dmae.evaluation.benchmark.run import BenchmarkConfig
     from dmae.evaluation.benchmark.run import benchmark as run
     from dmae.evaluation.benchmark.tables import write_scores
 
-    if size not in [*Size]:
-        raise ValueError(f"size={size}: expected one of {', '.join(Size)}")
+    if size not in [*BenchmarkSize]:
+        raise ValueError(f"size={size}: expected one of {', '.join(BenchmarkSize)}")
     named, own = ([[each for each in group if isinstance(each, str) == by_name] for group in (methods, captures)]
                   for by_name in (True, False))  # fmt: skip
     config = BenchmarkConfig(
-        name, Size(size), *named, against=None if against is None else str(against), workers=workers, out=str(out)
+        name,
+        BenchmarkSize(size),
+        *named,
+        against=None if against is None else str(against),
+        workers=workers,
+        out=str(out),
     )
     scores = run(config, *own)
     write_scores(scores, Path(out))

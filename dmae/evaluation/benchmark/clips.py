@@ -10,7 +10,7 @@ from dmae.data.clip import Clip
 from dmae.data.resume import claim_folder
 from dmae.data.store import load_clip, read_manifest, save_clip
 from dmae.evaluation.benchmark.checksums import FrozenMatch, check_clip
-from dmae.evaluation.benchmark.definition import ClipSet, Definition, Size
+from dmae.evaluation.benchmark.definition import BenchmarkSize, ClipSet, Definition
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
@@ -20,7 +20,7 @@ CLIPS, GIVEN = "clips", "given"
 """Folders of the benchmark's data: simulated clips, and what methods may see of them, captured."""
 
 
-def make_clips(definition: Definition, size: Size, data: Path, workers: int = 1) -> FrozenMatch:
+def make_clips(definition: Definition, size: BenchmarkSize, data: Path, workers: int = 1) -> FrozenMatch:
     """Generate, check and capture the clips of a benchmark that are not there yet.
 
     In `data`, `clips/<id>` holds each clip with its truth and labels, and `given/<id>` what methods are given of it:

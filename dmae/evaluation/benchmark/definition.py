@@ -17,7 +17,7 @@ _GROUPS = ("scene", "props", "motion", "interaction", "rig", "detector", "occlus
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
-class Size(StrEnum):
+class BenchmarkSize(StrEnum):
     """How many clips of each set."""
 
     small = "small"
@@ -115,7 +115,7 @@ class Definition:
         """The file of the frozen checksums, beside the definition."""
         return Path(self.file).with_suffix(".checksums.json")
 
-    def sets(self, size: Size) -> list[ClipSet]:
+    def sets(self, size: BenchmarkSize) -> list[ClipSet]:
         """Return the sets of clips, with a seed of its own each."""
         found = []
         for number, level in enumerate(self.levels):
@@ -124,7 +124,7 @@ class Definition:
                     option for part in (self.options, level.options, options) for option in split_options(part)
                 )
                 seed = self.seed * 1000 + len(found)
-                clips = self.small if size == Size.small else self.full
+                clips = self.small if size == BenchmarkSize.small else self.full
                 found.append(ClipSet(f"{number + 1}_{level.name}/{name}", number, chosen, seed, clips))
         return found
 

@@ -10,7 +10,7 @@ from dmae.completion.methods.registry import find_method
 from dmae.data.store import read_json
 from dmae.evaluation.benchmark.cells import AXES, capture_cells, completion_cells
 from dmae.evaluation.benchmark.clips import clip_of, given_clip, make_clips
-from dmae.evaluation.benchmark.definition import Size, find_definition
+from dmae.evaluation.benchmark.definition import BenchmarkSize, find_definition
 from dmae.evaluation.benchmark.differences import check_same, differences
 from dmae.evaluation.benchmark.hand_in import OURS, HandIn, Task, find_hand_in
 from dmae.evaluation.benchmark.holes import holes_of_capture, holes_of_sight
@@ -30,7 +30,7 @@ class BenchmarkConfig:
 
     name: str = "occlusion-v1"
     """The benchmark: one that comes with the package, or a YAML file of your own."""
-    size: Size = Size.small
+    size: BenchmarkSize = BenchmarkSize.small
     """Number of clips: small takes minutes; full is what tables are published of."""
     methods: list[str] = field(default_factory=lambda: ["linear", "pchip_body", "gaussian_process", "dmae"])
     """What fills holes: completion methods, module:function of poses and their frame rate, or folders of poses."""
@@ -89,7 +89,7 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
     scored = list(progress(in_parallel(score_clip, tasks, config.workers), "scoring clips", len(ids)))
     scores = {
         "benchmark": definition.name,
-        "size": Size(config.size).value,
+        "size": BenchmarkSize(config.size).value,
         "checksums": agreement.value,
         "axes": AXES,
         "levels": [

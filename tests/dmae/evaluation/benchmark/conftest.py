@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from dmae.evaluation.benchmark.clips import make_clips
-from dmae.evaluation.benchmark.definition import Definition, Size, find_definition
+from dmae.evaluation.benchmark.definition import BenchmarkSize, Definition, find_definition
 from tests.support.benchmarks import write_tiny
 
 
@@ -18,5 +18,5 @@ def tiny(tmp_path_factory) -> Definition:
 def made(tiny: Definition, tmp_path_factory) -> Path:
     """The folder of its clips. Tests leave it as it is."""
     data = tmp_path_factory.mktemp("benchmark") / "data"
-    make_clips(tiny, Size.small, data)
+    make_clips(tiny, BenchmarkSize.small, data)
     return data

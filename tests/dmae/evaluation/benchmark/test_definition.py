@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from dmae.evaluation.benchmark.definition import Definition, Size, find_definition
+from dmae.evaluation.benchmark.definition import BenchmarkSize, Definition, find_definition
 from tests.support.benchmarks import IDS, TINY
 
 
 def test_the_shipped_benchmark_has_five_levels_of_one_cause_each():
     definition = find_definition("occlusion-v1")
     assert [level.name for level in definition.levels] == ["self", "person", "thing", "edge", "burst"]
-    small, full = definition.sets(Size.small), definition.sets(Size.full)
+    small, full = definition.sets(BenchmarkSize.small), definition.sets(BenchmarkSize.full)
     assert {each.level for each in small} == set(range(5))
     assert {name for each in small for name in each.ids} < {name for each in full for name in each.ids}
     assert len({each.seed for each in full}) == len(full)
@@ -21,7 +21,7 @@ def test_the_shipped_benchmark_has_five_levels_of_one_cause_each():
 
 
 def test_options_of_sets_come_after_those_of_levels_and_of_all(tiny: Definition):
-    first, second = tiny.sets(Size.small)
+    first, second = tiny.sets(BenchmarkSize.small)
     assert first.ids + second.ids == IDS
     assert second.options.index("rig.ring.focal=500") < second.options.index("rig.ring.focal=700")
 

@@ -11,7 +11,7 @@ from dmae.completion.methods.registry import find_method
 from dmae.data.clip import Poses3D
 from dmae.evaluation.benchmark.checksums import clip_checksums, freeze
 from dmae.evaluation.benchmark.clips import CLIPS, GIVEN, clip_of, given_clip, make_clips
-from dmae.evaluation.benchmark.definition import Definition, Size
+from dmae.evaluation.benchmark.definition import BenchmarkSize, Definition
 from dmae.evaluation.benchmark.differences import check_same, differences
 from dmae.evaluation.benchmark.holes import holes_of_capture
 from dmae.evaluation.benchmark.run import BenchmarkConfig, benchmark
@@ -56,7 +56,7 @@ def test_clips_made_again_are_the_same_and_whole_ones_are_kept(tiny: Definition,
     for lost in (data / CLIPS / IDS[0], data / GIVEN / IDS[0]):
         shutil.rmtree(lost)
     kept = (data / CLIPS / IDS[1] / "clip.json").stat().st_mtime_ns
-    make_clips(tiny, Size.small, data)
+    make_clips(tiny, BenchmarkSize.small, data)
     assert (data / CLIPS / IDS[1] / "clip.json").stat().st_mtime_ns == kept
     for name in IDS:
         assert clip_checksums(clip_of(data, name)) == clip_checksums(clip_of(made, name))
