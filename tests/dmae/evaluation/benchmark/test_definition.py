@@ -1,5 +1,6 @@
 """Definitions of benchmarks: those that come with the package, and wrong ones."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,21 @@ def test_the_shipped_benchmark_has_five_levels_of_one_cause_each():
     assert [(each.folder, each.options, each.seed) for each in small] == [
         (each.folder, each.options, each.seed) for each in full
     ]
+
+
+def test_the_published_levels_rise_in_difficulty_and_are_of_their_cause():
+    file = Path(__file__).parents[4] / "docs/results/benchmark_occlusion_v1.json"
+    levels = json.loads(file.read_text())["scores"]["levels"]
+    for figure in ("hidden", "linear"):
+        found = [level[figure] for level in levels]
+        assert found == sorted(set(found)), figure
+    assert [max(level["causes"], key=level["causes"].get) for level in levels] == [level["name"] for level in levels]
+
+
+def test_every_clip_of_the_shipped_benchmark_is_frozen():
+    definition = find_definition("occlusion-v1")
+    frozen = json.loads(definition.checksums.read_text())["clips"]
+    assert set(frozen) == {name for each in definition.sets(BenchmarkSize.full) for name in each.ids}
 
 
 def test_options_of_sets_come_after_those_of_levels_and_of_all(tiny: Definition):
