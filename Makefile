@@ -9,7 +9,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 
-.PHONY: demo twin weights ablations features test check lint format bench setup docs figures
+.PHONY: demo twin weights ablations features test check lint format bench fuzz setup docs figures
 
 # The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
 DEMO := runs/demo
@@ -124,6 +124,11 @@ format: setup
 
 bench: setup
 	$(BIN)/python -m pytest -m bench -s tests/bench
+
+# Changed files for every reader, N each. Ends with the counts, and fails where one does harm.
+N ?= 10000
+fuzz: setup
+	$(BIN)/python -m tests.fuzz.run --count $(N)
 
 # The documentation site, in site/. A warning, a stale tutorial or a figure that differs from its file fails it.
 docs: setup

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from dmae.public.recordings import read as read
     from dmae.public.recordings import read_poses as read_poses
     from dmae.public.recordings import save as save
+    from dmae.public.stress import corrupt as corrupt
+    from dmae.public.stress import stress as stress
     from dmae.reconstruction.config import CaptureConfig as CaptureConfig
 
 _HOMES = {
@@ -62,6 +64,7 @@ _HOMES = {
     ],
     "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
     "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "read_poses", "save"],
+    "dmae.public.stress": ["corrupt", "stress"],
     "dmae.reconstruction.config": ["CaptureConfig"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -5,6 +5,7 @@ import sys
 import time
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,8 +17,16 @@ from dmae.command_line.options import presets_of
 from dmae.command_line.outputs import check_out, locked, record
 from dmae.command_line.programs import Command, Program
 from dmae.command_line.renamed import renamed
-from dmae.command_line.renamed_presets import update_presets
-from dmae.command_line.spelling import check, expand_data, flag_values, split_flags, suggestion
+from dmae.command_line.renamed_presets import renamed_options
+from dmae.command_line.spelling import (
+    PRESET_FLAGS,
+    check,
+    expand_data,
+    flag_values,
+    split_flags,
+    suggestion,
+    without_flags,
+)
 from dmae.commands import COMMANDS
 from dmae.data.resources import resource_folder
 from dmae.formats.registry import reader
@@ -89,19 +98,12 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
     overrides, notes = renamed(str(command), overrides)
     for note in notes:
         print(f"{command}: {note}", file=sys.stderr)
-    folders = list(map(Path, flag_values(flags, "--config-dir", "-cd")))
-    with TemporaryDirectory() as updated:
-        for number, folder in enumerate(folders):
-            if not folder.is_dir():
-                raise ValueError(f"--config-dir {folder}: no such folder")
-            copy = Path(updated) / str(number)
-            notes = update_presets(str(command), folder, copy)
-            for note in notes:
-                print(f"{command}: {note}", file=sys.stderr)
-            if notes:
-                folders[number] = copy
-                flags = [flag.replace(str(folder), str(copy)) for flag in flags]
-        options = command.options(tuple(folders))
+    folders = list(map(Path, flag_values(flags, *PRESET_FLAGS)))
+    with TemporaryDirectory() as copy:
+        if folders:
+            _copy_presets(command, folders, Path(copy))
+            flags = [*without_flags(flags, *PRESET_FLAGS), f"--config-dir={copy}"]
+        options = command.options((Path(copy),) if folders else ())
         overrides = expand_data(options, overrides)
         check(options, overrides, flags)
         for override in overrides:
@@ -109,6 +111,18 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
             if key == "out" and "$" not in out:
                 check_out(out, "folder" if {"-m", "--multirun"} & set(flags) else command.writes)
         _run_hydra(command, [*flags, *overrides], interrupted)
+
+
+def _copy_presets(command: Command, folders: list[Path], copy: Path) -> None:
+    """Copy the presets of users, checked, of which nothing else reaches Hydra; print notes on renamed options."""
+    from dmae.command_line.presets import copy_presets  # loads NumPy, which help does without
+
+    for folder in folders:
+        if not folder.is_dir():
+            raise ValueError(f"--config-dir {folder}: no such folder")
+        notes = copy_presets(command.options(), folder, copy, partial(renamed_options, str(command)))
+        for note in notes:
+            print(f"{command}: {note}", file=sys.stderr)
 
 
 def _run_hydra(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
@@ -231,6 +245,9 @@ def _schema(configuration: type):
 
     def thaw(part):
         part._set_flag("readonly", None)
+        if OmegaConf.get_type(part) is dict and not part:
+            # A dictionary without entries of its own takes any; the command checks them.
+            part._set_flag("struct", False)
         for _, child in part.items_ex(resolve=False):
             if isinstance(child, DictConfig):
                 thaw(child)

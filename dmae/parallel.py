@@ -4,12 +4,16 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing import resource_tracker
 
 from joblib import Parallel, delayed
+
+# joblib replaces workers that have grown by 300 MB, as with many people in one clip; their tasks are not lost.
+warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
 
 _CHECKED_EVERY = 0.5
 """s; a worker outlives a killed main process by no more than this."""

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from synth.public.comparison import compare as compare
     from synth.public.comparison import compare_motion as compare_motion
     from synth.public.comparison import fit_detector as fit_detector
+    from synth.public.generation import export as export
     from synth.public.generation import generate as generate
+    from synth.public.generation import split as split
+    from synth.public.generation import stats as stats
     from synth.public.generation import verify as verify
     from synth.public.pictures import contact_sheet as contact_sheet
     from synth.public.pictures import show as show
@@ -24,7 +27,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "dmae.public.recordings": ["load_dataset"],
     "synth.public.comparison": ["compare", "compare_motion", "fit_detector"],
-    "synth.public.generation": ["generate", "verify"],
+    "synth.public.generation": ["export", "generate", "split", "stats", "verify"],
     "synth.public.pictures": ["contact_sheet", "show"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -39,10 +39,12 @@ COMMANDS = {
     "format": ("dmae capture --help data", "dmae capture data=lizard data.path=recording out=captured"),
     "completion method": ("dmae capture --help", "dmae evaluate data=walk methods=[linear,midpoint] out=scores"),
     "metric": ("dmae evaluate --help", "dmae report scores=[scores] out=report.html"),
+    "corruption": ("dmae stress --help", "dmae stress data=walk axes=[shade] methods=[linear] out=stressed"),
     "interaction": (
         "synth generate --help interaction",
         "synth generate interaction=face_off out=facing clips=1 scene.seconds=0.2",
     ),
+    "layout": ("synth export --help", "synth export data=facing format=nose_paths out=noses"),
     "room": ("synth generate --help scene", "synth generate scene=kitchen out=inside clips=1 scene.seconds=0.2"),
     "motion reader": (
         "synth generate --help motion",
@@ -81,7 +83,9 @@ def add_one_of_each(checkout: Path) -> None:
     (checkout / "dmae/formats/lizard.py").write_text(code_of("add_format"))
     (checkout / "dmae/completion/methods/midpoint.py").write_text(code_of("add_method"))
     (checkout / "dmae/metrics/jerkiness.py").write_text(code_of("add_metric"))
+    (checkout / "dmae/evaluation/corruption/occlusions/shade.py").write_text(code_of("add_corruption"))
     (checkout / "synth/interactions/face_off.py").write_text(code_of("add_interaction"))
+    (checkout / "synth/datasets/exporters/nose_paths.py").write_text(code_of("add_layout"))
     (checkout / "synth/motion/readers/tall.py").write_text(MOTION_READER)
     (checkout / "synth/detector/errors/blackouts.py").write_text(code_of("add_detector_error"))
     config = checkout / "synth/detector/config.py"
@@ -145,7 +149,9 @@ def ran(tmp_path_factory) -> Ran:
     [
         ("format", "data=lizard", "The Lizard tracker's JSON"),
         ("completion method", "midpoint", ""),
+        ("corruption", "shade", ""),
         ("interaction", "interaction=face_off", "Two people stand still and look at each other."),
+        ("layout", "nose_paths", ""),
         ("room", "scene=kitchen", "A kitchen with an island."),
         ("motion reader", "motion=tall", "One number, the hip height of a person who stands, m."),
         ("detector error", "detector.blackouts.share", "Height of the band, as a share of the image's."),
@@ -166,9 +172,20 @@ def test_a_new_completion_method_and_a_new_metric_are_scored(ran):
     assert "jerk" in (ran.folder / "report.html").read_text()
 
 
+def test_a_new_corruption_is_an_axis(ran):
+    (axis,) = json.loads((ran.folder / "stressed/stress.json").read_text())["axes"]
+    assert (axis["name"], axis["unit"]) == ("shade", "% of the image")
+
+
 def test_a_new_interaction_places_people(ran):
     xyz = load_clip(ran.folder / "facing/000000").truth.xyz
     assert xyz.shape[1] == 2
+
+
+def test_a_new_layout_is_written(ran):
+    xyz = load_clip(ran.folder / "facing/000000").truth.xyz
+    noses = np.loadtxt(ran.folder / "noses/train_000000.csv", delimiter=",").reshape(len(xyz), -1, 3)
+    np.testing.assert_allclose(noses, xyz[:, :, 0])
 
 
 def test_a_new_room_is_simulated_in(ran):

@@ -13,15 +13,15 @@ _OVERRIDE = re.compile(
 )
 _NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|nan)", re.IGNORECASE)
 _EXPECTED = {"whole number": re.compile(r"[-+]?\d[\d_]*"), "number": _NUMBER}
-_FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 """`package.module:function`, which registries take beside their own names."""
 _BOOLEANS = {"true", "false", "yes", "no", "on", "off", "1", "0"}
 FLAGS = (
-    "--cfg", "-c", "--resolve", "--package", "-p", "--run", "-r", "--multirun", "-m", "--info", "-i", "--config-path",
-    "-cp", "--config-name", "-cn", "--config-dir", "-cd", "--shell-completion", "-sc", "--hydra-help",
-    "--experimental-rerun",
+    "--cfg", "-c", "--resolve", "--package", "-p", "--run", "-r", "--multirun", "-m", "--info", "-i", "--config-dir",
+    "-cd", "--shell-completion", "-sc", "--hydra-help",
 )  # fmt: skip
-_WITH_VALUE = ("--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd")
+_WITH_VALUE = ("--cfg", "-c", "--package", "-p", "--config-dir", "-cd")
+PRESET_FLAGS = ("--config-dir", "-cd")
 _LOOKING = ("--cfg", "-c", "--info", "-i", "--shell-completion", "-sc", "--hydra-help")
 """Flags with which nothing is run, so that nothing need be given."""
 
@@ -70,6 +70,16 @@ def flag_values(flags: list[str], *names: str) -> list[str]:
     return found + [value for flag, value in pairwise(flags) if flag in names]
 
 
+def without_flags(flags: list[str], *names: str) -> list[str]:
+    """Return the flags without those of these names, and without their values."""
+    kept, skip = [], False
+    for flag in flags:
+        if not skip and flag.partition("=")[0] not in names:
+            kept.append(flag)
+        skip = not skip and flag in names
+    return kept
+
+
 def check(options: Group, overrides: list[str], flags: list[str]) -> None:
     """Find mistyped options, presets and choices, values of the wrong type, and options that are not given.
 
@@ -79,7 +89,7 @@ def check(options: Group, overrides: list[str], flags: list[str]) -> None:
     sweep = "-m" in flags or "--multirun" in flags
     given = [_check(options, override, sweep) for override in overrides]
     looking = any(flag.partition("=")[0] in _LOOKING for flag in flags)
-    if looking or flag_values(flags, "--config-name", "-cn", "--config-dir", "-cd"):
+    if looking or flag_values(flags, *PRESET_FLAGS):
         return
     if missing := required(options, set(given)):
         raise ValueError(f"expected {', '.join(f'{key}=...' for key in missing)}; --help says what they are")
@@ -110,7 +120,7 @@ def _check(options: Group, override: str, sweep: bool) -> str:
     if found is None:
         if _below_dictionary(options, key):
             return key
-        raise ValueError(f"{key}: no such option; {_like(options, key)}")
+        raise ValueError(f"{key}: no such option; {like(options, key)}")
     if prefix == "+":
         raise ValueError(f"{override}: there is an option {key}; leave out the +")
     if prefix == "~":
@@ -185,7 +195,7 @@ def _expected(option: Option) -> str:
     return what
 
 
-def _like(options: Group, key: str) -> str:
+def like(options: Group, key: str) -> str:
     """The option that was probably meant: of the same last name, or else the most similar."""
     keys = [member.key for member in options.walk() if not key.startswith(f"{member.key}.")]
     last = key.rpartition(".")[2]
@@ -249,7 +259,7 @@ def expand_data(options: Group, overrides: list[str]) -> list[str]:
             expanded.append(override)
             continue
         folders = [each.strip().strip("'\"") for each in _elements(value)]
-        if len(folders) == 1 and _FUNCTION.fullmatch(folders[0]):
+        if len(folders) == 1 and FUNCTION.fullmatch(folders[0]):
             expanded += ["data=clip", f"data.name={value}"]
             continue
         for folder in folders:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dmae.data.store import read_json
 from dmae.evaluation.report.page import TITLE, write_clips_report
+from dmae.evaluation.report_section import read_scores
 from dmae.formats.reading import load
 from dmae.formats.recordings.data_config import DataConfig
 
@@ -38,7 +38,7 @@ def default_out(config: ReportCommand) -> Path:
 
 def run(config: ReportCommand, out: Path) -> None:
     default_out(config)
-    scores = [read_json(Path(folder) / "scores.json") for folder in config.scores]
+    scores = [read_scores(Path(folder) / "scores.json") for folder in config.scores]
     clips = load(DataConfig(name="clip", path=config.clip)) if config.clip else None
     write_clips_report(out, clips, scores, title=config.title)
     print(out)

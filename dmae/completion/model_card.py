@@ -4,10 +4,8 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
 from dmae.completion.weights import find_shipped, load_model
-from dmae.data.store import read_json
+from dmae.files.structured import read_json, read_yaml
 from dmae.metrics.tables import score_tables
 from dmae.reporting.tables import Table
 
@@ -29,8 +27,16 @@ def model_card(folder: Path, scores: Sequence[Path], command: str) -> str:
 
     Raises:
         FileNotFoundError: one of these files is missing.
-        ValueError: scores are of other weights.
+        ValueError: scores are of other weights, or a file is malformed.
     """
+    try:
+        return _card(folder, scores, command)
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        files = ", ".join(map(str, (folder, *scores)))
+        raise ValueError(f"{files}: expected files that dmae train and dmae evaluate wrote, {error!r:.200}") from None
+
+
+def _card(folder: Path, scores: Sequence[Path], command: str) -> str:
     model, skeleton, record = load_model(folder)
     # Weights that Python trained have no command's configuration, only the settings that training depends on.
     trained = read_json(folder / "training.json")
@@ -68,7 +74,7 @@ def model_card(folder: Path, scores: Sequence[Path], command: str) -> str:
 
 def _config(folder: Path) -> dict:
     """Return the resolved configuration with which a command made a folder."""
-    return yaml.safe_load((folder / "config.yaml").read_text())
+    return read_yaml(folder / "config.yaml")
 
 
 def _sets(clips: Sequence[str], config: dict) -> str:

@@ -16,10 +16,12 @@ from safetensors.torch import save as save_tensors
 from torch import Tensor
 
 from dmae.completion.network.build import build_network
-from dmae.completion.network.config import model_config
+from dmae.completion.network.config import ModelConfig, model_config
 from dmae.completion.network.paper import DMAE
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.contents import read_bytes
+from dmae.files.structured import read_json
 
 FORMAT = 5
 
@@ -41,6 +43,8 @@ _FORMAT_4_FEATURES = {"carried": "held", "mended": "bone_length", "roughness": "
 _FORMAT_4_LAYERS = {"amount": "residual_scale", "embed_base": "embed_hidden"}
 """Names of format 4, which the models of version 0.1 have, and those of today. The tensors are the same."""
 
+_LARGEST = 1e6
+"""Of a weight."""
 SHIPPED = Path(__file__).parents[1] / "models"
 
 
@@ -54,7 +58,7 @@ def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> N
         ValueError: weights are not finite; the message names their tensors.
     """
     folder = Path(folder)
-    _check_finite(model.state_dict(), "nothing was saved")
+    check_finite(model.state_dict(), "nothing was saved")
     data = save_tensors({name: tensor.contiguous().cpu() for name, tensor in model.state_dict().items()})
     meta = {
         "format": FORMAT,
@@ -86,26 +90,40 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
     if not isinstance(meta, dict) or meta.get("format") not in (4, FORMAT):
         found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
         raise ValueError(f"{described}: expected a model of format {FORMAT}, found {found!r}; train it again")
-    data = path.read_bytes()
+    data = read_bytes(path)
     if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
         raise ValueError(f"{path}: does not match the checksum in model.json; the weights are damaged, train again")
     try:
         skeleton, tensors, options = get_skeleton(meta["skeleton"]), load_tensors(data), meta["model"]
         if meta["format"] == 4:
             tensors, options = _from_format_4(tensors, options)
-        model = build_network(model_config(options), len(skeleton))
+        config = model_config(options)
+        _check_sizes(config, len(skeleton), tensors)
+        model = build_network(config, len(skeleton))
         model.load_state_dict(tensors)
-    except (KeyError, TypeError, AttributeError, RuntimeError, SafetensorError) as error:
+    except (KeyError, TypeError, AttributeError, RuntimeError, ValueError, OverflowError, SafetensorError) as error:
         raise ValueError(f"{folder}: not a model of this version of dmae: {error}") from None
-    _check_finite(tensors, f"{path} is of no use, train again")
+    check_finite(tensors, f"{path} is of no use, train again")
     return model.eval(), skeleton, meta
 
 
-def _check_finite(tensors: dict[str, Tensor], so: str) -> None:
-    wrong = [name for name, tensor in tensors.items() if not torch.isfinite(tensor).all()]
+def _check_sizes(config: ModelConfig, joints: int, tensors: dict[str, Tensor]) -> None:
+    """Refuse a network other than that of the tensors before any memory is taken for it."""
+    with torch.device("meta"):
+        wanted = build_network(config, joints).state_dict()
+    for name in sorted(wanted.keys() | tensors.keys()):
+        shapes = [tuple(part[name].shape) if name in part else "none" for part in (wanted, tensors)]
+        if shapes[0] != shapes[1]:
+            raise ValueError(f"expected {name} of shape {shapes[0]} by model.json, found {shapes[1]}")
+
+
+def check_finite(tensors: dict[str, Tensor], so: str) -> None:
+    """Raise ValueError, which names tensors and ends with `so`, unless all are finite and of a possible size."""
+    wrong = [name for name, tensor in tensors.items() if not (tensor.abs() <= _LARGEST).all()]
     if wrong:
         more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-        raise ValueError(f"weights are not finite, in {', '.join(wrong[:3])}{more}, of {len(tensors)} tensors: {so}")
+        names = f"{', '.join(wrong[:3])}{more}, of {len(tensors)} tensors"
+        raise ValueError(f"weights are not finite, or beyond {_LARGEST:g}, in {names}: {so}")
 
 
 def _from_format_4(tensors: dict[str, Tensor], options: dict) -> tuple[dict[str, Tensor], dict]:

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+_LONGEST_EMPTY = 1_000_000
+"""Length of an axis where another has length zero: a file without contents can state any."""
 ANY = -1
 """In an expected shape: an axis of any length."""
 
@@ -22,8 +24,12 @@ def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], defaul
         ValueError: the array has another shape.
     """
     value = getattr(owner, name)
-    array = np.full(shape, default, dtype) if value is None else np.asarray(value, dtype)
+    # What is too large for the type becomes infinite, which is for the owner to judge.
+    with np.errstate(over="ignore"):
+        array = np.full(shape, default, dtype) if value is None else np.asarray(value, dtype)
     if array.ndim != len(shape) or any(want not in (ANY, n) for want, n in zip(shape, array.shape, strict=True)):
         expected = tuple("any" if n == ANY else n for n in shape)
         raise ValueError(f"{type(owner).__name__}.{name}: expected shape {expected}, found {array.shape}")
+    if array.size == 0 and max(array.shape, default=0) > _LONGEST_EMPTY:
+        raise ValueError(f"{type(owner).__name__}.{name}: found an empty array of shape {array.shape}")
     object.__setattr__(owner, name, array)

@@ -7,6 +7,8 @@ from math import prod
 import cv2
 import numpy as np
 
+from dmae.files.numbers import LEAST_FOCAL, MOST_DISTORTION, MOST_FOCAL, MOST_METRES, MOST_SIZE, check_numbers
+
 # OpenCV's default criteria leave up to 0.07 px; these converge to 1e-10.
 _UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
 
@@ -62,6 +64,10 @@ class CameraRig:
                 raise ValueError(f"camera {name!r}: calibration has values that are not finite")
             if K[0, 0] <= 0 or K[1, 1] <= 0:
                 raise ValueError(f"camera {name!r}: focal lengths must be positive, found {K[0, 0]}, {K[1, 1]}")
+            check_numbers(f"camera {name!r}: focal lengths, px", K[[0, 1], [0, 1]], MOST_FOCAL, LEAST_FOCAL)
+            check_numbers(f"camera {name!r}: K, px", K, MOST_FOCAL)
+            check_numbers(f"camera {name!r}: distortion", self.dist[view], MOST_DISTORTION)
+            check_numbers(f"camera {name!r}: cam_from_world, m", T, MOST_METRES)
             if not np.allclose(K[2], (0, 0, 1)) or not np.allclose(T[3], (0, 0, 0, 1)):
                 raise ValueError(f"camera {name!r}: last rows must be K (0 0 1) and cam_from_world (0 0 0 1)")
             # Published calibrations round their rotations to about 1e-4.
@@ -73,6 +79,7 @@ class CameraRig:
                 )
             if (self.size[view] <= 0).any():
                 raise ValueError(f"camera {name!r}: image size must be positive, found {tuple(self.size[view])}")
+            check_numbers(f"camera {name!r}: image size, px", self.size[view], MOST_SIZE)
             if self.fisheye[view] and self.dist[view, 4:].any():
                 raise ValueError(f"camera {name!r}: a fisheye has four coefficients, found {self.dist[view]}")
 

@@ -10,6 +10,14 @@ from dmae.data.cameras import CameraRig
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import Skeleton
+from dmae.files.numbers import (
+    MOST_METRES,
+    MOST_PIXELS,
+    MOST_SCORE,
+    MOST_VARIANCE,
+    check_numbers,
+    check_rate,
+)
 
 
 class Source(IntEnum):
@@ -90,6 +98,14 @@ class Poses3D:
         if not np.array_equal(absent, self.source == Source.ABSENT):
             raise ValueError("Poses3D: source must be ABSENT exactly where xyz is NaN")
 
+    def check_numbers(self, name: str = "poses") -> None:
+        """Refuse coordinates and covariances that are none, infinite ones for instance; ValueError names them."""
+        check_numbers(f"{name}.xyz, m", self.xyz, MOST_METRES)
+        check_numbers(f"{name}.rays, m", self.rays, MOST_METRES)
+        check_numbers(f"{name}.cov, m^2", self.cov, MOST_VARIANCE)
+        if (self.source > max(Source)).any():
+            raise ValueError(f"{name}.source: expected {', '.join(f'{s:d} {s.name.lower()}' for s in Source)}")
+
     @property
     def measured(self) -> np.ndarray:
         """(F, P, J) True where cameras measured the joint, denoised or not."""
@@ -152,8 +168,7 @@ class Clip:
         frames, views = self.detections.xy.shape[:2]
         if views != len(self.rig):
             raise ValueError(f"clip {self.id!r}: {len(self.rig)} cameras but detections in {views} views")
-        if not self.fps > 0:
-            raise ValueError(f"clip {self.id!r}: fps must be positive, found {self.fps}")
+        check_rate(f"clip {self.id!r}: fps", self.fps)
         for name in ("truth", "poses"):
             poses = getattr(self, name)
             if poses is not None and len(poses.xyz) != frames:
@@ -161,6 +176,22 @@ class Clip:
         if self.true_rig is not None and self.true_rig.names != self.rig.names:
             raise ValueError(f"clip {self.id!r}: expected true_rig of {self.rig.names}, found {self.true_rig.names}")
         self._check_labels()
+
+    def check_numbers(self) -> None:
+        """Refuse coordinates that are none, infinite ones for instance, in a clip that was read from files.
+
+        Raises:
+            ValueError: the message names the field.
+        """
+        check_numbers("detections.xy, px", self.detections.xy, MOST_PIXELS)
+        check_numbers("detections.score", self.detections.score, MOST_SCORE)
+        for name in ("truth", "poses"):
+            if (poses := getattr(self, name)) is not None:
+                poses.check_numbers(name)
+        if self.occlusion is not None and self.occlusion.depth_margin is not None:
+            check_numbers("occlusion.depth_margin, m", self.occlusion.depth_margin, MOST_METRES)
+        if self.detection_labels is not None and self.detection_labels.offset_px is not None:
+            check_numbers("detection_labels.offset_px", self.detection_labels.offset_px, MOST_PIXELS)
 
     def _check_labels(self) -> None:
         if self.occlusion is not None:

@@ -9,6 +9,9 @@ from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
+_LARGEST = 1e9
+"""Greatest number with a fraction."""
+
 
 def decode(kind: Any, value: Any, name: str = "") -> Any:
     """Return the value of type `kind` that was written as the JSON `value`.
@@ -45,11 +48,17 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
             raise ValueError(f"{where}: expected {len(each)} values, found {len(value)}")
         return origin(decode(one, item, f"{where}[{i}]") for i, (one, item) in enumerate(zip(each, value, strict=True)))
     if origin is dict:
+        if not isinstance(value, dict):
+            raise ValueError(f"{where}: expected an object, found {type(value).__name__}")
         return {key: decode(inner[1], item, f"{where}.{key}") for key, item in value.items()}
     if isinstance(kind, type) and issubclass(kind, Enum):
         return kind(value)
-    if kind is float and isinstance(value, int):
+    if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
+        if not abs(value) <= _LARGEST:
+            raise ValueError(f"{where}: expected a number up to {_LARGEST:g}, found {value!r:.40}")
         return float(value)
+    if kind is int and isinstance(value, bool):
+        raise ValueError(f"{where}: expected int, found {value!r}")
     if isinstance(kind, type) and not isinstance(value, kind):
         raise ValueError(f"{where}: expected {kind.__name__}, found {value!r}")
     return value

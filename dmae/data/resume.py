@@ -4,7 +4,8 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.structured import read_json
 
 _LISTED = 8
 """Most names of settings in a message."""
@@ -22,6 +23,8 @@ def claim_folder(path: Path, settings: dict, contents: str) -> None:
         ValueError: an earlier run had other settings; the message names those that differ.
     """
     path = Path(path)
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: expected a file of settings, found something else; choose another folder for out")
     if not path.is_file():
         write_atomic(path, json.dumps(settings, indent=1))
         return

@@ -175,6 +175,8 @@ def get_skeleton(name: str) -> Skeleton:
     Raises:
         KeyError: no such skeleton; the message lists the known ones.
     """
+    if not isinstance(name, str):
+        raise KeyError(f"expected the name of a skeleton, found {name!r:.60}")
     parts = name.split("+")
     unknown = [part for part in parts if part not in SKELETONS]
     if unknown or len(parts) > 2:

@@ -3,7 +3,10 @@
 import hashlib
 import json
 import os
+import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 
@@ -17,6 +20,9 @@ from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import get_skeleton
+from dmae.files.contents import read_bytes, read_text
+from dmae.files.names import child
+from dmae.files.structured import parse_json, read_json
 
 FORMAT = 1
 MANIFEST = "manifest.jsonl"
@@ -64,33 +70,52 @@ def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None
         raise
 
 
-def read_json(path: Path):
-    """Read a JSON file.
+def check_vacant(out: Path, contents: str) -> None:
+    """Make sure that a folder does not exist yet, or is empty.
+
+    Args:
+        out: The folder.
+        contents: What is to be written into it, for the message: "the data set".
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: malformed JSON, or a key twice in an object; the message names file, line and column, or the key.
+        ValueError: there is a file, or something in the folder.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
+    out = Path(out)
+    if out.is_file() or (out.is_dir() and any(out.iterdir())):
+        there = "a file" if out.is_file() else f"a folder with {min(path.name for path in out.iterdir())}"
+        raise ValueError(
+            f"{out}: expected no such folder yet, or an empty one, for {contents}; found {there}. "
+            "Choose another out, or remove it"
+        )
+
+
+@contextmanager
+def whole_folder(out: Path) -> Iterator[Path]:
+    """Write a folder whole or not at all: yield another one beside it, which takes its name once the block is done.
+
+    Args:
+        out: A folder that does not exist, or is empty (`check_vacant`).
+    """
+    out = Path(out)
+    partial = out.with_name(f".{out.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
     try:
-        return json.loads(path.read_text(), object_pairs_hook=_unique)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: expected JSON, {error}") from None
-
-
-def _unique(pairs: list[tuple]) -> dict:
-    """Refuse repeated keys: `json` would keep the last of two cameras of the same name."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise ValueError(f"key {next(key for key in keys if keys.count(key) > 1)!r} twice in an object")
-    return found
+        yield partial
+        if out.is_dir():
+            out.rmdir()
+        partial.rename(out)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def save_clip(clip: Clip, folder: Path) -> None:
-    """Write a clip to a folder, replacing any that is there. Images stay where they are; their folder is noted."""
+    """Write a clip to a folder, replacing any that is there. Images stay where they are; their folder is noted.
+
+    Raises:
+        ValueError: it holds numbers that `load_clip` refuses, infinite coordinates for instance.
+    """
+    clip.check_numbers()
     folder = Path(folder)
     data = save_tensors({name: np.ascontiguousarray(array) for name, array in _arrays(clip).items()})
     meta = {
@@ -150,18 +175,23 @@ def load_clip(folder: Path) -> Clip:
     if found != FORMAT:
         raise ValueError(f"{folder / 'clip.json'}: expected a clip of format {FORMAT}, found format {found!r}")
     path = folder / "arrays.safetensors"
-    data = path.read_bytes()
+    data = read_bytes(path)
     if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
         raise ValueError(f"{path}: does not match the checksum in clip.json; the clip is damaged, make it again")
     try:
-        return _assemble(folder, meta, load_tensors(data))
-    except (SafetensorError, ValueError) as error:
-        raise ValueError(f"{folder}: {error}") from None
+        clip = assemble_clip(folder, meta, load_tensors(data))
+        clip.check_numbers()
     except KeyError as error:
         raise ValueError(f"{folder}: clip.json or arrays.safetensors lacks {error}") from None
+    except (SafetensorError, ValueError, TypeError, AttributeError, OverflowError) as error:
+        raise ValueError(f"{folder}: clip.json and arrays.safetensors are no clip: {error}") from None
+    return clip
 
 
-def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
+def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
+    """Return the clip of a folder from the content of its JSON and its arrays, of all frames or of some."""
+    if not isinstance(meta["id"], str) or not isinstance(meta["provenance"], dict):
+        raise ValueError("expected an id that is a text, and a provenance that is an object")
     parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
     images = meta["images"]
     if images:
@@ -178,6 +208,13 @@ def _assemble(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
         **parts,
         occlusion=_labels("occlusion", OcclusionLabels, arrays, objects=tuple(meta["objects"])),
         detection_labels=_labels("detection_labels", DetectionLabels, arrays),
+    )
+
+
+def is_of_frames(array: str) -> bool:
+    """Return whether the first axis of an array on disk is frames; those of cameras are of views."""
+    return array.startswith(("detections.", "truth.", "poses.")) or any(
+        array in each.values() for each in _LABELS.values()
     )
 
 
@@ -220,15 +257,25 @@ def clip_folders(path: Path) -> list[Path]:
 
 
 def read_manifest(path: Path) -> list[dict]:
-    """Read the lines of a data set's manifest, one a clip: `id`, `status`, `seed`, `quality` and more."""
-    lines = []
-    for number, line in enumerate((Path(path) / MANIFEST).read_text().splitlines(), 1):
+    """Read the lines of a data set's manifest, one a clip: `id`, `status`, `seed`, `quality` and more.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: a line is malformed, or its clip would lie outside the data set; the message names the line.
+    """
+    file, lines = Path(path) / MANIFEST, []
+    for number, text in enumerate(read_text(file).splitlines(), 1):
         try:
-            lines.append(json.loads(line))
-        except json.JSONDecodeError as error:
-            raise ValueError(f"{Path(path) / MANIFEST}, line {number}: expected JSON, {error}") from None
-        if not isinstance(lines[-1], dict) or not {"id", "status"} <= set(lines[-1]):
-            raise ValueError(f"{Path(path) / MANIFEST}, line {number}: expected an object with id and status: {line}")
+            try:
+                line = parse_json(text)
+            except ValueError as error:
+                raise ValueError(f"expected JSON, {error}") from None
+            if not isinstance(line, dict) or not {"id", "status"} <= line.keys():
+                raise ValueError(f"expected an object with id and status, found {text:.60}")
+            child(Path(path), line["id"], "clip")
+        except ValueError as error:
+            raise ValueError(f"{file}, line {number}: {error}") from None
+        lines.append(line)
     return lines
 
 

@@ -13,6 +13,7 @@ from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.predictions import predictions_of, read_prediction
+from dmae.evaluation.reference import measured_by_all, scored_actors, truth_of
 from dmae.evaluation.scored_data import scored_clip, scored_options
 from dmae.evaluation.scores import score, summary
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
@@ -24,14 +25,8 @@ from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
-PUBLISHED_ACTORS = (0, 1, 2)
-"""The three of Shelf's four actors that published averages are over."""
-
 HANDED_IN = "poses"
 """The method by which poses made elsewhere stand in the results."""
-
-_REFERENCE_VIEWS = 3
-"""A joint that all cameras measured in at least this many views counts as true with `reference=capture`."""
 
 
 class Input(StrEnum):
@@ -216,7 +211,7 @@ def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
 
 
 def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig, path: Path | None) -> Trial:
-    truth, wanted = _truth(clip), clip.detections.skeleton
+    truth, wanted = truth_of(clip), clip.detections.skeleton
     truth = convert(truth, wanted if wanted.name in truth.skeleton.name.split("+") else truth.skeleton)
     rng = generator(config.seed, number, Stream.STRESS)
     given = cut_gaps(truth, clip.fps, config.gaps, rng=rng)
@@ -232,46 +227,32 @@ def _predicted_trial(clip: Clip, config: EvaluateConfig, path: Path) -> Trial:
     truth = _compared_truth(clip, config)
     filled = read_prediction(path, clip, truth)
     given = filled.without(filled.source == Source.COMPLETED)
-    return Trial(clip, [*range(len(clip.rig))], given, truth, _actors(clip), filled=filled)
+    return Trial(clip, [*range(len(clip.rig))], given, truth, scored_actors(clip), filled=filled)
 
 
 def _compared_truth(clip: Clip, config: EvaluateConfig) -> Poses3D:
-    return convert(_truth(clip), get_skeleton(config.skeleton or clip.truth.skeleton.parts[-1].name))
-
-
-def _actors(clip: Clip) -> tuple[int, ...] | None:
-    return PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
+    return convert(truth_of(clip), get_skeleton(config.skeleton or clip.truth.skeleton.parts[-1].name))
 
 
 def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
     actors = None
     if config.reference == ReferencePoses.capture:
-        truth = _measured_by_all(clip, config)
+        _check_fewer_views(clip, config)
+        truth = measured_by_all(clip, config.capture)
     else:
-        truth, actors = _compared_truth(clip, config), _actors(clip)
+        truth, actors = _compared_truth(clip, config), scored_actors(clip)
     for cameras in camera_subsets(clip, config.views):
         captured = capture(clip.select(views=cameras), config.capture)
         yield Trial(clip, cameras, captured, truth, actors)
 
 
-def _measured_by_all(clip: Clip, config: EvaluateConfig) -> Poses3D:
-    """Return the joints that all cameras of a clip measured in `_REFERENCE_VIEWS` or more."""
+def _check_fewer_views(clip: Clip, config: EvaluateConfig) -> None:
+    """Raise ValueError unless all numbers of cameras are smaller than that of the clip."""
     if not config.views or max(config.views) >= len(clip.rig):
         raise ValueError(
             f"reference=capture compares fewer cameras with all {len(clip.rig)} of clip {clip.id!r}; "
             f"expected views=[{len(clip.rig) - 1}] or less, found {list(config.views)}"
         )
-    whole = capture(clip, config.capture)
-    known = whole.views >= _REFERENCE_VIEWS
-    return Poses3D(whole.skeleton, np.where(known[..., None], whole.xyz, np.nan), cov=whole.cov)
-
-
-def _truth(clip: Clip) -> Poses3D:
-    if clip.truth is None:
-        raise ValueError(f"clip {clip.id!r} has no truth to score against")
-    if np.isinf(clip.truth.xyz).any():
-        raise ValueError(f"clip {clip.id!r}: its truth has infinite coordinates; joints that are not known must be NaN")
-    return clip.truth
 
 
 def _filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:

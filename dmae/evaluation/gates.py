@@ -12,8 +12,15 @@ from dmae.metrics.time_blocks import FIGURES, block_sums
 
 _SMALLEST = 0.05
 """% or mm; smaller changes are not printed, and may be those of another processor."""
-_JUDGED = {"pcp": ("strict PCP", "%", 1), "mpjpe": ("MPJPE", "mm", -1), "hidden": ("MPJPE of hidden joints", "mm", -1)}
+_JUDGED = {
+    "pcp": ("strict PCP", "%", 1),
+    "mpjpe": ("MPJPE", "mm", -1),
+    "hidden": ("MPJPE of hidden joints", "mm", -1),
+    "recall": ("recall of hidden joints", "%", 1),
+}
 """Name, unit, and 1 where more is better or -1 where less is."""
+_PLACES = {"pcp": ("pcp",), "mpjpe": ("mpjpe", "all"), "hidden": ("hidden", "mpjpe"), "recall": ("hidden", "recall")}
+"""Where the mean of each figure is in `scores.json`."""
 _AGAIN = "make them again with this version: dmae evaluate ... out=FOLDER"
 
 
@@ -192,8 +199,11 @@ def _change(method: str, views: int, figure: str, old: dict, new: dict) -> Chang
 
 
 def _value(result: dict, figure: str) -> float:
-    mean = result["mean"][figure]
-    return mean if figure == "pcp" else mean["all" if figure == "mpjpe" else "mpjpe"]
+    metric, *keys = _PLACES[figure]
+    mean = result["mean"][metric]
+    for key in keys:
+        mean = mean[key]
+    return mean
 
 
 def _run(run: dict) -> tuple:

@@ -1,8 +1,26 @@
 """Scores as a section of a report."""
 
+from pathlib import Path
+
+from dmae.files.structured import read_json
 from dmae.metrics.tables import score_tables
 from dmae.reporting.figures import gaps_figure
 from dmae.reporting.page import CaptionedFigure, Section
+
+
+def read_scores(path: Path) -> dict:
+    """Return the scores in a file that `dmae evaluate` wrote.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is no such file, or lacks what `scores_section` shows.
+    """
+    scores = read_json(path)
+    try:
+        scores_section(scores)
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
+        raise ValueError(f"{path}: expected scores that dmae evaluate wrote, {error!r:.200}") from None
+    return scores
 
 
 def scores_section(scores: dict) -> Section:

@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton_conversion import convert
-from dmae.data.store import read_json
+from dmae.files.structured import read_json
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.intervals import bootstrap_ratio
 from dmae.metrics.registry import metrics

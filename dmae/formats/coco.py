@@ -1,7 +1,7 @@
 """COCO keypoints: images and annotations of all cameras in one JSON, or a JSON for each camera."""
 
-import json
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +9,20 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import check_vacant, whole_folder
+from dmae.files.numbers import MOST_PIXELS, check_numbers
+from dmae.files.structured import read_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
+from dmae.formats.labelled_images.coco_entries import clip_entry, write_json
+from dmae.formats.labelled_images.joints import joint_labels
+from dmae.formats.labelled_images.pictures import Picture, array_pictures, read_pictures
 from dmae.formats.openpose import CALIBRATION
 from dmae.formats.recordings.camera_matching import frame_number, natural
-from dmae.formats.recordings.coco_categories import category_joints, joint_names, recognise_skeleton
-from dmae.formats.recordings.joint_flags import joint_flags
+from dmae.formats.recordings.coco_categories import category_joints, recognise_skeleton
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.formats.writing import exported_poses
+from dmae.progress import progress
 
 KEYPOINTS = "keypoints.json"
 HIDDEN_SCORE = 0.5
@@ -192,9 +197,11 @@ def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> 
 
 def _numbers(place: str, found, each: int) -> np.ndarray:
     try:
-        return np.array(found, np.float64).reshape(-1, each)
-    except (TypeError, ValueError):
+        array = np.array(found, np.float64).reshape(-1, each)
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{place}: expected a list of numbers, {each} for each joint, found {found!r:.60}") from None
+    check_numbers(place, array, MOST_PIXELS)
+    return array
 
 
 def write_annotations(
@@ -221,61 +228,38 @@ def write_annotations(
         sources: (F, D, J) `Source`; D are then persons, who keep their index through the clip.
         first: Number of the first frame.
     """
-    frames, views = xy.shape[:2]
-    names = [rig.names[view] for view in range(views)]
-    images = [
-        {
-            "id": frame * views + view + 1,
-            "width": int(rig.size[view, 0]),
-            "height": int(rig.size[view, 1]),
-            "file_name": f"{names[view]}/{first + frame:06d}.jpg",
-            "camera": names[view],
-            "frame": first + frame,
-        }
-        for frame in range(frames)
-        for view in range(views)
-    ]
-    values = np.where(flags[..., None] > 0, np.concatenate([xy.astype(np.float64), flags[..., None]], -1), 0).round(3)
-    annotations = []
-    for frame, view, person in np.argwhere((flags > 0).any(-1)).tolist():
-        labelled = flags[frame, view, person] > 0
-        points = values[frame, view, person]
-        low, high = points[labelled, :2].min(0), points[labelled, :2].max(0)
-        width, height = (high - low).round(3).tolist()
-        annotation = {
-            "id": len(annotations) + 1,
-            "image_id": frame * views + view + 1,
-            "category_id": 1,
-            "iscrowd": 0,
-            "bbox": [*low.tolist(), width, height],
-            "area": round(width * height, 3),
-            "segmentation": [],
-            "num_keypoints": int(labelled.sum()),
-            "keypoints": [v for x, y, flag in points.tolist() for v in (x, y, int(flag))],
-        }
-        if scores is not None:
-            known = np.where(labelled, scores[frame, view, person], 0).astype(np.float64)
-            annotation["keypoint_scores"] = known.round(4).tolist()
-        if sources is not None:
-            annotation |= {"track_id": person, "joint_source": sources[frame, person].tolist()}
-        annotations.append(annotation)
-    category = {
-        "id": 1,
-        "name": "person",
-        "supercategory": "person",
-        "keypoints": joint_names(skeleton),
-        "skeleton": [[parent + 1, child + 1] for parent, child in skeleton.bones],
-    }
-    content = {"info": {"fps": fps}, "images": images, "annotations": annotations, "categories": [category]}
-    write_atomic(Path(path), json.dumps(content))
+    pictures = array_pictures(rig, xy, flags, scores=scores, sources=sources, first=first)
+    write_json(path, {"fps": fps, "pictures": False}, skeleton, pictures)
 
 
 @pose_writer("coco")
 def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
-    """COCO keypoints of poses as the cameras see them, labelled visible or hidden."""
-    xy, flags = joint_flags(clip, exported_poses(clip), poses.skeleton)
-    first = clip.provenance.get("first_frame", 0)
-    write_annotations(path, clip.rig, clip.fps, poses.skeleton, xy, flags, sources=poses.source, first=first)
+    """COCO keypoints of poses as the cameras see them, with masks where the clip has them, and its pictures.
+
+    Pictures go into a folder beside the file, `<name>_images`. Without images of colour there are none, which
+    `info.pictures` says; the names of the files then only name camera and frame.
+    """
+    labels, info = joint_labels(clip, exported_poses(clip), poses.skeleton), clip_entry(clip)
+    if clip.images is None or "rgb" not in clip.images.kinds:
+        write_json(path, info | {"pictures": False}, poses.skeleton, _in_order(read_pictures(clip, labels)))
+        return
+    folder = path.with_name(f"{path.stem}_images")
+    check_vacant(folder, "the pictures")
+    with whole_folder(folder) as partial:
+
+        def written() -> Iterator[Picture]:
+            for picture in progress(read_pictures(clip, labels), "writing pictures", len(clip) * len(clip.rig)):
+                file = partial / f"{picture.path}.jpg"
+                file.parent.mkdir(exist_ok=True)
+                file.write_bytes(picture.encoded("jpg"))
+                yield replace(picture, rgb=None)
+
+        pictures = _in_order(written())
+    write_json(path, info | {"pictures": True}, poses.skeleton, pictures, f"{folder.name}/")
+
+
+def _in_order(pictures: Iterable[Picture]) -> list[Picture]:
+    return sorted(pictures, key=lambda picture: (picture.frame, picture.view))
 
 
 @recording_writer("coco")

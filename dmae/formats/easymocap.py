@@ -9,7 +9,10 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25, Skeleton
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.names import child
+from dmae.files.numbers import MOST_PIXELS, check_numbers
+from dmae.files.structured import read_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
 from dmae.formats.openpose import body25_or_body25b
 from dmae.formats.recordings.camera_matching import frame_number, natural
@@ -124,6 +127,7 @@ def _people(file: Path, content, skeleton: Skeleton) -> np.ndarray:
                 f"{file}: annots[{number}].keypoints: expected x, y, confidence of the {len(skeleton)} joints of "
                 f"{skeleton.name}, found {keypoints!r:.60}{shape}; data.skeleton=... names another skeleton"
             )
+        check_numbers(f"{file}: annots[{number}].keypoints", array, MOST_PIXELS)
         found[number] = array
     found[~(found[..., 2] > 0)] = np.nan
     return found[~np.isnan(found).all((1, 2))]
@@ -138,6 +142,7 @@ def write_detections(detections: Detections2D, rig: CameraRig, folder: Path, fir
     values = np.concatenate([detections.xy.astype(np.float64), detections.score[..., None]], -1)
     boxes = np.concatenate([np.fmin.reduce(values[..., :2], -2), np.fmax.reduce(values[..., :2], -2)], -1)
     seen = detections.observed.any(-1)
+    folders = [child(Path(folder) / ANNOTATIONS, name, "camera") for name in rig.names]
     values, boxes = np.round(np.nan_to_num(values), 4), np.round(boxes, 4)
     for frame, views in enumerate(progress(values, "writing detections", len(values))):
         for view, name in enumerate(rig.names):
@@ -153,7 +158,7 @@ def write_detections(detections: Detections2D, rig: CameraRig, folder: Path, fir
             width, height = rig.size[view].tolist()
             image = f"images/{name}/{first + frame:06d}.jpg"
             content = {"filename": image, "height": height, "width": width, "annots": people, "isKeyframe": False}
-            write_atomic(Path(folder) / ANNOTATIONS / name / f"{first + frame:06d}.json", json.dumps(content))
+            write_atomic(folders[view] / f"{first + frame:06d}.json", json.dumps(content))
 
 
 @recording_writer("easymocap", lacks=["fps", "skeleton"])

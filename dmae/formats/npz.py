@@ -17,7 +17,6 @@ Where all joints of a person are absent in a frame, the person is not there.
 """
 
 import io
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +24,8 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import write_atomic
+from dmae.files.arrays import read_arrays
+from dmae.files.numbers import check_rate
 from dmae.formats.recordings.pose_files import PoseFile
 from dmae.formats.registry import pose_reader, pose_writer
 
@@ -68,49 +69,13 @@ def read_npz(path: Path) -> tuple[Poses3D, float]:
     path = Path(path)
     needed = ("joints", "source", "views", "names", "skeleton", "fps")
     arrays = read_arrays(path, "an .npz archive of poses", needed, ("cov",))
-    skeleton = _skeleton(path, str(arrays["skeleton"]), tuple(str(name) for name in arrays["names"]))
+    skeleton = _skeleton(path, str(arrays["skeleton"]), tuple(map(str, np.atleast_1d(arrays["names"]))))
     try:
         poses = Poses3D(skeleton, arrays["joints"], arrays["source"], arrays.get("cov"), arrays["views"])
-        return poses, float(arrays["fps"])
-    except (ValueError, TypeError) as error:
+        poses.check_numbers()
+        return poses, check_rate("fps", arrays["fps"].item())
+    except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(f"{path}: {error}") from None
-
-
-def read_arrays(path: Path, what: str, needed: Sequence[str], also: Sequence[str] = ()) -> dict[str, np.ndarray]:
-    """Return some arrays of an .npz archive; nothing in it is run, and no other array is read.
-
-    Args:
-        what: The kind of archive expected, for messages.
-        needed: Arrays that must be there.
-        also: Arrays that may be.
-
-    Raises:
-        FileNotFoundError: no such file.
-        OSError: the file may not be read.
-        ValueError: it is no such archive, is damaged, holds pickled objects, or lacks arrays.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    # Opened here, as errors of the system are no fault of the archive; NumPy would leave the file open, too.
-    with path.open("rb") as file:
-        try:
-            with np.load(file, allow_pickle=False) as archive:
-                names = list(archive.files)
-                arrays = {name: archive[name] for name in names if name in (*needed, *also)}
-        # Damaged archives make zipfile and NumPy raise errors of many undocumented types, from NotImplementedError to
-        # SyntaxError, and MemoryError for wrong headers. The block holds nothing but their reading.
-        except Exception as error:
-            reason = f"{type(error).__name__}: {error}"
-            if "pickle" in reason.lower():
-                reason = f"it holds pickled Python objects, which are not read as they could run anything ({error})"
-            raise ValueError(f"{path}: expected {what}; {reason}") from error
-    lacking = sorted(set(needed) - set(names))
-    if lacking:
-        raise ValueError(
-            f"{path}: expected arrays {' and '.join(needed)}, found {', '.join(names)}; it lacks {lacking}"
-        )
-    return arrays
 
 
 def _skeleton(path: Path, name: str, joints: tuple[str, ...]) -> Skeleton:

@@ -8,7 +8,10 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D, Source
 from dmae.data.skeleton import BODY21, BODY25, BODY25B, COCO17, COCO18, HALPE26, PANOPTIC19, SHELF14, Skeleton
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.names import child
+from dmae.files.numbers import MOST_PIXELS, check_numbers
+from dmae.files.structured import read_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
 from dmae.formats.recordings.camera_matching import frame_number, natural
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
@@ -151,13 +154,14 @@ def _people(file: Path, content) -> list[np.ndarray]:
         keypoints = person.get("pose_keypoints_2d", person.get("pose_keypoints")) if isinstance(person, dict) else None
         try:
             array = np.array(keypoints, np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             array = np.array(np.nan)
         if array.ndim != 1 or len(array) % 3:
             raise ValueError(
                 f"{file}: people[{number}].pose_keypoints_2d: expected x, y, confidence of each joint, "
                 f"found {keypoints!r:.60}"
             )
+        check_numbers(f"{file}: people[{number}].pose_keypoints_2d", array, MOST_PIXELS)
         array = array.reshape(-1, 3)
         array[~(array[:, 2] > 0)] = np.nan
         if not np.isnan(array).all():
@@ -218,8 +222,9 @@ def write_detections(
     values = np.concatenate([detections.xy.astype(np.float64), detections.score[..., None]], -1)
     values = np.round(np.where(np.isnan(values), 0, values), 4)
     seen = detections.observed.any(-1)
+    folders = [child(folder, name, "camera") for name in cameras]
     for frame, views in enumerate(progress(values, "writing detections", len(values))):
-        for name, people, there in zip(cameras, views, seen[frame], strict=True):
+        for place, people, there in zip(folders, views, seen[frame], strict=True):
             written = []
             for number in np.flatnonzero(there):
                 person = {"person_id": [-1 if sources is None else int(number)]}
@@ -227,8 +232,8 @@ def write_detections(
                 if sources is not None:
                     person["joint_source"] = sources[frame, number].tolist()
                 written.append(person)
-            path = Path(folder) / name / f"{name}_{first + frame:012d}_keypoints.json"
-            write_atomic(path, json.dumps({"version": 1.3, "people": written}))
+            file = child(place, f"{place.name}_{first + frame:012d}_keypoints.json", "camera")
+            write_atomic(file, json.dumps({"version": 1.3, "people": written}))
 
 
 def reproject(poses: Poses3D, rig: CameraRig) -> Detections2D:

@@ -9,7 +9,10 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import PANOPTIC19, Skeleton
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.names import child
+from dmae.files.numbers import MOST_METRES, check_numbers
+from dmae.files.structured import read_json
 from dmae.formats import openpose
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
@@ -164,10 +167,11 @@ def _bodies(file: Path, content) -> dict[int, np.ndarray]:
 def _flat(found, place: str, count: int) -> np.ndarray:
     try:
         array = np.array(found, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
     if array.shape != (count,):
         raise ValueError(f"{place}: expected {count} numbers, found {found!r:.60}")
+    check_numbers(place, array, 100 * MOST_METRES)
     return array
 
 
@@ -207,5 +211,5 @@ def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> Non
 @pose_writer("panoptic", folder=True, skeleton="panoptic19")
 def write_panoptic(poses: Poses3D, clip: Clip, path: Path) -> None:
     """A folder of CMU Panoptic's poses and calibration, always of its skeleton."""
-    write_calibration(clip.rig, path / f"calibration_{clip.id}.json", "panoptic")
+    write_calibration(clip.rig, child(path, f"calibration_{clip.id}.json", "clip"), "panoptic")
     write_poses(poses, clip.fps, path, clip.provenance.get("first_frame", 0))

@@ -5,9 +5,11 @@ from pathlib import Path
 
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25, BODY25B, COCO17, COCO18, HALPE26, Skeleton
+from dmae.files.numbers import check_rate
+from dmae.files.structured import read_toml
+from dmae.files.videos import open_video
 from dmae.formats import openpose
 from dmae.formats.calibrations.files import FOUND, CalibrationSource
-from dmae.formats.calibrations.pose2sim import read_toml
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
 from dmae.formats.registry import reader
 from dmae.formats.trc import trc_rate
@@ -91,14 +93,12 @@ def _rate(path: Path) -> float | None:
 
 
 def _video_rate(path: Path) -> float | None:
-    import av
-
     try:
-        with av.open(str(path)) as video:
+        with open_video(path) as video:
             rate = video.streams.video[0].average_rate
-    except (av.FFmpegError, IndexError):
+    except (ValueError, FileNotFoundError):
         return None
-    return float(rate) if rate else None
+    return check_rate(f"{path}: frame rate", float(rate)) if rate else None
 
 
 def _setting(path: Path, table: str, key: str):

@@ -36,7 +36,14 @@ class Clips(Sequence):
 
     def __getitem__(self, index: int) -> Clip:
         config, folder = self.config, self.folders[index]
-        clip = self.reader.function(folder, **_arguments(config, self.reader, folder))
+        arguments = _arguments(config, self.reader, folder)
+        try:
+            clip = self.reader.function(folder, **arguments)
+            clip.check_numbers()
+        except ValueError as error:
+            if str(folder) in str(error):
+                raise
+            raise ValueError(f"{folder}: {error}") from None
         return select_views(select_frames(shift_views(clip, config.offsets), config.frames), config.cameras)
 
 

@@ -6,6 +6,9 @@ import numpy as np
 
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25, SHELF14
+from dmae.files.contents import read_text
+from dmae.files.names import child
+from dmae.files.numbers import MOST_METRES
 from dmae.formats.calibrations.shelf import read_cameras
 from dmae.formats.recordings.candidate_assembly import BODY25_LINKS, assemble
 from dmae.formats.registry import reader
@@ -31,7 +34,8 @@ def read_shelf(path: Path) -> Clip:
     """
     path = Path(path)
     rig = read_cameras(path / "calibration.json")
-    views = [_read_detections(path / "detection" / f"{name}.txt", rig.size[v]) for v, name in enumerate(rig.names)]
+    files = [child(path / "detection", f"{name}.txt", "camera") for name in rig.names]
+    views = [_read_detections(file, size) for file, size in zip(files, rig.size, strict=True)]
     frames = len(views[0])
     for name, view in zip(rig.names, views, strict=True):
         if len(view) != frames:
@@ -59,22 +63,19 @@ class _Numbers:
     """A text file as a stream of numbers; errors name file, line and position."""
 
     def __init__(self, path: Path):
-        if not path.is_file():
-            raise FileNotFoundError(f"{path}: no such file")
         self.path, self.place, self.position = path, "header", 0
+        self.tokens = read_text(path).split()
         try:
-            self.tokens = path.read_text().split()
-            self.values = np.array(self.tokens, np.float64)
-            self.finite = int(np.argmin(np.append(np.isfinite(self.values), False)))
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{path}: expected text, {error}") from None
+            self.values = np.array(self.tokens, np.float64) if self.tokens else np.empty(0)
+            usable = np.abs(self.values) < MOST_METRES
+            self.finite = int(np.argmin(np.append(usable, False)))
         except ValueError:
             self.position, self.place = next(i for i, token in enumerate(self.tokens) if not _is_number(token)), ""
             raise self.error("a number", repr(self.tokens[self.position])) from None
 
     def error(self, expected: str, found: str) -> ValueError:
         """Return an error about the number at the current position."""
-        ends = np.cumsum([len(line.split()) for line in self.path.read_text().splitlines()])
+        ends = np.cumsum([len(line.split()) for line in read_text(self.path).splitlines()])
         line = max(min(np.searchsorted(ends, self.position, side="right") + 1, len(ends)), 1)
         place = f", {self.place}" if self.place else ""
         return ValueError(

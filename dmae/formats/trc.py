@@ -8,6 +8,8 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import SKELETONS, Skeleton
 from dmae.data.store import write_atomic
+from dmae.files.contents import read_text
+from dmae.files.numbers import MOST_METRES, check_numbers, check_rate
 from dmae.formats.calibrations.conventions import METRES, LengthUnit
 from dmae.formats.motion_capture.source_table import person_paths, source_table, write_source_table
 from dmae.formats.recordings.pose_files import PoseFile
@@ -52,9 +54,15 @@ def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, flo
     joints = skeleton.index(*(_joint(name, skeleton) for name in names))
     rows = _rows(path, lines, len(names))
     xyz = np.full((len(rows), 1, len(skeleton), 3), np.nan)
+    check_numbers(f"{path}: coordinates", rows, MOST_METRES / METRES[header["Units"]])
     xyz[:, 0, joints] = rows[:, :, _WORLD] * METRES[header["Units"]]
     xyz[np.isnan(xyz).any(-1)] = np.nan
-    return Poses3D(skeleton, xyz, _read_source(path, xyz, names, joints)), header["DataRate"]
+    try:
+        poses = Poses3D(skeleton, xyz, _read_source(path, xyz, names, joints))
+        poses.check_numbers()
+        return poses, check_rate("DataRate", header["DataRate"])
+    except ValueError as error:
+        raise ValueError(str(error) if str(path.parent) in str(error) else f"{path}: {error}") from None
 
 
 def trc_rate(path: Path) -> float:
@@ -63,12 +71,7 @@ def trc_rate(path: Path) -> float:
 
 
 def _lines(path: Path) -> list[str]:
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    try:
-        lines = path.read_text().splitlines()
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: expected text, {error}") from None
+    lines = read_text(path).splitlines()
     if len(lines) < _FIRST_ROW or not lines[0].startswith("PathFileType"):
         raise ValueError(f"{path}: expected a TRC, five lines of header from PathFileType on, found {lines[:1]}")
     return lines
@@ -202,8 +205,12 @@ def _read_source(path: Path, xyz: np.ndarray, names: list[str], joints: list[int
     beside = source_table(path)
     if not beside.is_file():
         return None
-    lines = [line.split(",") for line in beside.read_text().splitlines()]
-    wrong = [len(lines) != len(xyz) + 1, lines[0][1:] != names, any(len(line) != len(names) + 1 for line in lines)]
+    lines = [line.split(",") for line in read_text(beside).splitlines()]
+    wrong = [
+        len(lines) != len(xyz) + 1,
+        not lines or lines[0][1:] != names,
+        any(len(line) != len(names) + 1 for line in lines),
+    ]
     if any(wrong):
         raise ValueError(
             f"{beside}: expected {len(xyz)} frames of the markers of {path.name}; delete it if it is not its"

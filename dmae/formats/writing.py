@@ -6,6 +6,7 @@ from pathlib import Path
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert
+from dmae.files.names import child
 from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
 
@@ -41,7 +42,7 @@ def write_poses(
     elif unit != LengthUnit.m:
         raise ValueError(f"unit={unit}: format={writer.name} is always in m; leave it out")
     if writer.folder:
-        _check_empty(path)
+        _check_folder(path, clip)
     if poses is clip.truth and clip.true_rig is not None:
         # Truth is seen by the true cameras, not by those of a calibration in error.
         clip = replace(clip, rig=clip.true_rig)
@@ -66,7 +67,7 @@ def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
     """
     writer, path = recording_writer.find(format), Path(path)
     if writer.name != "clip":
-        _check_empty(path)
+        _check_folder(path, clip)
     writer.function(clip, path)
     values = {"fps": f"{clip.fps:g}", "skeleton": clip.detections.skeleton.name}
     return " ".join(f"data.{option}={values[option]}" for option in writer.lacks)
@@ -86,7 +87,11 @@ def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleto
     return poses.skeleton if writer.fused else get_skeleton(poses.skeleton.name.split("+")[0])
 
 
-def _check_empty(folder: Path) -> None:
-    """Refuse a folder with files, which would be read as part of the new recording."""
+def _check_folder(folder: Path, clip: Clip) -> None:
+    """Refuse a folder with files, which would be read as part of the new recording, and cameras that cannot be names
+    of folders in it.
+    """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ValueError(f"{folder}: expected no such folder yet, or an empty one, to write a file for each frame into")
+    for name in clip.rig.names:
+        child(folder, name, "camera")

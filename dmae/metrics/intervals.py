@@ -40,8 +40,15 @@ def bootstrap_ratio(sums: BlockSums, *, seed: int = 0, draws: int = 1000, level:
         draws: How many times blocks are drawn.
         level: Of the interval.
     """
-    weights = _weights(sums.blocks, sums.total.shape[1], draws, seed)
-    return _interval(_score(sums, None)[0], _score(sums, weights), sums, level)
+    return _interval(_score(sums, None)[0], bootstrap_scores(sums, seed=seed, draws=draws), sums, level)
+
+
+def bootstrap_scores(sums: BlockSums, *, seed: int = 0, draws: int = 1000) -> np.ndarray:
+    """Return the score of each draw of blocks, (draws,). With one seed, scores of the same clips draw the same blocks.
+
+    The arguments are those of `bootstrap_ratio`.
+    """
+    return _score(sums, _weights(sums.blocks, sums.total.shape[1], draws, seed))
 
 
 def bootstrap_difference(

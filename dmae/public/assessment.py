@@ -42,8 +42,8 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
         >>> bool(scores["pcp"] > 50)
         True
     """
-    from dmae.evaluation.evaluate import PUBLISHED_ACTORS
     from dmae.evaluation.predictions import fitting
+    from dmae.evaluation.reference import scored_actors
     from dmae.evaluation.scores import score
 
     poses = clip.poses if poses is None else poses
@@ -52,8 +52,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
     truth = convert(clip.truth, get_skeleton(skeleton or clip.truth.skeleton.parts[-1].name))
     poses = fitting(poses, truth, f"clip {clip.id!r}")
     captured = poses.without(poses.source == Source.COMPLETED)
-    actors = PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
-    return score(poses, captured, truth, actors, fps=clip.fps)
+    return score(poses, captured, truth, scored_actors(clip), fps=clip.fps)
 
 
 def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, changed: tuple[str, ...] = ()) -> Gate:

@@ -13,6 +13,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.numerics import filling
+from dmae.public.options import composed
 from dmae.reconstruction import pipeline, triangulation
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.triangulation import Points
@@ -51,7 +52,7 @@ def capture(
     from dmae.completion.methods import METHODS
 
     if isinstance(config, str):
-        config = _composed("capture", f"capture={config}").capture
+        config = composed("capture", f"capture={config}").capture
     poses = pipeline.capture(clip, config or CaptureConfig())
     if fill != "none":
         poses = METHODS[fill](poses, clip.fps)
@@ -168,7 +169,7 @@ def train(
     """
     from dmae.completion.training.train import train as run
 
-    return run(_composed("train", *overrides), clips, Path(out), validation_data, extra_data)
+    return run(composed("train", *overrides), clips, Path(out), validation_data, extra_data)
 
 
 def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()) -> str:
@@ -223,11 +224,3 @@ def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray) -> Point
     if xy.shape[-2:] != (len(rig), 2):
         raise ValueError(f"rig of {len(rig)} cameras: expected xy (..., {len(rig)}, 2) px, found shape {xy.shape}")
     return triangulation.triangulate(rig, rig.undistort(xy), confidence)
-
-
-def _composed(command: str, *overrides: str):
-    """Return the configuration of a command."""
-    from dmae.cli import DMAE, compose
-
-    # The commands require data, which is given as objects here.
-    return compose(DMAE.commands[command], ["data=clip", "data.path=-", *overrides])

@@ -27,6 +27,7 @@ def on_files(files, config):
         except ValueError as error:
             log.warning(error)
     pages |= {f"reference/{name}_commands.md": reference.commands_page(name) for name in ("dmae", "synth")}
+    pages["reference/corruptions.md"] = reference.corruptions_page()
     for path, content in pages.items():
         files.append(File.generated(config, path, content=content))
     return files

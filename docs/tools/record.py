@@ -3,7 +3,7 @@
     python docs/tools/record.py             # everything in RECORDED
     python docs/tools/record.py shelf       # one of them
 
-The command is run with `out=` in a temporary folder, and the `scores.json` that it leaves is kept,
+The command is run with `out=` in a temporary folder, and the `scores.json` or `stress.json` that it leaves is kept,
 less its single runs.
 """
 
@@ -16,6 +16,8 @@ import tempfile
 from datetime import date
 from importlib import metadata
 from pathlib import Path
+
+from dmae.data.json_text import json_text
 
 ROOT = Path(__file__).parents[2]
 _ALL = "measured,linear,pchip_body,kalman,reject_pchip,rays,gaussian_process,reject_gaussian_process"
@@ -58,8 +60,20 @@ RECORDED = {
         "4 minutes",
     ),
     "table_5": (
-        f"{_TWO_INTERACTIONS} && dmae table number=5 data=interactions/0 extra_data=[interactions/1] size=small",
-        "4 minutes",
+        f"{_INTERACTIONS.replace('views=3 clips=4', 'views=4 clips=6')} && "
+        "dmae table number=5 data=interactions/0 extra_data=[interactions/1,interactions/3] size=small",
+        "5 minutes",
+    ),
+    "stress_generated": (
+        "synth generate out=clips clips=2 seed=11 scene.seconds=4 scene.persons=[3,3] workers=2 && "
+        "dmae stress data=clips workers=2",
+        "3 minutes",
+    ),
+    "stress_shelf": (
+        "dmae stress data=shelf data.path=$DMAE_DATA/shelf data.frames=[0,150] workers=2 pairs=[] "
+        "axes=[objects,persons,misses,side_swaps,offsets,calibration,cameras] "
+        "methods=[measured,linear,gaussian_process,dmae,paper]",
+        "2 minutes",
     ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
 }
@@ -73,12 +87,13 @@ def record(name: str, command: str) -> Path:
     Raises:
         CalledProcessError: the command failed.
     """
-    programs = Path(sys.executable).parent
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "out")
-        line = " && ".join(f"{programs}/{each}" for each in command.split(" && "))
-        line += "" if "dmae regress" in command else f" out={out}"
-        done = subprocess.run(line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True)
+        line = command if "dmae regress" in command else f"{command} out={out}"
+        done = subprocess.run(
+            line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ | {"PATH": path}
+        )
         found = _found(out) or {"printed": done.stdout}
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "torch", "mujoco"))
@@ -89,16 +104,18 @@ def record(name: str, command: str) -> Path:
         "versions": f"python {platform.python_version()}, {versions}",
         **found,
     }
-    path = ROOT / "docs/results" / f"{name}.json"
-    path.write_text(json.dumps(made, indent=1) + "\n")
-    return path
+    file = ROOT / "docs/results" / f"{name}.json"
+    file.write_text(json_text(made) + "\n")
+    return file
 
 
 def _found(out: Path) -> dict:
-    """What a command left in its folder: scores, or a table of the paper."""
+    """What a command left in its folder: a table of the paper, a stress test, or scores."""
     tables = list(out.glob("table_*.json"))
     if tables:
         return {"table": json.loads(tables[0].read_text())}
+    if (out / "stress.json").is_file():
+        return {"stress": json.loads((out / "stress.json").read_text())}
     scores = out / "scores.json"
     return {"scores": _less_runs(json.loads(scores.read_text()))} if scores.is_file() else {}
 

@@ -1,8 +1,11 @@
 """Pages of reference that are generated from the code: every command with all of its options."""
 
+import inspect
+
 from dmae.cli import DMAE
 from dmae.command_line.options import REQUIRED, Group, Option
 from dmae.command_line.programs import Command, Program
+from dmae.evaluation.corruption.registry import corruptions
 from synth.cli import SYNTH
 
 PROGRAMS = {program.name: program for program in (DMAE, SYNTH)}
@@ -13,6 +16,22 @@ def commands_page(name: str) -> str:
     program = PROGRAMS[name]
     parts = [f"# The `{name}` command\n\n{program.about}\n\n{_overview(program)}"]
     parts += [_command(command) for command in program.commands.values()]
+    return "\n\n".join(parts) + "\n"
+
+
+def corruptions_page() -> str:
+    """A section for each corruption: what it is, its unit and levels."""
+    about = (
+        "What `dmae stress` makes wrong, one axis a corruption, and `dmae.corrupt(clip, {name: level})` at one level. "
+        "At level 0 nothing changes. Corruptions work on real clips as on simulated ones: where people are is known by "
+        "the truth, or else by what all cameras measure. [Add one](../how-to/add_corruption.md)."
+    )
+    parts = ["# Corruptions", about]
+    for entry in corruptions():
+        levels, small = (", ".join(f"{level:g}" for level in each) for each in (entry.levels, entry.small))
+        parts.append(f"## `{entry.name}` {{ #{entry.name} }}\n\n{inspect.cleandoc(entry.function.__doc__)}")
+        people = f" It takes {entry.people} people in an image." if entry.people else ""
+        parts.append(f"Levels, in {entry.unit}: {levels}; with `size=small` {small}.{people}")
     return "\n\n".join(parts) + "\n"
 
 

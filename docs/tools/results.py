@@ -119,6 +119,14 @@ def protocols() -> str:
     return _table(["", "assignment", "a person without a prediction", "a limb off by half", "head"], rows)
 
 
+def stress_table(name: str, figure: str = "pcp") -> str:
+    """A row for each corruption: at which level each method breaks, by `pcp` or by the error of `hidden` joints."""
+    from dmae.evaluation.stress.words import breaking_tables
+
+    table = breaking_tables(load(name)["stress"])[["pcp", "hidden"].index(figure)]
+    return _table(list(table.header), [list(row) for row in table.rows])
+
+
 def origin(name: str, table: str | None = None) -> str:
     """A line that says which command made a results file, when, and of which commit."""
     found = load(name)
@@ -140,6 +148,7 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
 _FUNCTIONS = {
     "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
     "paper_table": paper_table, "benchmark_table": benchmark_table, "protocols": protocols,
+    "stress_table": stress_table,
 }  # fmt: skip
 
 

@@ -23,6 +23,7 @@ TITLES = {
     "clip_from_arrays": "A clip from your own arrays",
     "pose2sim_recording": "A Pose2Sim recording to completed 3D",
     "dataset_and_model": "A data set, and a model trained on it",
+    "train_a_detector": "A detector that learns from simulated pictures",
     "triangulation_check": "Your triangulation under pytest",
     "benchmark_method": "Your method on the benchmark",
     "frames_as_they_come": "Frames as they come",

@@ -6,6 +6,7 @@ from pathlib import Path
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.store import write_atomic
+from dmae.files.names import child
 from dmae.formats.reading import DataConfig, load
 from dmae.reporting.tables import print_tables
 from synth.datasets.clip import GenerateConfig
@@ -74,7 +75,7 @@ def run(config: FitDetectorCommand, out: Path) -> None:
     for name, why in fitted.undetermined.items():
         print(f"undetermined, kept as it was: {name}: {why}")
     # As Hydra wants it: with --config-dir=<out> the preset is one of the group.
-    path = out / "detector" / f"{config.name}.yaml"
+    path = child(out / "detector", f"{config.name}.yaml", "detector")
     comments = [
         f"Fitted by `synth fit-detector` to {len(recording)} frames of {recording.id} in {len(recording.rig)} views.",
         *(f"Undetermined, kept as it was: {name}: {why}." for name, why in fitted.undetermined.items()),

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from dmae.data.clip import Clip
-from dmae.data.store import MANIFEST, load_clip, read_json, read_manifest
+from dmae.data.store import MANIFEST, load_clip, read_manifest
+from dmae.files.structured import read_json
 from dmae.progress import progress
 from synth.datasets.checks import check_detections, check_labels, check_numbers, check_projection
 from synth.datasets.clip import ImageKinds
@@ -103,7 +104,10 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> list[str]:
     ]
     if config is None:
         return problems
-    fps, kinds = config["scene"]["fps"], ImageKinds[config["images"]].value
+    try:
+        fps, kinds = config["scene"]["fps"], ImageKinds[config["images"]].value
+    except (KeyError, TypeError):
+        return [*problems, f"{CONFIG}: expected the configuration of a data set, found {config!r:.60}"]
     if clip.fps != fps:
         problems.append(f"fps: {fps} in {CONFIG}, {clip.fps} in the clip")
     found = clip.images.kinds if clip.images else ()

@@ -15,7 +15,8 @@ def preset_yaml(config: DetectorConfig, name: str, comments: list[str]) -> str:
         name: Name of the preset.
         comments: Lines at its head.
     """
-    lines = [*(f"# {comment}" for comment in comments), f"name: {name}"]
+    # A comment of several lines, from a recording's name, would become options.
+    lines = [*(f"# {' '.join(comment.split())}" for comment in comments), f"name: {json.dumps(name)}"]
     for group, options in _changed(config, DetectorConfig()).items():
         if group == "parts":
             lines += ["parts:", *(f"  {kind}: {_flow(part)}" for kind, part in options.items())]

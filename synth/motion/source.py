@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dmae.files.numbers import check_numbers
 from synth.motion.motion import Motion
 from synth.motion.procedural.agenda import ACTIONS
 from synth.motion.procedural.sequence import SEATED, WEIGHTS, check_actions, make_sequence
@@ -18,6 +19,8 @@ from synth.motion.rotations import about
 
 _TURN_TIME = 0.3
 """Time in which a take that is played back and forth comes to rest at its ends, s."""
+_FARTHEST = 10_000.0
+"""Greatest coordinate of a take, m."""
 PROCEDURAL = "procedural"
 """The choice of motion that is made, not read from files."""
 
@@ -160,7 +163,13 @@ def _read_take(
     path: Path, fps: float | None, unit: float | None, up: str | None, names: tuple[tuple[str, str], ...], mtime_ns: int
 ) -> Motion:
     options = ReadOptions(fps=fps, unit=unit, up=up, mapping=dict(names))
-    motion = reader_of(path).function(path, options)
+    try:
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            motion = reader_of(path).function(path, options)
+        check_numbers("positions, m", motion.root, _FARTHEST)
+        check_numbers("hip height, m", motion.hip_height, _FARTHEST)
+    except ValueError as error:
+        raise ValueError(str(error) if path.name in str(error) else f"{path}: {error}") from None
     motion.root.setflags(write=False)
     motion.rotations.setflags(write=False)
     return motion

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dmae.files.numbers import check_numbers
+
 HAIRSTYLES = ("short", "bald", "bob", "long", "bun")
 PATTERNS = ("plain", "stripes", "checks", "melange", "camouflage")
 
@@ -25,6 +27,7 @@ class Garment:
     def __post_init__(self):
         if self.pattern not in PATTERNS:
             raise ValueError(f"no pattern {self.pattern!r}; expected one of {', '.join(PATTERNS)}")
+        check_numbers("colours of a garment", self.colours, 1, 0)
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ class PersonLooks:
     def __post_init__(self):
         if self.hair not in HAIRSTYLES:
             raise ValueError(f"no hairstyle {self.hair!r}; expected one of {', '.join(HAIRSTYLES)}")
+        check_numbers("colours of a person", (self.skin, self.hair_colour, self.shoes, self.sole), 1, 0)
 
 
 _SKINS = ((0.96, 0.80, 0.69), (0.90, 0.71, 0.57), (0.80, 0.60, 0.45), (0.64, 0.45, 0.32), (0.46, 0.31, 0.22),

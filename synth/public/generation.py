@@ -1,4 +1,4 @@
-"""Data sets: generate and verify."""
+"""Data sets: generate, verify, split, describe, export."""
 
 from __future__ import annotations
 
@@ -10,11 +10,17 @@ from pathlib import Path
 from dmae.cli import compose
 from dmae.data.clip import Clip
 from dmae.data.store import clip_folders, load_clip
+from dmae.files.structured import read_json
 from dmae.parallel import in_parallel
 from synth.cli import SYNTH
 from synth.datasets import generate as datasets
+from synth.datasets import splits as datasets_splits
 from synth.datasets import verify as datasets_verify
 from synth.datasets.clip import GenerateConfig, ImageKinds, check, clip_id, generate_clip
+from synth.datasets.exporters import export as datasets_export
+from synth.datasets.exporters.selection import PictureFormat
+from synth.datasets.splits import SplitBy
+from synth.datasets.statistics.page import NUMBERS, describe
 from synth.datasets.verify import Problem
 from synth.errors import FailedSimulation
 
@@ -116,3 +122,112 @@ def verify(path: str | Path) -> list[Problem]:
         []
     """
     return datasets_verify.verify(Path(path))[1]
+
+
+def split(
+    path: str | Path,
+    by: str = "person",
+    *,
+    train: float = 0.8,
+    validation: float = 0.1,
+    test: float = 0.1,
+    seed: int = 0,
+    out: str | Path | None = None,
+) -> dict[str, list[str]]:
+    """Divide the clips of a data set such that no person, motion or rig is in two splits.
+
+    Args:
+        path: The data set.
+        by: `person`, `motion` or `rig`.
+        train: Share of the clips.
+        validation: Share of the clips; 0 for no such split.
+        test: Share of the clips; 0 for no such split.
+        seed: Of the order in which clips are drawn.
+        out: JSON file to write, which `export` takes; by default none.
+
+    Returns:
+        Names of clips by name of split.
+
+    Raises:
+        ValueError: the shares do not add up to 1, or clips share too much for so many splits.
+
+    Examples:
+        >>> for clip in synth.generate("scene.seconds=1", clips=2, seed=7, out="walks"): pass
+        >>> parts = synth.split("walks", train=0.5, validation=0.5, test=0, out="splits.json")
+        >>> [len(names) for names in parts.values()]
+        [1, 1]
+    """
+    kind = SplitBy[by] if by in SplitBy.__members__ else None
+    if kind is None:
+        raise ValueError(f"by={by!r}: expected one of {', '.join(SplitBy.__members__)}")
+    shares = {"train": train, "validation": validation, "test": test}
+    made = datasets_splits.split(Path(path), shares, kind, seed=seed)
+    if out is not None:
+        datasets_splits.write_splits(Path(out), made, kind, seed)
+    return made
+
+
+def stats(path: str | Path, out: str | Path, *, workers: int = 1) -> dict:
+    """Describe a data set: occlusion by joint and cause, people, distances, angles, motion.
+
+    Args:
+        path: The data set, or a clip.
+        out: Folder of the page, `README.md`, its picture, and the numbers of both.
+        workers: Processes; -1 for one a core.
+
+    Returns:
+        The numbers, as in `statistics.json`.
+
+    Raises:
+        FileNotFoundError: neither a clip nor a data set is there.
+
+    Examples:
+        >>> for clip in synth.generate("scene.seconds=1", clips=2, seed=7, out="walks"): pass
+        >>> synth.stats("walks", "card")["counts"]["frames"]
+        50
+    """
+    describe(Path(path), Path(out), workers=workers)
+    return read_json(Path(out) / NUMBERS)
+
+
+def export(
+    path: str | Path,
+    out: str | Path,
+    format: str = "coco",
+    *,
+    splits: str | Path | None = None,
+    skeleton: str | None = None,
+    every: int = 1,
+    pictures: str = "jpg",
+    workers: int = 1,
+) -> dict:
+    """Write a data set in the layout of another program: pictures, and what is in them.
+
+    Args:
+        path: The data set, or a clip.
+        out: Folder to write, whole or not at all; it must be empty or not exist.
+        format: `coco`, `yolo`, `webdataset`, `huggingface` or `panoptic`. All but the last need images.
+        splits: File that `split` wrote; by default all clips are in the split `train`.
+        skeleton: Skeleton of the joints; by default coco17, of panoptic always panoptic19.
+        every: 2 for every other frame.
+        pictures: `jpg` or `png`.
+        workers: Processes; -1 for one a core.
+
+    Returns:
+        What was written, as in `export.json`.
+
+    Raises:
+        ValueError: `out` is not empty, or clips lack pictures or truth.
+
+    Examples:
+        >>> for clip in synth.generate("scene.seconds=1", clips=1, seed=7, out="walks"): pass
+        >>> synth.export("walks", "panoptic", "panoptic")["skeleton"]
+        'panoptic19'
+    """
+    options = {"skeleton": skeleton, "every": every, "workers": workers}
+    if pictures not in PictureFormat.__members__:
+        raise ValueError(f"pictures={pictures!r}: expected one of {', '.join(PictureFormat.__members__)}")
+    chosen = None if splits is None else Path(splits)
+    return datasets_export.export(
+        Path(path), Path(out), format, splits=chosen, pictures=PictureFormat[pictures], **options
+    )

@@ -7,6 +7,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.images import KINDS, Images, write_depth, write_ids, write_parts, write_video
+from dmae.files.names import child
 from synth.people.segments import SEGMENTS
 from synth.rendering.renderer import RenderedView, Renderer
 
@@ -30,12 +31,12 @@ def render_images(
             image = renderer.picture(state, view, kinds)
             for kind, write in {"depth": write_depth, "ids": write_ids, "parts": write_parts}.items():
                 if kind in kinds:
-                    write(folder / kind / rig.names[view] / f"{frame:06d}.png", getattr(image, kind))
+                    write(child(folder / kind, rig.names[view], "camera") / f"{frame:06d}.png", getattr(image, kind))
             yield image
 
     for view, name in enumerate(rig.names):
         if "rgb" in kinds:
-            write_video(folder / "rgb" / f"{name}.mp4", (image.rgb for image in rendered(view)), fps)
+            write_video(child(folder / "rgb", f"{name}.mp4", "camera"), (image.rgb for image in rendered(view)), fps)
         else:
             for _ in rendered(view):
                 pass

@@ -11,6 +11,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from synth.errors import FailedSimulation
+from synth.rooms.mjcf import compile_mjcf
 from synth.rooms.rays import cast_rays
 
 _TALLEST = 2.0
@@ -176,7 +177,7 @@ def _name(model: mujoco.MjModel, geom: int) -> str:
 
 @lru_cache(maxsize=8)
 def _arena(path: Path, changed: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = mujoco.MjModel.from_xml_path(str(path))
+    model = compile_mjcf(path)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     return model, data

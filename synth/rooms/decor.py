@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from synth.rooms.mjcf import read_mjcf
+
 Colour = tuple[float, float, float]
 
 
@@ -79,7 +81,7 @@ _TINTS = ((0.55, 0.42, 0.29), (0.24, 0.36, 0.52), (0.58, 0.20, 0.18), (0.30, 0.4
 @lru_cache(maxsize=32)
 def _choices(arena: Path) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     """The finishes for floor and wall of a room, and its materials that take any colour."""
-    room = mujoco.MjSpec.from_file(str(arena))
+    room = read_mjcf(arena)
     texts = {text.name: tuple(text.data.split()) for text in room.texts}
     finishes = []
     for name, usual in _USUAL.items():

@@ -6,6 +6,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from synth.rooms.mjcf import compile_mjcf
+
 _TALLEST = 2.2
 """Nothing above this height takes space from people, m."""
 
@@ -13,7 +15,7 @@ _TALLEST = 2.2
 @lru_cache(maxsize=32)
 def footprints(path: Path) -> np.ndarray:
     """(K, 3) `discs` of the obstacles in an MJCF file, m."""
-    return discs(mujoco.MjModel.from_xml_path(str(path)))
+    return discs(compile_mjcf(path))
 
 
 def discs(model: mujoco.MjModel) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Triangle meshes of your own as props: find the files, read them, and refuse what cannot be simulated."""
 
+import io
 from enum import Enum
 from functools import lru_cache
 from pathlib import Path
@@ -8,11 +9,16 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
+from dmae.files.contents import check_file, read_bytes
+from synth.rooms.mesh_files import Neighbours, check_counts, check_repetition
+
 MESHES = (".obj", ".stl", ".ply", ".glb")
 _SMALLEST, _LARGEST = 0.02, 5.0
 """Least and greatest length of the longest side of a prop, m."""
 _MOST_FACES, _MOST_BYTES = 200_000, 200 * 2**20
 _MOST_PARTS = 64
+_FARTHEST = 1e6
+"""Greatest coordinate in the file, in any unit."""
 
 
 class MeshUp(Enum):
@@ -62,7 +68,16 @@ def load_mesh(path: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> tuple[
     turn = np.eye(3)
     if up is MeshUp.y or (up is MeshUp.auto and Path(path).suffix.lower() == ".glb"):
         turn = np.array([(1, 0, 0), (0, 0, -1), (0, 1, 0)])
-    pieces = [(piece, _colour(mesh)) for mesh in _read(path) for piece in _pieces(mesh, path)]
+    # Faces without an area are left out.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        meshes = _read(path)
+        try:
+            pieces = [(piece, _colour(mesh)) for mesh in meshes for piece in _pieces(mesh, path)]
+        # trimesh raises errors of many types for meshes that it has read.
+        except Exception as error:
+            if path in str(error):
+                raise
+            raise ValueError(f"{path}: this mesh is broken: {type(error).__name__}: {error}; export it anew") from error
     corners = np.concatenate([piece.vertices for piece, _ in pieces]) @ turn.T
     low, high = corners.min(0), corners.max(0)
     _check_size(path, (high - low) * scale, scale)
@@ -74,10 +89,18 @@ def load_mesh(path: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> tuple[
 
 def _read(path: str) -> list[trimesh.Trimesh]:
     """The meshes in a file, placed by its scene graph."""
-    if (size := Path(path).stat().st_size) > _MOST_BYTES:
+    file = Path(path)
+    if (size := check_file(file)) > _MOST_BYTES:
         raise ValueError(f"{path}: {size / 2**20:.0f} MiB are too large for a prop; simplify it to {_MOST_FACES} faces")
+    data = read_bytes(file)
     try:
-        found = trimesh.load_scene(path).dump()
+        check_counts(file.suffix.lower(), data)
+        with np.errstate(all="ignore"):
+            scene = trimesh.load_scene(
+                io.BytesIO(data), file_type=file.suffix.lower()[1:], resolver=Neighbours(file.parent)
+            )
+            check_repetition(scene, _MOST_FACES)
+            found = scene.dump()
     # Readers of foreign formats raise errors of any type.
     except Exception as error:
         raise ValueError(f"{path}: this mesh is broken: {type(error).__name__}: {error}; export it anew") from error
@@ -93,6 +116,10 @@ def _pieces(mesh: trimesh.Trimesh, path: str) -> list[trimesh.Trimesh]:
     """The connected parts of a mesh, corners merged, each closed and with all faces turned outward."""
     if not np.isfinite(mesh.vertices).all():
         raise ValueError(f"{path}: this mesh is broken: it has vertices that are not finite; export it anew")
+    if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
+        raise ValueError(f"{path}: this mesh is broken: it has faces of vertices that are not there; export it anew")
+    if np.abs(mesh.vertices).max() > _FARTHEST:
+        raise ValueError(f"{path}: this mesh is broken: it has vertices beyond {_FARTHEST:g}; export it anew")
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     mesh.update_faces(mesh.nondegenerate_faces())
     mesh.remove_unreferenced_vertices()

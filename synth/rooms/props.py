@@ -11,6 +11,7 @@ import numpy as np
 from synth.rooms.catalogue import prop_file
 from synth.rooms.footprints import discs, geom_corners
 from synth.rooms.meshes import MESHES, MeshUp, load_mesh
+from synth.rooms.mjcf import read_mjcf
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def prop_spec(kind: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> mujoco
         ValueError: there is no such prop, or its mesh is unfit; the message names it.
     """
     if Path(kind).suffix.lower() not in MESHES:
-        return mujoco.MjSpec.from_file(str(prop_file(kind)))
+        return read_mjcf(prop_file(kind))
     prop = mujoco.MjSpec()
     prop.add_material(name="tint", rgba=[0.62, 0.60, 0.56, 1], specular=0.1, shininess=0.1)
     body = prop.worldbody.add_body(name=Path(kind).stem)

@@ -18,6 +18,7 @@ from synth.rigs.lenses import add_cameras
 from synth.rooms.catalogue import arena_file
 from synth.rooms.decor import Finish, decorate
 from synth.rooms.footprints import footprints
+from synth.rooms.mjcf import read_mjcf
 from synth.rooms.props import prop_size, prop_spec
 from synth.scene.prop_placement import placed_discs
 from synth.scene.spec import PersonSpec, PropSpec, SceneSpec
@@ -68,7 +69,7 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
         ValueError: an MJCF file is missing or lacks a material; a camera cannot be rendered.
         FailedSimulation: a camera is inside an object.
     """
-    world = mujoco.MjSpec.from_file(str(arena_file(spec.arena)))
+    world = read_mjcf(arena_file(spec.arena))
     _set_options(world, spec.fps)
     # A child of the scene's stream: textures do not change the draws that made the spec.
     rng = generator(spec.seed, spec.clip, Stream.SCENE).spawn(1)[0] if painted else None

@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from dmae.data.from_json import decode
+from dmae.files.numbers import check_numbers, check_rate
+from dmae.files.structured import parse_json
 from synth.interactions.registry import InteractionConfig
 from synth.interactions.script import Load
 from synth.motion.source import MotionConfig
@@ -14,6 +16,9 @@ from synth.people.clothing import PersonLooks
 from synth.people.mjcf import MOST_PERSONS
 from synth.rooms.decor import Colour, Decor
 from synth.rooms.meshes import MeshUp
+
+_MOST_FRAMES, _FARTHEST = 1_000_000, 1000.0
+"""Of a clip, and of people and props from the middle, m."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,10 @@ class PersonSpec:
     yaw: float
     turn: float
 
+    def __post_init__(self):
+        check_numbers("person: start, m", self.start, _FARTHEST)
+        check_numbers("person: yaw, rad, and turn, rad/s", (self.yaw, self.turn), _FARTHEST)
+
 
 @dataclass(frozen=True)
 class PropSpec:
@@ -107,6 +116,12 @@ class PropSpec:
     tint: Colour | None = None
     scale: float = 1.0
     up: MeshUp = MeshUp.auto
+
+    def __post_init__(self):
+        check_numbers(f"prop {self.kind!r:.40}: at, m, and yaw, rad", (*self.at, self.yaw), _FARTHEST)
+        check_numbers(f"prop {self.kind!r:.40}: scale", self.scale, 1e6, 1e-9)
+        if self.tint is not None:
+            check_numbers(f"prop {self.kind!r:.40}: tint", self.tint, 1, 0)
 
 
 @dataclass(frozen=True)
@@ -155,7 +170,19 @@ class SceneSpec:
         Raises:
             ValueError: the text is no spec; the message names the field.
         """
-        return decode(cls, json.loads(text))
+        return decode(cls, parse_json(text))
+
+    def __post_init__(self):
+        check_rate("SceneSpec.fps", self.fps)
+        if not 1 <= self.frames <= _MOST_FRAMES or self.seed < 0 or self.clip < 0:
+            raise ValueError(
+                f"SceneSpec: expected 1 to {_MOST_FRAMES} frames, and seed and clip from 0 on, found "
+                f"{self.frames:.4g}, {self.seed:.4g} and {self.clip:.4g}"
+            )
+        if not len(self.persons) <= MOST_PERSONS:
+            raise ValueError(f"SceneSpec.persons: expected at most {MOST_PERSONS}, found {len(self.persons)}")
+        check_numbers("SceneSpec.radius, m", self.radius, _FARTHEST, 0)
+        check_numbers("SceneSpec.clearance, m", self.clearance, _FARTHEST, 0)
 
 
 @dataclass(frozen=True)

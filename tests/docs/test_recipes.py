@@ -13,6 +13,7 @@ import yaml
 import dmae
 import synth
 from dmae.completion.methods import completion_method
+from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.registry import reader
 from dmae.metrics.registry import metric
 from synth.interactions import interaction
@@ -25,7 +26,7 @@ PAGES = Path(__file__).parents[2] / "docs/how-to"
 def recipe(tmp_path: Path, monkeypatch):
     """Import the code of a page as a module of its own, registered until the end of the test."""
     monkeypatch.syspath_prepend(tmp_path)
-    for registry in (reader, metric, completion_method, interaction):
+    for registry in (reader, metric, completion_method, corruption, interaction):
         monkeypatch.setattr(registry, "_added", {})
 
     def load(page: str):
@@ -54,6 +55,13 @@ def test_a_metric(recipe, small_clip):
     recipe("add_metric")
     scores = dmae.evaluate(small_clip, dmae.capture(small_clip))
     assert scores["jerkiness"] > 0
+
+
+def test_a_corruption(recipe, small_clip):
+    recipe("add_corruption")
+    for name in ("shade", "recipe_add_corruption:shade"):
+        shaded = dmae.corrupt(small_clip, {name: 20}).detections
+        assert 0 < shaded.observed.sum() < small_clip.detections.observed.sum()
 
 
 def test_a_completion_method(recipe, small_clip):

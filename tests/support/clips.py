@@ -1,11 +1,13 @@
 """Small made-up recordings for the tests."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.images import FIRST_OBJECT_ID, Images, write_ids, write_video
 from dmae.data.labels import DetectionLabels, JointError, OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25, Skeleton
 
@@ -93,4 +95,46 @@ def full_clip(frames: int = 12, views: int = 4) -> Clip:
         ),
         true_rig=replace(rig, K=1.01 * rig.K + [[0, 0, 0], [0, 0, 0], [0, 0, -0.01]]),
         provenance={"seed": 0},
+    )
+
+
+def pictured_clip(folder: Path, frames: int = 3, views: int = 2) -> Clip:
+    """A clip with images of colour and ids, 240 x 150 px: discs on the joints of two walkers, and before them a box.
+
+    In the last frame of the first view the box is before all of person 1.
+    """
+    clip = full_clip(frames, views)
+    quarter = np.diag([0.25, 0.25, 1])
+    rig = replace(clip.rig, K=quarter @ clip.rig.K, size=clip.rig.size // 4)
+    xy, _ = rig.project(clip.truth.xyz)
+    shown = np.zeros((frames, views, 2), int)
+    alone = np.zeros_like(shown)
+    for view, name in enumerate(rig.names):
+        colours = []
+        for frame in range(frames):
+            ids = np.zeros((150, 240), np.uint16)
+            for person in (1, 0):
+                body = np.zeros_like(ids)
+                for x, y in xy[frame, view, person].round().astype(int):
+                    body[max(y - 3, 0) : max(y + 4, 0), max(x - 3, 0) : max(x + 4, 0)] = 1
+                alone[frame, view, person] = body.sum()
+                ids[body > 0] = 1 + person
+            ids[60:70, 100:140] = FIRST_OBJECT_ID
+            if (frame, view) == (frames - 1, 0):
+                ids[ids == 2] = FIRST_OBJECT_ID
+            shown[frame, view] = [np.count_nonzero(ids == 1 + person) for person in (0, 1)]
+            write_ids(folder / "ids" / name / f"{frame:06d}.png", ids)
+            colours.append(np.array([(30, 60, 90), (200, 80, 40), (40, 200, 80), (200, 200, 60)], np.uint8)[
+                np.select([ids == 1, ids == 2, ids >= FIRST_OBJECT_ID], [1, 2, 3], 0)
+            ])  # fmt: skip
+        write_video(folder / "rgb" / f"{name}.mp4", colours, clip.fps)
+    pixels = {"visible_pixels": shown, "amodal_pixels": alone}
+    return replace(
+        clip,
+        rig=rig,
+        true_rig=None,
+        detections=replace(clip.detections, xy=clip.detections.xy / 4),
+        occlusion=replace(clip.occlusion, **pixels),
+        images=Images(folder, rig.names, tuple(range(frames)), ("rgb", "ids")),
+        provenance={"first_frame": 5},
     )

@@ -86,17 +86,28 @@ class ModelConfig:
         if unknown := set(self.ablate) - FEATURES.keys():
             raise ValueError(f"model.ablate: expected some of {list(FEATURES)}, found {sorted(unknown)}")
         sizes = {
-            "frames": self.frames,
-            **{f"encoder.{name}": getattr(self.encoder, name) for name in ("depth", "heads", "head_dim", "mlp")},
-            "decoder.depth": self.decoder.depth,
-            "codes.signal": self.codes.signal,
+            "frames": (self.frames, 1000),
+            "encoder.depth": (self.encoder.depth, 64),
+            "encoder.heads": (self.encoder.heads, 256),
+            "encoder.head_dim": (self.encoder.head_dim, 4096),
+            "encoder.mlp": (self.encoder.mlp, 65536),
+            "decoder.depth": (self.decoder.depth, 64),
+            "codes.signal": (self.codes.signal, 65536),
+            "encoder.dim": (self.encoder.dim, 16384),
+            "decoder.dim": (self.decoder.dim, 16384),
         }
-        for name, size in sizes.items():
-            if size < 1:
-                raise ValueError(f"model.{name}: expected at least 1, found {size}")
+        for name, (size, most) in sizes.items():
+            if not isinstance(size, int) or not 1 <= size <= most:
+                raise ValueError(f"model.{name}: expected a whole number from 1 to {most}, found {size!r:.40}")
         for name, dim in (("encoder.dim", self.encoder.dim), ("decoder.dim", self.decoder.dim)):
-            if dim < 2 or dim % 2:
+            if dim % 2:
                 raise ValueError(f"model.{name}: expected an even number (sines and cosines), found {dim}")
+        codes = {f"codes.{name}": getattr(self.codes, name) for name in ("signal_sigma", "time_sigma", "joint_sigma")}
+        ranges = dict.fromkeys(codes, (0, 1e6)) | {"key_init": (-1e3, 1e3), "dropout": (0, 0.999), "fps": (0.01, 1e5)}
+        for name, (least, most) in ranges.items():
+            value = codes.get(name, getattr(self, name, None))
+            if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+                raise ValueError(f"model.{name}: expected a number from {least:g} to {most:g}, found {value!r:.40}")
 
 
 def model_config(options: dict) -> ModelConfig:

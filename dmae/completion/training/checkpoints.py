@@ -9,7 +9,9 @@ from typing import Any
 import torch
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 
+from dmae.completion.weights import check_finite
 from dmae.data.store import write_atomic
+from dmae.files.contents import read_bytes
 
 CHECKPOINT = "checkpoint.ckpt"
 _BEFORE = "checkpoint_before.ckpt"
@@ -34,7 +36,17 @@ class CheckedCheckpoints(TorchCheckpointIO):
 
     def load_checkpoint(self, path: str | Path, map_location: Any = None, weights_only: bool | None = None) -> dict:
         """Raises ValueError where the file is not as it was written."""
-        return torch.load(io.BytesIO(_content(Path(path))), map_location=map_location, weights_only=True)
+        content = _content(Path(path))
+        try:
+            state = torch.load(io.BytesIO(content), map_location=map_location, weights_only=True)
+        # Torch's reader raises errors of many undocumented types. Nothing in the file is run.
+        except Exception as error:
+            raise ValueError(f"{path}: expected a checkpoint of dmae train, {str(error).partition('.')[0]}") from error
+        tensors = state.get("state_dict", {}) if isinstance(state, dict) else None
+        if not isinstance(tensors, dict) or not all(isinstance(tensor, torch.Tensor) for tensor in tensors.values()):
+            raise ValueError(f"{path}: expected a checkpoint of dmae train, found no weights in it")
+        check_finite(tensors, f"{path} is of no use, remove it")
+        return state
 
 
 def newest_checkpoint(folder: Path) -> Path | None:
@@ -61,7 +73,7 @@ def newest_checkpoint(folder: Path) -> Path | None:
 
 
 def _content(path: Path) -> bytes:
-    data = path.read_bytes()
+    data = read_bytes(path)
     head, content = data[: len(_MARK) + _DIGEST + 1], data[len(_MARK) + _DIGEST + 1 :]
     if head != _MARK + hashlib.sha256(content).hexdigest().encode() + b"\n":
         raise ValueError(f"{path}: does not match its checksum; it is damaged, or of an earlier version of dmae")

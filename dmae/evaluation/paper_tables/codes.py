@@ -20,7 +20,7 @@ from dmae.completion.windows import Rows
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import BODY25
-from dmae.evaluation.paper_tables.config import Size, TableConfig
+from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.data_sets import NamedClips, halves
 from dmae.evaluation.paper_tables.recording import NOISE_NOTE
 from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, paper_table
@@ -35,7 +35,7 @@ VARIANTS = {
     "code of joints": CodesConfig(signal=64, no_time=True),
     BOTH: CodesConfig(signal=64),
 }
-_STEPS = {Size.small: 300, Size.full: 9000}
+_STEPS = {TableSize.small: 300, TableSize.full: 9000}
 _NOTES = (
     "The paper's network in a size that a CPU trains in minutes (64 channels, two layers; the paper has 256 and six), "
     "trained and scored on simulated clips, since BU-Mocap is not at hand and the paper's 1000 epochs are beyond a "

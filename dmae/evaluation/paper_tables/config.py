@@ -17,7 +17,7 @@ NUMBERS = {
 """The tables of the paper."""
 
 
-class Size(StrEnum):
+class TableSize(StrEnum):
     """How much is spent on a table."""
 
     full = "full"
@@ -45,7 +45,7 @@ class TableConfig:
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     protocol: str = field(default="strict", metadata={"choices": protocol})
     """How limbs are counted in the rows measured here; the others are for comparison with rows published under them."""
-    size: Size = Size.full
+    size: TableSize = TableSize.full
     """How much is spent: all methods and full trainings, or a table in a minute or two."""
     weights: str | None = None
     """Folder that `dmae train` wrote, for `dmae`; by default the weights that come with the package."""

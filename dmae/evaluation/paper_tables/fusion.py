@@ -10,7 +10,7 @@ from dmae.completion.training.train import train
 from dmae.data.clip import Clip
 from dmae.data.skeleton import SHELF14
 from dmae.evaluation.evaluate import EvaluateConfig, load_methods
-from dmae.evaluation.paper_tables.config import Size, TableConfig
+from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.data_sets import check_truth, load_sets
 from dmae.evaluation.paper_tables.recording import (
     AGAINST,
@@ -43,7 +43,7 @@ GROUPS = {
 }
 """Limbs that published evaluations report together."""
 _SKELETON = "body21+shelf14"
-_STEPS = {Size.small: 150, Size.full: 6000}
+_STEPS = {TableSize.small: 150, TableSize.full: 6000}
 _TUNING_STEPS = 60
 _REPLAY = 0.25
 _TUNED_FRAMES, _APART = 40, 10

@@ -11,7 +11,7 @@ from dmae.completion.weights import find_shipped, load_model
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25
 from dmae.evaluation.evaluate import EvaluateConfig, load_methods
-from dmae.evaluation.paper_tables.config import Size, TableConfig
+from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.data_sets import NamedClips, check_truth, halves
 from dmae.evaluation.paper_tables.recording import (
     AGAINST,
@@ -29,7 +29,7 @@ from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture
 
 TUNED, ALONE = "dmae, tuned on this data", "dmae, learned from this data alone"
-_STEPS = {Size.small: (60, 200), Size.full: (1000, 6000)}
+_STEPS = {TableSize.small: (60, 200), TableSize.full: (1000, 6000)}
 """Steps of tuning, and of learning from nothing."""
 _OBSERVED_WEIGHT = 0.2
 """As the shipped weights were trained."""

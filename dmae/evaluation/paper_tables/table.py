@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from dmae.evaluation.paper_tables.config import NUMBERS, Size, TableConfig
+from dmae.evaluation.paper_tables.config import NUMBERS, TableConfig, TableSize
 from dmae.evaluation.paper_tables.published import published_rows
 from dmae.metrics.intervals import Interval, bootstrap_difference, bootstrap_ratio
 from dmae.metrics.time_blocks import BlockSums
@@ -104,7 +104,7 @@ def paper_table(
         "against": against,
         "columns": [vars(column) for column in columns],
         "rows": made,
-        "footnotes": [*footnotes, *([_SMALL] if config.size == Size.small else [])],
+        "footnotes": [*footnotes, *([_SMALL] if config.size == TableSize.small else [])],
     }
 
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
+from dmae.evaluation.report.joint_groups import JointGroup, tally
 from dmae.evaluation.report.joints import Joints
-from dmae.evaluation.report.tally import Tally, tally
 from dmae.metrics.position_error import GAPS
 
 BY_SOURCE, BY_GAP, BY_JOINT, BY_CAUSE = "source", "length of the gap", "joint", "cause of occlusion"
@@ -20,7 +20,7 @@ _CAUSES = {
 }
 
 
-def breakdowns(clip: Clip, joints: Joints) -> dict[str, dict[str, Tally]]:
+def breakdowns(clip: Clip, joints: Joints) -> dict[str, dict[str, JointGroup]]:
     """Return the tally of each group of each breakdown; groups without joints are left out."""
     names = joints.skeleton.joints
     groups = {

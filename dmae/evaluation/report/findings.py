@@ -7,11 +7,11 @@ import numpy as np
 
 from dmae.data.clip import Clip, Source
 from dmae.evaluation.report.breakdown import breakdowns
+from dmae.evaluation.report.joint_groups import JointGroup, tally
 from dmae.evaluation.report.joints import joints_of
 from dmae.evaluation.report.moments import WorstMoment, worst_moments
 from dmae.evaluation.report.reprojection import reprojection
 from dmae.evaluation.report.stated_uncertainty import counts_in_regions
-from dmae.evaluation.report.tally import Tally, tally
 from dmae.numerics.robust import mean_known
 
 
@@ -57,11 +57,11 @@ class Findings:
     sources: dict[Source, int] = field(default_factory=dict)
     has_truth: bool = False
     has_images: bool = False
-    against_truth: dict[str, Tally] = field(default_factory=dict)
-    breakdowns: dict[str, dict[str, Tally]] = field(default_factory=dict)
+    against_truth: dict[str, JointGroup] = field(default_factory=dict)
+    breakdowns: dict[str, dict[str, JointGroup]] = field(default_factory=dict)
     regions: dict[str, np.ndarray] = field(default_factory=dict)
-    residuals: dict[str, dict[str, Tally]] = field(default_factory=dict)
-    residuals_completed: dict[str, dict[str, Tally]] = field(default_factory=dict)
+    residuals: dict[str, dict[str, JointGroup]] = field(default_factory=dict)
+    residuals_completed: dict[str, dict[str, JointGroup]] = field(default_factory=dict)
     moments: list[WorstMoment] = field(default_factory=list)
     error: np.ndarray | None = None
 
@@ -114,7 +114,7 @@ def state_of(clip: Clip) -> State:
     return State.completed if (clip.poses.source == Source.COMPLETED).any() else State.captured
 
 
-def _against_truth(error: np.ndarray, source: np.ndarray, counted: np.ndarray) -> dict[str, Tally]:
+def _against_truth(error: np.ndarray, source: np.ndarray, counted: np.ndarray) -> dict[str, JointGroup]:
     completed = source == Source.COMPLETED
     measured = (source == Source.MEASURED) | (source == Source.DENOISED)
     chosen = {"all": counted, "measured": counted & measured, "completed": counted & completed}

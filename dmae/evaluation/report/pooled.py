@@ -6,9 +6,9 @@ from functools import reduce
 import numpy as np
 
 from dmae.evaluation.report.findings import Findings
-from dmae.evaluation.report.tally import Tally, added
+from dmae.evaluation.report.joint_groups import JointGroup, added
 
-Groups = dict[str, dict[str, Tally]]
+Groups = dict[str, dict[str, JointGroup]]
 """Tallies by breakdown and group."""
 
 
@@ -17,7 +17,7 @@ def pooled_groups(findings: Sequence[Findings], name: str) -> Groups:
     return reduce(_added_groups, (getattr(each, name) for each in findings), {})
 
 
-def pooled_truth(findings: Sequence[Findings]) -> dict[str, Tally]:
+def pooled_truth(findings: Sequence[Findings]) -> dict[str, JointGroup]:
     """Return the tallies against the truth, added up over the clips that have one."""
     return reduce(added, (each.against_truth for each in findings), {})
 

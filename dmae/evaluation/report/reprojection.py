@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton_conversion import convert
-from dmae.evaluation.report.tally import Tally, added, tally
+from dmae.evaluation.report.joint_groups import JointGroup, added, tally
 from dmae.metrics.matching import match, take_matched
 
 GATE_M = 0.4
@@ -25,8 +25,8 @@ class Reprojection:
         where: (F, P, 2) its camera and joint.
     """
 
-    measured: dict[str, dict[str, Tally]]
-    completed: dict[str, dict[str, Tally]]
+    measured: dict[str, dict[str, JointGroup]]
+    completed: dict[str, dict[str, JointGroup]]
     worst: np.ndarray
     where: np.ndarray
 
@@ -36,8 +36,8 @@ def reprojection(clip: Clip) -> Reprojection:
     poses = convert(clip.poses, clip.detections.skeleton)
     poses = poses.without(np.isinf(poses.xyz).any(-1))
     frames, persons, joints = poses.source.shape
-    measured: dict[str, dict[str, Tally]] = {}
-    completed: dict[str, dict[str, Tally]] = {}
+    measured: dict[str, dict[str, JointGroup]] = {}
+    completed: dict[str, dict[str, JointGroup]] = {}
     worst, where = np.full((frames, persons), np.nan), np.zeros((frames, persons, 2), int)
     for start in range(0, frames if persons else 0, _CHUNK):
         part = slice(start, start + _CHUNK)
@@ -69,7 +69,7 @@ def _errors(clip: Clip, poses: Poses3D) -> np.ndarray:
     return errors
 
 
-def _groups(clip: Clip, poses: Poses3D, error: np.ndarray, source: np.ndarray) -> dict[str, dict[str, Tally]]:
+def _groups(clip: Clip, poses: Poses3D, error: np.ndarray, source: np.ndarray) -> dict[str, dict[str, JointGroup]]:
     _, views, persons, joints = error.shape
     cuts = {
         "camera": {clip.rig.names[view]: np.s_[:, view] for view in range(views)},

@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from dmae.data.clip import Source
 from dmae.evaluation.report.breakdown import BY_CAUSE, BY_GAP, BY_JOINT, BY_MEASURING, BY_SEEING
 from dmae.evaluation.report.findings import Findings
+from dmae.evaluation.report.joint_groups import JointGroup
 from dmae.evaluation.report.moments import WorstMoment
 from dmae.evaluation.report.pooled import pooled_groups, pooled_regions, pooled_truth
 from dmae.evaluation.report.stated_uncertainty import PROBABILITIES
-from dmae.evaluation.report.tally import Tally
 from dmae.reporting.figures import COMPLETED, PERSONS
 from dmae.reporting.page import CaptionedFigure, Section
 from dmae.reporting.tables import Moment, Table
@@ -143,7 +143,7 @@ def residuals_section(findings: Sequence[Findings]) -> list[Section]:
     for name in (name for name in names if name in measured):
         rows = []
         for group, each in measured[name].items():
-            other: Tally | None = completed.get(name, {}).get(group)
+            other: JointGroup | None = completed.get(name, {}).get(group)
             if each.compared or (other and other.compared):
                 rows.append(
                     (group, f"{each.compared:,}", text(each.mean, 1), text(each.quantile(0.9), 1),
@@ -161,7 +161,7 @@ def residuals_section(findings: Sequence[Findings]) -> list[Section]:
     return [Section("Reprojection", words, tables)]
 
 
-def _breakdown_table(name: str, groups: dict[str, Tally], known: bool) -> Table:
+def _breakdown_table(name: str, groups: dict[str, JointGroup], known: bool) -> Table:
     columns = {
         name: list(groups),
         "joints": [f"{each.joints:,}" for each in groups.values()],
@@ -177,7 +177,7 @@ def _breakdown_table(name: str, groups: dict[str, Tally], known: bool) -> Table:
     return Table(f"By {name}", list(columns), list(zip(*columns.values(), strict=True)), bars=(2,))
 
 
-def _error_figure(truth: dict[str, Tally]) -> Figure:
+def _error_figure(truth: dict[str, JointGroup]) -> Figure:
     figure = Figure(figsize=(5.2, 3), layout="constrained")
     axes = figure.subplots()
     shown = {"measured": PERSONS[0], "completed": COMPLETED}
@@ -190,7 +190,7 @@ def _error_figure(truth: dict[str, Tally]) -> Figure:
     return _finished(figure)
 
 
-def _gap_figure(groups: dict[str, Tally]) -> Figure:
+def _gap_figure(groups: dict[str, JointGroup]) -> Figure:
     shown = {name: each for name, each in groups.items() if each.compared}
     figure = Figure(figsize=(5.2, 3), layout="constrained")
     axes = figure.subplots()

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 from dmae.data.clip import Source
 from dmae.evaluation.report.findings import Findings, State
+from dmae.evaluation.report.joint_groups import JointGroup
 from dmae.evaluation.report.pooled import pooled_groups, pooled_regions, pooled_truth
 from dmae.evaluation.report.stated_uncertainty import PROBABILITIES
-from dmae.evaluation.report.tally import Tally
 
 
 def summary(findings: Sequence[Findings]) -> list[str]:
@@ -106,7 +106,7 @@ def _uncertainty(findings: Sequence[Findings]) -> list[str]:
 
 
 def _residuals(findings: Sequence[Findings]) -> list[str]:
-    overall: Tally | None = pooled_groups(findings, "residuals").get("all", {}).get("all")
+    overall: JointGroup | None = pooled_groups(findings, "residuals").get("all", {}).get("all")
     if overall is None or overall.mean is None:
         return []
     return [f"Measured joints reproject {overall.mean:.1f}\N{NO-BREAK SPACE}px from their detections on average."]

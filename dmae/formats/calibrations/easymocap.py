@@ -4,17 +4,19 @@ import re
 from pathlib import Path
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.data.store import write_atomic
+from dmae.files.contents import read_text
+from dmae.files.structured import parse_yaml
 from dmae.formats.calibrations.entries import CameraTable, ParsedCamera, make_rig, orthonormal, require
 from dmae.formats.calibrations.registry import calibration_format
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 # EasyMocap itself writes six decimals, earlier versions of it three.
 _AGREE = 2e-3
+_MOST_BYTES = 16 << 20
 
 
 def _read_storage(path: Path) -> dict:
@@ -26,16 +28,12 @@ def _read_storage(path: Path) -> dict:
         raise FileNotFoundError(f"{path}: no such file; EasyMocap keeps {INTRINSICS} and {EXTRINSICS} side by side")
     try:
         # YAML proper has no colon in this line, and takes `01` for a number, which a camera's name is not.
-        text = re.sub(r"^\s*%YAML.*", "", path.read_text())
-        content = yaml.load(text, yaml.BaseLoader)
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"{path}: expected YAML of OpenCV's FileStorage, {' '.join(str(error).split())}") from None
+        text = re.sub(r"^\s*%YAML.*", "", read_text(path, _MOST_BYTES))
+        content = parse_yaml(text, texts=True)
+    except ValueError as error:
+        raise ValueError(f"{path}: expected YAML of OpenCV's FileStorage, {error}") from None
     if not isinstance(content, dict):
         raise ValueError(f"{path}: expected K_<camera>, T_<camera>, ... of OpenCV's FileStorage, found {content!r:.60}")
-    keys = re.findall(r"^([^\s:#-][^\s:]*):", text, re.MULTILINE)
-    if len(keys) > len(content):
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"{path}: expected every key once, found {twice} {keys.count(twice)} times")
     return {key: _value(path, key, value) for key, value in content.items()}
 
 

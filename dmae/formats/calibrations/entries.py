@@ -12,6 +12,8 @@ from dmae.data.cameras import CameraRig
 
 # What CameraRig accepts of published rotations; here the error names the key.
 _ROUNDING = 1e-3
+_LARGEST = 1e10
+"""Of any number: ten thousand kilometres in millimetres."""
 
 
 class ParsedCamera(NamedTuple):
@@ -61,6 +63,8 @@ class CameraTable:
             raise self.error(key, wanted, f"{found!r:.60}")
         if not np.isfinite(array).all():
             raise self.error(key, "of finite numbers", f"{found!r:.60}")
+        if (np.abs(array.astype(np.float64)) > _LARGEST).any():
+            raise self.error(key, f"of numbers up to {_LARGEST:g}", f"{found!r:.60}")
         return array.astype(np.float64)
 
     def intrinsics(self, key: str) -> np.ndarray:

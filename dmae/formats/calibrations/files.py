@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dmae.data.cameras import CameraRig
-from dmae.data.store import read_json
+from dmae.files.contents import read_text
+from dmae.files.structured import read_json, read_toml
 from dmae.formats.calibrations.conventions import Convention, LengthUnit, UpDirection
 from dmae.formats.calibrations.entries import LacksSize
-from dmae.formats.calibrations.pose2sim import read_toml
 from dmae.formats.calibrations.registry import calibration_format
 
 
@@ -126,12 +126,7 @@ def recognise(path: Path) -> str:
         ValueError: it is of none of the formats, or too malformed to tell.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    try:
-        start = path.read_text().lstrip()
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: expected a calibration in a text format, {error}") from None
+    start = read_text(path).lstrip()
     # The YAML of OpenCV is read by its format alone.
     syntax, content = "yaml", None
     if not start.startswith("%YAML") and path.suffix not in (".yml", ".yaml"):

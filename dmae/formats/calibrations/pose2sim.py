@@ -1,6 +1,5 @@
 """Calibration of Pose2Sim and anipose: TOML, a table a camera."""
 
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -9,21 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.data.store import write_atomic
+from dmae.files.structured import read_toml
 from dmae.formats.calibrations.entries import CameraTable, ParsedCamera, make_rig, orthonormal, require
 from dmae.formats.calibrations.registry import calibration_format
 
 _METADATA = "metadata"
-
-
-def read_toml(path: Path) -> dict:
-    """Return the content of a TOML file; ValueError names file, line and column of what is malformed."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    try:
-        return tomllib.loads(path.read_text())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: expected TOML, {error}") from None
 
 
 def _camera(entry: CameraTable) -> ParsedCamera:

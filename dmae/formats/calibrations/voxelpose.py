@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.structured import read_json
 from dmae.formats.calibrations.conventions import Convention, LengthUnit
 from dmae.formats.calibrations.entries import CameraTable, ParsedCamera, make_rig, require
 from dmae.formats.calibrations.registry import calibration_format

@@ -14,6 +14,9 @@ from dmae.formats.recordings.camera_matching import match_cameras
 _MAX_SPAN = 20
 """Frames that a recording may span for each frame with a file; more, and the numbers do not count frames."""
 
+_CELLS, _CELLS_EACH = 250_000, 50
+"""Places for people in all frames: so many, or so many for each that is there."""
+
 
 @dataclass(frozen=True)
 class NumberedDetections:
@@ -137,7 +140,9 @@ def known_rate(fps: float | None, found: NumberedDetections, path: Path) -> floa
 
 def _stack(views: list[dict[int, np.ndarray]], first: int, frames: int, joints: int) -> np.ndarray:
     """(F, V, D, J, 3)."""
-    most = max((len(found) for view in views for found in view.values()), default=0)
+    counts = [len(found) for view in views for found in view.values()]
+    most = max(counts, default=0)
+    _check_crowd("detections in one frame", frames * len(views) * most, most, sum(counts))
     values = np.full((frames, len(views), most, joints, 3), np.nan)
     for v, view in enumerate(views):
         for number, found in view.items():
@@ -147,12 +152,20 @@ def _stack(views: list[dict[int, np.ndarray]], first: int, frames: int, joints: 
 
 
 def _truth(truth: dict[int, np.ndarray], skeleton: Skeleton, first: int, frames: int) -> Poses3D:
-    persons = max((len(found) for found in truth.values()), default=0)
+    counts = [len(found) for found in truth.values()]
+    persons = max(counts, default=0)
+    _check_crowd("true persons", frames * persons, persons, sum(counts))
     xyz = np.full((frames, persons, len(skeleton), 3), np.nan)
     for number, found in truth.items():
         if first <= number < first + frames:
             xyz[number - first] = found
     return Poses3D(skeleton, xyz)
+
+
+def _check_crowd(what: str, cells: int, most: int, total: int) -> None:
+    """Refuse one frame of many people among frames of few, for all of which memory would be taken."""
+    if cells > max(_CELLS, _CELLS_EACH * total):
+        raise ValueError(f"found {most} {what}, and {total} in all frames, which span too many")
 
 
 def _absences(found: NumberedDetections, names: list[str], first: int, frames: int) -> list[str]:

@@ -324,7 +324,10 @@ async function player() {
     const onPicture = toggles.picture && ready;
     if (toggles.detections) drawDetections(context, scale, clip, now, camera);
     if (clip.truth && toggles.truth) drawTruth(context, project, clip.truth, now, onPicture ? "#ffffff" : colours.ink);
-    if (clip.poses) drawPeople(context, project, clip, now, toggles, colours);
+    if (clip.poses) {
+      drawPeople(context, project, clip, now, toggles, colours);
+      drawNames(context, project, clip, now, colours);
+    }
     view.dataset.frame = now;
   }
 

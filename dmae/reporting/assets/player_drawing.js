@@ -229,16 +229,21 @@ function drawStrip(canvas, clip) {
   context.fillStyle = colours.page;
   context.fillRect(0, 0, width, height);
   const across = (frame) => (frames > 1 ? 1 + ((width - 2) * frame) / (frames - 1) : width / 2);
-  const column = Math.max(1, width / Math.max(frames, 1));
-  for (let frame = 0; frame < completed.length; frame++) {
-    const x = across(frame) - column / 2;
-    context.fillStyle = colours.red;
-    context.globalAlpha = 0.55;
-    context.fillRect(x, height * (1 - completed[frame]), column + 0.5, height * completed[frame]);
-    context.fillStyle = colours.soft;
-    context.globalAlpha = 0.4;
-    context.fillRect(x, height * (1 - completed[frame] - missing[frame]), column + 0.5, height * missing[frame]);
-  }
+  const half = width / Math.max(frames, 1) / 2;
+  const area = (lower, upper, colour, alpha) => {
+    context.beginPath();
+    for (let frame = 0; frame < upper.length; frame++) {
+      for (const x of [across(frame) - half, across(frame) + half]) context.lineTo(x, height * (1 - lower(frame) - upper[frame]));
+    }
+    for (let frame = upper.length - 1; frame >= 0; frame--) {
+      for (const x of [across(frame) + half, across(frame) - half]) context.lineTo(x, height * (1 - lower(frame)));
+    }
+    context.fillStyle = colour;
+    context.globalAlpha = alpha;
+    context.fill();
+  };
+  area(() => 0, completed, colours.red, 0.55);
+  area((frame) => completed[frame], missing, colours.soft, 0.4);
   context.globalAlpha = 1;
   const known = (clip.error || []).filter((error) => error !== null);
   const most = Math.max(...known, 0);

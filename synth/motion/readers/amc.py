@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
 from synth.motion.readers.skeleton_recording import SkeletonRecording
-from synth.motion.readers.text import malformed, numbers, read_lines
+from synth.motion.readers.text import LARGEST, check_size, malformed, numbers, read_lines
 from synth.motion.retargeting import retarget_take
 
 _FPS = 120.0
@@ -64,6 +64,7 @@ def read_amc(path: Path) -> SkeletonRecording:
     values = _parse_frames(path, lines, bones)
     names = tuple(bones)
     root = np.tile(bones["root"].end, (len(values["root"]), 1))
+    check_size(path, lines, len(root), len(names))
     rotations = np.broadcast_to(np.eye(3), (len(root), len(names), 3, 3)).copy()
     for joint, (name, bone) in enumerate(bones.items()):
         angles = np.zeros((len(root), 3))
@@ -181,7 +182,7 @@ def _parse_frames(path: Path, lines: list[str], bones: dict[str, Bone]) -> dict[
             values[name] = np.array(rows, np.float64)
         except ValueError:
             values[name] = np.empty((0, 0))
-        if values[name].shape[1] != channels or not np.isfinite(values[name]).all():
+        if values[name].shape[1] != channels or not (np.abs(values[name]) <= LARGEST).all():
             # Slow, but finds the line.
             values[name] = np.array(
                 [numbers(path, line, row, channels) for line, row in zip(filled[bone::period], rows, strict=True)]

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
 from synth.motion.readers.skeleton_recording import SkeletonRecording
-from synth.motion.readers.text import malformed, numbers, read_lines
+from synth.motion.readers.text import LARGEST, check_size, malformed, numbers, read_lines
 from synth.motion.retargeting import retarget_take
 
 _CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
@@ -48,6 +48,7 @@ def read_bvh(path: Path) -> SkeletonRecording:
     hierarchy, motion_line = _parse_hierarchy(path, lines)
     frames, frame_time, first = _parse_motion_header(path, lines, motion_line)
     values = _parse_frames(path, lines, first, frames, sum(map(len, hierarchy.channels)))
+    check_size(path, lines, frames, len(hierarchy.joints))
     root, rotations = _decode(hierarchy, values)
     return SkeletonRecording(
         path,
@@ -117,7 +118,7 @@ def _parse_frames(path: Path, lines: list[str], first: int, frames: int, channel
         values = np.array([lines[i].split() for i in filled], np.float64)
     except ValueError:
         values = None
-    if values is None or values.shape[1] != channels or not np.isfinite(values).all():
+    if values is None or values.shape[1] != channels or not (np.abs(values) <= LARGEST).all():
         # Slow, but finds the line.
         values = np.array([numbers(path, i, lines[i].split(), channels) for i in filled])
     return values

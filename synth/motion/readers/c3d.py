@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dmae.files.contents import read_bytes
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
 from synth.motion.readers.cmu import true_fps
@@ -102,9 +103,7 @@ def read_points(path: Path, fps: float | None = None) -> MarkerRecording:
     Raises:
         FileNotFoundError, ValueError: as `read_motion`, except for names of markers.
     """
-    data = path.read_bytes() if path.is_file() else None
-    if data is None:
-        raise FileNotFoundError(f"no motion file {path}")
+    data = read_bytes(path)
     first = (data[0] - 1) * _BLOCK if data else 0
     processor = data[first + 3] if len(data) >= _BLOCK and 0 < first < len(data) - 4 else 0
     if processor not in _BYTE_ORDERS or data[1] != 0x50:

@@ -2,7 +2,10 @@
 
 from pathlib import Path
 
-import yaml
+from dmae.files.contents import read_text
+from dmae.files.structured import parse_yaml
+
+_MOST_BYTES = 1 << 20
 
 
 def read_mapping(path: Path) -> dict[str, str]:
@@ -15,8 +18,8 @@ def read_mapping(path: Path) -> dict[str, str]:
     if not path.is_file():
         raise FileNotFoundError(f"motion.mapping: no such file {path}")
     try:
-        mapping = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        mapping = parse_yaml(read_text(path, _MOST_BYTES))
+    except ValueError as error:
         raise ValueError(f"{path}: expected YAML lines `their name: our name`: {error}") from error
     if not isinstance(mapping, dict) or not mapping:
         raise ValueError(f"{path}: expected YAML lines `their name: our name`, found {type(mapping).__name__}")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmae.formats.npz import read_arrays
+from dmae.files.arrays import read_arrays
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
 from synth.motion.readers.cmu import true_fps

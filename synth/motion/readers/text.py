@@ -4,6 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
+from dmae.files.contents import read_bytes
+
+_MOST_BYTES = 1 << 30
+_CELLS = 200_000
+LARGEST = 1e9
+"""Of any number, in any unit."""
+
 
 def read_lines(path: Path) -> list[str]:
     """Return the lines of a text file.
@@ -12,12 +19,17 @@ def read_lines(path: Path) -> list[str]:
         FileNotFoundError: there is no such file.
         ValueError: the file is empty or binary.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"no motion file {path}")
-    data = path.read_bytes()
+    data = read_bytes(path, _MOST_BYTES)
     if not data.strip() or b"\0" in data:
         raise ValueError(f"{path}: expected a text file, found {'binary data' if data.strip() else 'an empty one'}")
     return data.decode("latin-1").splitlines()
+
+
+def check_size(path: Path, lines: list[str], frames: int, joints: int) -> None:
+    """Refuse frames of many joints without a number of their own: rotations take more memory than the file shows."""
+    size = sum(map(len, lines))
+    if frames * joints > max(_CELLS, size):
+        raise ValueError(f"{path}: expected numbers for {joints} joints in {frames} frames, found {size} bytes")
 
 
 def malformed(path: Path, line: int, expected: str, found: str) -> ValueError:
@@ -40,4 +52,6 @@ def numbers(path: Path, line: int, words: list[str], expected: int) -> list[floa
     if not np.isfinite(values).all():
         column = int(np.flatnonzero(~np.isfinite(values))[0])
         raise malformed(path, line, f"a finite number in column {column + 1}", words[column])
+    if np.abs(values).max(initial=0) > LARGEST:
+        raise malformed(path, line, f"numbers up to {LARGEST:g}", " ".join(words))
     return values

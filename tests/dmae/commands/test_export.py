@@ -4,8 +4,10 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from pycocotools.coco import COCO
 
 from dmae.commands import convert as convert_command
 from dmae.commands import export as export_command
@@ -19,12 +21,12 @@ from dmae.data.skeleton_conversion import convert
 from dmae.data.store import load_clip, save_clip
 from dmae.formats import panoptic
 from dmae.formats.calibrations.files import read_calibration
+from dmae.formats.labelled_images.joints import joint_labels
 from dmae.formats.npz import read_npz
 from dmae.formats.openpose import CALIBRATION
 from dmae.formats.reading import DataConfig, load
-from dmae.formats.recordings.joint_flags import joint_flags
 from dmae.formats.trc import read_trc
-from tests.support.clips import full_clip, walkers
+from tests.support.clips import full_clip, pictured_clip, walkers
 from tests.support.recordings import recording, same_detections, write_openpose_recording
 
 
@@ -117,7 +119,7 @@ def test_a_derived_joint_is_as_visible_as_the_least_visible_of_its_own():
     visibility = np.full((1, 4, 1, 17), Visibility.VISIBLE)
     visibility[0, 2, 0, COCO17.index("l_hip")] = Visibility.HIDDEN_BY_OBJECT
     clip = replace(recording(COCO17, 1), truth=truth, occlusion=OcclusionLabels(visibility))
-    _, flags = joint_flags(clip, truth, BODY25)
+    flags = joint_labels(clip, truth, BODY25).flags
     joints = BODY25.index("mid_hip", "l_hip", "r_hip", "neck", "l_big_toe")
     assert flags[0, :, 0, joints].T.tolist() == [[2, 2, 2, 2, 0], [2, 2, 2, 2, 0], [1, 1, 2, 2, 0], [2, 2, 2, 2, 0]]
 
@@ -130,6 +132,32 @@ def test_of_two_fused_skeletons_the_first_is_written(tmp_path):
     found = annotations(export(clip, tmp_path, "coco", "b.json", skeleton="shelf14"), clip.rig)
     assert len(found[0, 0, 0]["keypoints"]) == 3 * 14
     assert read_npz(export(clip, tmp_path, "npz", "c.npz"))[0].skeleton == skeleton
+
+
+def test_coco_of_a_clip_with_images_has_masks_true_boxes_and_pictures(tmp_path, capsys):
+    clip = pictured_clip(tmp_path / "images")
+    path = export(clip, tmp_path, "coco", "a.json", skeleton="coco17")
+    coco = COCO(path)
+    assert coco.dataset["info"]["pictures"] and coco.dataset["info"]["objects"] == ["box"]
+    ids = {name: list(clip.images.read("ids", name)) for name in clip.rig.names}
+    assert len(coco.anns) == 12
+    for image in coco.loadImgs(coco.getImgIds()):
+        picture = cv2.imread(str(tmp_path / image["file_name"]))
+        assert picture.shape == (image["height"], image["width"], 3) == (150, 240, 3)
+        for annotation in coco.loadAnns(coco.getAnnIds(image["id"])):
+            mask = ids[image["camera"]][image["frame"] - 5] == 1 + annotation["track_id"]
+            np.testing.assert_array_equal(coco.annToMask(annotation), mask)
+            assert annotation["area"] == mask.sum()
+            assert annotation["bbox_of"] == ("pixels" if mask.any() else "joints")
+    with pytest.raises(ValueError, match=r"a_images: expected no such folder yet"):
+        export(clip, tmp_path, "coco", "a.json")
+
+
+def test_coco_without_images_says_so(tmp_path):
+    content = json.loads(export(full_clip(), tmp_path, "coco", "a.json").read_text())
+    assert content["info"]["pictures"] is False
+    assert {each["bbox_of"] for each in content["annotations"]} == {"joints"}
+    assert not (tmp_path / "a_images").exists()
 
 
 def test_nothing_to_export_is_said(tmp_path):

@@ -62,7 +62,7 @@ def test_zero_persons_are_allowed():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"fps": 0.0}, "fps must be positive"),
+        ({"fps": 0.0}, "expected frames per second from"),
         ({"truth": walkers(frames=11)}, "12 frames of detections but 11 of truth"),
         ({"poses": walkers(frames=13)}, "13 of poses"),
         ({"truth": None}, "there is no truth"),

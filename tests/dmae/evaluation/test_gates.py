@@ -219,7 +219,7 @@ def test_the_command_says_so_by_its_status(folder: Path, baseline: dict):
     (folder / "good.json").write_text(json.dumps(worse(baseline, "mpjpe", -1.0)))
     done = dmae(folder, "evaluate", *options, "baseline=good.json")
     assert done.returncode == 2
-    assert "linear, 4 views: MPJPE is worse" in done.stdout and "FAILED: of 10 figures 1 are worse" in done.stdout
+    assert "linear, 4 views: MPJPE is worse" in done.stdout and "FAILED: of 14 figures 1 are worse" in done.stdout
     assert (folder / "scores/scores.json").is_file()
     done = dmae(folder, "evaluate", *options[:1], "methods=[linear]", *options[2:], "baseline=scores")
     assert done.returncode == 1

@@ -73,7 +73,7 @@ def test_what_is_no_archive_of_poses_is_refused_by_name(tmp_path):
         ({"names": np.array(SHELF14.joints)}, "expected the joints of body25"),
         ({"joints": np.zeros((12, 2, 14, 3))}, "expected shape"),
         ({"source": np.zeros((12, 2, 25))}, "ABSENT exactly where"),
-        ({"names": np.array(list(BODY25.joints), object)}, "allow_pickle"),
+        ({"names": np.array(list(BODY25.joints), object)}, "pickled Python objects, which are not read"),
     ],
 )
 def test_contents_that_do_not_fit_together_are_refused(tmp_path, changes, message):

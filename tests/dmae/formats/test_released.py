@@ -1,4 +1,4 @@
-"""The paper's dictionaries: made here as its code makes them, and made by somebody who means harm."""
+"""The paper's dictionaries: made here as its code makes them, and made to do harm."""
 
 import os
 import pickle
@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from dmae.data.skeleton import BODY21, BODY25, SHELF14
+from dmae.files.arrays import read_npy
 from dmae.formats.reading import DataConfig, load
-from dmae.formats.released import load_released, read_cameras
+from dmae.formats.released import read_cameras
 from tests.support.recordings import recording, same_detections
 
 
@@ -65,7 +66,7 @@ def test_a_recording_of_them(folder):
 
 def test_people_cut_to_the_paper_s_joints(folder):
     path = folder / "shelf_eval_2d_detection_dict.npy"
-    content = load_released(path)
+    content = read_npy(path)
     for view in content.values():
         for people in view.values():
             for person in people:
@@ -107,7 +108,7 @@ def test_a_harmful_file_does_nothing_and_is_refused_by_what_it_asks_for(tmp_path
             bad = Harmful(what, f"mkdir {harm}")
         save(tmp_path / "bad.npy", np.array([hide(bad)], object))
         with pytest.raises(ValueError, match=rf"bad\.npy: .*it asks for .*\.{name}, which is not loaded"):
-            load_released(tmp_path / "bad.npy")
+            read_npy(tmp_path / "bad.npy")
         assert not harm.exists()
     # The same file in NumPy's own hands.
     np.load(tmp_path / "bad.npy", allow_pickle=True)
@@ -121,11 +122,11 @@ def test_pickles_of_older_numpy_and_python_are_read(tmp_path):
             np.lib.format.write_array_header_1_0(file, {"descr": "|O", "fortran_order": False, "shape": ()})
             data = pickle.dumps(np.array(content, object), protocol)
             file.write(data.replace(b"numpy._core.multiarray", b"numpy.core.multiarray") if protocol < 2 else data)
-        found = load_released(tmp_path / "old.npy")
+        found = read_npy(tmp_path / "old.npy")
         np.testing.assert_array_equal(found["a"], [0, 1, 2])
         assert found["b"] == [1.5, "text", b"bytes"]
     np.save(tmp_path / "plain.npy", np.arange(4))
-    np.testing.assert_array_equal(load_released(tmp_path / "plain.npy"), np.arange(4))
+    np.testing.assert_array_equal(read_npy(tmp_path / "plain.npy"), np.arange(4))
 
 
 @pytest.mark.parametrize(
@@ -151,10 +152,10 @@ def test_other_bad_input_is_refused(folder):
     with pytest.raises(ValueError, match=r"img_0, 0000: expected `meta` or `filtered_skel`"):
         read(folder)
     path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(ValueError, match=r"dict\.npy: expected a dictionary of arrays"):
+    with pytest.raises(ValueError, match=r"dict\.npy: expected an array or a dictionary of arrays"):
         read(folder)
     path.write_text("no array")
-    with pytest.raises(ValueError, match=r"dict\.npy: expected a dictionary of arrays"):
+    with pytest.raises(ValueError, match=r"dict\.npy: expected an array or a dictionary of arrays"):
         read(folder)
     path.unlink()
     with pytest.raises(FileNotFoundError, match="2d_detection_dict"):

@@ -122,6 +122,20 @@ def test_columns_of_numbers_stand_at_the_right_and_words_at_the_left(tmp_path):
     assert classes == ["words", "", "", "words", "prose"]
 
 
+def test_a_table_without_rows_says_none(tmp_path):
+    write_report(tmp_path / "page.html", "t", [Section("s", tables=[Table("c", ("a", "b"), [])])])
+    assert '<td colspan="2">none</td>' in (tmp_path / "page.html").read_text()
+
+
+def test_paragraphs_are_parted_and_wide_figures_stand_alone(tmp_path):
+    figures = [CaptionedFigure("wide", Figure(figsize=(9, 3))), CaptionedFigure("narrow", Figure(figsize=(5, 3)))]
+    sections = [Section("one", "a\n\nb", figures=figures), Section("two", figures=figures[1:])]
+    write_report(tmp_path / "page.html", "t", sections)
+    text = (tmp_path / "page.html").read_text()
+    assert '<p class="lead">a</p>' in text and '<p class="lead">b</p>' in text
+    assert text.count('class="figures wide"') == 1 and text.count('class="figures"') == 1
+
+
 def test_a_table_has_a_moment_for_each_row_or_none():
     with pytest.raises(ValueError, match="2 rows, but 1 moments"):
         Table("c", ("a",), [("1",), ("2",)], moments=[Moment("clip", 0)])

@@ -12,7 +12,8 @@ import pytest
 from dmae.data.clip import Detections2D, Poses3D
 from dmae.data.images import write_ids, write_parts, write_video
 from dmae.data.labels import DetectionLabels, JointError, Visibility
-from dmae.data.store import load_clip, read_json, read_manifest, save_clip, write_manifest
+from dmae.data.store import load_clip, read_manifest, save_clip, write_manifest
+from dmae.files.structured import read_json
 from synth.commands import verify as command
 from synth.commands.verify import VerifyCommand
 from synth.datasets.clip import GenerateConfig, ImageKinds

@@ -9,7 +9,7 @@ from dmae.cli import DMAE, compose
 from dmae.data.clip import Clip
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.paper_tables import codes, fusion, interactions
-from dmae.evaluation.paper_tables.config import Size, TableConfig
+from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.make import make_table
 from dmae.formats.reading import DataConfig
 from tests.support.clips import full_clip
@@ -37,7 +37,7 @@ def walked(clip: Clip, number: int) -> Clip:
 
 
 def table(out, number: int, path, **changes) -> dict:
-    config = TableConfig(number=number, data=DataConfig(path=str(path)), size=Size.small, **changes)
+    config = TableConfig(number=number, data=DataConfig(path=str(path)), size=TableSize.small, **changes)
     return make_table(config, out)
 
 
@@ -46,7 +46,7 @@ def rows_of(made: dict) -> dict[str, dict]:
 
 
 def test_interactions_have_a_row_for_transfer_and_one_without(clips, tmp_path, monkeypatch):
-    monkeypatch.setitem(interactions._STEPS, Size.small, (2, 2))
+    monkeypatch.setitem(interactions._STEPS, TableSize.small, (2, 2))
     made = table(tmp_path, 3, clips)
     rows = rows_of(made)
     assert list(rows) == ["measured", "linear", "dmae", interactions.TUNED, interactions.ALONE]
@@ -63,7 +63,7 @@ def test_interactions_have_a_row_for_transfer_and_one_without(clips, tmp_path, m
 
 
 def test_codes_have_recall_and_error_of_the_same_masked_joints(clips, tmp_path, monkeypatch):
-    monkeypatch.setitem(codes._STEPS, Size.small, 2)
+    monkeypatch.setitem(codes._STEPS, TableSize.small, 2)
     rows = rows_of(table(tmp_path, 5, clips))
     assert list(rows) == [*codes.VARIANTS, codes.INTERPOLATED]
     for row in rows.values():
@@ -75,7 +75,7 @@ def test_codes_have_recall_and_error_of_the_same_masked_joints(clips, tmp_path, 
 
 
 def test_fusion_has_rows_before_and_after_tuning_and_the_better_of_two_says_so(clips, tmp_path, monkeypatch):
-    monkeypatch.setitem(fusion._STEPS, Size.small, 2)
+    monkeypatch.setitem(fusion._STEPS, TableSize.small, 2)
     monkeypatch.setattr(fusion, "_TUNING_STEPS", 2)
     save_clip(seen(frames=60), tmp_path / "clip")
     made = table(tmp_path, 4, tmp_path / "clip", extra_data=[str(clips)])

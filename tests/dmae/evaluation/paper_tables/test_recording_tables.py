@@ -9,7 +9,7 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.evaluate import evaluate
-from dmae.evaluation.paper_tables.config import Size, TableConfig
+from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.make import make_table
 from dmae.evaluation.paper_tables.rendering import markdown, terminal_table
 from dmae.formats.reading import DataConfig
@@ -41,7 +41,7 @@ def actors(folder) -> dict:
 
 
 def table(path, number: int, **changes) -> dict:
-    config = TableConfig(number=number, data=DataConfig(path=str(path)), size=Size.small, **changes)
+    config = TableConfig(number=number, data=DataConfig(path=str(path)), size=TableSize.small, **changes)
     return make_table(config, path / "out")
 
 
@@ -169,7 +169,7 @@ class TestBadInput:
 
 class TestShelf:
     def test_development_frames(self, data_folder):
-        config = TableConfig(number=1, data=DataConfig("shelf", str(data_folder / "shelf")), size=Size.small)
+        config = TableConfig(number=1, data=DataConfig("shelf", str(data_folder / "shelf")), size=TableSize.small)
         made = make_table(config, None)
         assert list(made["frames"]) == ["actor 1", "actor 2", "actor 3"]
         rows = {row["name"]: row for row in made["rows"]}

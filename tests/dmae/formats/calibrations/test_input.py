@@ -87,7 +87,7 @@ MALFORMED = {
         ["camera 'left'", "expected R_left of 3 numbers", "no such key among .*R_right"],
     ),
     "EasyMocap: a key twice": (
-        "easymocap", "extri.yml", lambda t: t + t[t.index("T_left") :], ["every key once", "T_left 2 times"],
+        "easymocap", "extri.yml", lambda t: t + t[t.index("T_left") :], ["twice in a table", "T_left"],
     ),
     "EasyMocap: no list of names": (
         "easymocap", "extri.yml", lambda t: t.replace('names:\n   - "left"', "names: left"), ["names .* list"],

@@ -247,7 +247,7 @@ def test_truncated_archives_are_refused(tmp_path, keep):
 
 def test_pickles_are_refused(tmp_path):
     np.array([{"a": 1}], dtype=object).dump(tmp_path / "take.npz")
-    with pytest.raises(ValueError, match="pickled Python objects, which are not read"):
+    with pytest.raises(ValueError, match=r"expected an npz file of arrays; .*not a zip file"):
         read_take(tmp_path / "take.npz")
     np.save(tmp_path / "take.npy", np.zeros(3))
     (tmp_path / "take.npy").rename(tmp_path / "take.npz")

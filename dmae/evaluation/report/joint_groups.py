@@ -11,7 +11,7 @@ BINS = 2000
 
 
 @dataclass(frozen=True)
-class Tally:
+class JointGroup:
     """A group of joints.
 
     Attributes:
@@ -30,8 +30,8 @@ class Tally:
     total: float
     histogram: np.ndarray
 
-    def __add__(self, other: "Tally") -> "Tally":
-        return Tally(
+    def __add__(self, other: "JointGroup") -> "JointGroup":
+        return JointGroup(
             self.joints + other.joints,
             self.completed + other.completed,
             self.missing + other.missing,
@@ -55,7 +55,7 @@ class Tally:
         return bin + (share * self.compared - before) / max(self.histogram[bin], 1)
 
 
-def tally(error: np.ndarray, source: np.ndarray) -> Tally:
+def tally(error: np.ndarray, source: np.ndarray) -> JointGroup:
     """Return the tally of joints.
 
     Args:
@@ -63,7 +63,7 @@ def tally(error: np.ndarray, source: np.ndarray) -> Tally:
         source: (...) `Source` of each joint.
     """
     known = error[np.isfinite(error)]
-    return Tally(
+    return JointGroup(
         source.size,
         int((source == Source.COMPLETED).sum()),
         int((source == Source.ABSENT).sum()),
@@ -73,7 +73,7 @@ def tally(error: np.ndarray, source: np.ndarray) -> Tally:
     )
 
 
-def added(first: dict[str, Tally], second: dict[str, Tally]) -> dict[str, Tally]:
+def added(first: dict[str, JointGroup], second: dict[str, JointGroup]) -> dict[str, JointGroup]:
     """Return two sets of groups as one; groups of the same name add up."""
     return {
         name: first[name] + second[name] if name in first and name in second else (first.get(name) or second[name])

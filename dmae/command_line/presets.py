@@ -1,0 +1,119 @@
+"""Presets of users (`--config-dir`): data that people share, checked before a configuration is composed of it.
+
+Hydra would take more from such a file than options: where a value goes, files to write, functions to call, variables of
+the environment. So Hydra is not given the folder, but a copy that holds nothing except checked options.
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from dmae.command_line.options import Group
+from dmae.command_line.spelling import FUNCTION, like
+from dmae.files.contents import read_text
+from dmae.files.structured import parse_yaml
+
+_NAME = re.compile(r"[\w-]+")
+_PACKAGE = re.compile(r"#\s*@package\s+(\S+)")
+_MOST_BYTES, _MOST_FILES = 1 << 20, 1000
+
+Rename = Callable[[str, dict], tuple[dict, list[str]]]
+"""Takes a group and its options, and returns them with today's names, and a note for each that was renamed."""
+
+
+def copy_presets(options: Group, folder: Path, copy: Path, rename: Rename) -> list[str]:
+    """Copy the presets of a command's groups; return notes on renamed options.
+
+    Args:
+        options: Those of the command.
+        folder: Holds `<group>/<name>.yaml`.
+        copy: Folder to write, in the same layout.
+
+    Raises:
+        ValueError: a file is no preset; the message names it and the option, and says what a preset can hold.
+    """
+    import yaml
+
+    notes = []
+    for group in options.members:
+        if not (isinstance(group, Group) and group.presets):
+            continue
+        files = sorted((folder / group.key).glob("*.yaml"))
+        if len(files) > _MOST_FILES:
+            raise ValueError(f"{folder / group.key}: expected at most {_MOST_FILES} presets, found {len(files)}")
+        for file in files:
+            comments, values, of_file = _read(options, group, file, rename)
+            notes += [f"{file}: {note}" for note in of_file]
+            written = copy / group.key / file.name
+            written.parent.mkdir(parents=True, exist_ok=True)
+            content = yaml.safe_dump(values, sort_keys=False, allow_unicode=True) if values else ""
+            written.write_text("\n".join([*comments, content]), encoding="utf-8")
+    return notes
+
+
+def _read(options: Group, group: Group, file: Path, rename: Rename) -> tuple[list[str], dict, list[str]]:
+    """Return the comments at the top, the checked values, and notes."""
+    if not _NAME.fullmatch(file.stem):
+        raise ValueError(f"{str(file)!r}: expected a preset's name of letters, digits, - and _")
+    text = read_text(file, _MOST_BYTES)
+    top = [line for line in text.splitlines() if line.startswith("#")]
+    for line in top:
+        package = _PACKAGE.match(line)
+        if package and package[1] not in (group.key, "_group_"):
+            raise ValueError(
+                f"{file}: @package {package[1]}: a preset of {group.key} holds options of {group.key} alone"
+            )
+    try:
+        values = parse_yaml(text)
+    except ValueError as error:
+        raise ValueError(f"{file}: expected YAML, {error}") from None
+    values = {} if values is None else values
+    if not isinstance(values, dict):
+        raise ValueError(f"{file}: expected options of {group.key}, found {values!r:.60}")
+    above = values.pop("defaults", None)
+    try:
+        values, notes = rename(group.key, values)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+    _check(options, file, group.key, values)
+    if above is not None:
+        values = {"defaults": _checked_defaults(group, file, above)} | values
+    # Hydra reads lines with @ in more spellings than one.
+    return [line for line in top if "@" not in line], values, notes
+
+
+def _checked_defaults(group: Group, file: Path, names) -> list[str]:
+    known = {"_self_", *group.presets}
+    if not isinstance(names, list) or any(not isinstance(name, str) or name not in known for name in names):
+        raise ValueError(f"{file}: defaults: expected a list of presets of {group.key}, found {names!r:.60}")
+    return names
+
+
+def _check(options: Group, file: Path, key: str, value) -> None:
+    """Refuse what is no option of the group; types of values are checked when the configuration is composed."""
+    found = options.find(key)
+    if found is None:
+        raise ValueError(f"{file}: {key}: no such option; {like(options, key)}")
+    if not isinstance(found, Group):
+        _check_data(file, key, value)
+        return
+    if not isinstance(value, dict):
+        raise ValueError(f"{file}: {key}: expected its options, found {value!r:.60}")
+    for name, member in value.items():
+        _check(options, file, f"{key}.{name}", member)
+
+
+def _check_data(file: Path, key: str, value) -> None:
+    if isinstance(value, dict):
+        for name, member in value.items():
+            if str(name).startswith("_") and str(name).endswith("_"):
+                raise ValueError(f"{file}: {key}.{name}: a preset holds values; it cannot call anything")
+            _check_data(file, key, str(name))
+            _check_data(file, f"{key}.{name}", member)
+    elif isinstance(value, list):
+        for place, member in enumerate(value):
+            _check_data(file, f"{key}[{place}]", member)
+    elif isinstance(value, str) and "${" in value:
+        raise ValueError(f"{file}: {key}: a preset holds values; {value!r:.60} would be filled in from elsewhere")
+    elif isinstance(value, str) and FUNCTION.fullmatch(value):
+        raise ValueError(f"{file}: {key}: a preset cannot name a function, {value!r:.60}; name it in the command line")

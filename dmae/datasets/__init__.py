@@ -1,0 +1,5 @@
+"""What do I train on? Data sets for torch: clips, windows of motion, and pictures, each read when it is asked for."""
+
+from dmae.datasets.clips import ClipDataset as ClipDataset
+from dmae.datasets.frames import FrameDataset as FrameDataset
+from dmae.datasets.windows import WindowDataset as WindowDataset

@@ -1,0 +1,125 @@
+"""Clips on disk, of which some frames are read without the others."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+from safetensors import SafetensorError, safe_open
+
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.labels import Visibility
+from dmae.data.skeleton import get_skeleton
+from dmae.data.store import FORMAT, assemble_clip, clip_folders, is_of_frames
+from dmae.files.structured import read_json
+
+ARRAYS, META = "arrays.safetensors", "clip.json"
+_OPEN = 32
+"""Files that a process keeps open. They are memory-mapped: what is not asked for is not read."""
+
+
+@dataclass(frozen=True)
+class ClipFile:
+    """A clip on disk, of which nothing but sizes and names was read.
+
+    Attributes:
+        folder: Of the clip.
+        frames: F.
+        cameras: V names.
+        persons: By `truth` and `poses`, their P, where the clip has them.
+        skeletons: By the same, the names of their skeletons.
+        kinds: Kinds of its images.
+    """
+
+    folder: Path
+    frames: int
+    cameras: tuple[str, ...]
+    persons: dict[str, int]
+    skeletons: dict[str, str]
+    kinds: tuple[str, ...]
+
+    def read(self, start: int = 0, stop: int | None = None, view: int | None = None) -> Clip:
+        """Return frames `start` to `stop`, of all views or of one.
+
+        `provenance["first_frame"]` is moved on. The checksum of the arrays is not compared, as it is of all frames:
+        `synth verify` does that.
+
+        Raises:
+            ValueError: a file is damaged; the message names it.
+        """
+        path = self.folder / ARRAYS
+        meta = _meta(self.folder / META, _modified(self.folder / META))
+        try:
+            file = _arrays(path, _modified(path))
+            stop = self.frames if stop is None else stop
+            stored = file.keys()
+            arrays = {name: file.get_slice(name)[start:stop] for name in stored if is_of_frames(name)}
+            arrays |= {name: file.get_tensor(name) for name in stored if name.startswith(("rig.", "true_rig."))}
+            clip = assemble_clip(self.folder, meta, arrays)
+        except (SafetensorError, ValueError) as error:
+            raise ValueError(f"{path}: {error}; the clip is damaged, make it again") from None
+        images = clip.images and clip.images.select(slice(start, stop), clip.rig.names)
+        provenance = clip.provenance | {"first_frame": clip.provenance.get("first_frame", 0) + start}
+        clip = replace(clip, images=images, provenance=provenance)
+        return clip if view is None else clip.select(views=[view])
+
+    def person(self, of: str, person: int, start: int, stop: int) -> Poses3D:
+        """Return frames `start` to `stop` of one person of `truth` or `poses`, without covariance and rays.
+
+        `views` of truth are the cameras that see a joint, where the clip has labels of visibility.
+
+        Raises:
+            ValueError: as `read`.
+        """
+        path = self.folder / ARRAYS
+        try:
+            file = _arrays(path, _modified(path))
+            xyz, source, views = (
+                file.get_slice(f"{of}.{name}")[start:stop, person : person + 1] for name in ("xyz", "source", "views")
+            )
+            if of == "truth" and "visibility" in file.keys():  # noqa: SIM118
+                seen = file.get_slice("visibility")[start:stop, :, person : person + 1] == Visibility.VISIBLE
+                views = seen.sum(1)
+        except SafetensorError as error:
+            raise ValueError(f"{path}: {error}; the clip is damaged, make it again") from None
+        return Poses3D(get_skeleton(self.skeletons[of]), xyz, source, views=views)
+
+
+def clip_files(path: Path) -> Iterator[ClipFile]:
+    """Yield the clips of a data set, or the clip, at a path; only the heads of the files are read.
+
+    Raises:
+        FileNotFoundError: the path is neither a clip nor a data set, or a clip of its manifest is missing.
+        ValueError: a file is malformed; the message names it.
+    """
+    for folder in clip_folders(Path(path)):
+        meta = read_json(folder / META)
+        if not isinstance(meta, dict) or meta.get("format") != FORMAT:
+            raise ValueError(f"{folder / META}: expected a clip of format {FORMAT}")
+        try:
+            with safe_open(folder / ARRAYS, framework="numpy") as file:
+                frames = file.get_slice("detections.score").get_shape()[0]
+                persons = {
+                    name: file.get_slice(f"{name}.xyz").get_shape()[1]
+                    for name in ("truth", "poses")
+                    if name in meta["skeletons"]
+                }
+        except (SafetensorError, OSError) as error:
+            raise ValueError(f"{folder / ARRAYS}: {error}; the clip is damaged, make it again") from None
+        kinds = tuple(meta["images"]["kinds"]) if meta["images"] else ()
+        skeletons = {name: meta["skeletons"][name] for name in persons}
+        yield ClipFile(folder, frames, tuple(meta["cameras"]), persons, skeletons, kinds)
+
+
+def _modified(path: Path) -> int:
+    return path.stat().st_mtime_ns
+
+
+@lru_cache(maxsize=_OPEN)
+def _arrays(path: Path, modified: int):
+    return safe_open(path, framework="numpy").__enter__()
+
+
+@lru_cache(maxsize=_OPEN)
+def _meta(path: Path, modified: int) -> dict:
+    return read_json(path)

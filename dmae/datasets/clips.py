@@ -1,0 +1,35 @@
+"""A data set of whole clips."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from torch.utils.data import Dataset
+
+from dmae.data.clip import Clip
+from dmae.data.store import clip_folders, load_clip
+
+
+class ClipDataset(Dataset):
+    """The clips of a data set, each read, and its checksum compared, when it is asked for.
+
+        loader = DataLoader(ClipDataset("runs/data"), batch_size=None, num_workers=2)
+
+    Args:
+        path: The data set, or a clip.
+        transform: What to make of a clip; by default nothing, and `batch_size=None` hands on clips.
+
+    Raises:
+        FileNotFoundError: neither a clip nor a data set is there.
+    """
+
+    def __init__(self, path: str | Path, transform: Callable[[Clip], Any] | None = None):
+        self.folders = clip_folders(Path(path))
+        self.transform = transform
+
+    def __len__(self) -> int:
+        return len(self.folders)
+
+    def __getitem__(self, index: int) -> Any:
+        clip = load_clip(self.folders[index])
+        return clip if self.transform is None else self.transform(clip)

@@ -1,0 +1,112 @@
+"""A data set of windows of motion: one person for so many frames."""
+
+from pathlib import Path
+from typing import Literal, TypedDict
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from dmae.data.clip import Clip, Source
+from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton_conversion import convert
+from dmae.datasets.clip_files import ClipFile, clip_files
+
+
+class Window(TypedDict):
+    """One person for T frames, J joints; torch never sees NaN."""
+
+    xyz: Tensor
+    """(T, J, 3) float32, m, world; zeros where absent."""
+    observed: Tensor
+    """(T, J) bool, True where the joint is known: `completed` ones are."""
+    source: Tensor
+    """(T, J) uint8 `Source`."""
+    views: Tensor
+    """(T, J) uint8 number of cameras: of labelled truth those that see the joint, of poses those that measured it."""
+    clip: int
+    """Number of the clip in `WindowDataset.files`."""
+    person: int
+    """Index of the person in the clip."""
+    start: int
+    """First frame in the clip."""
+
+
+class WindowDataset(Dataset):
+    """Windows of each person of each clip; only the frames of a window are read.
+
+        windows = WindowDataset("runs/data", frames=30, every=15, skeleton="body25")
+        loader = DataLoader(windows, batch_size=64, shuffle=True, num_workers=2)
+
+    Args:
+        path: The data set, or a clip.
+        frames: T. Clips with fewer have no window.
+        every: Frames from the start of one window to that of the next.
+        of: `truth`, or `poses`, captured or completed ones.
+        skeleton: Skeleton of the joints; by default the first of the clip's.
+
+    Raises:
+        FileNotFoundError: neither a clip nor a data set is there.
+        ValueError: no clip has such poses in so many frames, or a number is below 1.
+        KeyError: there is no such skeleton.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        frames: int = 30,
+        every: int = 15,
+        of: Literal["truth", "poses"] = "truth",
+        skeleton: str | None = None,
+    ):
+        if frames < 1 or every < 1:
+            raise ValueError(f"expected 1 frame or more, got frames={frames}, every={every}")
+        self.frames, self.every, self.of = frames, every, of
+        self.skeleton: Skeleton | None = None if skeleton is None else get_skeleton(skeleton)
+        self.files: list[ClipFile] = list(clip_files(Path(path)))
+        starts = [max(0, (file.frames - frames) // every + 1) for file in self.files]
+        counts = [count * file.persons.get(of, 0) for count, file in zip(starts, self.files, strict=True)]
+        self._starts, self._ends = starts, np.cumsum(counts)
+        if not sum(counts):
+            longest = max((file.frames for file in self.files), default=0)
+            raise ValueError(
+                f"{path}: no {of} of {frames} frames in {len(self.files)} clips; the longest has {longest} frames"
+            )
+
+    def __len__(self) -> int:
+        return int(self._ends[-1])
+
+    def place(self, index: int) -> tuple[int, int, int]:
+        """Return number of the clip, person and first frame of a window.
+
+        Raises:
+            IndexError: there is no such window.
+        """
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"window {index}: there are {len(self)}")
+        index %= len(self)
+        clip = int(np.searchsorted(self._ends, index, side="right"))
+        within = index - (int(self._ends[clip - 1]) if clip else 0)
+        person, start = divmod(within, self._starts[clip])
+        return clip, person, start * self.every
+
+    def clip(self, index: int) -> Clip:
+        """Return all that is known of the frames of a window: cameras, detections, labels, all persons."""
+        clip, _, start = self.place(index)
+        return self.files[clip].read(start, start + self.frames)
+
+    def __getitem__(self, index: int) -> Window:
+        number, person, start = self.place(index)
+        poses = self.files[number].person(self.of, person, start, start + self.frames)
+        poses = convert(poses, self.skeleton or poses.skeleton.parts[0])
+        observed = poses.source[:, 0] != Source.ABSENT
+        return Window(
+            xyz=torch.from_numpy(np.where(observed[..., None], poses.xyz[:, 0], np.float32(0))),
+            observed=torch.from_numpy(observed),
+            source=torch.from_numpy(poses.source[:, 0].copy()),
+            views=torch.from_numpy(np.where(observed, poses.views[:, 0], 0).astype(np.uint8)),
+            clip=number,
+            person=person,
+            start=start,
+        )

@@ -1,0 +1,1 @@
+"""Corruptions of what a detector says, a file each."""

@@ -1,0 +1,25 @@
+"""Events that occur in bursts, for a given share of the time."""
+
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.numerics.noise import multiscale_noise
+
+
+def share_of_time(
+    clip: Clip, shape: tuple[int, ...], percent: float, times: tuple[float, float], *, rng: np.random.Generator
+) -> np.ndarray:
+    """Draw events (F, *shape) for every frame of a clip; they fill the asked share of all entries.
+
+    Events of a lower share are among those of a higher one. They come in many short bursts and a few long ones.
+
+    Args:
+        clip: F frames.
+        shape: Of what the events happen to.
+        percent: How much of all entries they fill.
+        times: s; correlation times, mixed half and half.
+        rng: Source of randomness.
+    """
+    noise = multiscale_noise((len(clip), *shape), clip.fps, list(times), rng=rng)
+    number = round(noise.size * percent / 100)
+    return noise <= np.partition(noise.ravel(), number - 1)[number - 1] if number else np.zeros(noise.shape, bool)

@@ -1,0 +1,1 @@
+"""Corruptions that hide joints from cameras, a file each."""

@@ -1,0 +1,66 @@
+"""The registry of corruptions: each is an axis of the stress matrix, a function under the decorator `corruption`.
+
+    @corruption("blur", order=50, unit="px", levels=(1, 2, 4), small=(2,))
+    def blur(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
+        '''Joints are smeared along their motion.'''
+
+The function takes a clip and a level above 0 and returns the clip with that much more wrong with its detections,
+cameras or frame rate. It never changes the truth. `clip.poses` are the people of the clip on the skeleton of the
+detections, with gaps filled (`dmae.evaluation.corruption.people`); capture never reads them. As far as possible a
+corruption draws the same random numbers at every level, so that what one level hides the next one hides, too.
+"""
+
+from dataclasses import dataclass, field
+
+from dmae.registry import Entry, Registry
+
+_HERE = __package__
+
+
+@dataclass(frozen=True)
+class Corruption(Entry):
+    """An axis of the stress matrix.
+
+    Attributes:
+        unit: Of its levels, as "%" or "frames".
+        levels: Levels of the full matrix, increasing; 0, at which nothing changes, goes without saying.
+        small: Levels of the small one.
+        order: Corruptions are applied, and listed, in this order.
+        most: Greatest level that there is.
+        whole: Levels are whole numbers.
+        people: Smallest number of people, in the image at once, that it takes.
+        fewer_cameras: A level is the number of cameras that are left out.
+    """
+
+    unit: str = field(kw_only=True)
+    levels: tuple[float, ...] = field(kw_only=True)
+    small: tuple[float, ...] = field(kw_only=True)
+    order: int = 100
+    most: float = float("inf")
+    whole: bool = False
+    people: int = 0
+    fewer_cameras: bool = False
+
+    def check(self, level: float) -> None:
+        """Raise ValueError unless there is such a level."""
+        if not 0 <= level <= self.most or (self.whole and level != int(level)):
+            most = "more" if self.most == float("inf") else f"up to {self.most:g}"
+            whole = "a whole number, " if self.whole else ""
+            raise ValueError(f"{self.name}={level:g}: expected {whole}0 or {most}, in {self.unit}")
+
+
+corruption = Registry(
+    "corruption",
+    Corruption,
+    f"{_HERE}.occlusions",
+    f"{_HERE}.detector",
+    f"{_HERE}.recording",
+    option="axes",
+    plain=False,
+)
+find_corruption = corruption.find
+
+
+def corruptions() -> list[Corruption]:
+    """Return all corruptions in their order."""
+    return sorted(corruption.values(), key=lambda each: (each.order, each.name))

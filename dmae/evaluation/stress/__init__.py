@@ -1,0 +1,1 @@
+"""How much is too much: clips corrupted step by step, and every method scored at each step."""

@@ -1,0 +1,106 @@
+"""A cell of the stress matrix: a clip, corrupted, captured, completed by each contender, and scored."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.skeleton_conversion import convert
+from dmae.evaluation.corruption.corrupt import corrupt
+from dmae.evaluation.corruption.people import people_of
+from dmae.evaluation.reference import measured_by_all, scored_actors, truth_of
+from dmae.evaluation.scores import score
+from dmae.evaluation.stress.contenders import Contender
+from dmae.evaluation.stress.plan import Cell
+from dmae.numerics.filling import smooth
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
+
+SMOOTHING = 0.1
+"""s; smoothing after every method except `measured`, as by `dmae evaluate`."""
+KEPT = ("pcp", "pck", "mpjpe", "shares", "hidden", "idf1", "blocks")
+"""Scores that are kept."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A clip that is to be corrupted.
+
+    Attributes:
+        clip: Its truth is what results are compared with, on the skeleton on which they are.
+        people: Its people, see `dmae.evaluation.corruption.people`.
+        actors: Persons of the truth that PCP is averaged over; None for all.
+    """
+
+    clip: Clip
+    people: Poses3D
+    actors: tuple[int, ...] | None
+
+
+def subject_of(clip: Clip, config: CaptureConfig) -> Subject:
+    """Return a clip as it is corrupted and scored.
+
+    The reference is its truth, on the second of two fused skeletons. Without truth it is the joints that all its
+    cameras measure in three views or more.
+
+    Raises:
+        ValueError: the clip has neither truth nor such joints.
+    """
+    people = people_of(clip, config)
+    clip = replace(clip, images=None, poses=None, occlusion=None, detection_labels=None)
+    if clip.truth is not None:
+        truth = truth_of(clip)
+        return Subject(replace(clip, truth=convert(truth, truth.skeleton.parts[-1])), people, scored_actors(clip))
+    reference = measured_by_all(clip, config)
+    if np.isnan(reference.xyz).all():
+        raise ValueError(
+            f"clip {clip.id!r} has no truth, and its {len(clip.rig)} cameras measure no joint in three views or more, "
+            "which results would be compared with; expected truth, or more cameras"
+        )
+    return Subject(replace(clip, truth=reference), people, None)
+
+
+def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> dict[str, dict]:
+    """Return the scores of contenders in a cell, by name. Detections are captured once for each capture among them.
+
+    Raises:
+        ValueError: a method returned poses of another shape.
+    """
+    clip = corrupt(subject.clip, dict(cell.levels), seed=cell.seed, people=subject.people)
+    captured: dict[CaptureConfig, Poses3D] = {}
+    scores = {}
+    for contender in contenders:
+        if contender.capture not in captured:
+            captured[contender.capture] = capture(clip, contender.capture)
+        given = captured[contender.capture]
+        with _one_thread():
+            filled = contender.fill(given, clip.fps)
+        if filled.xyz.shape[:2] != given.xyz.shape[:2]:
+            raise ValueError(
+                f"method {contender.name}: expected poses of {given.xyz.shape[1]} persons in {len(given.xyz)} frames "
+                f"back, found {filled.xyz.shape[1]} in {len(filled.xyz)}"
+            )
+        filled = convert(filled, clip.truth.skeleton)
+        if contender.method != "measured":
+            filled = smooth(filled, clip.fps, SMOOTHING)
+        found = score(filled, given, clip.truth, subject.actors, fps=clip.fps)
+        scores[contender.name] = {name: found[name] for name in KEPT}
+    return scores
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Have torch, if it is used, compute on one thread: sums are then the same with any number of workers."""
+    torch = sys.modules.get("torch")
+    if torch is None:
+        yield
+        return
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,58 @@
+"""Options of the stress matrix."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from dmae.completion.methods.registry import completion_method
+from dmae.evaluation.corruption.registry import corruption
+from dmae.formats.reading import DataConfig
+from dmae.reconstruction.config import CaptureConfig
+
+PAPER = "paper"
+"""The contender that captures with the thresholds of the paper."""
+
+
+class StressSize(StrEnum):
+    """How many levels of each axis, pairs of axes and seeds."""
+
+    small = "small"
+    """Two or three levels, one pair, one seed: 45 cells a clip."""
+    full = "full"
+    """Three or four levels, four pairs, three seeds: some 280 cells a clip."""
+
+
+@dataclass(frozen=True)
+class StressConfig:
+    """Corrupt clips step by step, and score every method at each step."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    size: StressSize = StressSize.small
+    """How many levels of each axis, pairs of axes and seeds."""
+    axes: list[str] = field(default_factory=list, metadata={"choices": corruption})
+    """What goes wrong, one at a time, or module:function of your own; by default everything that the clips allow."""
+    pairs: list[str] | None = None
+    """What goes wrong together, as [cameras+objects]; by default one pair, or with size=full four."""
+    levels: dict[str, list[float]] = field(default_factory=dict)
+    """Levels of an axis, as levels.jitter=[1,2,4]; others have those of the size."""
+    methods: list[str] = field(
+        default_factory=lambda: ["measured", "linear", "linear_body", "kalman", "gaussian_process", "dmae", "paper"],
+        metadata={"choices": (*completion_method, "paper")},
+    )
+    """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper."""
+    weights: str | None = None
+    """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
+    paper_weights: str | None = None
+    """Folder that `dmae train model=paper` wrote, for the method `paper`; without it that fills linearly."""
+    seed: int = 0
+    """Seed of what is drawn at random."""
+    workers: int = 1
+    """Processes; -1 for one a core. The results are the same."""
+    out: str = "runs/stress"
+    """Folder of `stress.json` and `stress.html`, and of `cache`, from which later runs take what they share."""
+
+    def __post_init__(self):
+        if not self.methods:
+            raise ValueError(f"methods=[]: expected some of {', '.join([*completion_method, PAPER])}")
+        if self.paper_weights and PAPER not in self.methods:
+            raise ValueError(f"paper_weights={self.paper_weights}: expected {PAPER} among the methods")

@@ -1,0 +1,138 @@
+"""The plan of a stress matrix: axes, pairs of axes, and the cells that they need."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+from dmae.data.clip import Clip
+from dmae.evaluation.corruption.corrupt import check
+from dmae.evaluation.corruption.registry import corruptions, find_corruption
+from dmae.evaluation.stress.config import StressConfig, StressSize
+
+_PAIRS = {
+    StressSize.small: ("cameras+objects",),
+    StressSize.full: ("cameras+objects", "calibration+cameras", "crowd+misses", "jitter+bursts"),
+}
+_SEEDS = {StressSize.small: 1, StressSize.full: 3}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One corruption of a clip, to be captured once.
+
+    Attributes:
+        levels: Name and level of each corruption, of the levels above 0.
+        seed: Of what is drawn at random.
+    """
+
+    levels: tuple[tuple[str, float], ...]
+    seed: int
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One corruption, or two at once.
+
+    Attributes:
+        names: Of the corruptions.
+        levels: A level of each, above 0; of a single one in increasing order.
+        asked: Whether the user named it: then it is an error where clips do not allow it, instead of left out.
+        given: Whether the user gave levels: then each that clips do not allow is an error.
+    """
+
+    names: tuple[str, ...]
+    levels: tuple[tuple[float, ...], ...]
+    asked: bool = False
+    given: bool = False
+
+    @property
+    def name(self) -> str:
+        return "+".join(self.names)
+
+    def cells(self, level: tuple[float, ...], seeds: Sequence[int]) -> list[Cell]:
+        """Return the cells of one of its levels; of level 0 of all, the one of the clip as it is."""
+        active = tuple((name, value) for name, value in zip(self.names, level, strict=True) if value)
+        return [Cell(active, seed) for seed in seeds] if active else [Cell((), 0)]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Axes, pairs and seeds of a matrix, and what was left out of it, in words."""
+
+    axes: tuple[Axis, ...]
+    pairs: tuple[Axis, ...]
+    seeds: tuple[int, ...]
+    notes: tuple[str, ...] = ()
+
+    def cells(self) -> Iterator[Cell]:
+        """Yield every cell once, first that of the clip as it is."""
+        all_cells = [Cell((), 0)]
+        for axis in (*self.axes, *self.pairs):
+            all_cells += [cell for level in axis.levels for cell in axis.cells(level, self.seeds)]
+        yield from dict.fromkeys(all_cells)
+
+
+def plan(config: StressConfig) -> Plan:
+    """Return the plan of a configuration, for clips that allow everything.
+
+    Raises:
+        ValueError: there is no such axis or level, a pair is not two different axes, or levels are given of an unused
+            axis.
+    """
+    names = config.axes or [entry.name for entry in corruptions()]
+    axes = [_axis((name,), config, bool(config.axes)) for name in dict.fromkeys(names)]
+    pairs = []
+    for pair in _PAIRS[StressSize(config.size)] if config.pairs is None else config.pairs:
+        first, plus, second = pair.partition("+")
+        if not (plus and first and second) or first == second:
+            raise ValueError(f"pairs={pair}: expected two different axes, as in pairs=[cameras+objects]")
+        if config.pairs is not None or {first, second} <= set(names):
+            pairs.append(_axis((first, second), config, config.pairs is not None))
+    used = {name for axis in (*axes, *pairs) for name in axis.names}
+    if unused := set(config.levels) - used:
+        raise ValueError(f"levels of {', '.join(sorted(unused))}: no such axis is used; there are {', '.join(used)}")
+    seeds = tuple(range(config.seed, config.seed + _SEEDS[StressSize(config.size)]))
+    return Plan(tuple(axes), tuple(pairs), seeds)
+
+
+def allowed(plan: Plan, clip: Clip) -> Plan:
+    """Return the plan without what a clip does not allow, with a note on each.
+
+    Raises:
+        ValueError: the user asked for an axis, or gave a level, that the clip does not allow.
+    """
+    notes = list(plan.notes)
+
+    def keep(axis: Axis) -> Iterator[Axis]:
+        fits, refused = [], None
+        for level in axis.levels:
+            try:
+                for name, value in zip(axis.names, level, strict=True):
+                    check(find_corruption(name), value, clip)
+                fits.append(level)
+            except ValueError as reason:
+                if axis.given:
+                    raise
+                refused = refused or reason
+                notes.append(f"Left out {reason}.")
+        if fits:
+            yield replace(axis, levels=tuple(fits))
+        elif axis.asked:
+            raise refused
+
+    axes, pairs = (tuple(kept for axis in part for kept in keep(axis)) for part in (plan.axes, plan.pairs))
+    return Plan(axes, pairs, plan.seeds, tuple(dict.fromkeys(notes)))
+
+
+def _axis(names: tuple[str, ...], config: StressConfig, asked: bool) -> Axis:
+    levels = []
+    for name in names:
+        entry = find_corruption(name)
+        given = config.levels.get(name)
+        chosen = given or (entry.small if len(names) > 1 or config.size == StressSize.small else entry.levels)
+        for level in chosen:
+            entry.check(level)
+        levels.append(sorted({float(level) for level in chosen if level}))
+        if not levels[-1]:
+            raise ValueError(f"levels of {name}: expected one or more above 0, found {given}")
+    return Axis(names, tuple(product(*levels)), asked, any(name in config.levels for name in names))

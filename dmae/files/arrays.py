@@ -1,0 +1,104 @@
+"""Arrays in NumPy's files, `.npy` and `.npz`, without pickle: sizes are checked before anything is allocated."""
+
+import io
+import zipfile
+from collections.abc import Sequence
+from math import prod
+from pathlib import Path
+from tokenize import TokenError
+
+import numpy as np
+
+from dmae.files.contents import read_bytes
+from dmae.files.pickles import pickled_values
+
+_LEAST_LIMIT, _EXPANSION = 1 << 28, 100
+"""Bytes that an archive may unpack to: so many, or so many times its own size."""
+_MOST_ARRAYS = 1000
+
+
+def read_npy(path: Path):
+    """Return what a `.npy` file holds: an array, or the one object that it pickles.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is no such file, or refers to anything but arrays and Python's own containers; the message names
+            that, and none of it has been run.
+    """
+    try:
+        value = _array(read_bytes(path), pickled=True)
+    except ValueError as error:
+        raise ValueError(f"{path}: expected an array or a dictionary of arrays; {error}") from None
+    return value.tolist() if isinstance(value, np.ndarray) and value.dtype.hasobject else value
+
+
+def read_arrays(path: Path, what: str, needed: Sequence[str], also: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """Return some arrays of an `.npz` archive; nothing in it is run, and no other array is read.
+
+    Args:
+        what: The kind of archive expected, for messages.
+        needed: Arrays that must be there.
+        also: Arrays that may be.
+
+    Raises:
+        FileNotFoundError: no such file.
+        OSError: the file may not be read.
+        ValueError: it is no such archive, is damaged, holds pickled objects, lacks arrays, or unpacks to more than
+            its size justifies.
+    """
+    # Read here, as errors of the system are no fault of the archive.
+    data = read_bytes(path)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+            wanted = {name: member for name, member in members.items() if name in (*needed, *also)}
+            _check_sizes(len(data), list(members.values()), list(wanted.values()))
+            arrays = {name: _array(_member(archive, member)) for name, member in wanted.items()}
+    # Damaged archives make zipfile and NumPy raise errors of many undocumented types, from NotImplementedError to
+    # SyntaxError. The block holds nothing but their reading.
+    except Exception as error:
+        raise ValueError(f"{path}: expected {what}; {type(error).__name__}: {error}") from error
+    lacking = sorted(set(needed) - set(members))
+    if lacking:
+        found = ", ".join(list(members)[:20])
+        raise ValueError(f"{path}: expected arrays {' and '.join(needed)}, found {found}; it lacks {lacking}")
+    return arrays
+
+
+def _check_sizes(size: int, members: list[zipfile.ZipInfo], wanted: list[zipfile.ZipInfo]) -> None:
+    if len(members) > _MOST_ARRAYS:
+        raise ValueError(f"it holds {len(members)} arrays, expected at most {_MOST_ARRAYS}")
+    unpacked, most = sum(member.file_size for member in wanted), max(_LEAST_LIMIT, _EXPANSION * size)
+    if unpacked > most:
+        raise ValueError(f"it unpacks to {unpacked / 1e6:.4g} MB, expected at most {most / 1e6:.4g} MB of its size")
+
+
+def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
+    """Return a member's bytes, no more than it states: archives can state less than they unpack to."""
+    with archive.open(member) as file:
+        data = file.read(member.file_size + 1)
+    if len(data) != member.file_size:
+        raise ValueError(f"{member.filename} states {member.file_size} bytes and unpacks to another size")
+    return data
+
+
+def _array(data: bytes, *, pickled: bool = False):
+    """Return the array in the bytes of a `.npy` file; with `pickled`, also the object in one."""
+    file = io.BytesIO(data)
+    try:
+        version = np.lib.format.read_magic(file)
+        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = header(file)
+    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError, TokenError) as error:
+        # NumPy evaluates the header as a literal, nested as deeply as the file has it.
+        raise ValueError(f"the header of an array is damaged, {error}") from None
+    content = data[file.tell() :]
+    if dtype.hasobject:
+        if not pickled:
+            raise ValueError("it holds pickled Python objects, which are not read as they could run anything")
+        return pickled_values(content)
+    if dtype.kind not in "biufcSU" or dtype.itemsize == 0 or len(shape) > 16 or min(shape, default=0) < 0:
+        raise ValueError(f"it holds an array of {dtype} and shape {shape}, expected numbers or texts")
+    if prod(shape) * dtype.itemsize != len(content) or (not content and max(shape) > _MOST_ARRAYS * 1000):
+        raise ValueError(f"it states an array of {dtype} and shape {shape}, and holds {len(content)} bytes")
+    return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran else "C").copy(order="K")

@@ -1,0 +1,62 @@
+"""The contents of files: regular files alone, and no more bytes than expected."""
+
+import os
+import stat
+from pathlib import Path
+
+MOST_BYTES = 4 << 30
+"""Of any file that is read whole."""
+
+
+def check_file(path: Path, most: int = MOST_BYTES) -> int:
+    """Return the size of a file, bytes, without opening it: a named pipe or a device would block.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is no regular file, or larger than `most` bytes.
+    """
+    path = Path(path)
+    try:
+        found = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise FileNotFoundError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        # Names with a NUL, too long, or links in a circle.
+        raise ValueError(f"{str(path)!r:.200}: expected a file that can be read, {error}") from None
+    if stat.S_ISDIR(found.st_mode):
+        raise FileNotFoundError(f"{path}: expected a file, found a folder")
+    if not stat.S_ISREG(found.st_mode):
+        raise ValueError(f"{path}: expected a regular file, found a pipe, socket or device")
+    if found.st_size > most:
+        raise ValueError(f"{path}: expected at most {_size(most)}, found {_size(found.st_size)}")
+    return found.st_size
+
+
+def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Return the contents of a file; errors as in `check_file`."""
+    size = check_file(path, most)
+    # A file could be replaced by a pipe between the check and the opening, which must not block either.
+    with os.fdopen(
+        os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb"
+    ) as file:
+        data = file.read(size + 1)
+    if len(data) > size:
+        raise ValueError(f"{path}: it grows while it is read")
+    return data
+
+
+def read_text(path: Path, most: int = 1 << 30) -> str:
+    """Return the text of a file in UTF-8, with line ends as `\\n`.
+
+    Raises:
+        FileNotFoundError, ValueError: as in `check_file`, or it is no text.
+    """
+    try:
+        text = read_bytes(path, most).decode()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: expected text in UTF-8, {error}") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.3g} MB" if count >= 100_000 else f"{count} bytes"

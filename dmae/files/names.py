@@ -1,0 +1,46 @@
+"""Names from files, of cameras, clips and presets, as names of files: none leads out of the folder it is meant for."""
+
+import re
+import unicodedata
+from pathlib import Path
+
+_SIGNS = frozenset('/\\<>:"|?*')
+_RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])(\..*)?", re.IGNORECASE)
+"""Names that are devices on Windows."""
+_LONGEST = 230
+"""Bytes; file systems take 255, of which temporary names need some."""
+
+
+def child(folder: Path, name: str, what: str) -> Path:
+    """Return the path of a file or folder of a name directly in a folder.
+
+    Args:
+        folder: Where it is meant to lie.
+        name: As it was read.
+        what: What has the name, for messages, as "camera".
+
+    Raises:
+        ValueError: the name would lead elsewhere, or is none that every file system takes; the message says why.
+    """
+    reason = _wrong(name)
+    if reason:
+        raise ValueError(f"{what} {name!r:.80}: cannot be the name of a file in {folder}, {reason}; rename it")
+    return Path(folder) / name
+
+
+def _wrong(name: str) -> str | None:
+    if not isinstance(name, str):
+        return f"it is no text but a {type(name).__name__}"
+    if not name.strip(". "):
+        return "it is empty or consists of dots"
+    if signs := sorted(_SIGNS.intersection(name)):
+        return f"it contains {' '.join(signs)}"
+    if any(unicodedata.category(sign).startswith("C") for sign in name):
+        return "it contains characters that cannot be shown"
+    if name != name.strip() or name.endswith("."):
+        return "it begins or ends with a space, or ends with a dot"
+    if _RESERVED.fullmatch(name):
+        return "Windows keeps that name for a device"
+    if len(name.encode()) > _LONGEST:
+        return f"it is longer than {_LONGEST} bytes"
+    return None

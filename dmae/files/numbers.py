@@ -1,0 +1,27 @@
+"""Numbers in files, checked for what they mean: no lens, room or clock has values like these."""
+
+import numpy as np
+
+MOST_PIXELS, MOST_METRES, MOST_SCORE, MOST_VARIANCE = 1e7, 1e7, 1e6, 1e30
+"""Greatest coordinate, px and m, greatest confidence, and greatest covariance, m^2."""
+LEAST_FOCAL, MOST_FOCAL, MOST_DISTORTION, MOST_SIZE = 0.1, 1e6, 1e4, 100_000
+"""Of cameras, px; coefficients of distortion have no unit."""
+LEAST_RATE, MOST_RATE = 0.01, 100_000.0
+"""Frames per second."""
+
+
+def check_numbers(what: str, values, most: float, least: float | None = None) -> None:
+    """Raise ValueError, which names `what`, unless all numbers but NaN are from `least` (or -`most`) to `most`."""
+    array = np.asarray(values)
+    least = -most if least is None else least
+    with np.errstate(invalid="ignore"):
+        wrong = (array > most) | (array < least)
+    if wrong.any():
+        raise ValueError(f"{what}: expected numbers from {least:g} to {most:g}, found {array[wrong].flat[0]:g}")
+
+
+def check_rate(what: str, fps) -> float:
+    """Return frames per second as a float; ValueError, which names `what`, unless they can be some."""
+    if isinstance(fps, bool) or not isinstance(fps, int | float | np.number) or not LEAST_RATE <= fps <= MOST_RATE:
+        raise ValueError(f"{what}: expected frames per second from {LEAST_RATE:g} to {MOST_RATE:g}, found {fps!r:.40}")
+    return float(fps)

@@ -1,0 +1,266 @@
+"""Values in pickles, without unpickling: a pickle is a program, and no program from elsewhere is run.
+
+The opcodes are decoded by `pickletools`, which runs none of them. A small stack machine here knows those by which
+NumPy and Python write containers, texts, numbers and arrays of numbers, and builds these itself. The functions that
+NumPy's pickles call are compared by name and never looked up.
+"""
+
+import io
+import pickletools
+import warnings
+from dataclasses import dataclass
+from math import prod
+
+import numpy as np
+
+MOST_DEPTH = 32
+"""Of containers in containers."""
+_MOST_STACK = 100_000
+_EXPANSION, _LEAST_LIMIT = 20, 1_000_000
+"""Values that a file may have with containers that occur repeatedly counted each time: so many a byte, at least."""
+_MOST_EMPTY = 100_000
+"""Length of an array along an axis, where another axis has length zero."""
+_MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
+_GLOBALS = {
+    ("numpy", "dtype"): "dtype",
+    ("numpy", "ndarray"): "ndarray",
+    ("_codecs", "encode"): "encode",
+    ("__builtin__", "bytes"): "bytes",
+    **{(module, name): name for module in _MODULES for name in ("_reconstruct", "scalar")},
+}
+_CODES = {"b1", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f2", "f4", "f8", "O8"}
+_PUSHED = {
+    *("INT", "LONG", "BININT", "BININT1", "BININT2", "LONG1", "LONG4", "FLOAT", "BINFLOAT", "STRING", "BINSTRING"),
+    *("SHORT_BINSTRING", "UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8", "BINBYTES", "SHORT_BINBYTES"),
+    "BINBYTES8",
+}  # fmt: skip
+_CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
+_MADE = {"EMPTY_LIST": list, "EMPTY_DICT": dict, "EMPTY_TUPLE": tuple}
+_SHORT_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
+
+
+@dataclass(frozen=True)
+class _Global:
+    """A function that a pickle names; only ever compared."""
+
+    name: str
+
+
+@dataclass
+class _Type:
+    """A type of array elements. NumPy's pickles state its byte order after it was made."""
+
+    code: str
+    order: str = "|"
+
+    def dtype(self) -> np.dtype:
+        return np.dtype(object if self.code == "O8" else f"{self.order}{self.code}")
+
+
+@dataclass
+class _Unfilled:
+    """An array before its shape and contents are stated, and the places of the memo where it is."""
+
+    places: list[int]
+
+
+def pickled_values(data: bytes):
+    """Return what a pickle holds: dictionaries, lists, tuples, texts, bytes, numbers, and arrays of these.
+
+    Raises:
+        ValueError: it is malformed, refers to anything else, or is larger once read than its size justifies; nothing
+            of it has been run.
+    """
+    machine = _Machine()
+    try:
+        with warnings.catch_warnings(action="ignore"):  # about escape sequences in texts that are none
+            for opcode, argument, position in pickletools.genops(io.BytesIO(data)):
+                if machine.step(opcode.name, argument):
+                    break
+                if len(machine.stack) > _MOST_STACK or len(machine.below) > 2 * MOST_DEPTH:
+                    raise ValueError(f"it has too many values within each other at byte {position}")
+    except (IndexError, KeyError, TypeError, OverflowError, AttributeError) as error:
+        raise ValueError(f"its pickle is damaged: {error}") from None
+    if len(machine.stack) != 1 or machine.below:
+        raise ValueError("its pickle is cut short")
+    (value,) = machine.stack
+    if _expanded(value, {}, 0)[0] > max(_LEAST_LIMIT, _EXPANSION * len(data)):
+        raise ValueError("the same containers occur in it too often")
+    return value
+
+
+class _Machine:
+    """The stack of a pickle, the stacks below its marks, and its memo."""
+
+    def __init__(self):
+        self.stack: list = []
+        self.below: list[list] = []
+        self.memo: dict[int, object] = {}
+
+    def step(self, name: str, argument) -> bool:
+        """Apply an opcode; return whether it is the last."""
+        stack = self.stack
+        if name in _PUSHED:
+            stack.append(argument)
+        elif name in _CONSTANTS:
+            stack.append(_CONSTANTS[name])
+        elif name in _MADE:
+            stack.append(_MADE[name]())
+        elif name in _SHORT_TUPLES:
+            count = _SHORT_TUPLES[name]
+            items = tuple(stack[-count:])
+            if len(items) < count:
+                raise ValueError("its pickle is damaged: a tuple lacks items")
+            stack[-count:] = [items]
+        elif name in ("PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE"):
+            place = len(self.memo) if name == "MEMOIZE" else argument
+            self.memo[place] = stack[-1]
+            if isinstance(stack[-1], _Unfilled):
+                stack[-1].places.append(place)
+        elif name in ("GET", "BINGET", "LONG_BINGET"):
+            stack.append(self.memo[argument])
+        elif name in ("GLOBAL", "STACK_GLOBAL"):
+            asked = argument.split(" ", 1) if name == "GLOBAL" else [stack.pop(-2), stack.pop()]
+            stack.append(_global(*asked))
+        elif name == "REDUCE":
+            arguments = stack.pop()
+            stack.append(_call(stack.pop(), arguments))
+        elif name == "BUILD":
+            state = stack.pop()
+            self._fill(state)
+        elif name == "MARK":
+            self.below.append(stack)
+            self.stack = []
+        elif not self._collect(name):
+            return self._end(name)
+        return False
+
+    def _end(self, name: str) -> bool:
+        if name == "POP":
+            self.stack.pop()
+        elif name not in ("PROTO", "FRAME", "STOP"):
+            raise ValueError(f"it asks for the operation {name}, which is not read")
+        return name == "STOP"
+
+    def _collect(self, name: str) -> bool:
+        """Apply an opcode that adds to a container; return whether it is one."""
+        if name == "APPEND":
+            items = [self.stack.pop()]
+        elif name == "SETITEM":
+            items = [self.stack.pop(-2), self.stack.pop()]
+        elif name in ("APPENDS", "SETITEMS", "LIST", "TUPLE", "DICT", "POP_MARK"):
+            items, self.stack = self.stack, self.below.pop()
+        else:
+            return False
+        if name in ("LIST", "TUPLE"):
+            self.stack.append(items if name == "LIST" else tuple(items))
+        elif name == "DICT":
+            self.stack.append(_dictionary(items))
+        elif name in ("APPEND", "APPENDS"):
+            _expect(self.stack[-1], list).extend(items)
+        elif name in ("SETITEM", "SETITEMS"):
+            _expect(self.stack[-1], dict).update(_dictionary(items))
+        return True
+
+    def _fill(self, state) -> None:
+        """State the byte order of the type, or the contents of the array, that is on top."""
+        target = self.stack[-1]
+        if isinstance(target, _Type):
+            _, order, *parts = _expect(state, tuple)
+            if order not in ("<", ">", "|", "=") or parts[:3] != [None] * 3:
+                raise ValueError("it holds an array of elements that are no numbers")
+            target.order = order
+        elif isinstance(target, _Unfilled):
+            array = _array(*_expect(state, tuple)[1:])
+            self.stack[-1] = array
+            self.memo.update(dict.fromkeys(target.places, array))
+        else:
+            raise ValueError(f"it sets the attributes of a {type(target).__name__}, which is not read")
+
+
+def _global(module, name) -> _Global:
+    try:
+        return _Global(_GLOBALS[module, name])
+    except (KeyError, TypeError):
+        raise ValueError(f"it asks for {module}.{name}, which is not loaded") from None
+
+
+def _call(function, arguments):
+    """Return what one of the functions that NumPy's pickles name would."""
+    name = function.name if isinstance(function, _Global) else type(function).__name__
+    match name, arguments:
+        case "dtype", (str(code), *_) if code in _CODES:
+            return _Type(code)
+        case "_reconstruct", (_Global("ndarray"), *_):
+            return _Unfilled([])
+        case "scalar", (_Type() as kind, bytes(data)) if kind.code != "O8":
+            return np.frombuffer(data, kind.dtype(), 1)[0]
+        case "encode", (str(text), *_):
+            return text.encode("latin1")
+        case "bytes", ():
+            return b""
+    raise ValueError(f"it asks for {name} of {type(arguments).__name__}, which is not read")
+
+
+def _array(shape, kind, fortran, contents) -> np.ndarray:
+    if not (isinstance(shape, tuple) and len(shape) <= 16 and all(type(n) is int and n >= 0 for n in shape)):
+        raise ValueError("it holds an array without a shape")
+    count, order = prod(shape), "F" if fortran else "C"
+    if count == 0 and max(shape) > _MOST_EMPTY:
+        raise ValueError(f"it holds an empty array of shape {shape}")
+    dtype = _expect(kind, _Type).dtype()
+    if dtype.hasobject:
+        if len(_expect(contents, list)) != count:
+            raise ValueError(f"it holds an array of shape {shape} with {len(contents)} elements")
+        array = np.empty(count, object)
+        for place, item in enumerate(contents):
+            array[place] = item
+    else:
+        if isinstance(contents, str):  # of Python 2
+            contents = contents.encode("latin1")
+        if len(_expect(contents, bytes)) != count * dtype.itemsize:
+            raise ValueError(f"it holds an array of shape {shape} and {dtype} with {len(contents)} bytes")
+        array = np.frombuffer(contents, dtype).astype(dtype.newbyteorder("="))
+    return array.reshape(shape, order=order)
+
+
+def _dictionary(items: list) -> dict:
+    if len(items) % 2:
+        raise ValueError("its pickle is damaged: a key lacks its value")
+    keys, values = items[::2], items[1::2]
+    for key in keys:
+        # Integers beyond this range can be chosen to have the same hash, which makes dictionaries slow.
+        if not (isinstance(key, str | bytes) or (isinstance(key, int | np.integer) and abs(int(key)) < 1 << 60)):
+            raise ValueError(f"it holds a dictionary with a key of type {type(key).__name__}")
+    return dict(zip(keys, values, strict=True))
+
+
+def _expect(value, kind: type):
+    if not isinstance(value, kind):
+        raise ValueError(f"its pickle is damaged: expected {kind.__name__}, found {type(value).__name__}")
+    return value
+
+
+def _expanded(value, known: dict[int, tuple[int, int]], depth: int) -> tuple[int, int]:
+    """Return the number of values in a value, and how deep they lie; containers that occur repeatedly count each time.
+
+    Args:
+        known: Both of containers by identity, so that each is visited once.
+    """
+    if depth > MOST_DEPTH:
+        raise ValueError(f"it has containers within each other deeper than {MOST_DEPTH}")
+    if isinstance(value, _Global | _Type | _Unfilled):
+        raise ValueError(f"it holds a bare {type(value).__name__.strip('_').lower()}")
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        return 1 + value.size, 0
+    if not isinstance(value, dict | list | tuple | np.ndarray):
+        return 1, 0
+    if id(value) not in known:
+        items = value.values() if isinstance(value, dict) else value.flat if isinstance(value, np.ndarray) else value
+        of_items = [_expanded(item, known, depth + 1) for item in items]
+        count, deepest = sum(count for count, _ in of_items), max((deep for _, deep in of_items), default=0)
+        known[id(value)] = 1 + count, 1 + deepest
+    count, deepest = known[id(value)]
+    if depth + deepest > MOST_DEPTH:
+        raise ValueError(f"it has containers within each other deeper than {MOST_DEPTH}")
+    return count, deepest

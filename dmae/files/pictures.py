@@ -1,0 +1,64 @@
+"""Pictures: their size is known from the first bytes, before a decoder takes memory for it."""
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from dmae.files.contents import check_file
+
+MOST_PIXELS = 1 << 25
+"""Of a picture: 7680 x 4320 are fewer."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+_FRAMES = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
+"""JPEG's markers of a frame, which holds the size."""
+
+
+def check_picture(path: Path) -> tuple[int, int]:
+    """Return width and height of a PNG, JPEG or BMP file, px.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is none of these, or has more than `MOST_PIXELS`; the message names it.
+    """
+    check_file(path)
+    with Path(path).open("rb") as file:
+        start = file.read(32)
+        try:
+            if start.startswith(_PNG) and start[12:16] == b"IHDR":
+                width, height = struct.unpack(">II", start[16:24])
+            elif start.startswith(b"BM"):
+                width, height = map(abs, struct.unpack("<ii", start[18:26]))
+            elif start.startswith(b"\xff\xd8"):
+                width, height = _jpeg_size(file)
+            else:
+                raise ValueError("it begins like none of them")
+        except (ValueError, struct.error) as error:
+            raise ValueError(f"{path}: expected a PNG, JPEG or BMP picture, {error}") from None
+    if not 0 < width * height <= MOST_PIXELS:
+        raise ValueError(f"{path}: expected a picture of at most {MOST_PIXELS} pixels, found {width} x {height}")
+    return width, height
+
+
+def _jpeg_size(file) -> tuple[int, int]:
+    file.seek(2)
+    while (head := file.read(4)) and len(head) == 4 and head[0] == 0xFF:
+        length = struct.unpack(">H", head[2:])[0]
+        if head[1] in _FRAMES:
+            _, height, width = struct.unpack(">BHH", file.read(5))
+            return width, height
+        file.seek(max(length - 2, 0), 1)
+    raise ValueError("it has no frame")
+
+
+def read_grey_png(path: Path) -> np.ndarray:
+    """Return the picture (H, W) of a PNG of one channel; errors as in `check_picture`."""
+    check_picture(path)
+    try:
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise ValueError(f"{path}: this PNG is damaged, {error}") from None
+    if image is None or image.ndim != 2:
+        raise ValueError(f"{path}: expected a readable PNG of one channel")
+    return image

@@ -1,0 +1,93 @@
+"""Images, annotations and categories as COCO writes them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.data.skeleton import Skeleton
+from dmae.data.store import write_atomic
+from dmae.formats.labelled_images.pictures import PersonLabel, Picture
+from dmae.formats.recordings.coco_categories import joint_names
+
+
+def image_entry(picture: Picture, number: int, file_name: str) -> dict:
+    """Return an image; beyond COCO's own it has `camera` and `frame`."""
+    width, height = picture.size
+    return {
+        "id": number,
+        "width": width,
+        "height": height,
+        "file_name": file_name,
+        "camera": picture.camera,
+        "frame": picture.number,
+    }
+
+
+def annotation_entry(person: PersonLabel, number: int, image: int) -> dict:
+    """Return an annotation, to 0.001 px. See `docs/reference/exports.md` for what is beyond COCO's own."""
+    box = [0, 0, 0, 0] if person.box is None else list(person.box)
+    entry = {
+        "id": number,
+        "image_id": image,
+        "category_id": 1,
+        "iscrowd": 0,
+        "bbox": box,
+        "bbox_of": "pixels" if person.visible_pixels else "joints",
+        "area": person.area,
+        "segmentation": [] if person.mask is None else person.mask,
+        "num_keypoints": int((person.flags > 0).sum()),
+        "keypoints": keypoints(person),
+    }
+    if person.scores is not None:
+        known = np.where(person.flags > 0, person.scores, 0).astype(np.float64)
+        entry["keypoint_scores"] = known.round(4).tolist()
+    if person.sources is not None:
+        entry |= {"track_id": person.person, "joint_source": person.sources.tolist()}
+    if person.cause is not None:
+        entry |= {"visibility": person.cause.tolist(), "hidden_by": person.occluder.tolist()}
+    for name in ("visible_pixels", "amodal_pixels"):
+        if getattr(person, name) is not None:
+            entry[name] = getattr(person, name)
+    if person.amodal_mask is not None:
+        entry |= {"amodal_segmentation": person.amodal_mask, "amodal_bbox": list(person.amodal_box or (0, 0, 0, 0))}
+    return entry
+
+
+def keypoints(person: PersonLabel) -> list[float]:
+    """Return x, y, v of each joint, zeros where it is not in the image."""
+    labelled = person.flags > 0
+    points = np.where(labelled[:, None], person.xy.astype(np.float64), 0).round(3)
+    return [
+        value for (x, y), flag in zip(points.tolist(), person.flags.tolist(), strict=True) for value in (x, y, flag)
+    ]
+
+
+def category_entry(skeleton: Skeleton) -> dict:
+    """Return the category of persons of a skeleton."""
+    return {
+        "id": 1,
+        "name": "person",
+        "supercategory": "person",
+        "keypoints": joint_names(skeleton),
+        "skeleton": [[parent + 1, child + 1] for parent, child in skeleton.bones],
+    }
+
+
+def clip_entry(clip: Clip) -> dict:
+    """Return what a file says of a clip: `objects` are the names that `hidden_by` counts where `visibility` is 3."""
+    return {"fps": clip.fps, "objects": list(clip.occlusion.objects) if clip.occlusion else []}
+
+
+def write_json(path: Path, info: dict, skeleton: Skeleton, pictures: list[Picture], folder: str = "") -> None:
+    """Write pictures and their persons as one JSON. Files of pictures are `folder` + `<camera>/<frame>.jpg`."""
+    images = [image_entry(picture, number, f"{folder}{picture.path}.jpg") for number, picture in enumerate(pictures, 1)]
+    labelled = [(image, person) for image, picture in enumerate(pictures, 1) for person in picture.persons]
+    content = {
+        "info": info,
+        "images": images,
+        "annotations": [annotation_entry(person, n, image) for n, (image, person) in enumerate(labelled, 1)],
+        "categories": [category_entry(skeleton)],
+    }
+    write_atomic(Path(path), json.dumps(content))

@@ -1,0 +1,86 @@
+"""How each view of a clip shows the joints of poses: where, whether visible, and what hides them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.labels import Visibility
+from dmae.data.skeleton import Skeleton
+from dmae.data.skeleton_conversion import convert
+
+
+@dataclass(frozen=True)
+class JointLabels:
+    """Joints in the images of V views, F frames, P persons, J joints.
+
+    Attributes:
+        skeleton: J joints.
+        xyz: (F, P, J, 3) m, world.
+        xy: (F, V, P, J, 2) px.
+        flags: (F, V, P, J) COCO's v: 2 visible, 1 in the image but hidden or not measured, 0 not in the image.
+        sources: (F, P, J) `Source` of the poses.
+        cause: (F, V, P, J) `Visibility`; None where nothing is known of it.
+        occluder: (F, V, P, J) index of what hides a joint, as `OcclusionLabels.occluder`; None where `cause` is.
+        true: Whether the poses are the truth of the clip, so that its images of ids show the same persons.
+    """
+
+    skeleton: Skeleton
+    xyz: np.ndarray
+    xy: np.ndarray
+    flags: np.ndarray
+    sources: np.ndarray
+    cause: np.ndarray | None = None
+    occluder: np.ndarray | None = None
+    true: bool = False
+
+
+def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
+    """Return how the cameras of a clip see poses.
+
+    A joint in the image is visible if the labels of a simulated clip say so of the truth, or if a joint of other poses
+    was measured; it is hidden if it is occluded or completed. A joint derived from others is as visible as the least
+    visible of them, and hidden by what hides that one.
+
+    Args:
+        clip: Truth is seen by its `true_rig` where it has one, other poses by `rig`.
+        poses: The truth of the clip, or other poses of its frames.
+        skeleton: J joints to return.
+    """
+    true = poses is clip.truth
+    rig = clip.true_rig if true and clip.true_rig is not None else clip.rig
+    converted = convert(poses, skeleton)
+    xy, _ = rig.project(converted.xyz)
+    inside = rig.inside(xy)
+    if not true or clip.occlusion is None:
+        visible = np.where(converted.source == Source.COMPLETED, 1, 2)[:, None]
+        return JointLabels(skeleton, converted.xyz, xy, np.where(inside, visible, 0), converted.source, true=true)
+    occluders = clip.occlusion.occluder
+    views = [
+        _converted_causes(
+            poses, skeleton, clip.occlusion.visibility[:, view], None if occluders is None else occluders[:, view]
+        )
+        for view in range(len(rig))
+    ]
+    cause, occluder = (np.stack(each, 1) for each in zip(*views, strict=True))
+    flags = np.where(inside, np.where(cause == Visibility.VISIBLE, 2, 1), 0)
+    return JointLabels(skeleton, converted.xyz, xy, flags, converted.source, cause, occluder, true)
+
+
+def _converted_causes(
+    poses: Poses3D, skeleton: Skeleton, visibility: np.ndarray, occluder: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return cause and occluder of one view, (F, P, J) each, for the joints of another skeleton.
+
+    The ranks of joints by visibility, 1 for the least visible, take the place of `views`, of which `convert` returns
+    the least of the joints that a joint is derived from.
+    """
+    order = np.argsort(-visibility.astype(int), -1, kind="stable")
+    ranks = np.empty(order.shape, np.uint8)
+    np.put_along_axis(ranks, order, np.arange(1, order.shape[-1] + 1, dtype=np.uint8), -1)
+    least = convert(replace(poses, views=ranks), skeleton).views.astype(int)
+    joint = np.take_along_axis(order, np.maximum(least - 1, 0), -1)
+    cause = np.where(least > 0, np.take_along_axis(visibility, joint, -1), Visibility.ABSENT).astype(np.uint8)
+    if occluder is None:
+        return cause, np.full(cause.shape, -1, np.int16)
+    return cause, np.where(least > 0, np.take_along_axis(occluder, joint, -1), -1).astype(np.int16)

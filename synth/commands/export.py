@@ -1,0 +1,53 @@
+"""`synth export`: a data set in the layout of another program."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from synth.datasets.exporters.export import export
+from synth.datasets.exporters.registry import exporter
+from synth.datasets.exporters.selection import PictureFormat
+
+WRITES = "folder"
+EXAMPLES = (
+    "synth export data=runs/data format=coco out=runs/coco",
+    "synth export data=runs/data format=yolo splits=runs/splits.json every=5 workers=4 out=runs/yolo",
+    "synth export data=runs/data format=huggingface skeleton=body25 pictures=png out=runs/hub",
+)
+
+
+@dataclass(frozen=True)
+class ExportDataCommand:
+    """Write a data set in the layout of another program: pictures, and what is in them."""
+
+    data: str = "???"
+    """Folder of a data set, or of a clip."""
+    format: str = field(default="coco", metadata={"choices": exporter})
+    """Layout."""
+    splits: str | None = None
+    """JSON file that `synth split` wrote; by default all clips are in the split train."""
+    skeleton: str | None = None
+    """Skeleton of the joints; by default coco17, of panoptic always panoptic19."""
+    every: int = 1
+    """Frames from one picture to the next; 1 for all."""
+    pictures: PictureFormat = PictureFormat.jpg
+    """Files of pictures."""
+    workers: int = 1
+    """Processes; -1 for one a core."""
+    out: str = "???"
+    """Folder to write, whole or not at all; it must be empty or not exist."""
+
+
+def run(config: ExportDataCommand, out: Path) -> None:
+    summary = export(
+        Path(config.data),
+        out,
+        config.format,
+        splits=None if config.splits is None else Path(config.splits),
+        skeleton=config.skeleton,
+        every=config.every,
+        pictures=config.pictures,
+        workers=config.workers,
+    )
+    for split, counts in summary["splits"].items():
+        shown = ", ".join(f"{counts.get(key, 0)} {key}" for key in ("clips", "pictures", "persons", "masks"))
+        print(f"{out}: {split}: {shown}")

@@ -1,0 +1,31 @@
+"""`synth stats`: what is in a data set, as a page and a picture."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from synth.datasets.statistics.page import PAGE, PICTURE, describe
+
+WRITES = "folder"
+EXAMPLES = ("synth stats data=runs/data", "synth stats data=runs/data workers=4 out=runs/card")
+
+
+@dataclass(frozen=True)
+class StatsCommand:
+    """Describe a data set: occlusion by joint and cause, people, distances, angles, motion."""
+
+    data: str = "???"
+    """Folder of a data set, or of a clip."""
+    workers: int = 1
+    """Processes; -1 for one a core."""
+    out: str | None = None
+    """Folder of the page, its picture and the numbers of both; by default `statistics` in the data set."""
+
+
+def default_out(config: StatsCommand) -> Path:
+    return Path(config.data) / "statistics"
+
+
+def run(config: StatsCommand, out: Path) -> None:
+    found = describe(Path(config.data), out, workers=config.workers)
+    print(f"{out / PAGE}: {found.counts['clips']} clips, {found.counts['frames']} frames")
+    print(out / PICTURE)

@@ -1,0 +1,164 @@
+"""Export data sets: choose clips, check them, and write them whole in another program's layout."""
+
+import json
+import shutil
+from collections import Counter
+from importlib import metadata
+from pathlib import Path
+
+from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.store import check_vacant, clip_folders, whole_folder, write_atomic
+from dmae.files.structured import read_json
+from synth.datasets.exporters.registry import Exporter, exporter
+from synth.datasets.exporters.selection import PARTS, PictureFormat, Selection
+from synth.datasets.splits import read_splits
+
+FORMAT = 1
+SUMMARY = "export.json"
+CARD = "README.md"
+ONE_SPLIT = "train"
+"""The split that all clips are in where no splits are given."""
+
+
+def export(
+    data: Path,
+    out: Path,
+    format: str = "coco",
+    *,
+    splits: Path | None = None,
+    skeleton: str | None = None,
+    every: int = 1,
+    pictures: PictureFormat = PictureFormat.jpg,
+    workers: int = 1,
+) -> dict:
+    """Write a data set in the layout of another program, whole or not at all.
+
+    Args:
+        data: The data set, or a clip.
+        out: Folder to write; it does not exist yet, or is empty.
+        format: Name of an exporter, or `package.module:function`.
+        splits: File that `synth.datasets.splits.write_splits` wrote; by default all clips are in the split `train`.
+        skeleton: Skeleton to write; by default the format's.
+        every: 2 for every other frame.
+        pictures: Files of pictures.
+        workers: Processes; -1 for one a core.
+
+    Returns:
+        The content of `export.json`: what was written.
+
+    Raises:
+        FileNotFoundError: there is no such data set, or file of splits.
+        ValueError: `out` is not empty, clips have no truth, no pictures or different skeletons, or splits do not fit.
+    """
+    data, out = Path(data), Path(out)
+    entry = exporter.find(format)
+    if every < 1:
+        raise ValueError(f"every: expected 1 or more frames, got {every}")
+    if workers == 0:
+        raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+    folders = clip_folders(data)
+    if (data / "clip.json").is_file():
+        data = data.parent
+    check_vacant(out, "the exported data set")
+    names = [folder.name for folder in folders]
+    chosen = {ONE_SPLIT: names} if splits is None else read_splits(splits, names)
+    missing = {"train", "validation"} - set(chosen)
+    if entry.validation and missing:
+        raise ValueError(
+            f"format={entry.name}: its readers insist on the splits train and validation, and there is no "
+            f"{' and no '.join(sorted(missing))}; make them by synth split, and give splits=..."
+        )
+    used = [folder for folder in folders if any(folder.name in each for each in chosen.values())]
+    selection = Selection(data, chosen, _skeleton(entry, used, skeleton), every, pictures, workers)
+    with whole_folder(out) as partial:
+        found = entry.function(selection, partial)
+        shutil.rmtree(partial / PARTS, ignore_errors=True)
+        summary = _summary(entry, selection, found, len(names))
+        write_atomic(partial / SUMMARY, json.dumps(summary, indent=1))
+        write_atomic(partial / CARD, card(summary))
+    return summary
+
+
+def _skeleton(entry: Exporter, folders: list[Path], wanted: str | None) -> Skeleton:
+    """Check that the clips can be exported together; return the skeleton to write."""
+    found: dict[str, str] = {}
+    for folder in folders:
+        meta = read_json(folder / "clip.json")
+        truth = meta.get("skeletons", {}).get("truth")
+        if truth is None:
+            raise ValueError(f"{folder}: the clip has no truth, which exports of data sets are made of")
+        found.setdefault(truth, folder.name)
+        kinds = (meta.get("images") or {}).get("kinds", ())
+        if entry.pictures and "rgb" not in kinds:
+            raise ValueError(
+                f"{folder}: format={entry.name} needs pictures, and the clip has images of "
+                f"{', '.join(kinds) or 'no kind'}; "
+                "synth generate images=rgb makes them (images=all for masks and true boxes, too)"
+            )
+    if len(found) > 1:
+        listed = " and ".join(f"{skeleton} (clip {name})" for skeleton, name in found.items())
+        raise ValueError(f"expected clips with truth of one skeleton, found {listed}; export them apart")
+    if entry.only and wanted not in (None, entry.skeleton):
+        raise ValueError(f"skeleton={wanted}: format={entry.name} is always of {entry.skeleton}; leave it out")
+    try:
+        return get_skeleton(wanted or entry.skeleton)
+    except KeyError as error:
+        raise ValueError(f"skeleton={wanted}: {error.args[0]}") from None
+
+
+def _summary(entry: Exporter, selection: Selection, found: dict[str, Counter], clips: int) -> dict:
+    skeleton = selection.skeleton
+    return {
+        "format": FORMAT,
+        "exporter": entry.name,
+        "made_by": f"dmae-synth {metadata.version('dmae-synth')}",
+        "skeleton": skeleton.name,
+        "joints": list(skeleton.joints),
+        "every": selection.every,
+        "clips_of_the_data_set": clips,
+        "splits": {split: {**counts, "names": selection.splits[split]} for split, counts in found.items()},
+    }
+
+
+def card(summary: dict) -> str:
+    """Return the page about an export, in Markdown."""
+    splits = summary["splits"]
+    columns = ("clips", "pictures", "persons", "hidden", "masks", "amodal_masks")
+    total = {key: sum(each.get(key, 0) for each in splits.values()) for key in columns}
+    rows = [f"| {name} | {' | '.join(str(each.get(key, 0)) for key in columns)} |" for name, each in splits.items()]
+    frames = "every frame" if summary["every"] == 1 else f"one frame of {summary['every']}"
+    lines = "\n".join(f"- {note}" for note in _notes(total, summary["clips_of_the_data_set"] - total["clips"]))
+    return f"""# Simulated people who hide each other
+
+Exported by {summary["made_by"]} as `{summary["exporter"]}`, version {summary["format"]} of its layout
+(`docs/reference/exports.md` of the project). Skeleton `{summary["skeleton"]}`, {frames} of the clips.
+
+| split | clips | pictures | persons shown | persons hidden | masks | amodal masks |
+| --- | --- | --- | --- | --- | --- | --- |
+{chr(10).join(rows)}
+
+{lines}
+
+Joints have v = 2 where they are visible, 1 where they are in the image and hidden, 0 where they are not in the image.
+"""
+
+
+def _notes(total: dict[str, int], left_out: int) -> list[str]:
+    notes = []
+    if left_out:
+        notes.append(f"{left_out} clips of the data set are in no split, and are left out.")
+    if not total["pictures"]:
+        return [*notes, "There are no pictures: the clips have no images of colour."]
+    if total["hidden"]:
+        notes.append(f"{total['hidden']} times a person is in the image and nothing of them shows; they are left out.")
+    persons, masks, amodal = (total[key] for key in ("persons", "masks", "amodal_masks"))
+    if masks < persons:
+        notes.append(
+            f"{masks} of {persons} persons have masks, and boxes of their visible pixels. Of the others there are no "
+            "images of ids: their boxes are of the joints in the image (`bbox_of`)."
+        )
+    else:
+        notes.append("Boxes are of the visible pixels.")
+    if amodal < persons:
+        notes.append(f"{amodal} of {persons} persons have amodal masks: clips without amodal images have none.")
+    return notes

@@ -1,0 +1,135 @@
+"""The clips that are exported, and the parts that processes make of them."""
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+from typing import NamedTuple
+
+from dmae.data.clip import Clip
+from dmae.data.skeleton import Skeleton
+from dmae.data.store import load_clip
+from dmae.formats.labelled_images.joints import joint_labels
+from dmae.formats.labelled_images.pictures import PersonLabel, Picture, file_part, read_pictures
+from dmae.parallel import in_parallel
+from dmae.progress import progress
+
+PARTS = ".parts"
+"""Folder of what processes hand on, in the folder that is written; removed in the end."""
+
+
+class PictureFormat(Enum):
+    """Files of pictures."""
+
+    jpg = "jpg"
+    """JPEG of quality 95."""
+    png = "png"
+
+
+@dataclass(frozen=True)
+class ClipTask:
+    """A clip to export, in a process of its own.
+
+    Attributes:
+        folder: Of the clip.
+        name: Of the clip in the data set.
+        split: Its split.
+        skeleton: J joints to write.
+        every: 2 for every other frame.
+        suffix: Of pictures, `jpg` or `png`.
+        out: Folder of the export.
+    """
+
+    folder: Path
+    name: str
+    split: str
+    skeleton: Skeleton
+    every: int
+    suffix: str
+    out: Path
+
+    def load(self) -> Clip:
+        """Return the clip with its true cameras, which its pictures are of."""
+        clip = load_clip(self.folder)
+        return clip if clip.true_rig is None else replace(clip, rig=clip.true_rig, true_rig=None)
+
+    def pictures(self, clip: Clip, counts: Counter) -> Iterator[Picture]:
+        """Yield the pictures of the clip with the persons that they show, and count what there is."""
+        labels = joint_labels(clip, clip.truth, self.skeleton)
+        for picture in read_pictures(clip, labels, every=self.every):
+            shown = [person for person in picture.persons if person.shown]
+            counts["pictures"] += 1
+            counts["persons"] += len(shown)
+            counts["hidden"] += len(picture.persons) - len(shown)
+            counts["masks"] += sum(person.mask is not None for person in shown)
+            counts["amodal_masks"] += sum(person.amodal_mask is not None for person in shown)
+            yield replace(picture, persons=shown)
+
+    def file_name(self, picture: Picture) -> str:
+        """Return the path of a picture in its split, without suffix: `<clip>/<camera>/<frame>`."""
+        return f"{file_part(self.name)}/{picture.path}"
+
+    def write(self, picture: Picture, folder: str) -> str:
+        """Write a picture into `<folder>/<split>`; return its path in there."""
+        name = f"{self.file_name(picture)}.{self.suffix}"
+        path = self.out / folder / self.split / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(picture.encoded(self.suffix))
+        return name
+
+    def part(self, suffix: str) -> Path:
+        """Return the file in which the process hands on what it made of the clip."""
+        path = self.out / PARTS / f"{file_part(self.split)}.{file_part(self.name)}.{suffix}"
+        path.parent.mkdir(exist_ok=True)
+        return path
+
+
+class Written(NamedTuple):
+    """What came of a clip."""
+
+    task: ClipTask
+    counts: Counter
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Clips of a data set, by split.
+
+    Attributes:
+        data: The data set.
+        splits: Names of clips by name of split.
+        skeleton: J joints to write.
+        every: 2 for every other frame.
+        pictures: Files of pictures.
+        workers: Processes; -1 for one a core.
+    """
+
+    data: Path
+    splits: dict[str, list[str]]
+    skeleton: Skeleton
+    every: int = 1
+    pictures: PictureFormat = PictureFormat.jpg
+    workers: int = 1
+
+    def each_clip(self, function: Callable[[ClipTask], Counter], out: Path) -> Iterator[Written]:
+        """Yield what `function` made of each clip, split by split, in the order of the clips."""
+        how = {"skeleton": self.skeleton, "every": self.every, "suffix": self.pictures.value, "out": out}
+        tasks = [
+            ClipTask(self.data / name, name, split, **how) for split, names in self.splits.items() for name in names
+        ]
+        made = in_parallel(function, ((task,) for task in tasks), self.workers)
+        for task, counts in zip(tasks, progress(made, "exporting clips", len(tasks)), strict=True):
+            yield Written(task, counts)
+
+
+def write_lines(path: Path, lines: list[dict]) -> None:
+    """Write JSON, one object a line."""
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+def world_joints(person: PersonLabel) -> list[list[float] | None]:
+    """Return the joints in the world, m, to 0.1 mm; None where absent, which JSON has no NaN for."""
+    known = [[round(value, 4) for value in joint] for joint in person.xyz.tolist()]
+    return [None if joint[0] != joint[0] else joint for joint in known]

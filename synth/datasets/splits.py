@@ -1,0 +1,198 @@
+"""Split data sets such that no person, motion or rig is in two splits, and find out where one is."""
+
+import hashlib
+import json
+import re
+from collections import defaultdict
+from collections.abc import Iterable
+from enum import Enum
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from safetensors import safe_open
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from dmae.data.store import clip_folders, write_atomic
+from dmae.files.structured import read_json
+from dmae.progress import progress
+
+FORMAT = 1
+_STRETCH = re.compile(r" (?:-?\d+\.\d\d--?\d+\.\d\d s|to and fro from -?\d+\.\d\d s)")
+"""What the name of a stretch of a take begins with behind the name of the take."""
+_RECORDED_ABOUT = " ("
+"""Behind the stem of a take's file stands how it was read."""
+
+
+class SplitBy(Enum):
+    """What may not be in two splits."""
+
+    person = "person"
+    """A person: the proportions of a body, whatever the clothes."""
+    motion = "motion"
+    """A recorded take, by the name of its file; of procedural motion, what one seed draws for one clip."""
+    rig = "rig"
+    """Cameras: their lenses and places, whatever their names."""
+
+
+class Leak(NamedTuple):
+    """Something that is in several splits: of which kind, and in which clips of each split."""
+
+    by: SplitBy
+    clips: dict[str, list[str]]
+
+    def __str__(self) -> str:
+        places = "; ".join(
+            f"{split}: {', '.join(names[:3])}{', ...' * (len(names) > 3)}" for split, names in self.clips.items()
+        )
+        return f"the same {self.by.name} in {places}"
+
+
+def identities(folder: Path, by: SplitBy) -> set[str]:
+    """Return what a clip has of a kind, as names that are equal where the things are.
+
+    A person is a `Body`: all of its numbers. A motion is a take, by the stem of its file, whatever stretch of it was
+    cut; procedural motion is drawn anew for each seed, clip and person, and is named by these. A rig is K, distortion
+    and pose of all true cameras, to 1e-6.
+
+    Raises:
+        FileNotFoundError: there is no clip in the folder.
+        ValueError: the clip has no scene in its provenance, which persons and motions are read from.
+    """
+    folder = Path(folder)
+    if by is SplitBy.rig:
+        return {_rig(folder / "arrays.safetensors")}
+    spec = read_json(folder / "clip.json")["provenance"].get("spec")
+    if spec is None:
+        raise ValueError(
+            f"{folder}: no scene in the provenance of the clip, which says who moves how; by=rig needs none"
+        )
+    persons = spec["persons"]
+    if by is SplitBy.person:
+        return {_digest(json.dumps(person["body"], sort_keys=True).encode()) for person in persons}
+    return {
+        person["motion"][: cut.start()].split(_RECORDED_ABOUT)[0]
+        if (cut := _STRETCH.search(person["motion"]))
+        else f"drawn for person {number} by {spec['seed']}/{spec['clip']}"
+        for number, person in enumerate(persons)
+    }
+
+
+def _rig(path: Path) -> str:
+    with safe_open(path, framework="numpy") as arrays:
+        owner = "true_rig" if "true_rig.K" in arrays.keys() else "rig"  # noqa: SIM118
+        numbers = [arrays.get_tensor(f"{owner}.{name}") for name in ("K", "dist", "cam_from_world", "size")]
+    return _digest(b"".join((each.astype(np.float64).round(6) + 0.0).tobytes() for each in numbers))
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]
+
+
+def split(data: Path, shares: dict[str, float], by: SplitBy = SplitBy.person, *, seed: int = 0) -> dict[str, list[str]]:
+    """Divide the clips of a data set such that clips that share something are in the same split.
+
+    Groups of such clips are drawn in random order, each for the split that lacks most clips; every split gets one.
+
+    Args:
+        data: The data set.
+        shares: Share of the clips by name of split; those of 0 are left out.
+        by: What may not be in two splits.
+        seed: Of the order.
+
+    Returns:
+        Names of clips by name of split, in the order of the data set.
+
+    Raises:
+        ValueError: the shares do not add up to 1, or there are fewer groups than splits.
+    """
+    wanted = {name: share for name, share in shares.items() if share > 0}
+    if min(shares.values()) < 0 or abs(sum(shares.values()) - 1) > 1e-6:
+        listed = ", ".join(f"{name}={share:g}" for name, share in shares.items())
+        raise ValueError(f"expected shares from 0 to 1 that add up to 1, got {listed}")
+    folders = clip_folders(Path(data))
+    groups = _groups({folder.name: identities(folder, by) for folder in progress(folders, "reading clips")})
+    if len(groups) < len(wanted):
+        raise ValueError(
+            f"{data}: by={by.name} its {len(folders)} clips are {len(groups)} groups that share nothing, too few for "
+            f"{len(wanted)} splits; split by something else, or fewer ways"
+        )
+    order = np.random.default_rng(seed).permutation(len(groups))
+    target = {name: share * len(folders) for name, share in wanted.items()}
+    made: dict[str, list[str]] = {name: [] for name in wanted}
+    for left, index in zip(range(len(groups), 0, -1), order, strict=True):
+        empty = [name for name in wanted if not made[name]]
+        eligible = empty if empty and left <= len(empty) else list(wanted)
+        made[max(eligible, key=lambda name: target[name] - len(made[name]))] += groups[index]
+    return {name: sorted(names) for name, names in made.items()}
+
+
+def _groups(found: dict[str, set[str]]) -> list[list[str]]:
+    """Return the names of clips that share something, directly or through others, together."""
+    names, things = list(found), {thing: index for index, thing in enumerate(set().union(*found.values()))}
+    pairs = [(row, len(names) + things[thing]) for row, name in enumerate(names) for thing in found[name]]
+    size = len(names) + len(things)
+    graph = coo_array((np.ones(len(pairs)), np.transpose(pairs)), (size, size))
+    _, labels = connected_components(graph, directed=False)
+    groups: dict[int, list[str]] = defaultdict(list)
+    for name, label in zip(names, labels.tolist(), strict=False):
+        groups[label].append(name)
+    return list(groups.values())
+
+
+def find_leaks(data: Path, splits: dict[str, list[str]], kinds: Iterable[SplitBy] = tuple(SplitBy)) -> list[Leak]:
+    """Return every person, motion and rig that is in several splits, and clips that are.
+
+    Args:
+        data: The data set.
+        splits: Names of clips by name of split.
+        kinds: What to look for.
+
+    Raises:
+        ValueError: a clip has no scene in its provenance, and persons or motions are looked for.
+    """
+    found = []
+    for by in kinds:
+        places: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+        for name, clips in splits.items():
+            for clip in clips:
+                for thing in identities(Path(data) / clip, by):
+                    places[thing][name].append(clip)
+        found += [Leak(by, dict(clips)) for clips in places.values() if len(clips) > 1]
+    return found
+
+
+def write_splits(path: Path, splits: dict[str, list[str]], by: SplitBy, seed: int) -> None:
+    """Write a file of splits."""
+    write_atomic(path, json.dumps({"format": FORMAT, "by": by.name, "seed": seed, "splits": splits}, indent=1))
+
+
+def read_splits(path: Path, clips: list[str]) -> dict[str, list[str]]:
+    """Read a file of splits of a data set.
+
+    Args:
+        path: JSON file of `write_splits`.
+        clips: Names of the clips of the data set.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is no file of splits, names clips that do not exist, or a clip twice.
+    """
+    content = read_json(path)
+    splits = content.get("splits") if isinstance(content, dict) else None
+    if not isinstance(splits, dict) or content.get("format") != FORMAT:
+        raise ValueError(
+            f"{path}: expected splits of format {FORMAT}, as synth split writes them, found {content!r:.60}"
+        )
+    place: dict[str, str] = {}
+    for name, members in splits.items():
+        if not re.fullmatch(r"[A-Za-z][\w-]*", name) or not isinstance(members, list) or not members:
+            raise ValueError(f"{path}: expected lists of clips by name of split, found {name!r}: {members!r:.60}")
+        for clip in members:
+            if clip not in clips:
+                raise ValueError(f"{path}: split {name} has clip {clip!r}, which the data set does not have")
+            if clip in place:
+                raise ValueError(f"{path}: clip {clip} is in {place[clip]} and again in {name}")
+            place[clip] = name
+    return splits

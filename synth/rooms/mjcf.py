@@ -1,0 +1,209 @@
+"""Read rooms and props in MJCF, which may come from elsewhere: they read no file outside their folder.
+
+What a file asks for is looked at before MuJoCo sees it: the files that it includes and its meshes and pictures, its
+numbers, and how much it makes of little text. Paths are those of MuJoCo's documentation: `meshdir`, `texturedir` and
+`assetdir` hold for meshes and pictures, includes are relative to the file itself.
+"""
+
+from dataclasses import dataclass, field
+from math import prod
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+
+from dmae.files.contents import check_file, read_text
+from dmae.files.numbers import check_numbers
+from dmae.files.pictures import check_picture
+
+_MOST_TEXT, _MOST_ASSET = 4 << 20, 200 << 20
+"""Bytes of an MJCF file, and of a mesh or picture."""
+_MOST_DEPTH, _MOST_ELEMENTS, _MOST_INCLUDES = 64, 10_000, 32
+"""Elements in each other, elements with repeated ones counted each time, and included files in each other."""
+_MOST_NUMBER, _FARTHEST = 1e9, 1e5
+"""Of any attribute, and of sizes and positions, m."""
+_BITS = {"contype", "conaffinity", "collision", "group"}
+"""Attributes that are no quantities."""
+_PRODUCTS = {
+    "hfield": (("nrow", "ncol"), 1 << 22),
+    "numeric": (("size",), 1 << 16),
+    "global": (("offwidth", "offheight"), 1 << 26),
+    "camera": (("resolution",), 1 << 26),
+    "composite": (("count",), 1000),
+    "flexcomp": (("count",), 1000),
+}
+"""By element, attributes with a product that MuJoCo takes memory for, and the greatest product."""
+_GREATEST = {
+    ("texture", "width"): 4096,
+    ("texture", "height"): 6 * 4096,
+    ("quality", "shadowsize"): 16384,
+    ("quality", None): 1000,
+    ("mesh", "params"): 128,
+    ("size", "njmax"): 1e6,
+    ("size", "nconmax"): 1e6,
+    ("size", "nuserdata"): 1e6,
+    ("size", "nstack"): 1e8,
+    ("size", "memory"): 256e6,
+    ("size", None): 1000,
+    (None, "dim"): 1e4,
+    (None, "actdim"): 1e4,
+    (None, "nsample"): 1e4,
+}
+"""Greatest number by element and attribute, for the same reason; None stands for any other."""
+_UNITS = {"k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12, "p": 1e15, "e": 1e18}
+_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "flexcomp": "meshdir", "skin": "meshdir", "texture": "texturedir"}
+_UNSUPPORTED = ("plugin", "extension", "model", "attach")
+
+
+@dataclass
+class _Found:
+    """What has been read so far."""
+
+    folder: Path
+    dirs: list[tuple[str, str]] = field(default_factory=list)
+    """Attributes of `compiler` that name folders."""
+    assets: list[tuple[Path, str, str]] = field(default_factory=list)
+    """The file that names it, its element, and its name."""
+    elements: int = 0
+
+
+def read_mjcf(path: Path) -> mujoco.MjSpec:
+    """Return the room or prop of an MJCF file.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is malformed, refers to a file outside its folder, or is larger than a room can be; the message
+            names both files.
+    """
+    path = Path(path)
+    check_mjcf(path)
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise ValueError(f"{path}: {' '.join(str(error).split())}") from None
+
+
+def compile_mjcf(path: Path) -> mujoco.MjModel:
+    """Return the model of an MJCF file; errors as in `read_mjcf`."""
+    spec = read_mjcf(path)
+    try:
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ValueError(f"{path}: {' '.join(str(error).split())}") from None
+    solid = model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
+    check_numbers(f"{path}: sizes of geoms, m", model.geom_size[solid], _FARTHEST)
+    check_numbers(f"{path}: positions of geoms, m", model.geom_pos, _FARTHEST)
+    check_numbers(f"{path}: positions of bodies, m", model.body_pos, _FARTHEST)
+    return model
+
+
+def check_mjcf(path: Path) -> None:
+    """Check a file and all that it includes; errors as in `read_mjcf`."""
+    found = _Found(path.resolve().parent)
+    _read(path, found, ())
+    for file, kind, name in found.assets:
+        folders = ["", *(folder for key, folder in found.dirs if key in ("assetdir", _FOLDERS.get(kind)))]
+        for asset in _existing(found, file, kind, [Path(folder) / name for folder in folders]):
+            check_file(asset, _MOST_ASSET)
+            if asset.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"):
+                check_picture(asset)
+
+
+def _read(path: Path, found: _Found, above: tuple[Path, ...]) -> None:
+    text = read_text(path, _MOST_TEXT)
+    if "<!DOCTYPE" in text.upper() or "<!ENTITY" in text.upper():
+        raise ValueError(f"{path}: expected MJCF, found a document type, which MJCF has none of")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ValueError(f"{path}: expected MJCF, {error}") from None
+    if root.tag not in ("mujoco", "mujocoinclude"):
+        raise ValueError(f"{path}: expected MJCF, <mujoco>, found <{root.tag:.40}>")
+    try:
+        found.elements += _count(root, 0)
+        if found.elements > _MOST_ELEMENTS:
+            raise ValueError(f"expected at most {_MOST_ELEMENTS} elements, found {found.elements}")
+        for element in root.iter():
+            _check_element(element)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    for element in root.iter():
+        _follow(path, element, found, (*above, path.resolve()))
+
+
+def _count(element: ElementTree.Element, depth: int) -> int:
+    """Return the number of elements in one, those in a `replicate` counted as often as it repeats them."""
+    if depth > _MOST_DEPTH:
+        raise ValueError(f"its elements are nested deeper than {_MOST_DEPTH}")
+    inside = sum(_count(child, depth + 1) for child in element)
+    times = 1
+    if element.tag == "replicate":
+        times = max(_numbers(element.get("count", "1")))
+        if any(True for _ in element.iter("include")):
+            raise ValueError("<replicate> repeats an <include>; write out what is repeated")
+    return int(min(1 + max(times, 1) * inside, 1e18))
+
+
+def _check_element(element: ElementTree.Element) -> None:
+    """Refuse numbers that are none, and sizes for which MuJoCo takes memory before it reads on."""
+    tag, values = element.tag, element.attrib
+    if tag in _UNSUPPORTED:
+        raise ValueError(f"<{tag}>: rooms and props are read without plugins and models in models")
+    for name, value in values.items():
+        most = _GREATEST.get((tag, name), _GREATEST.get((None, name), _GREATEST.get((tag, None), _MOST_NUMBER)))
+        if name not in _BITS and not all(abs(number) <= most for number in _numbers(value)):
+            raise ValueError(f"<{tag} {name}={value!r:.60}>: expected numbers up to {most:g}")
+    if tag in _PRODUCTS:
+        names, most = _PRODUCTS[tag]
+        size = prod(number for name in names for number in _numbers(values.get(name, "")) if number > 0)
+        if size > most:
+            raise ValueError(f"<{tag}>: expected {' x '.join(names)} of at most {most}, found {size:.4g}")
+
+
+def _numbers(text: str) -> list[float]:
+    """Return the numbers in an attribute, with a unit of memory multiplied; words count as zero."""
+    found = []
+    for word in text.split():
+        unit = _UNITS.get(word[-1].lower(), 1.0)
+        try:
+            found.append(float(word if unit == 1 else word[:-1]) * unit)
+        except ValueError:
+            found.append(0.0)
+    return found or [0.0]
+
+
+def _follow(path: Path, element: ElementTree.Element, found: _Found, above: tuple[Path, ...]) -> None:
+    """Note the files that an element names; read included ones."""
+    for name, value in element.attrib.items():
+        if element.tag == "compiler" and name in ("assetdir", "meshdir", "texturedir"):
+            found.dirs.append((name, value))
+            _existing(found, path, element.tag, [Path(value)])
+        elif name.startswith("file") and element.tag == "include":
+            for file in _existing(found, path, element.tag, [Path(value)]):
+                if file in above or len(above) > _MOST_INCLUDES:
+                    raise ValueError(f"{path}: <include file={value!r:.80}> includes itself")
+                _read(file, found, above)
+        elif name.startswith("file"):
+            found.assets.append((path, element.tag, value))
+
+
+def _existing(found: _Found, path: Path, kind: str, names: list[Path]) -> list[Path]:
+    """Return those files of some names that are there: MuJoCo looks next to the first file, or next to the one that
+    names it. Absolute names, and links that lead out of the folder, are refused.
+    """
+    places = []
+    for name in names:
+        for folder in (found.folder, path.resolve().parent):
+            try:
+                whole = (folder / name).resolve()
+            except (OSError, ValueError, RuntimeError):
+                whole = Path("/")
+            if name.is_absolute() or not whole.is_relative_to(found.folder):
+                raise ValueError(
+                    f"{path}: <{kind}> names {str(name)!r:.120}, expected a file in {found.folder} or below it"
+                )
+            places.append(whole)
+    there = [place for place in dict.fromkeys(places) if place.exists()]
+    if not there:
+        raise FileNotFoundError(f"{path}: <{kind}> names {str(names[-1])!r:.120}, found no such file")
+    return there

@@ -1,0 +1,92 @@
+"""Presets that people share are data: whatever such a file holds, no other file is written and nothing is called."""
+
+import pytest
+
+from tests.support.commands import run_command
+
+BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 40)
+)
+HARMFUL = {
+    "callback": "# @package _global_\nhydra:\n  callbacks:\n    evil:\n      _target_: evil.Callback\n",
+    "log file": "# @package _global_\nhydra: {job_logging: {handlers: {f: {filename: HARM}}}}",
+    "run folder": "# @package _global_\nhydra: {run: {dir: HARM}, output_subdir: x, job: {chdir: true}}\n",
+    "out": "# @package _global_\nout: HARM\n",
+    "package of hydra": "# @package hydra.run\ndir: HARM\n",
+    "package in the middle": "# A preset.\n#@package hydra\noutput_subdir: HARM\n",
+    "defaults": "defaults:\n  - /hydra/job_logging: default\n",
+    "override in defaults": "defaults:\n  - override /hydra/job_logging: default\n",
+    "package in defaults": "defaults:\n  - shelf_openpose@hydra\n",
+    "target": "name: x\nparts: {nose: {_target_: os.system}}\n",
+    "target at the top": "_target_: os.system\n",
+    "environment": "name: ${oc.env:SECRET}\n",
+    "environment in a part": "parts: {nose: {noise: '${oc.decode:${oc.env:SECRET}}'}}\n",
+    "environment in a key": "parts: {'${oc.env:SECRET}': {noise: 1}}\n",
+    "reference": "name: ${out}\n",
+    "function": "custom: ['os:system']\n",
+    "option of another group": "scene: {seconds: 9}\n",
+    "hydra within the group": "hydra: {run: {dir: HARM}}\n",
+    "aliases": BOMB,
+    "deep": "name: " + "[" * 10_000,
+    "python": "name: !!python/object/apply:os.mkdir [HARM]\n",
+    "list": "- 1\n",
+    "key twice": "name: a\nname: b\n",
+    "no text": "\ud800",
+    "large": "# " + "x" * (1 << 20) + "\n",
+}  # fmt: skip
+
+
+@pytest.fixture
+def presets(tmp_path):
+    (tmp_path / "presets/detector").mkdir(parents=True)
+    return tmp_path / "presets"
+
+
+def tree(folder):
+    return sorted(path.relative_to(folder) for path in folder.rglob("*"))
+
+
+@pytest.mark.parametrize("name", HARMFUL)
+def test_a_harmful_preset_is_refused_and_leaves_nothing(name, presets, tmp_path, monkeypatch):
+    monkeypatch.setenv("SECRET", "hunter2")
+    file = presets / "detector/mine.yaml"
+    file.write_bytes(HARMFUL[name].replace("HARM", str(tmp_path / "harm")).encode(errors="surrogatepass"))
+    before = tree(tmp_path)
+    for flags in (["detector=mine", "out=set", "clips=1"], ["detector=mine", "out=set", "--cfg", "job"]):
+        done = run_command(tmp_path, "synth", "generate", f"--config-dir={presets}", *flags)
+        assert done.returncode == 1, done.stdout
+        assert str(file) in done.stderr and len(done.stderr.splitlines()) == 1
+        assert "hunter2" not in done.stdout + done.stderr
+        assert tree(tmp_path) == before
+
+
+def test_files_outside_the_groups_of_a_command_are_never_read(presets, tmp_path):
+    for name in ("generate.yaml", "base.yaml", "hydra/job_logging/none.yaml", "hydra/callbacks/evil.yaml", "x/y.yaml"):
+        (presets / name).parent.mkdir(parents=True, exist_ok=True)
+        (presets / name).write_text("name: not read\nhydra: {run: {dir: harm}}\n")
+    (presets / "detector/mine.yaml").write_text("name: mine\n")
+    done = run_command(tmp_path, "synth", "generate", f"--config-dir={presets}", "detector=mine", "--cfg", "job")
+    assert done.returncode == 0, done.stderr
+    assert "name: mine" in done.stdout and "not read" not in done.stdout
+    done = run_command(tmp_path, "synth", "generate", f"--config-dir={presets}", "+x=y", "out=set")
+    assert done.returncode == 1 and not (tmp_path / "set").exists()
+
+
+def test_a_preset_can_start_from_one_that_is_shipped(presets, tmp_path):
+    (presets / "detector/mine.yaml").write_text(
+        "# Like a real one.\n# @package detector\ndefaults: [terrible, _self_]\nname: mine\n"
+    )
+    done = run_command(
+        tmp_path, "synth", "generate", f"--config-dir={presets}", "detector=mine", "--cfg", "job", "out=x"
+    )
+    assert done.returncode == 0, done.stderr
+    assert "name: mine" in done.stdout and "unsynchronised: 1.0" in done.stdout
+    (presets / "detector/mine.yaml").write_text("defaults: [mine]\n")
+    done = run_command(tmp_path, "synth", "generate", f"--config-dir={presets}", "detector=mine", "out=x")
+    assert done.returncode == 1 and "expected a list of presets of detector" in done.stderr
+
+
+@pytest.mark.parametrize("flag", ["--config-name=x", "--config-path=x", "-cp=x", "--experimental-rerun=x.pickle"])
+def test_whole_configurations_and_pickled_ones_are_not_taken(flag, tmp_path):
+    done = run_command(tmp_path, "synth", "generate", flag, "out=set")
+    assert done.returncode == 1 and "no such flag" in done.stderr

@@ -1,0 +1,261 @@
+"""The matrix on small clips: planned, kept, continued, the same with any number of workers."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.data.clip import Detections2D, Poses3D
+from dmae.data.skeleton import BODY25
+from dmae.data.store import save_clip, write_manifest
+from dmae.evaluation.stress import matrix
+from dmae.evaluation.stress.config import StressConfig
+from dmae.evaluation.stress.matrix import compute, prepare
+from tests.support.commands import dmae
+from tests.support.stressed_clips import strollers
+
+CLIPS = [strollers(30, persons, views=4, name=name, fps=10.0) for name, persons in (("a", 3), ("b", 2))]
+
+
+def config(**changes) -> StressConfig:
+    options = {"axes": ["misses", "cameras"], "pairs": [], "methods": ["measured", "linear"]}
+    return StressConfig(**options | changes)
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory):
+    """The folder of a cache, and the result of the run that filled it."""
+    folder = tmp_path_factory.mktemp("cache")
+    return folder, compute(prepare(CLIPS, config(), folder))
+
+
+@pytest.fixture
+def ran(monkeypatch) -> list:
+    """Cells that are run, and the methods in each."""
+    found, run_cell = [], matrix.run_cell
+
+    def counted(subject, cell, contenders):
+        found.append((subject.clip.id, cell.levels, [each.name for each in contenders]))
+        return run_cell(subject, cell, contenders)
+
+    monkeypatch.setattr(matrix, "run_cell", counted)
+    return found
+
+
+def test_curves_fall_from_the_clip_as_it_is(first):
+    _, result = first
+    assert [axis["name"] for axis in result["axes"]] == ["misses", "cameras"]
+    for axis in result["axes"]:
+        for method in axis["methods"].values():
+            values = [point["pcp"][0] for point in method["points"]]
+            assert values[0] > 97 and values[-1] < values[0]
+            assert all(point["pcp"][1] <= point["pcp"][0] <= point["pcp"][2] for point in method["points"])
+    measured, linear = (result["axes"][0]["methods"][name] for name in ("measured", "linear"))
+    assert measured["points"][-1]["pcp"][0] < linear["points"][-1]["pcp"][0]
+    assert measured["breaks"]["hidden"] is None
+
+
+def test_a_second_run_computes_nothing(first, ran):
+    folder, result = first
+    again = prepare(CLIPS, config(), folder)
+    assert "10 of them kept from earlier runs, 0 to compute" in again.forecast
+    assert compute(again) == result
+    assert ran == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"levels": {"misses": [20, 30]}}, {((("misses", 30.0),), ("measured", "linear"))}),
+        ({"methods": ["measured", "linear", "hold"], "axes": ["cameras"]}, {"hold alone"}),
+        ({"seed": 1, "axes": ["misses"]}, {((("misses", level),), ("measured", "linear")) for level in (20, 40)}),
+    ],
+)
+def test_what_is_new_alone_is_computed(first, ran, changes, expected):
+    folder, _ = first
+    compute(prepare(CLIPS, config(**changes), folder))
+    if expected == {"hold alone"}:
+        assert {tuple(methods) for _, _, methods in ran} == {("hold",)} and len(ran) == 6
+    else:
+        assert {(levels, tuple(methods)) for _, levels, methods in ran} == expected
+        assert len(ran) == 2 * len(expected)
+
+
+def test_another_clip_capture_or_code_is_computed_anew(first, ran, monkeypatch):
+    folder, _ = first
+    moved = replace(CLIPS[0], truth=Poses3D(BODY25, CLIPS[0].truth.xyz + 0.01))
+    assert len(prepare([moved, CLIPS[1]], config(), folder).missing()) == 5
+    stricter = replace(config().capture, th_p=0.3)
+    assert len(prepare(CLIPS, config(capture=stricter), folder).missing()) == 10
+    monkeypatch.setattr("dmae.evaluation.stress.cache.code_hash", lambda: "other")
+    assert len(prepare(CLIPS, config(), folder).missing()) == 10
+
+
+def test_a_damaged_result_is_computed_anew(first, ran):
+    folder, result = first
+    planned = prepare(CLIPS, config(), folder)
+    key = planned.key(0, next(planned.plan.cells()), planned.contenders[0])
+    file = folder / key[:2] / f"{key}.json"
+    file.write_text("{")
+    assert compute(prepare(CLIPS, config(), folder)) == result
+    assert len(ran) == 1 and json.loads(file.read_text())
+
+
+def test_an_interrupted_run_is_continued(tmp_path, ran, first, monkeypatch):
+    run_cell = matrix.run_cell
+
+    def interrupted(*arguments):
+        if len(ran) == 3:
+            raise KeyboardInterrupt
+        return run_cell(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(matrix, "run_cell", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            compute(prepare(CLIPS, config(), tmp_path))
+    assert len(ran) == 3
+    assert compute(prepare(CLIPS, config(), tmp_path)) == first[1]
+    assert len(ran) == 10
+
+
+@pytest.mark.slow
+def test_the_number_of_workers_changes_nothing(first, tmp_path):
+    folder, result = first
+    assert compute(prepare(CLIPS, config(workers=2), tmp_path)) == result
+    files = [{file.name: file.read_bytes() for file in path.glob("*/*.json")} for path in (folder, tmp_path)]
+    assert files[1].items() <= files[0].items()
+
+
+def test_without_truth_what_all_cameras_measured_is_the_reference(first):
+    clips = [replace(clip, truth=None) for clip in CLIPS]
+    result = compute(prepare(clips, config(axes=["misses"])))
+    assert result["reference"] == "capture"
+    points = result["axes"][0]["methods"]["linear"]["points"]
+    assert points[0]["pcp"][0] > 99.9 and points[-1]["pcp"][0] < points[0]["pcp"][0]
+
+
+def test_axes_that_clips_do_not_allow_are_left_out_with_a_note():
+    few = [strollers(frames=20, persons=1, views=3, name="few")]
+    planned = prepare(few, config(axes=[], pairs=None)).plan
+    names = [axis.name for axis in planned.axes]
+    assert "person_swaps" not in names and "merges" not in names and "misses" in names
+    (cameras,) = (axis for axis in planned.axes if axis.name == "cameras")
+    assert cameras.levels == ((1.0,),)
+    assert any("clip 'few' has 3 cameras, and two must be left" in note for note in planned.notes)
+    assert {level[0] for level in planned.pairs[0].levels} == {1.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"axes": ["jiter"]}, "no corruption 'jiter'; did you mean 'jitter'"),
+        ({"axes": ["merges"]}, "merges=20: expected 2 people or more in an image, clip 'few' has at most 1"),
+        (
+            {"axes": ["cameras"], "levels": {"cameras": [1, 2]}},
+            "cameras=2: clip 'few' has 3 cameras, and two must be left",
+        ),
+        ({"levels": {"misses": [120]}}, r"misses=120: expected 0 or up to 100, in %"),
+        ({"levels": {"misses": [0]}}, "levels of misses: expected one or more above 0"),
+        ({"levels": {"jitter": [1]}}, "levels of jitter: no such axis is used"),
+        ({"pairs": ["misses"]}, r"pairs=misses: expected two different axes, as in pairs=\[cameras\+objects\]"),
+        ({"methods": ["liner"]}, "no completion method 'liner'; did you mean 'linear'"),
+        ({"methods": []}, r"methods=\[\]: expected some of"),
+        ({"paper_weights": "runs/paper"}, "paper_weights=runs/paper: expected paper among the methods"),
+    ],
+)
+def test_what_cannot_be_is_named(changes, message):
+    few = [strollers(frames=10, persons=1, views=3, name="few")]
+    with pytest.raises(ValueError, match=message):
+        prepare(few, config(**changes))
+
+
+def test_weights_that_are_not_there_are_named():
+    with pytest.raises(FileNotFoundError, match="expected a folder that `dmae train` wrote"):
+        prepare(CLIPS, config(methods=["dmae"], weights="nowhere"))
+
+
+def test_clips_that_cannot_be_compared_are_named():
+    without = replace(CLIPS[1], truth=None)
+    with pytest.raises(ValueError, match="clips b have no truth, others have"):
+        prepare([CLIPS[0], without], config())
+    with pytest.raises(ValueError, match="two clips have the id 'a'"):
+        prepare([CLIPS[0], CLIPS[0]], config())
+    with pytest.raises(ValueError, match="no clip to stress"):
+        prepare([], config())
+    two = replace(CLIPS[1].select(views=[0, 1]), truth=None)
+    with pytest.raises(ValueError, match="no truth, and its 2 cameras measure no joint in three views or more"):
+        compute(prepare([two], config(axes=["misses"])))
+
+
+def shortened(poses: Poses3D, fps: float) -> Poses3D:
+    """Loses a frame."""
+    return poses.select(slice(1, None))
+
+
+def test_predictions_of_another_length_are_named():
+    name = f"{__name__}:shortened"
+    with pytest.raises(ValueError, match=r"shortened: expected poses of \d persons in 30 frames back, found \d in 29"):
+        compute(prepare(CLIPS[:1], config(methods=[name], axes=["misses"])))
+
+
+def test_paper_is_captured_with_its_thresholds():
+    result = compute(prepare(CLIPS[:1], config(methods=["linear", "paper"], axes=["cameras"])))
+    assert "no weights of its network given" in result["methods"]["paper"]
+    last = {name: method["points"][-1] for name, method in result["axes"][0]["methods"].items()}
+    # Two cameras are left, and the paper asks for three.
+    assert last["paper"]["pcp"][0] == 0 < last["linear"]["pcp"][0]
+
+
+def test_a_clip_without_people_is_not_measured_well_and_does_not_stop():
+    nothing = np.full_like(CLIPS[0].detections.xy, np.nan)
+    clip = replace(CLIPS[0], detections=Detections2D(BODY25, nothing, nothing[..., 0]), detection_labels=None)
+    result = compute(prepare([clip], config(axes=["misses"])))
+    assert result["axes"][0]["methods"]["linear"]["points"][0]["pcp"][0] == 0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A working directory with a data set of two clips."""
+    folder = tmp_path_factory.mktemp("work")
+    for clip in CLIPS:
+        save_clip(clip, folder / "set" / clip.id)
+    write_manifest(folder / "set", [{"id": clip.id, "status": "ok"} for clip in CLIPS])
+    return folder
+
+
+class TestCommand:
+    def test_writes_a_result_and_a_page(self, folder):
+        options = ("data=set", "axes=[jitter]", "levels.jitter=[2]", "pairs=[]", "methods=[linear]", "out=found")
+        done = dmae(folder, "stress", *options)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.startswith(
+            "4 cells (2 clips; corruptions: 1 alone, 0 in pairs; 1 seed), 4 to compute with 1 method each"
+        )
+        (axis,) = json.loads((folder / "found/stress.json").read_text())["axes"]
+        assert [point["level"] for point in axis["methods"]["linear"]["points"]] == [0, 2]
+        assert "<html" in (folder / "found/stress.html").read_text()
+        again = dmae(folder, "stress", *options)
+        assert "4 of them kept from earlier runs, 0 to compute" in again.stdout
+
+    def test_real_recordings_are_taken(self, folder, data_folder):
+        shelf = ("data=shelf", f"data.path={data_folder / 'shelf'}", "data.frames=[0,25]")
+        options = ("axes=[objects,offsets]", "pairs=[]", "methods=[linear]", "out=shelf")
+        done = dmae(folder, "stress", *shelf, *options)
+        assert done.returncode == 0, done.stderr
+        axes = json.loads((folder / "shelf/stress.json").read_text())["axes"]
+        assert all(axis["methods"]["linear"]["points"][0]["pcp"][0] > 95 for axis in axes)
+
+    @pytest.mark.parametrize(
+        ("option", "message"),
+        [
+            ("axes=[jiter]", "axes=[jiter]: no axe 'jiter'; did you mean jitter?"),
+            ("levels.jiter=[1]", "levels of jiter: no such axis is used; there are jitter"),
+            ("methods=[liner]", "did you mean linear?"),
+        ],
+    )
+    def test_mistyped_options_are_answered(self, folder, option, message):
+        done = dmae(
+            folder, "stress", "data=set", *(["axes=[jitter]"] if "axes" not in option else []), "pairs=[]", option
+        )
+        assert done.returncode == 1 and message in done.stderr
