@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from dmae.data.skeleton import Skeleton as Skeleton
     from dmae.data.skeleton import get_skeleton as get_skeleton
     from dmae.online.capture import OnlineCapture as OnlineCapture
+    from dmae.public.assessment import benchmark as benchmark
     from dmae.public.assessment import compare_scores as compare_scores
     from dmae.public.assessment import doctor as doctor
     from dmae.public.assessment import draw as draw
@@ -51,7 +52,16 @@ _HOMES = {
     "dmae.data.clip": ["Clip", "Detections2D", "Poses3D", "Source"],
     "dmae.data.skeleton": ["Skeleton", "get_skeleton"],
     "dmae.online.capture": ["OnlineCapture"],
-    "dmae.public.assessment": ["compare_scores", "doctor", "draw", "evaluate", "regress", "report", "show"],
+    "dmae.public.assessment": [
+        "benchmark",
+        "compare_scores",
+        "doctor",
+        "draw",
+        "evaluate",
+        "regress",
+        "report",
+        "show",
+    ],
     "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
     "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "read_poses", "save"],
     "dmae.public.stress": ["corrupt", "stress"],

@@ -233,11 +233,12 @@ def _store(command: Command, configuration: type) -> None:
     store = ConfigStore.instance()
     store.store(name=f"{command.name}_schema", node=_schema(configuration))
     options = command.options()
-    for group, presets in command.registries.items():
-        # Hydra takes key=value for a preset where it knows of any, as of an earlier command of this process.
+    for group in DMAE.registries.keys() | command.registries.keys():
+        # Where Hydra knows of presets, as of an earlier command of this process, it takes key=value for one: `data=...`
+        # is a plain option of some commands.
         store.repo.pop(group, None)
         if isinstance(options.find(group), Group):
-            for name, preset in presets().items():
+            for name, preset in command.registries[group]().items():
                 store.store(group=group, name=name, node=preset.values)
 
 

@@ -10,3 +10,7 @@ SYNTH = Program("synth", "Simulate people, rooms, cameras and detectors, with ex
 
 def main() -> None:
     run_program(SYNTH)
+
+
+if __name__ == "__main__":
+    main()

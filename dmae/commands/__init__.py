@@ -4,6 +4,7 @@ COMMANDS = {
     "capture": "Turn detections into 3D poses",
     "complete": "Fill what no camera measured, marked as such",
     "evaluate": "Score methods over clips and camera subsets",
+    "benchmark": "Compare completion and capture on clips that are made here, by cause of occlusion",
     "table": "Reproduce a table of the paper, published rows beside measured ones",
     "stress": "Find what breaks the methods: corrupt clips step by step and score each step",
     "show": "Draw clips as contact sheet, video and Rerun recording",

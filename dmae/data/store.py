@@ -195,6 +195,8 @@ def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Cl
     """Return the clip of a folder from the content of its JSON and its arrays, of all frames or of some."""
     if not isinstance(meta["id"], str) or not isinstance(meta["provenance"], dict):
         raise ValueError("expected an id that is a text, and a provenance that is an object")
+    if not isinstance(meta["objects"], list) or not all(isinstance(name, str) for name in meta["objects"]):
+        raise ValueError("expected objects to be a list of texts")
     parts = {name: _part(name, skeleton, arrays) for name, skeleton in meta["skeletons"].items()}
     images = meta["images"]
     if images:

@@ -119,7 +119,7 @@ def _people(file: Path, content, skeleton: Skeleton) -> np.ndarray:
         keypoints = person.get("keypoints") if isinstance(person, dict) else None
         try:
             array = np.array(keypoints, np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             array = np.empty(0)
         if array.shape != found.shape[1:]:
             shape = f", of shape {array.shape}" if array.size else ""

@@ -125,7 +125,7 @@ def _actor(place: str, joints) -> np.ndarray:
     """Return joints (14 or 15, 3), NaN where the actor is not annotated."""
     try:
         found = np.asarray(joints, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.empty(0)
         joints = joints or "nothing"
     if found.size == 0 and not isinstance(joints, str):

@@ -166,6 +166,65 @@ def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
     return diagnose(clip, max_offset=max_offset)
 
 
+def benchmark(
+    *,
+    methods: Sequence[str | Callable] = ("linear", "dmae"),
+    captures: Sequence[str | Callable] = ("capture",),
+    name: str = "occlusion-v1",
+    size: str = "small",
+    against: str | Path | None = None,
+    workers: int = 1,
+    out: str | Path = "runs/benchmark",
+) -> dict:
+    """Compare completion and capture on a benchmark of occlusion, made here from its definition.
+
+    Args:
+        methods: What fills the holes of captured poses: functions of poses and frames per second that return poses,
+            names of completion methods, or folders of poses.
+        captures: What makes poses of detections: functions of a clip, `capture` (ours), or folders of poses.
+        name: The benchmark, or a YAML file of your own.
+        size: `small` or `full`.
+        against: Earlier scores to compare with.
+        workers: Processes; -1 for one a core.
+        out: Folder of the clips, `scores.json` and `benchmark.html`.
+
+    Returns:
+        `completion` and `capture`: the scores of each hand-in by name, with a `summary` and its `clips`; `levels`,
+        `clips`, `checksums` and `differences` (`dmae.evaluation.benchmark.run.benchmark`).
+
+    Raises:
+        ValueError: poses do not fit a clip, or clips are not those that were frozen; the message names the clip.
+
+    Examples:
+        >>> tiny = "{about: One clip, seed: 5, small: 1, full: 1, levels: "
+        >>> tiny += "[{name: self, about: Apart, sets: {apart: scene.seconds=1}}]}"
+        >>> _ = Path("tiny.yaml").write_text(tiny)
+        >>> scores = dmae.benchmark(name="tiny.yaml", methods=["linear"], out="benchmark")
+        >>> scores["completion"]["linear"]["summary"]["filled"]
+        100.0
+    """
+    from dmae.evaluation.benchmark.definition import BenchmarkSize
+    from dmae.evaluation.benchmark.run import BenchmarkConfig
+    from dmae.evaluation.benchmark.run import benchmark as run
+    from dmae.evaluation.benchmark.tables import write_scores
+
+    if size not in [*BenchmarkSize]:
+        raise ValueError(f"size={size}: expected one of {', '.join(BenchmarkSize)}")
+    named, own = ([[each for each in group if isinstance(each, str) == by_name] for group in (methods, captures)]
+                  for by_name in (True, False))  # fmt: skip
+    config = BenchmarkConfig(
+        name,
+        BenchmarkSize(size),
+        *named,
+        against=None if against is None else str(against),
+        workers=workers,
+        out=str(out),
+    )
+    scores = run(config, *own)
+    write_scores(scores, Path(out))
+    return scores
+
+
 def regress(solver: Callable, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
     """Check a triangulation against a frozen pack of cases with documented bounds.
 

@@ -83,6 +83,17 @@ def gaps_table(name: str, methods: list[str] | None = None) -> str:
     return _table(["mm, by frames hidden", *(gap["frames"] for gap in first)], rows)
 
 
+def benchmark_table(name: str, table: str, methods: list[str] | None = None) -> str:
+    """A table of `dmae benchmark`, see `dmae.evaluation.benchmark.tables.benchmark_tables`; of some methods, or all."""
+    from dmae.evaluation.benchmark.tables import benchmark_tables
+
+    scores = load(name)["scores"]
+    if methods:
+        scores["completion"] = {method: scores["completion"][method] for method in methods}
+    found = benchmark_tables(scores)[table]
+    return f"{found.caption}:\n\n{_table(list(found.header), [list(row) for row in found.rows])}"
+
+
 def kept_table(name: str, table: str) -> str:
     """A table that a results file holds as it is: columns and rows of text."""
     kept = load(name)["tables"][table]
@@ -136,7 +147,7 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
 
 _FUNCTIONS = {
     "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
-    "paper_table": paper_table, "protocols": protocols,
+    "paper_table": paper_table, "benchmark_table": benchmark_table, "protocols": protocols,
     "stress_table": stress_table,
 }  # fmt: skip
 

@@ -25,6 +25,7 @@ TITLES = {
     "dataset_and_model": "A data set, and a model trained on it",
     "train_a_detector": "A detector that learns from simulated pictures",
     "triangulation_check": "Your triangulation under pytest",
+    "benchmark_method": "Your method on the benchmark",
     "frames_as_they_come": "Frames as they come",
     "custom_detector_error": "A detector error of your own",
 }

@@ -13,6 +13,7 @@ SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 NEEDS_RECORDINGS = {"pose2sim_recording"}
 SMALLER = {
     "dataset_and_model": (["4"], {"clips=10": "clips=3"}),
+    "benchmark_method": ([str(EXAMPLES.parent / "tests/data/tiny_benchmark.yaml")], {"workers=2": "workers=1"}),
     "train_a_detector": (["2"], {"clips=5": "clips=2"}),
 }
 """Arguments, and changes of the text, with which a script does less."""

@@ -82,7 +82,7 @@ def test_one_frame_of_each_kind(folder):
     longer = Images(images.folder, ("left",), tuple(range(9)))
     with pytest.raises(FileNotFoundError, match=r"left\.mp4: expected a frame 8, found 6 frames"):
         longer.at("rgb", "left", 8)
-    with pytest.raises(FileNotFoundError, match=r"right\.mp4: no such video"):
+    with pytest.raises(FileNotFoundError, match=r"right\.mp4: no such file"):
         Images(images.folder, ("right",), (0,)).at("rgb", "right", 0)
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from dmae.data.store import clip_folders, load_clip, read_manifest
-from tests.support.commands import synth
+from tests.support.commands import dmae, synth
 
 
 def test_generate_makes_a_data_set_of_clips(tmp_path):
@@ -61,3 +61,10 @@ def test_bad_input_is_one_clear_error_and_leaves_nothing_behind(tmp_path, argume
     assert done.returncode == 1
     assert said in done.stderr
     assert not (tmp_path / "bad").exists()
+
+
+def test_presets_of_another_program_are_no_choices_of_this_one(tmp_path):
+    """`data=` is a preset of `dmae capture` and the path of a data set here, in whatever order both run."""
+    for _ in range(2):
+        assert "none" in dmae(tmp_path, "capture", "data=shelf", "data.path=none", "out=captured").stderr
+        assert "none: expected a clip" in synth(tmp_path, "stats", "data=none", "out=card").stderr

@@ -1,0 +1,28 @@
+"""`dmae benchmark`: compare completion and capture on clips that are made here, with frozen checksums."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from dmae.evaluation.benchmark.run import BenchmarkConfig, benchmark
+from dmae.evaluation.benchmark.tables import CHECKED, benchmark_tables, write_scores
+from dmae.reporting.tables import print_tables
+
+WRITES = "folder"
+EXAMPLES = (
+    "dmae benchmark methods=[linear,dmae,my_module:fill] workers=2 out=runs/benchmark",
+    "dmae benchmark methods=[runs/filled] against=runs/benchmark data_folder=runs/benchmark/data out=runs/mine",
+)
+
+
+def run(config: BenchmarkConfig, out: Path) -> None:
+    scores = benchmark(replace(config, out=str(out)))
+    write_scores(scores, out)
+    print_tables([*benchmark_tables(scores).values()])
+    print(CHECKED[scores["checksums"]])
+    print(out / "scores.json", out / "benchmark.html", sep="\n")
+
+
+def interrupted(config: BenchmarkConfig, out: Path) -> str:
+    data = Path(config.data_folder) if config.data_folder else out / "data"
+    whole = len(list(data.glob("given/*/*/[!.]*/clip.json")))
+    return f"{whole} clips in {data} are made and captured; the same command goes on from there, and scores them again"

@@ -1,0 +1,22 @@
+"""The tiny benchmark, made once."""
+
+from pathlib import Path
+
+import pytest
+
+from dmae.evaluation.benchmark.clips import make_clips
+from dmae.evaluation.benchmark.definition import BenchmarkSize, Definition, find_definition
+from tests.support.benchmarks import write_tiny
+
+
+@pytest.fixture(scope="session")
+def tiny(tmp_path_factory) -> Definition:
+    return find_definition(str(write_tiny(tmp_path_factory.mktemp("definition"))))
+
+
+@pytest.fixture(scope="session")
+def made(tiny: Definition, tmp_path_factory) -> Path:
+    """The folder of its clips. Tests leave it as it is."""
+    data = tmp_path_factory.mktemp("benchmark") / "data"
+    make_clips(tiny, BenchmarkSize.small, data)
+    return data

@@ -1,0 +1,139 @@
+"""Holes of capture and of sight, and the cells that they are counted in."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.completion.methods.registry import find_method
+from dmae.data.clip import Poses3D
+from dmae.data.labels import OcclusionLabels, Visibility
+from dmae.data.skeleton import BODY25, SKELETONS
+from dmae.evaluation.benchmark.causes import Cause
+from dmae.evaluation.benchmark.cells import AXES, SHAPE, capture_cells, completion_cells
+from dmae.evaluation.benchmark.holes import PARTS, holes_of_capture, holes_of_sight, part_of
+from tests.support.clips import full_clip
+
+WRIST = BODY25.index("r_wrist")[0]
+
+
+def seen_clip(frames: int = 60):
+    """Two people whom all four cameras see, and their poses as captured."""
+    clip = full_clip(frames)
+    visibility = np.full_like(clip.occlusion.visibility, Visibility.VISIBLE)
+    return replace(clip, occlusion=OcclusionLabels(visibility)), clip.truth
+
+
+def without(poses: Poses3D, frames, person, joints) -> Poses3D:
+    dropped = np.zeros(poses.source.shape, bool)
+    dropped[frames, person, joints] = True
+    return poses.without(dropped)
+
+
+def scored(clip, given: Poses3D, poses: Poses3D) -> dict:
+    linear = find_method("linear").function(given, clip.fps)
+    return completion_cells(holes_of_capture(clip, given), given, linear, poses)
+
+
+def test_holes_are_what_capture_lacks_with_length_cause_and_part():
+    clip, truth = seen_clip()
+    given = without(truth, slice(10, 30), 0, WRIST)
+    holes = holes_of_capture(clip, given)
+    expected = np.zeros(holes.hidden.shape, bool)
+    expected[10:30, 0, WRIST] = True
+    np.testing.assert_array_equal(holes.hidden, expected)
+    assert (holes.cause[expected] == Cause.burst).all() and (holes.cause[~expected] == -1).all()
+    assert AXES["frames"][holes.length[15, 0, WRIST]] == "16-40"
+    assert AXES["part"][holes.part[WRIST]] == "arm"
+
+
+def test_a_person_of_whom_nothing_was_captured_for_a_while_is_one_hole():
+    clip, truth = seen_clip()
+    holes = holes_of_capture(clip, without(truth, slice(20, 25), 1, slice(None)))
+    assert holes.hidden[20:25, 1].all() and holes.hidden.sum() == 5 * 25
+    assert (holes.matches[:, 1] == 1).all()
+
+
+def test_a_person_who_was_never_captured_has_no_holes():
+    clip, truth = seen_clip()
+    holes = holes_of_capture(clip, Poses3D(BODY25, truth.xyz[:, :1]))
+    assert not holes.hidden.any() and (holes.matches[:, 1] == -1).all()
+
+
+def test_sight_depends_on_labels_alone():
+    clip, _ = seen_clip()
+    visibility = clip.occlusion.visibility.copy()
+    visibility[5:9, 1:, 1, WRIST] = Visibility.HIDDEN_BY_PERSON
+    sight = holes_of_sight(replace(clip, occlusion=OcclusionLabels(visibility)), BODY25)
+    assert sight.hidden[5:9, 1, WRIST].all() and sight.hidden.sum() == 4
+    assert (sight.cause[sight.hidden] == Cause.person).all()
+
+
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda skeleton: skeleton.name)
+def test_every_joint_of_every_skeleton_belongs_to_a_part(skeleton):
+    assert {part_of(joint) for joint in skeleton.joints} <= set(range(len(PARTS)))
+
+
+def test_the_truth_scores_nothing_and_linear_filling_its_own_error():
+    clip, truth = seen_clip()
+    wave = truth.xyz.copy()
+    wave[..., WRIST, 2] += 0.3 * np.sin(np.arange(60) / 4)[:, None]
+    clip = replace(clip, truth=Poses3D(BODY25, wave))
+    given = without(clip.truth, slice(10, 30), 0, WRIST)
+    perfect = scored(clip, given, clip.truth)
+    assert sum(perfect["holes"]) == sum(perfect["filled"]) == 20
+    assert sum(perfect["mm"]) == 0 and perfect["seen_mm"] == 0
+    linear = find_method("linear").function(given, clip.fps)
+    error = 1000 * np.linalg.norm(linear.xyz - wave, axis=-1)[10:30, 0, WRIST].sum()
+    assert error > 500
+    assert sum(scored(clip, given, linear)["mm"]) == pytest.approx(error, abs=0.1)
+
+
+def test_an_open_hole_has_the_error_of_linear_filling():
+    clip, truth = seen_clip()
+    wave = truth.xyz.copy()
+    wave[..., WRIST, 2] += 0.3 * np.sin(np.arange(60) / 4)[:, None]
+    clip = replace(clip, truth=Poses3D(BODY25, wave))
+    given = without(clip.truth, slice(10, 30), 0, WRIST)
+    half = without(clip.truth, slice(20, 30), 0, WRIST)
+    linear = find_method("linear").function(given, clip.fps)
+    error = 1000 * np.linalg.norm(linear.xyz - wave, axis=-1)[20:30, 0, WRIST].sum()
+    found = scored(clip, given, half)
+    assert sum(found["filled"]) == 10 and sum(found["holes"]) == 20
+    assert sum(found["mm"]) == pytest.approx(error, abs=0.1)
+    nothing = scored(clip, given, given)
+    assert sum(nothing["filled"]) == 0 and sum(nothing["mm"]) == sum(scored(clip, given, linear)["mm"])
+
+
+def test_regions_are_counted_where_they_are_stated():
+    clip, truth = seen_clip()
+    given = without(truth, slice(10, 30), 0, WRIST)
+    off = truth.xyz.copy()
+    off[10:30, 0, WRIST, 0] += 0.05
+    for deviation, held in ((0.01, 0), (0.05, 20)):
+        cov = np.full((*off.shape, 3), np.nan)
+        cov[10:30, 0, WRIST] = deviation**2 * np.eye(3)
+        found = scored(clip, given, Poses3D(BODY25, off, cov=cov))
+        assert (sum(found["stated"]), sum(found["held"])) == (20, held)
+        assert sum(found["mm"]) == pytest.approx(20 * 50, abs=0.1)
+
+
+def test_capture_is_scored_on_what_was_seen_and_unseen():
+    clip, truth = seen_clip()
+    visibility = clip.occlusion.visibility.copy()
+    visibility[5:9, 1:, 1, WRIST] = Visibility.HIDDEN_BY_PERSON
+    sight = holes_of_sight(replace(clip, occlusion=OcclusionLabels(visibility)), BODY25)
+    perfect = capture_cells(sight, truth)
+    assert perfect["correct"] == perfect["limbs"] and perfect["extra"] == 0
+    assert sum(perfect["near"]) == sum(perfect["filled"]) == sum(perfect["holes"]) == 4
+    assert perfect["seen_near"] == perfect["seen"] == truth.source.size - 4
+    lacking = capture_cells(sight, without(truth, slice(5, 9), 1, WRIST))
+    assert sum(lacking["filled"]) == 0 and len(lacking["mm"]) == np.prod(SHAPE)
+    ghost = Poses3D(BODY25, np.concatenate([truth.xyz, truth.xyz[:, :1] + 5], 1))
+    assert capture_cells(sight, ghost)["extra"] == len(clip)
+
+
+def test_a_clip_without_labels_is_refused():
+    clip, truth = seen_clip()
+    with pytest.raises(ValueError, match="expected truth and labels"):
+        holes_of_capture(replace(clip, occlusion=None), truth)
