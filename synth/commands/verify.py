@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dmae.data.store import write_atomic
 from dmae.reporting.tables import Table, print_tables
-from synth.datasets.verify import CHECKS, verify
+from synth.datasets.verify import CHECKS, DATA_SET, verify
 
 WRITES = "file"
 EXAMPLES = ("synth verify data=runs/data", "synth verify data=runs/data fast=true out=runs/verify.json")
@@ -55,8 +55,9 @@ def run(config: VerifyCommand, out: Path) -> None:
             print(f"sha256 of all: {found.number}")
         return
     more = f"; {len(found.problems) - _SHOWN} more of them are in {out}" if len(found.problems) > _SHOWN else ""
-    failing = len({problem.clip for problem in found.problems})
-    raise ValueError(f"{config.data}: {len(found.problems)} problems in {failing} of {len(found.clips)} clips{more}")
+    failing = f"{len(found.again)} of {len(found.clips)} clips"
+    failing += " and in the data set's own files" if any(problem.clip == DATA_SET for problem in found.problems) else ""
+    raise ValueError(f"{config.data}: {len(found.problems)} problems in {failing}{more}")
 
 
 def _some(names: list[str], most: int) -> str:

@@ -14,7 +14,8 @@ from synth.datasets.clip import ImageKinds, attempt_seed
 from synth.datasets.generate import CONFIG
 from synth.datasets.image_checks import check_images, check_surplus
 
-_DATA_SET = "data set"
+DATA_SET = "data set"
+"""Name of what is of no clip, but of the data set."""
 
 
 class Problem(NamedTuple):
@@ -62,9 +63,9 @@ def verify(path: Path, *, fast: bool = False) -> Verification:
     config, found = _config(path)
     names = [line["id"] for line in lines if line["status"] == "ok"]
     problems += found + [
-        Problem(clip or _DATA_SET, "checksums", what) for clip, what in find_data_set_damage(path, names)
+        Problem(clip or DATA_SET, "checksums", what) for clip, what in find_data_set_damage(path, names)
     ]
-    problems += [Problem(_DATA_SET, "manifest", what) for what in _check_data_set(path, lines)]
+    problems += [Problem(DATA_SET, "manifest", what) for what in _check_data_set(path, lines)]
     lost = {problem.clip for problem in problems}
     for line in progress(lines, "verifying clips", len(lines)):
         # What is known to be damaged is not read.
@@ -110,7 +111,7 @@ def _is_clip(path: Path) -> bool:
 
 
 def _result(path: Path, names: list[str], problems: list[Problem], number: str | None) -> Verification:
-    again = sorted({problem.clip for problem in problems} - {_DATA_SET})
+    again = sorted({problem.clip for problem in problems} - {DATA_SET})
     without = [name for name in names if not (path / name / CHECKSUMS).is_file() and name not in again]
     return Verification(names, problems, again, number, without)
 
@@ -140,7 +141,7 @@ def _manifest(path: Path) -> tuple[list[dict], list[Problem]]:
         return lines, []
     except (ValueError, OSError) as error:
         there = [{"id": folder.parent.name, "status": "ok"} for folder in sorted(path.glob("*/clip.json"))]
-        return there, [Problem(_DATA_SET, "manifest", f"{error}; the clips are checked without it")]
+        return there, [Problem(DATA_SET, "manifest", f"{error}; the clips are checked without it")]
 
 
 def _config(path: Path) -> tuple[dict | None, list[Problem]]:
@@ -152,7 +153,7 @@ def _config(path: Path) -> tuple[dict | None, list[Problem]]:
         ImageKinds[config["images"]], config["scene"]["fps"], config["seed"] + 0
     except Exception as error:
         what = str(error) if isinstance(error, ValueError) else _said(path / CONFIG, error)
-        return None, [Problem(_DATA_SET, "manifest", what)]
+        return None, [Problem(DATA_SET, "manifest", what)]
     return config, []
 
 

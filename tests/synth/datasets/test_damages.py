@@ -1,5 +1,6 @@
 """Fault injection: every flipped bit and every structural damage is found, and the same command repairs it."""
 
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +11,14 @@ import pytest
 from dmae.data.store import read_manifest
 from dmae.files.checksums import refuse_damaged
 from synth.datasets.clip import GenerateConfig, ImageKinds
+from synth.datasets.exporters.export import export
 from synth.datasets.generate import generate
 from synth.datasets.verify import verify
 from synth.rendering.renderer import ImageQuality
 from synth.rigs.placement import RingConfig
 from synth.rigs.rig import RigConfig
 from synth.scene.spec import SceneConfig
+from tests.support.commands import dmae
 from tests.support.damages import OWN, files_of, flip_bit, structural
 
 pytestmark = [pytest.mark.filterwarnings("ignore:no OpenGL"), pytest.mark.slow]
@@ -109,6 +112,42 @@ def test_what_does_not_verify_is_refused(data):
     for path in (data, data / "000001"):
         with pytest.raises(ValueError, match=r"1 files are not as they were written: .*ring0.mp4: missing.*by x=true"):
             refuse_damaged(path, "x=true")
+
+
+def test_training_and_export_refuse_damaged_data_unless_told_otherwise(data, tmp_path):
+    (data / "000001/notes.txt").write_text("?")
+    for arguments in (("train", f"data={data}"), ("train", "data=none", f"extra_data=[{data}]")):
+        if arguments[1] == "data=none":
+            (tmp_path / "none").mkdir()
+        done = dmae(tmp_path, *arguments, "out=model")
+        assert done.returncode == 1
+        assert "notes.txt: a file that does not belong" in done.stderr
+        assert "damaged=true" in done.stderr
+    with pytest.raises(ValueError, match="damaged=true"):
+        export(data, tmp_path / "out", "panoptic")
+    assert not (tmp_path / "out").exists()
+    export(data, tmp_path / "out", "panoptic", damaged=True)
+    assert (tmp_path / "out").is_dir()
+
+
+def test_damaged_files_of_the_data_set_are_written_anew_once_removed(data, sound):
+    for name in ("config.json", "manifest.jsonl", "checksums.json"):
+        (data / name).write_text("{")
+        problems = verify(data).problems
+        assert {problem.clip for problem in problems} == OWN
+        assert all(name in problem.what for problem in problems if problem.check == "checksums")
+        (data / name).unlink()
+        generate(config(data))
+        assert contents(data) == contents(sound)
+
+
+def test_nothing_that_is_no_file_hangs(data):
+    picture = next((data / "000001/images").rglob("*.png"))
+    picture.unlink()
+    os.mkfifo(picture)
+    (data / "000000/clip.json").unlink()
+    (data / "000000/clip.json").symlink_to("nowhere")
+    assert set(verify(data).again) == set(verify(data, fast=True).again) == {"000000", "000001"}
 
 
 def test_continued_data_sets_are_as_made_at_once(sound, tmp_path):
