@@ -5,6 +5,7 @@ from pathlib import Path
 
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
+from synth.rooms.room import load_room
 
 WRITES = "folder"
 EXAMPLES = (
@@ -15,6 +16,8 @@ EXAMPLES = (
 
 
 def run(config: GenerateConfig, out: Path) -> None:
+    for clause in load_room(config.scene.arena).filled:
+        print(f"{config.scene.arena}: {clause}")
     lines = generate(replace(config, out=str(out)))
     failed = [line for line in lines if line["status"] != "ok"]
     for line in failed:

@@ -35,8 +35,9 @@ from synth.rigs.miscalibration import calibration_error, miscalibrate
 from synth.rigs.rig import RigConfig, make_rig
 from synth.rooms.catalogue import arena_file
 from synth.rooms.props import PropsConfig
+from synth.rooms.room import load_room
 from synth.scene.sampling import SampledScene, sample_scene
-from synth.scene.spec import SceneConfig
+from synth.scene.spec import SceneConfig, SceneSpec
 
 
 class ImageKinds(Enum):
@@ -99,6 +100,7 @@ def check(config: GenerateConfig) -> None:
         FileNotFoundError: a file that it names does not exist.
         FailedSimulation: no cameras fit, or `occlusion.target` is out of reach.
     """
+    load_room(config.scene.arena)
     rig = _some_rig(config)
     add_cameras(mujoco.MjSpec(), rig)
     config.occlusion.check(rig)
@@ -205,8 +207,14 @@ def _attempt(config: GenerateConfig, index: int, attempt: int, images: Path | No
         detection_labels=detected.labels,
         images=rendered,
         true_rig=rig if reported else None,
-        provenance={"manifest": line, "spec": json.loads(spec.to_json()), "versions": _versions()},
+        provenance={"manifest": line, "spec": json.loads(spec.to_json()), **_filled(spec), "versions": _versions()},
     )
+
+
+def _filled(spec: SceneSpec) -> dict[str, list[str]]:
+    """Return what was filled into the room of a scene, for the provenance."""
+    filled = load_room(spec.arena).filled
+    return {"room": list(filled)} if filled else {}
 
 
 def _scene(config: GenerateConfig, rig: CameraRig, seed: int, index: int) -> SampledScene:
