@@ -15,7 +15,7 @@ from dmae.command_line.help import command_help, program_help
 from dmae.command_line.options import presets_of
 from dmae.command_line.outputs import check_out, record
 from dmae.command_line.programs import Command, Program
-from dmae.command_line.spelling import check, expand_data, flag_values, split_flags, suggestion
+from dmae.command_line.spelling import check, expand_data, expand_lists, flag_values, split_flags, suggestion
 from dmae.commands import COMMANDS
 from dmae.commands.renamed import renamed
 from dmae.commands.renamed_presets import update_presets
@@ -102,7 +102,7 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
                 folders[number] = copy
                 flags = [flag.replace(str(folder), str(copy)) for flag in flags]
         options = command.options(tuple(folders))
-        overrides = expand_data(options, overrides)
+        overrides = expand_lists(options, expand_data(options, overrides))
         check(options, overrides, flags)
         for override in overrides:
             key, _, out = override.partition("=")
@@ -182,7 +182,8 @@ def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -
         # Commands that end with a verdict have done their work, whatever it is.
         record(OmegaConf.to_yaml(config, resolve=True), out)
         raise
-    record(OmegaConf.to_yaml(config, resolve=True), out)
+    if not getattr(values, "dry_run", False):
+        record(OmegaConf.to_yaml(config, resolve=True), out)
 
 
 def compose(command: Command, overrides: Sequence[str]) -> object:
@@ -200,7 +201,7 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     overrides, notes = renamed(str(command), list(overrides))
     for note in notes:
         warnings.warn(note, FutureWarning, stacklevel=3)
-    overrides = expand_data(options, overrides)
+    overrides = expand_lists(options, expand_data(options, overrides))
     check(options, overrides, [])
     _store(command, command.imported()[1])
     folder = str(resource_folder("dmae", "configs").resolve())

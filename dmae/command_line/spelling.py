@@ -233,6 +233,17 @@ def _elements(text: str) -> list[str]:
     return [part for part in parts if part.strip()]
 
 
+def expand_lists(options: Group, overrides: list[str]) -> list[str]:
+    """`images=rgb` is short for `images=[rgb]`, where the option is a list of choices."""
+    expanded = []
+    for override in overrides:
+        key, _, value = override.partition("=")
+        option = options.find(key)
+        listed = isinstance(option, Option) and option.many and value in option.choices
+        expanded.append(f"{key}=[{value}]" if listed else override)
+    return expanded
+
+
 def expand_data(options: Group, overrides: list[str]) -> list[str]:
     """`data=<folder>` is short for `data=<its format> data.path=<folder>`.
 

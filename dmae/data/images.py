@@ -1,4 +1,6 @@
-"""The images of a clip: H.264 video for colour, 16-bit PNGs for depth and ids, 8-bit ones for parts of bodies."""
+"""The images of a clip: colour as H.264, PNG or JPEG, and PNGs of depth, ids, parts of bodies, normals, flow and whole
+persons.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -9,9 +11,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-KINDS = ("rgb", "depth", "ids", "parts")
+KINDS = ("rgb", "depth", "ids", "parts", "normals", "flow", "amodal")
+RGB_FILES = {"h264": "mp4", "png": "png", "jpeg": "jpg"}
+"""Formats of colour images, and the endings of their files."""
 FIRST_OBJECT_ID = 256
 """Ids in an image: 0 nothing, 1 + p person p, 256 + k object k of `OcclusionLabels.objects`."""
+_NORMAL_STEPS, _FLOW_STEPS, _FLOW_ZERO = 127, 64, 32768
+_JPEG_QUALITY = 95
 
 
 @dataclass(frozen=True)
@@ -19,11 +25,13 @@ class Images:
     """Images on disk, read on demand.
 
     Attributes:
-        folder: Holds `rgb/<view>.mp4`, and `depth/<view>/<frame>.png`, `ids/...` and `parts/...` likewise.
+        folder: Holds `rgb/<view>.mp4`, or `rgb/<view>/<frame>.png` or `.jpg`, and `<kind>/<view>/<frame>.png` of
+            the other kinds.
         views: Camera names.
         frames: Numbers of the frames in the files.
         kinds: Those of `KINDS` that exist.
         parts: Names of the parts of bodies. In images of parts, 0 is no person and 1 + i is part i.
+        rgb: Format of colour images, of `RGB_FILES`.
     """
 
     folder: Path
@@ -31,6 +39,11 @@ class Images:
     frames: tuple[int, ...]
     kinds: tuple[str, ...] = KINDS
     parts: tuple[str, ...] = ()
+    rgb: str = "h264"
+
+    def __post_init__(self):
+        if self.rgb not in RGB_FILES:
+            raise ValueError(f"images: expected colour as one of {', '.join(RGB_FILES)}, got {self.rgb!r}")
 
     def select(self, frames, views: tuple[str, ...]) -> "Images":
         """Return the images of some frames (a slice or a list of indices) and of the named views."""
@@ -40,31 +53,61 @@ class Images:
         """Yield the frames of one view in order.
 
         Yields:
-            rgb (H, W, 3) uint8; depth (H, W) float32 m along the optical axis, NaN where no surface is;
-            ids (H, W) uint16; parts (H, W) uint8.
+            As `at` returns them.
 
         Raises:
             KeyError: no such kind or view.
             FileNotFoundError: a frame is missing on disk.
         """
-        if kind not in self.kinds or view not in self.views:
-            raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
+        self._check(kind, view)
         if kind == "rgb":
             for convert in self.video(view):
                 yield convert()
             return
         for frame in self.frames:
-            path = self.folder / kind / view / f"{frame:06d}.png"
-            image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-            if image is None:
-                raise FileNotFoundError(f"{path}: no readable PNG")
-            yield np.where(image > 0, image / np.float32(1000), np.float32(np.nan)) if kind == "depth" else image
+            yield _read_image(kind, self.path(kind, view, frame))
+
+    def at(self, kind: str, view: str, frame: int) -> np.ndarray:
+        """Return one image. Of a video, the frames since the last whole one, a second before at most, are decoded.
+
+        Args:
+            frame: Index into `frames`.
+
+        Returns:
+            rgb (H, W, 3) uint8; depth (H, W) float32 m along the optical axis; ids (H, W) uint16; parts (H, W) uint8;
+            normals (H, W, 3) float32 unit vectors, world; flow (H, W, 2) float32 px, motion of the surface at a pixel
+            until the next frame, hidden then or not; amodal (H, W) uint32, bit p is 1 where person p would be seen if
+            nothing else were there. NaN where no surface is, and where its next place is not known.
+
+        Raises:
+            KeyError: no such kind or view.
+            IndexError: no such frame.
+            FileNotFoundError: the frame is missing on disk.
+        """
+        self._check(kind, view)
+        number = self.frames[frame]
+        path = self.path(kind, view, number)
+        return _frame_of_video(path, number) if kind == "rgb" and self.rgb == "h264" else _read_image(kind, path)
+
+    def path(self, kind: str, view: str, frame: int = 0) -> Path:
+        """Return the file of an image; `frame` as in `frames`."""
+        if kind == "rgb" and self.rgb == "h264":
+            return self.folder / "rgb" / f"{view}.mp4"
+        return self.folder / kind / view / f"{frame:06d}.{RGB_FILES[self.rgb] if kind == 'rgb' else 'png'}"
+
+    def _check(self, kind: str, view: str) -> None:
+        if kind not in self.kinds or view not in self.views:
+            raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
 
     def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
         """Yield functions that return the images of `read("rgb", view)`: frames that are skipped are not converted."""
+        if self.rgb != "h264":
+            for frame in self.frames:
+                yield partial(_read_image, "rgb", self.path("rgb", view, frame))
+            return
         import av
 
-        path, wanted, last = self.folder / "rgb" / f"{view}.mp4", set(self.frames), max(self.frames)
+        path, wanted, last = self.path("rgb", view), set(self.frames), max(self.frames)
         found = 0
         with av.open(str(path)) as container:
             for number, frame in enumerate(container.decode(video=0)):
@@ -75,6 +118,43 @@ class Images:
                     break
         if found != len(self.frames):
             raise FileNotFoundError(f"{path}: expected {len(self.frames)} frames, up to {last}; found {found}")
+
+
+def _frame_of_video(path: Path, number: int) -> np.ndarray:
+    import av
+
+    with av.open(str(path)) as container:
+        (stream,) = container.streams.video
+        ticks = 1 / (stream.average_rate * stream.time_base)
+        container.seek(int(number * ticks), stream=stream)
+        for frame in container.decode(stream):
+            if round(frame.pts / ticks) == number:
+                return frame.to_ndarray(format="rgb24")
+    raise FileNotFoundError(f"{path}: no frame {number}")
+
+
+def _read_image(kind: str, path: Path) -> np.ndarray:
+    """Read and decode an image file."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise FileNotFoundError(f"{path}: no readable {path.suffix[1:].upper().replace('JPG', 'JPEG')}")
+    # OpenCV's channels come in the order blue, green, red.
+    if kind == "rgb":
+        return np.ascontiguousarray(image[..., ::-1])
+    if kind == "depth":
+        return np.where(image > 0, image / np.float32(1000), np.float32(np.nan))
+    if kind == "normals":
+        normals = (image[..., ::-1].astype(np.float32) - 1) / _NORMAL_STEPS - 1
+        normals[image[..., 0] == 0] = np.nan
+        return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    if kind == "flow":
+        flow = (image[..., :0:-1].astype(np.float32) - _FLOW_ZERO) / np.float32(_FLOW_STEPS)
+        flow[image[..., 0] == 0] = np.nan
+        return flow
+    if kind == "amodal":
+        planes = np.atleast_3d(image).astype(np.uint32)
+        return planes[..., -1] if planes.shape[-1] == 1 else planes[..., 2] | planes[..., 1] << 16
+    return image
 
 
 def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
@@ -97,8 +177,12 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
                         f"{path}: H.264 needs even width and height, found {stream.width} x {stream.height}"
                     )
                 stream.pix_fmt, stream.options = "yuv420p", {"crf": "20", "preset": "veryfast"}
-                # The bytes must not depend on the number of cores.
+                # A whole frame a second, for random access.
+                stream.options |= {"g": str(max(1, round(fps)))}
+                # The bytes must depend neither on the number of cores, nor on their kind. Without the option x264 makes
+                # another video of the same pictures from run to run, where the width is no multiple of 16.
                 stream.codec_context.thread_count = 1
+                stream.options |= {"x264-params": "cpu-independent=1"}
             for packet in stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")):
                 container.mux(packet)
         if stream is None:
@@ -110,20 +194,49 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 def write_depth(path: Path, depth: np.ndarray) -> None:
     """Write depth (H, W), m, as a 16-bit PNG of millimetres; 0 where it is NaN or beyond 65 m."""
     known = np.isfinite(depth) & (depth < 65.5)
-    _write_png(path, np.where(known, np.round(np.where(known, depth, 0) * 1000), 0).astype(np.uint16))
+    _write(path, np.where(known, np.round(np.where(known, depth, 0) * 1000), 0).astype(np.uint16))
 
 
 def write_ids(path: Path, ids: np.ndarray) -> None:
     """Write ids (H, W) as a 16-bit PNG."""
-    _write_png(path, ids.astype(np.uint16))
+    _write(path, ids.astype(np.uint16))
 
 
 def write_parts(path: Path, parts: np.ndarray) -> None:
     """Write parts (H, W) as an 8-bit PNG."""
-    _write_png(path, parts.astype(np.uint8))
+    _write(path, parts.astype(np.uint8))
 
 
-def _write_png(path: Path, image: np.ndarray) -> None:
+def write_rgb(path: Path, rgb: np.ndarray) -> None:
+    """Write colours (H, W, 3) uint8 as PNG or, if the path ends in .jpg, as JPEG."""
+    _write(path, np.ascontiguousarray(rgb[..., ::-1]))
+
+
+def write_normals(path: Path, normals: np.ndarray) -> None:
+    """Write unit vectors (H, W, 3) as an 8-bit PNG: 1 + 127 (n + 1), within half a degree; 0 where they are NaN."""
+    known = np.isfinite(normals).all(-1, keepdims=True)
+    steps = 1 + np.round((np.where(known, normals, 0) + 1) * _NORMAL_STEPS)
+    _write(path, (steps * known)[..., ::-1].astype(np.uint8))
+
+
+def write_flow(path: Path, flow: np.ndarray) -> None:
+    """Write flow (H, W, 2), px, as KITTI does: a 16-bit PNG of 64 u + 32768, 64 v + 32768, and whether it is known.
+
+    Flow beyond 511 px, and where it is NaN, is not known.
+    """
+    known = (np.abs(flow) < _FLOW_ZERO / _FLOW_STEPS - 1).all(-1)
+    steps = np.round(np.where(known[..., None], flow, 0) * _FLOW_STEPS + _FLOW_ZERO) * known[..., None]
+    _write(path, np.dstack([known, steps[..., 1], steps[..., 0]]).astype(np.uint16))
+
+
+def write_amodal(path: Path, amodal: np.ndarray) -> None:
+    """Write bits (H, W) uint32 of up to 32 persons as a 16-bit PNG; of more than 16, the higher bits in green."""
+    low, high = amodal & 0xFFFF, amodal >> 16
+    _write(path, (np.dstack([0 * low, high, low]) if high.any() else low).astype(np.uint16))
+
+
+def _write(path: Path, image: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-        raise OSError(f"{path}: could not write PNG")
+    how = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY) if path.suffix == ".jpg" else (cv2.IMWRITE_PNG_COMPRESSION, 1)
+    if not cv2.imwrite(str(path), image, how):
+        raise OSError(f"{path}: could not write the image")

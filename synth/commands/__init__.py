@@ -2,6 +2,7 @@
 
 COMMANDS = {
     "generate": "Simulate clips with exact truth",
+    "render": "Render clips again, as other images or through other cameras",
     "show": "Draw a clip as contact sheet, video and Rerun recording",
     "verify": "Check that clips are whole and true",
     "compare": "Compare the detections of a recording and of its simulation",

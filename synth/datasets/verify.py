@@ -8,9 +8,9 @@ from dmae.data.clip import Clip
 from dmae.data.store import MANIFEST, load_clip, read_json, read_manifest
 from dmae.progress import progress
 from synth.datasets.checks import check_detections, check_labels, check_numbers, check_projection
-from synth.datasets.clip import ImageKinds
-from synth.datasets.generate import CONFIG
-from synth.datasets.image_checks import check_images, check_surplus
+from synth.datasets.images.clip_images import image_kinds
+from synth.datasets.images.image_checks import check_images, check_surplus
+from synth.datasets.set_folder import CONFIG
 
 _DATA_SET = "data set"
 
@@ -103,7 +103,7 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> list[str]:
     ]
     if config is None:
         return problems
-    fps, kinds = config["scene"]["fps"], ImageKinds[config["images"]].value
+    fps, kinds = config["scene"]["fps"], image_kinds(config["images"])
     if clip.fps != fps:
         problems.append(f"fps: {fps} in {CONFIG}, {clip.fps} in the clip")
     found = clip.images.kinds if clip.images else ()

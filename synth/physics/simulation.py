@@ -6,24 +6,26 @@ import mujoco
 import numpy as np
 
 from dmae.data.cameras import CameraRig
+from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.skeleton import Skeleton
 from synth.errors import FailedSimulation
 from synth.motion.motion import Motion
 from synth.people.landmarks import SKELETON, landmarks
+from synth.physics.body_state import BodyState
 from synth.physics.contacts import Contacts, Overlaps
 from synth.physics.controller import Controller
+from synth.physics.joint_addresses import find_joints
 from synth.physics.joint_positions import joint_positions, moved_with, reference_joints
 from synth.physics.planning import plan_motions
 from synth.physics.quality import assess
 from synth.physics.reference import make_reference
+from synth.physics.states import AT_ONCE, StatesAt
 from synth.scene.build import STEPS_PER_CONTROL, SUBSTEPS, Scene, build_scene
 from synth.scene.sampling import load_motions
 from synth.scene.spec import PLAN_FPS, SceneSpec
 
 _SETTLING = 0.25
 """Time for which people hold their first pose before the clip, s."""
-_AT_ONCE = 1e-6
-"""Times as near as this to a step are at the step, in steps."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Simulation:
     Attributes:
         model: The scene, cameras included.
         fps: Frames per second.
-        qpos: (F, nq) float64 state in each frame.
+        state: State of the bodies in each frame.
         joints: (F, P, J, 3) float64 joints, m, world.
         skeleton: `body25+shelf14`, J = 39.
         depth: (P, J) greatest distance before a joint at which a ray that meets its own limb counts as seeing it, m.
@@ -45,7 +47,7 @@ class Simulation:
 
     model: mujoco.MjModel
     fps: float
-    qpos: np.ndarray
+    state: BodyState
     joints: np.ndarray
     skeleton: Skeleton
     depth: np.ndarray
@@ -53,6 +55,11 @@ class Simulation:
     geom_ids: np.ndarray
     objects: tuple[str, ...]
     quality: dict
+
+    @property
+    def qpos(self) -> np.ndarray:
+        """(F, nq) float64 state in each frame."""
+        return self.state.qpos
 
 
 def simulate(
@@ -88,10 +95,10 @@ def simulate(
     data, masses = mujoco.MjData(scene.model), np.array([body.mass for body in bodies])
     # Numbers of the steps, from the first frame on, at which states are kept; they may lie between two steps.
     kept = np.arange(spec.frames) * (PLAN_FPS * SUBSTEPS) / spec.fps
-    steps = max((spec.planned_frames - 1) * SUBSTEPS, int(np.ceil(kept[-1] - _AT_ONCE)))
+    steps = max((spec.planned_frames - 1) * SUBSTEPS, int(np.ceil(kept[-1] - AT_ONCE)))
     reference = make_reference(plan.root, plan.rotations, plan.bearing, PLAN_FPS, SUBSTEPS, steps)
     holding, leading = (Controller(scene.model, data, r, masses) for r in (reference.still(), reference))
-    states = StatesAt(scene.model, kept)
+    states = StatesAt(scene.model, find_joints(scene.model, len(bodies)), scene.geom_persons, kept)
     planned, shifts, overlaps = _run(scene, data, holding, leading, states, steps, spec.planned_frames)
     joints = joint_positions(scene.model, states.qpos, bodies)
     judged = joints if spec.fps == PLAN_FPS else joint_positions(scene.model, planned, bodies)
@@ -101,7 +108,7 @@ def simulate(
     return Simulation(
         model=scene.model,
         fps=spec.fps,
-        qpos=states.qpos,
+        state=_body_state(spec, scene, states, motions, kept / SUBSTEPS),
         joints=joints,
         skeleton=SKELETON,
         depth=np.stack([landmarks(body)[2] for body in bodies]),
@@ -112,35 +119,43 @@ def simulate(
     )
 
 
-class StatesAt:
-    """States of a simulation at some times, between two steps where need be.
-
-    Args:
-        model: The scene.
-        times: (F,) sorted times, as numbers of steps.
-
-    Attributes:
-        qpos: (F, nq) float64.
-    """
-
-    def __init__(self, model: mujoco.MjModel, times: np.ndarray):
-        self._model, self._times, self._next = model, times, 0
-        self.qpos, self._before = np.empty((len(times), model.nq)), np.empty(model.nq)
-
-    def see(self, data: mujoco.MjData, step: int) -> None:
-        """Take the state after so many steps; all have to be seen in turn."""
-        while self._next < len(self._times) and self._times[self._next] <= step + _AT_ONCE:
-            self.qpos[self._next] = self._between(data.qpos, self._times[self._next] - (step - 1))
-            self._next += 1
-        self._before[:] = data.qpos
-
-    def _between(self, after: np.ndarray, share: float) -> np.ndarray:
-        if share > 1 - _AT_ONCE:
-            return after
-        change, state = np.empty(self._model.nv), self._before.copy()
-        mujoco.mj_differentiatePos(self._model, change, 1.0, self._before, after)
-        mujoco.mj_integratePos(self._model, state, change, share)
-        return state
+def _body_state(
+    spec: SceneSpec, scene: Scene, states: StatesAt, motions: list[Motion], planned: np.ndarray
+) -> BodyState:
+    """Return what the recorder took; `planned` (F,) are the times of its frames in frames of the plan."""
+    model, joints = scene.model, find_joints(scene.model, len(spec.persons))
+    # Bodies of people have names; what else there is are objects.
+    names = [
+        model.body(model.geom_bodyid[geom]).name
+        if person >= 0
+        else scene.objects[scene.geom_ids[geom] - FIRST_OBJECT_ID]
+        for geom, person in enumerate(scene.geom_persons)
+    ]
+    contact_names = tuple(dict.fromkeys(names))
+    frame, geoms, *contact = states.contacts()
+    doing, taking_part = [], len(spec.persons) - spec.interaction.bystanders
+    for person, motion in enumerate(motions):
+        together = spec.interaction.together and person < taking_part
+        begins = ((0, spec.interaction.kind),) if together else motion.actions or ((0, motion.name),)
+        # Frames between two of the plan belong to the one before.
+        which = np.searchsorted([begin for begin, _ in begins], np.floor(planned + AT_ONCE), side="right") - 1
+        doing.append([begins[max(number, 0)][1] for number in which])
+    action_names = tuple(dict.fromkeys(name for each in doing for name in each))
+    return BodyState(
+        qpos=states.qpos,
+        root=joints.root(states.qpos).astype(np.float32),
+        rotations=joints.quats(states.qpos).astype(np.float32),
+        forces=states.forces,
+        shapes=tuple(person.body for person in spec.persons),
+        actions=np.array([[action_names.index(name) for name in each] for each in doing], np.int16).T,
+        action_names=action_names,
+        contact_frame=frame,
+        contact_between=np.array([contact_names.index(name) for name in names], np.int16)[geoms],
+        contact_names=contact_names,
+        contact_point=contact[0],
+        contact_force=contact[1],
+        contact_depth=contact[2],
+    )
 
 
 def _run(

@@ -123,14 +123,7 @@ def sample_people(
         rng: The clip's stream `Stream.SCENE`, from which the layout goes on to draw; a new one by default.
     """
     interaction, rng = interaction or InteractionConfig(), rng or generator(seed, clip, Stream.SCENE)
-    least, greatest = interaction.participants(config.persons or None, USUAL_PERSONS)
-    count = int(rng.integers(*(config.persons or USUAL_PERSONS), endpoint=True))
-    count = int(np.clip(count, least, greatest))
-    if count + interaction.bystanders > MOST_PERSONS:
-        raise ValueError(
-            f"interaction.bystanders={interaction.bystanders}: a scene takes {MOST_PERSONS} people in all, and {count} "
-            "take part"
-        )
+    count = _count_participants(config, interaction, rng=rng)
     clearance = float(rng.uniform(*config.clearance))
     bodies, looks = _draw_people(count, config.children, rng=rng)
     if interaction.bystanders:
@@ -141,6 +134,24 @@ def sample_people(
     frames = planned_frames(config.seconds)
     motions, script = draw_motions(motion, interaction, bodies, frames, PLAN_FPS, config.radius, seed, clip)
     return People(bodies, looks, motions, script, clearance, frames, motion, interaction, seed, clip)
+
+
+def count_people(config: SceneConfig, interaction: InteractionConfig, *, seed: int, clip: int) -> int:
+    """Return the number of people of a clip, bystanders included, which is drawn before all else."""
+    rng = generator(seed, clip, Stream.SCENE)
+    return _count_participants(config, interaction, rng=rng) + interaction.bystanders
+
+
+def _count_participants(config: SceneConfig, interaction: InteractionConfig, *, rng: np.random.Generator) -> int:
+    least, greatest = interaction.participants(config.persons or None, USUAL_PERSONS)
+    count = int(rng.integers(*(config.persons or USUAL_PERSONS), endpoint=True))
+    count = int(np.clip(count, least, greatest))
+    if count + interaction.bystanders > MOST_PERSONS:
+        raise ValueError(
+            f"interaction.bystanders={interaction.bystanders}: a scene takes {MOST_PERSONS} people in all, and {count} "
+            "take part"
+        )
+    return count
 
 
 def _draw_people(count: int, children: float, *, rng: np.random.Generator) -> tuple[list[Body], list[PersonLooks]]:
@@ -216,7 +227,7 @@ def lay_out(
         seed=seed,
         clip=clip,
         fps=float(config.fps),
-        frames=max(1, round(config.seconds * config.fps)),
+        frames=config.frames,
         arena=room_name(config.arena),
         decor=decor,
         clearance=clearance,

@@ -84,6 +84,11 @@ class SceneConfig:
         if self.props[1] and not self.prop_kinds:
             raise ValueError(f"scene.prop_kinds is empty, but scene.props asks for up to {self.props[1]}")
 
+    @property
+    def frames(self) -> int:
+        """Frames of a clip."""
+        return max(1, round(self.seconds * self.fps))
+
 
 def planned_frames(seconds: float) -> int:
     """Return the number of frames of a planned motion."""
