@@ -13,14 +13,20 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from dmae.public.recordings import load_dataset as load_dataset
+    from synth.public import body_state as body_state
     from synth.public import contact_sheet as contact_sheet
+    from synth.public import forecast as forecast
     from synth.public import generate as generate
+    from synth.public import render as render
     from synth.public import verify as verify
 
 _HOME_OF = {
+    "body_state": "synth.public",
     "contact_sheet": "synth.public",
+    "forecast": "synth.public",
     "generate": "synth.public",
     "load_dataset": "dmae.public.recordings",
+    "render": "synth.public",
     "verify": "synth.public",
 }
 

@@ -31,11 +31,11 @@ def claim(out: Path, settings: dict) -> None:
     """
     if out.exists() and not out.is_dir():
         raise ValueError(f"out={out}: expected a folder, found a file")
-    strangers = [path.name for path in sorted(out.glob("*")) if path.name not in _OF_COMMANDS] if out.is_dir() else []
-    if strangers and not (out / CONFIG).is_file():
+    others = [path.name for path in sorted(out.glob("*")) if path.name not in _OF_COMMANDS] if out.is_dir() else []
+    if others and not (out / CONFIG).is_file():
         raise ValueError(
-            f"out={out}: expected a new or empty folder, or a data set; it holds {', '.join(strangers[:3])}"
-            f"{' and more' if len(strangers) > 3 else ''} and no {CONFIG}"
+            f"out={out}: expected a new or empty folder, or a data set; it holds {', '.join(others[:3])}"
+            f"{' and more' if len(others) > 3 else ''} and no {CONFIG}"
         )
     claim_folder(out / CONFIG, settings, "a data set", may_differ=_OF_IMAGES)
     kept = read_json(out / CONFIG)
