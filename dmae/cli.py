@@ -102,8 +102,9 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
                 folders[number] = copy
                 flags = [flag.replace(str(folder), str(copy)) for flag in flags]
         options = command.options(tuple(folders))
-        overrides = expand_lists(options, expand_data(options, overrides))
+        overrides = expand_data(options, overrides)
         check(options, overrides, flags)
+        overrides = expand_lists(options, overrides)
         for override in overrides:
             key, _, out = override.partition("=")
             if key == "out" and "$" not in out:
@@ -201,8 +202,9 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     overrides, notes = renamed(str(command), list(overrides))
     for note in notes:
         warnings.warn(note, FutureWarning, stacklevel=3)
-    overrides = expand_lists(options, expand_data(options, overrides))
+    overrides = expand_data(options, overrides)
     check(options, overrides, [])
+    overrides = expand_lists(options, overrides)
     _store(command, command.imported()[1])
     folder = str(resource_folder("dmae", "configs").resolve())
     try:
