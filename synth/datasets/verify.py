@@ -9,9 +9,9 @@ from dmae.data.store import MANIFEST, load_clip, read_manifest
 from dmae.files.structured import read_json
 from dmae.progress import progress
 from synth.datasets.checks import check_detections, check_labels, check_numbers, check_projection
-from synth.datasets.clip import ImageKinds
-from synth.datasets.generate import CONFIG
-from synth.datasets.image_checks import check_images, check_surplus
+from synth.datasets.images.clip_images import image_kinds
+from synth.datasets.images.image_checks import check_images, check_surplus
+from synth.datasets.set_folder import CONFIG
 
 _DATA_SET = "data set"
 
@@ -105,8 +105,8 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> list[str]:
     if config is None:
         return problems
     try:
-        fps, kinds = config["scene"]["fps"], ImageKinds[config["images"]].value
-    except (KeyError, TypeError):
+        fps, kinds = config["scene"]["fps"], image_kinds(config["images"])
+    except (KeyError, TypeError, ValueError):
         return [*problems, f"{CONFIG}: expected the configuration of a data set, found {config!r:.60}"]
     if clip.fps != fps:
         problems.append(f"fps: {fps} in {CONFIG}, {clip.fps} in the clip")

@@ -8,7 +8,6 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.data.images import FIRST_OBJECT_ID
-from dmae.files.names import child
 from synth.labels.silhouettes import agreement
 
 _MIN_AGREEMENT = 0.99
@@ -86,17 +85,14 @@ def check_surplus(clip: Clip) -> list[str]:
         return []
     images, problems = clip.images, []
     expected = {
-        child(images.folder / kind, view, "camera") / f"{frame:06d}.png"
-        for kind in images.kinds
-        if kind != "rgb"
-        for view in images.views
-        for frame in images.frames
+        images.path(kind, view, frame) for kind in images.kinds for view in images.views for frame in images.frames
     }
     if "rgb" in images.kinds:
-        expected |= {child(images.folder / "rgb", f"{view}.mp4", "camera") for view in images.views}
         for path in filter(Path.is_file, sorted(images.folder.glob("rgb/*.mp4"))):
             problems += _check_length(path, len(images.frames))
-    surplus = sorted({*images.folder.rglob("*.png"), *images.folder.rglob("*.mp4")} - expected)
+    surplus = sorted(
+        {path for ending in ("png", "mp4", "jpg") for path in images.folder.rglob(f"*.{ending}")} - expected
+    )
     if surplus:
         first = surplus[0].relative_to(images.folder)
         problems.append(f"image files that do not belong to the clip: {len(surplus)}, first {first}")
