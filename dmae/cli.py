@@ -22,6 +22,7 @@ from dmae.command_line.spelling import (
     PRESET_FLAGS,
     check,
     expand_data,
+    expand_lists,
     flag_values,
     split_flags,
     suggestion,
@@ -106,6 +107,7 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
         options = command.options((Path(copy),) if folders else ())
         overrides = expand_data(options, overrides)
         check(options, overrides, flags)
+        overrides = expand_lists(options, overrides)
         for override in overrides:
             key, _, out = override.partition("=")
             if key == "out" and "$" not in out:
@@ -197,7 +199,8 @@ def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -
             # Commands that end with a verdict have done their work, whatever it is.
             record(OmegaConf.to_yaml(config, resolve=True), out)
             raise
-        record(OmegaConf.to_yaml(config, resolve=True), out)
+        if not getattr(values, "dry_run", False):
+            record(OmegaConf.to_yaml(config, resolve=True), out)
 
 
 def compose(command: Command, overrides: Sequence[str]) -> object:
@@ -217,6 +220,7 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
         warnings.warn(note, FutureWarning, stacklevel=3)
     overrides = expand_data(options, overrides)
     check(options, overrides, [])
+    overrides = expand_lists(options, overrides)
     _store(command, command.imported()[1])
     folder = str(resource_folder("dmae", "configs").resolve())
     try:

@@ -1,11 +1,12 @@
 """Progress with the time left: a bar on a terminal, a line a minute elsewhere."""
 
 import sys
+import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress, track
 
 LINE_EVERY = 60.0
 """s between lines where there is no terminal."""
@@ -37,3 +38,35 @@ def progress_line(description: str, done: int, total: int | None, seconds: float
     """Return a line such as "capturing: 12 of 40, 3.0 min, about 7.0 min left"."""
     line = f"{description}: {done}{f' of {total}' if total else ''}, {seconds / 60:.1f} min"
     return line + (f", about {seconds / done * (total - done) / 60:.1f} min left" if total else "")
+
+
+def counted_progress(items: Iterable, description: str, count: Callable[[], tuple[int, int]]) -> Iterator:
+    """Yield the items, and show on stderr the progress of what goes on between them, and how long the rest takes.
+
+    Args:
+        items: Those that are yielded.
+        description: What is being done, as "rendering pictures".
+        count: Returns how many parts are done, and how many there are; called from another thread.
+    """
+    console, over, start = Console(stderr=True), threading.Event(), time.monotonic()
+
+    def show_bar() -> None:
+        with Progress(console=console, transient=True) as bar:
+            task = bar.add_task(description)
+            while not over.wait(0.5):
+                done, total = count()
+                bar.update(task, completed=done, total=total)
+
+    def print_lines() -> None:
+        while not over.wait(LINE_EVERY):
+            done, total = count()
+            if done:
+                print(progress_line(description, done, total, time.monotonic() - start), file=sys.stderr, flush=True)
+
+    watcher = threading.Thread(target=show_bar if console.is_terminal else print_lines, daemon=True)
+    watcher.start()
+    try:
+        yield from items
+    finally:
+        over.set()
+        watcher.join()

@@ -92,7 +92,7 @@ def _presets_and_options(command: Command, options: Group, whole: bool) -> Itera
 
 def _group_line(command: Command, group: Group) -> Iterator[str]:
     """A group in a line or two: its meaning, its presets, the names of its options."""
-    name = group.key if not group.presets else f"{group.key}={'...' if group.preset == REQUIRED else group.preset}"
+    name = group.key if group.preset is None else f"{group.key}={'...' if group.preset == REQUIRED else group.preset}"
     meaning = _first_sentence(group.meaning)
     if group.presets:
         choices = "FOLDER, or a format: " if group.key == "data" else ""

@@ -158,7 +158,8 @@ def _check_value(option: Option, value: str) -> None:
             raise ValueError(f"{option.key}=null: expected {_expected(option)}")
         return
     bracketed = value.startswith("[") and value.endswith("]")
-    if option.many != bracketed:
+    # One choice is short for a list of it: see `expand_lists`.
+    if option.many != bracketed and not (option.many and option.choices):
         raise ValueError(f"{option.key}={value}: expected {_expected(option)}")
     for each in _elements(value[1:-1]) if bracketed else [value]:
         plain = each.strip().strip("'\"")
@@ -166,15 +167,17 @@ def _check_value(option: Option, value: str) -> None:
             continue  # module:function, a user's own
         # A function of users' own, module:function, is checked when it is imported.
         if option.choices and plain not in option.choices and ":" not in plain:
-            raise ValueError(f"{option.key}={value}: {_no(option, plain)}; {_choices(plain, option.choices)}")
+            raise ValueError(
+                f"{option.key}={value}: {_no(option, plain, bracketed)}; {_choices(plain, option.choices)}"
+            )
         pattern = _EXPECTED.get(option.kind)
         wrong_number = pattern and not pattern.fullmatch(plain)
         if wrong_number or (option.kind == "true or false" and plain.lower() not in _BOOLEANS):
             raise ValueError(f"{option.key}={value}: expected {_expected(option)}")
 
 
-def _no(option: Option, value: str) -> str:
-    return f"no {option.key.rpartition('.')[2].removesuffix('s')} {value!r}" if option.many else "no such choice"
+def _no(option: Option, value: str, listed: bool) -> str:
+    return f"no {option.key.rpartition('.')[2].removesuffix('s')} {value!r}" if listed else "no such choice"
 
 
 def _choices(value: str, choices: Iterable[str]) -> str:
@@ -241,6 +244,19 @@ def _elements(text: str) -> list[str]:
         else:
             parts[-1] += sign
     return [part for part in parts if part.strip()]
+
+
+def expand_lists(options: Group, overrides: list[str]) -> list[str]:
+    """`images=rgb` is short for `images=[rgb]`, where the option is a list of choices."""
+    expanded = []
+    for override in overrides:
+        key, _, value = override.partition("=")
+        option, values = options.find(key), _elements(value)
+        listed = (
+            isinstance(option, Option) and option.many and option.choices and not any("[" in each for each in values)
+        )
+        expanded.append(f"{key}={','.join(f'[{each}]' for each in values)}" if listed and values else override)
+    return expanded
 
 
 def expand_data(options: Group, overrides: list[str]) -> list[str]:

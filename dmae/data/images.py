@@ -1,23 +1,29 @@
-"""The images of a clip: H.264 video for colour, 16-bit PNGs for depth and ids, 8-bit ones for parts of bodies."""
+"""The images of a clip: colour as H.264, PNG or JPEG, and PNGs of depth, ids, parts of bodies, normals, flow and whole
+persons.
+"""
 
-import os
-from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cache, lru_cache, partial
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from dmae.files.names import child
-from dmae.files.pictures import read_grey_png
-from dmae.files.videos import open_video
+from dmae.files.pictures import read_picture
+from dmae.files.videos import kept_open, open_video
 
-KINDS = ("rgb", "depth", "ids", "parts")
+KINDS = ("rgb", "depth", "ids", "parts", "normals", "flow", "amodal")
+RGB_FILES = {"h264": "mp4", "png": "png", "jpeg": "jpg"}
+"""Formats of colour images, and the endings of their files."""
 FIRST_OBJECT_ID = 256
 """Ids in an image: 0 nothing, 1 + p person p, 256 + k object k of `OcclusionLabels.objects`."""
+_NORMAL_STEPS, _FLOW_STEPS, _FLOW_ZERO = 127, 64, 32768
+_JPEG_QUALITY = 95
+_CHANNELS = {"rgb": (3,), "normals": (3,), "flow": (3,), "amodal": (1, 3)}
+"""Of the files of an image; of other kinds 1."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +31,13 @@ class Images:
     """Images on disk, read on demand.
 
     Attributes:
-        folder: Holds `rgb/<view>.mp4`, and `depth/<view>/<frame>.png`, `ids/...` and `parts/...` likewise.
+        folder: Holds `rgb/<view>.mp4`, or `rgb/<view>/<frame>.png` or `.jpg`, and `<kind>/<view>/<frame>.png` of
+            the other kinds.
         views: Camera names.
         frames: Numbers of the frames in the files.
         kinds: Those of `KINDS` that exist.
         parts: Names of the parts of bodies. In images of parts, 0 is no person and 1 + i is part i.
+        rgb: Format of colour images, of `RGB_FILES`.
     """
 
     folder: Path
@@ -37,6 +45,11 @@ class Images:
     frames: tuple[int, ...]
     kinds: tuple[str, ...] = KINDS
     parts: tuple[str, ...] = ()
+    rgb: str = "h264"
+
+    def __post_init__(self):
+        if self.rgb not in RGB_FILES:
+            raise ValueError(f"images: expected colour as one of {', '.join(RGB_FILES)}, got {self.rgb!r}")
 
     def select(self, frames, views: tuple[str, ...]) -> "Images":
         """Return the images of some frames (a slice or a list of indices) and of the named views."""
@@ -46,8 +59,7 @@ class Images:
         """Yield the frames of one view in order.
 
         Yields:
-            rgb (H, W, 3) uint8; depth (H, W) float32 m along the optical axis, NaN where no surface is;
-            ids (H, W) uint16; parts (H, W) uint8.
+            As `at` returns them.
 
         Raises:
             KeyError: no such kind or view.
@@ -60,16 +72,22 @@ class Images:
                 yield convert()
             return
         for frame in self.frames:
-            yield self._png(kind, view, frame)
+            yield _read_image(kind, self.path(kind, view, frame))
 
     def at(self, kind: str, view: str, frame: int) -> np.ndarray:
-        """Return one image, as `read` yields it.
+        """Return one image.
 
         Videos are kept open, a few in each process, and decoded from the keyframe before the frame, or on from the
         frame that was read last.
 
         Args:
             frame: Index into `frames`.
+
+        Returns:
+            rgb (H, W, 3) uint8; depth (H, W) float32 m along the optical axis; ids (H, W) uint16; parts (H, W) uint8;
+            normals (H, W, 3) float32 unit vectors, world; flow (H, W, 2) float32 px, motion of the surface at a pixel
+            until the next frame, hidden then or not; amodal (H, W) uint32, bit p is 1 where person p would be seen if
+            nothing else were there. NaN where no surface is, and where its next place is not known.
 
         Raises:
             KeyError: no such kind or view.
@@ -78,23 +96,29 @@ class Images:
         """
         self._check(kind, view)
         number = self.frames[frame]
-        if kind == "rgb":
-            return _kept_open(child(self.folder / "rgb", f"{view}.mp4", "camera")).read(number)
-        return self._png(kind, view, number)
+        path = self.path(kind, view, number)
+        return kept_open(path).read(number) if kind == "rgb" and self.rgb == "h264" else _read_image(kind, path)
+
+    def path(self, kind: str, view: str, frame: int = 0) -> Path:
+        """Return the file of an image; `frame` as in `frames`."""
+        if kind == "rgb" and self.rgb == "h264":
+            return child(self.folder / "rgb", f"{view}.mp4", "camera")
+        ending = RGB_FILES[self.rgb] if kind == "rgb" else "png"
+        return child(self.folder / kind, view, "camera") / f"{frame:06d}.{ending}"
 
     def _check(self, kind: str, view: str) -> None:
         if kind not in self.kinds or view not in self.views:
             raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
 
-    def _png(self, kind: str, view: str, frame: int) -> np.ndarray:
-        image = read_grey_png(child(self.folder / kind, view, "camera") / f"{frame:06d}.png")
-        return np.where(image > 0, image / np.float32(1000), np.float32(np.nan)) if kind == "depth" else image
-
     def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
         """Yield functions that return the images of `read("rgb", view)`: frames that are skipped are not converted."""
+        if self.rgb != "h264":
+            for frame in self.frames:
+                yield partial(_read_image, "rgb", self.path("rgb", view, frame))
+            return
         import av
 
-        path, wanted, last = child(self.folder / "rgb", f"{view}.mp4", "camera"), set(self.frames), max(self.frames)
+        path, wanted, last = self.path("rgb", view), set(self.frames), max(self.frames)
         found = 0
         with open_video(path) as container:
             try:
@@ -110,62 +134,26 @@ class Images:
             raise FileNotFoundError(f"{path}: expected {len(self.frames)} frames, up to {last}; found {found}")
 
 
-class VideoFrames:
-    """The frames of an open video, in any order.
-
-    Args:
-        path: The video.
-
-    Raises:
-        FileNotFoundError: there is no such video.
-    """
-
-    def __init__(self, path: Path):
-        self._path = path
-        self._container = open_video(path)
-        # Whoever reads in parallel does so in several processes.
-        self._container.streams.video[0].codec_context.thread_count = 1
-        packets = [packet for packet in self._container.demux(video=0) if packet.pts is not None]
-        self._times = sorted(packet.pts for packet in packets)
-        self._keyframes = sorted(packet.pts for packet in packets if packet.is_keyframe)
-        self._decoded = iter(())
-        self._last: int | None = None
-        """Time of the frame that was decoded last."""
-
-    def read(self, number: int) -> np.ndarray:
-        """Return frame `number`, (H, W, 3) uint8.
-
-        Raises:
-            FileNotFoundError: the video has fewer frames, or is cut short.
-        """
-        if number >= len(self._times):
-            raise FileNotFoundError(f"{self._path}: expected a frame {number}, found {len(self._times)} frames")
-        wanted = self._times[number]
-        start = self._keyframes[bisect_right(self._keyframes, wanted) - 1]
-        if self._last is None or not start <= self._last < wanted:
-            self._container.seek(start, stream=self._container.streams.video[0])
-            self._decoded = self._container.decode(video=0)
-        for frame in self._decoded:
-            self._last = frame.pts
-            if frame.pts == wanted:
-                return frame.to_ndarray(format="rgb24")
-        self._last = None
-        raise FileNotFoundError(f"{self._path}: frame {number} cannot be decoded; the video is damaged")
-
-
-def _kept_open(path: Path) -> VideoFrames:
-    """Return a video, which stays open until a few others were opened."""
-    return _videos_of(os.getpid())(path, path.stat().st_mtime_ns if path.is_file() else 0)
-
-
-@cache
-def _videos_of(process: int) -> Callable[[Path, int], VideoFrames]:
-    """Return what keeps the open videos of a process.
-
-    A process that was forked opens its own, for a file is read from one place at a time. It leaves those of its parent
-    alone: to close them it would wait for threads of the decoder, which do not live on in it.
-    """
-    return lru_cache(maxsize=4)(lambda path, modified: VideoFrames(path))
+def _read_image(kind: str, path: Path) -> np.ndarray:
+    """Read and decode an image file."""
+    image = read_picture(path, _CHANNELS.get(kind, (1,)))
+    # OpenCV's channels come in the order blue, green, red.
+    if kind == "rgb":
+        return np.ascontiguousarray(image[..., ::-1])
+    if kind == "depth":
+        return np.where(image > 0, image / np.float32(1000), np.float32(np.nan))
+    if kind == "normals":
+        normals = (image[..., ::-1].astype(np.float32) - 1) / _NORMAL_STEPS - 1
+        normals[image[..., 0] == 0] = np.nan
+        return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    if kind == "flow":
+        flow = (image[..., :0:-1].astype(np.float32) - _FLOW_ZERO) / np.float32(_FLOW_STEPS)
+        flow[image[..., 0] == 0] = np.nan
+        return flow
+    if kind == "amodal":
+        planes = np.atleast_3d(image).astype(np.uint32)
+        return planes[..., -1] if planes.shape[-1] == 1 else planes[..., 2] | planes[..., 1] << 16
+    return image
 
 
 def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
@@ -190,8 +178,10 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
                 stream.pix_fmt, stream.options = "yuv420p", {"crf": "20", "preset": "veryfast"}
                 # A whole frame a second, for random access.
                 stream.options |= {"g": str(max(1, round(fps)))}
-                # The bytes must not depend on the number of cores.
+                # The bytes must depend neither on the number of cores, nor on their kind. Without the option x264 makes
+                # another video of the same pictures from run to run, where the width is no multiple of 16.
                 stream.codec_context.thread_count = 1
+                stream.options |= {"x264-params": "cpu-independent=1"}
             for packet in stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")):
                 container.mux(packet)
         if stream is None:
@@ -203,20 +193,49 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 def write_depth(path: Path, depth: np.ndarray) -> None:
     """Write depth (H, W), m, as a 16-bit PNG of millimetres; 0 where it is NaN or beyond 65 m."""
     known = np.isfinite(depth) & (depth < 65.5)
-    _write_png(path, np.where(known, np.round(np.where(known, depth, 0) * 1000), 0).astype(np.uint16))
+    _write(path, np.where(known, np.round(np.where(known, depth, 0) * 1000), 0).astype(np.uint16))
 
 
 def write_ids(path: Path, ids: np.ndarray) -> None:
     """Write ids (H, W) as a 16-bit PNG."""
-    _write_png(path, ids.astype(np.uint16))
+    _write(path, ids.astype(np.uint16))
 
 
 def write_parts(path: Path, parts: np.ndarray) -> None:
     """Write parts (H, W) as an 8-bit PNG."""
-    _write_png(path, parts.astype(np.uint8))
+    _write(path, parts.astype(np.uint8))
 
 
-def _write_png(path: Path, image: np.ndarray) -> None:
+def write_rgb(path: Path, rgb: np.ndarray) -> None:
+    """Write colours (H, W, 3) uint8 as PNG or, if the path ends in .jpg, as JPEG."""
+    _write(path, np.ascontiguousarray(rgb[..., ::-1]))
+
+
+def write_normals(path: Path, normals: np.ndarray) -> None:
+    """Write unit vectors (H, W, 3) as an 8-bit PNG: 1 + 127 (n + 1), within half a degree; 0 where they are NaN."""
+    known = np.isfinite(normals).all(-1, keepdims=True)
+    steps = 1 + np.round((np.where(known, normals, 0) + 1) * _NORMAL_STEPS)
+    _write(path, (steps * known)[..., ::-1].astype(np.uint8))
+
+
+def write_flow(path: Path, flow: np.ndarray) -> None:
+    """Write flow (H, W, 2), px, as KITTI does: a 16-bit PNG of 64 u + 32768, 64 v + 32768, and whether it is known.
+
+    Flow beyond 511 px, and where it is NaN, is not known.
+    """
+    known = (np.abs(flow) < _FLOW_ZERO / _FLOW_STEPS - 1).all(-1)
+    steps = np.round(np.where(known[..., None], flow, 0) * _FLOW_STEPS + _FLOW_ZERO) * known[..., None]
+    _write(path, np.dstack([known, steps[..., 1], steps[..., 0]]).astype(np.uint16))
+
+
+def write_amodal(path: Path, amodal: np.ndarray) -> None:
+    """Write bits (H, W) uint32 of up to 32 persons as a 16-bit PNG; of more than 16, the higher bits in green."""
+    low, high = amodal & 0xFFFF, amodal >> 16
+    _write(path, (np.dstack([0 * low, high, low]) if high.any() else low).astype(np.uint16))
+
+
+def _write(path: Path, image: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-        raise OSError(f"{path}: could not write PNG")
+    how = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY) if path.suffix == ".jpg" else (cv2.IMWRITE_PNG_COMPRESSION, 1)
+    if not cv2.imwrite(str(path), image, how):
+        raise OSError(f"{path}: could not write the image")

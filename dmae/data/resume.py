@@ -1,7 +1,7 @@
 """Folders of runs that can be resumed: their settings are written at the start, and compared on every later run."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from dmae.data.store import write_atomic
@@ -11,13 +11,14 @@ _LISTED = 8
 """Most names of settings in a message."""
 
 
-def claim_folder(path: Path, settings: dict, contents: str) -> None:
+def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collection[str] = ()) -> None:
     """Write the settings of a run, or check that an earlier run in the same folder had the same ones.
 
     Args:
         path: JSON file of the settings, in the folder of the run.
         settings: Everything that the results depend on, JSON-able.
         contents: What the folder holds, for the message: "a data set".
+        may_differ: Settings that are not compared.
 
     Raises:
         ValueError: an earlier run had other settings; the message names those that differ.
@@ -30,7 +31,8 @@ def claim_folder(path: Path, settings: dict, contents: str) -> None:
         return
     wanted, found = dict(_flat(json.loads(json.dumps(settings)))), dict(_flat(read_json(path)))
     missing = object()
-    differing = sorted(key for key in wanted | found if wanted.get(key, missing) != found.get(key, missing))
+    compared = [key for key in wanted | found if key not in may_differ]
+    differing = sorted(key for key in compared if wanted.get(key, missing) != found.get(key, missing))
     if differing:
         more = f" and {len(differing) - _LISTED} more" if len(differing) > _LISTED else ""
         raise ValueError(

@@ -160,7 +160,7 @@ def _images_meta(images: Images | None, folder: Path) -> dict | None:
     if images is None:
         return None
     where = os.path.relpath(images.folder.resolve(), folder.resolve())
-    return {"folder": where} | {name: getattr(images, name) for name in ("views", "frames", "kinds", "parts")}
+    return {"folder": where} | {name: getattr(images, name) for name in ("views", "frames", "kinds", "parts", "rgb")}
 
 
 def load_clip(folder: Path) -> Clip:
@@ -201,8 +201,9 @@ def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Cl
     images = meta["images"]
     if images:
         listed = (tuple(images[name]) for name in ("views", "frames", "kinds"))
-        # Older clips have no images of parts, and no names of them.
-        images = Images(folder / images["folder"], *listed, tuple(images.get("parts", ())))
+        # Older clips have no images of parts, no names of them, and videos alone.
+        older = {"parts": tuple(images.get("parts", ())), "rgb": images.get("rgb", "h264")}
+        images = Images(folder / images["folder"], *listed, **older)
     return Clip(
         id=meta["id"],
         fps=meta["fps"],

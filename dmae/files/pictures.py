@@ -52,13 +52,18 @@ def _jpeg_size(file) -> tuple[int, int]:
     raise ValueError("it has no frame")
 
 
-def read_grey_png(path: Path) -> np.ndarray:
-    """Return the picture (H, W) of a PNG of one channel; errors as in `check_picture`."""
+def read_picture(path: Path, channels: tuple[int, ...]) -> np.ndarray:
+    """Return a picture (H, W) or (H, W, C) with one of these numbers of channels, in OpenCV's order.
+
+    Errors as in `check_picture`.
+    """
     check_picture(path)
     try:
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise ValueError(f"{path}: this PNG is damaged, {error}") from None
-    if image is None or image.ndim != 2:
-        raise ValueError(f"{path}: expected a readable PNG of one channel")
+        raise ValueError(f"{path}: this picture is damaged, {error}") from None
+    found = None if image is None else 1 if image.ndim == 2 else image.shape[2]
+    if found not in channels:
+        wanted = " or ".join(map(str, channels))
+        raise ValueError(f"{path}: expected a readable picture of {wanted} channels, found {found or 'none'}")
     return image

@@ -1,14 +1,11 @@
 """Pictures: the views of a clip with its poses drawn in, and the world from the side and from above."""
 
-from itertools import islice
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.images import Images
 
 COMPLETED = "#e5262a"
 """Colour of completed joints, which no camera measured: red, as in the paper's figures."""
@@ -81,15 +78,11 @@ def gaps_figure(scores: dict) -> Figure:
 def _draw_view(axes: Axes, clip: Clip, frame: int, view: int, pixels: np.ndarray) -> None:
     width, height = clip.rig.size[view]
     if clip.images and "rgb" in clip.images.kinds:
-        axes.imshow(_rgb(clip.images, clip.rig.names[view], frame), aspect="auto")
+        axes.imshow(clip.images.at("rgb", clip.rig.names[view], frame), aspect="auto")
     else:
         axes.set_facecolor("#e9ecef")
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
     _draw_bones(axes, clip.poses, frame, pixels)
-
-
-def _rgb(images: Images, view: str, frame: int) -> np.ndarray:
-    return next(islice(images.read("rgb", view), frame, None))
 
 
 def _draw_world(axes: Axes, clip: Clip, frame: int, plane: tuple[int, int], title: str) -> None:

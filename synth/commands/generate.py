@@ -4,19 +4,30 @@ from dataclasses import replace
 from pathlib import Path
 
 from synth.datasets.clip import GenerateConfig
+from synth.datasets.forecast import forecast, is_long
 from synth.datasets.generate import generate
+from synth.rooms.room import load_room
 
 WRITES = "folder"
 EXAMPLES = (
     "synth generate out=runs/data clips=8 seed=7 workers=2",
     "synth generate scene=living_room rig=dome images=rgb quality=draft scene.seconds=3 out=runs/seen",
     "synth generate clips=1600 shard=3/16 out=runs/shards/3",
+    "synth generate clips=200 images=[rgb,depth,ids] workers=4 dry_run=true out=runs/large",
     "synth generate motion=bvh motion.path=takes occlusion.target=[0.2,0.4] out=runs/hidden",
 )
 
 
 def run(config: GenerateConfig, out: Path) -> None:
-    lines = generate(replace(config, out=str(out)))
+    for clause in load_room(config.scene.arena).filled:
+        print(f"{config.scene.arena}: {clause}")
+    config = replace(config, out=str(out))
+    if config.dry_run:
+        print(f"{out}: {forecast(config)}")
+        return
+    if is_long(config):
+        print(f"{out}: {forecast(config)}", flush=True)
+    lines = generate(config)
     failed = [line for line in lines if line["status"] != "ok"]
     for line in failed:
         print(f"{line['id']}: failed after {line['attempts']} attempts: {line['reason']}")

@@ -1,51 +1,35 @@
-"""Generate one clip from a configuration, a seed and a number: truth, labels, detections and images."""
+"""Generate one clip from a configuration, a seed and a number: truth, labels, detections, and the state of bodies."""
 
-import json
-import platform
+import re
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from enum import Enum
-from importlib import metadata
-from pathlib import Path
 
-import cv2
 import mujoco
 import numpy as np
-import scipy
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip, Poses3D
-from dmae.data.images import KINDS
+from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
-from synth.datasets.occlusion import OcclusionConfig, confirm, summary
+from synth.datasets.images.clip_images import IMAGE_CHOICES, ImageOptions, RgbFormat, check_images, image_kinds
+from synth.datasets.labelling import label_clip
+from synth.datasets.occlusion import OcclusionConfig
 from synth.datasets.occlusion_target import sample_hidden_scene
 from synth.datasets.parts.shards import clip_numbers
 from synth.detector.config import DetectorConfig
-from synth.detector.simulated_detector import detect
 from synth.errors import FailedSimulation
 from synth.interactions import InteractionConfig
-from synth.labels.silhouettes import person_pixels
-from synth.labels.visibility import joint_visibility
 from synth.motion.source import MotionConfig
+from synth.physics.body_state import BodyState
 from synth.physics.simulation import simulate
-from synth.rendering.image_files import render_images
-from synth.rendering.renderer import ImageQuality, Renderer
+from synth.rendering.renderer import ImageQuality
 from synth.rigs.coverage import Stage
 from synth.rigs.lenses import add_cameras
-from synth.rigs.miscalibration import calibration_error, miscalibrate
 from synth.rigs.rig import RigConfig, make_rig
 from synth.rooms.catalogue import arena_file
 from synth.rooms.props import PropsConfig
+from synth.rooms.room import load_room
 from synth.scene.sampling import SampledScene, sample_scene
 from synth.scene.spec import SceneConfig
-
-
-class ImageKinds(Enum):
-    """Kinds of images that are rendered."""
-
-    none = ()
-    rgb = ("rgb",)
-    all = KINDS
 
 
 @dataclass(frozen=True)
@@ -66,10 +50,17 @@ class GenerateConfig:
     """Compare the contents of images that exist with their checksums, not their sizes alone."""
     workers: int = 1
     """Processes; -1 for one a core."""
-    images: ImageKinds = ImageKinds.none
-    """Images that are rendered beside the labels."""
+    dry_run: bool = False
+    """Only print how many clips, frames and pictures are to be made, and what time and disk that takes, as a few short
+    clips show that are made and thrown away."""
+    prefix: str = ""
+    """Text before the number in the name of each clip: `prefix=walk_` names them walk_000000, walk_000001, ..."""
+    images: list[str] = field(default_factory=list, metadata={"choices": IMAGE_CHOICES})
+    """Images that are rendered beside the labels, now or later: the same command with other images adds them."""
     quality: ImageQuality = ImageQuality.standard
     """Quality of the images."""
+    rgb: RgbFormat = RgbFormat.h264
+    """Files of colour images: a video of each camera, or a file of each picture."""
     retries: int = 5
     """Number of times that a failed clip is tried again, with another seed (`attempt_seed`)."""
     scene: SceneConfig = field(default_factory=SceneConfig)
@@ -87,11 +78,19 @@ class GenerateConfig:
         if self.workers == 0:
             raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
         clip_numbers(self.first, self.clips, self.shard)
+        if not re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)?", self.prefix):
+            raise ValueError(f"prefix: expected letters, digits, _ - and ., not first, got {self.prefix!r}")
+        image_kinds(self.images)
 
     @property
     def numbers(self) -> range:
         """Numbers of the clips to make."""
         return clip_numbers(self.first, self.clips, self.shard)
+
+    @property
+    def image_options(self) -> ImageOptions:
+        """The images that are rendered."""
+        return ImageOptions(image_kinds(self.images), self.quality, self.rgb)
 
 
 def attempt_seed(seed: int, attempt: int) -> int:
@@ -99,26 +98,29 @@ def attempt_seed(seed: int, attempt: int) -> int:
     return int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0] >> 1) if attempt else seed
 
 
-def clip_id(index: int) -> str:
+def clip_id(index: int, prefix: str = "") -> str:
     """Return the name of a clip, which is that of its folder."""
-    return f"{index:06d}"
+    return f"{prefix}{index:06d}"
 
 
-def check(config: GenerateConfig) -> None:
-    """Check a configuration before anything is made.
+def check(config: GenerateConfig) -> CameraRig:
+    """Check a configuration before anything is made, and return the cameras of the first clip.
 
     Raises:
         ValueError: the configuration cannot be met.
         FileNotFoundError: a file that it names does not exist.
         FailedSimulation: no cameras fit, or `occlusion.target` is out of reach.
     """
+    load_room(config.scene.arena)
     rig = _some_rig(config)
     add_cameras(mujoco.MjSpec(), rig)
     config.occlusion.check(rig)
+    check_images(config.image_options, rig)
     with suppress(FailedSimulation):
         _scene(replace(config, occlusion=OcclusionConfig()), rig, config.seed, 0)
     if config.occlusion.target:
         _check_target(config)
+    return rig
 
 
 def _check_target(config: GenerateConfig) -> None:
@@ -151,75 +153,43 @@ def _stage(config: GenerateConfig) -> Stage:
     return Stage(config.scene.radius + float(np.hypot(*config.scene.middle)), arena_file(config.scene.arena))
 
 
-def generate_clip(config: GenerateConfig, index: int, *, images: Path | None = None) -> Clip:
-    """Generate clip `index` of a data set. It does not depend on which other clips are made.
-
-    Args:
-        config: The data set.
-        index: Number of the clip.
-        images: Folder of the images, if `config.images` selects any; without it none are rendered.
+def generate_clip(config: GenerateConfig, index: int) -> Clip:
+    """Generate clip `index` of a data set, without images. It does not depend on which other clips are made.
 
     Raises:
         FailedSimulation: the clip failed with every seed; the message is that of the last attempt.
         ValueError: the configuration cannot be met.
     """
+    return simulate_clip(config, index)[0]
+
+
+def simulate_clip(config: GenerateConfig, index: int) -> tuple[Clip, BodyState]:
+    """Generate clip `index` of a data set, without images, and the state of its bodies. Raises as `generate_clip`."""
     for attempt in range(config.retries):
         with suppress(FailedSimulation):
-            return _attempt(config, index, attempt, images)
-    return _attempt(config, index, config.retries, images)
+            return _attempt(config, index, attempt)
+    return _attempt(config, index, config.retries)
 
 
-def _attempt(config: GenerateConfig, index: int, attempt: int, images: Path | None) -> Clip:
+def _attempt(config: GenerateConfig, index: int, attempt: int) -> tuple[Clip, BodyState]:
     seed = attempt_seed(config.seed, attempt)
     rig = _rig(config, seed, index)
     spec, motions = _scene(config, rig, seed, index)
-    with_images = images is not None and config.images != ImageKinds.none
-    simulation = simulate(spec, rig, motions, painted=with_images)
-    truth = Poses3D(simulation.skeleton, simulation.joints)
-    occlusion = joint_visibility(
-        simulation.model,
-        simulation.qpos,
-        simulation.joints,
-        simulation.depth,
-        simulation.geom_ids,
-        rig,
-        simulation.bodies,
-    )
-    occlusion = replace(occlusion, objects=simulation.objects)
-    confirm(occlusion.visibility, config.occlusion)
-    detected = detect(truth, occlusion, rig, spec.fps, config.detector, rng=generator(seed, index, Stream.DETECTOR))
-    rendered = None
-    if with_images:
-        with Renderer(simulation.model, simulation.geom_ids, rig, config.quality) as renderer:
-            rendered = render_images(renderer, simulation.qpos, rig, images, spec.fps, config.images.value)
-            if "ids" in rendered.kinds:
-                visible, amodal = person_pixels(renderer, simulation.qpos, rendered, len(spec.persons))
-                occlusion = replace(occlusion, visible_pixels=visible, amodal_pixels=amodal)
+    simulation = simulate(spec, rig, motions, painted=False)
     line = {
-        "id": clip_id(index),
+        "id": clip_id(index, config.prefix),
         "status": "ok",
         "seed": seed,
         "attempts": attempt + 1,
         "frames": len(simulation.qpos),
         "persons": len(spec.persons),
         "quality": simulation.quality,
-        "occlusion": summary(occlusion.visibility, config.occlusion),
     }
-    reported = miscalibrate(rig, config.rig.error, rng=generator(seed, index, Stream.CALIBRATION))
-    if reported:
-        line["calibration_error"] = calibration_error(rig, reported, _stage(config))
-    return Clip(
-        id=line["id"],
-        fps=spec.fps,
-        rig=reported or rig,
-        detections=detected.detections,
-        truth=truth,
-        occlusion=occlusion,
-        detection_labels=detected.labels,
-        images=rendered,
-        true_rig=rig if reported else None,
-        provenance={"manifest": line, "spec": json.loads(spec.to_json()), "versions": _versions()},
-    )
+    clip = label_clip(
+        line, spec, simulation, simulation.qpos, rig, detector=config.detector, occlusion=config.occlusion,
+        error=config.rig.error, stage=_stage(config),
+    )  # fmt: skip
+    return clip, simulation.state
 
 
 def _scene(config: GenerateConfig, rig: CameraRig, seed: int, index: int) -> SampledScene:
@@ -235,12 +205,3 @@ def _scene(config: GenerateConfig, rig: CameraRig, seed: int, index: int) -> Sam
             clip=index,
         )
     return sample_scene(config.scene, config.motion, config.props, config.interaction, seed=seed, clip=index)
-
-
-def _versions() -> dict[str, str]:
-    modules = {"numpy": np, "scipy": scipy, "opencv": cv2, "mujoco": mujoco}
-    return {
-        "dmae-synth": metadata.version("dmae-synth"),
-        "python": platform.python_version(),
-        **{name: module.__version__ for name, module in modules.items()},
-    }

@@ -1,34 +1,34 @@
-"""Generate data sets: many clips in parallel, resumably, and their manifest."""
+"""Generate data sets: many clips in parallel, resumably, and their manifest. Images are added to clips that exist."""
 
-import json
+import os
 import shutil
 from collections.abc import Iterator
-from dataclasses import asdict
-from enum import Enum
 from pathlib import Path
 
-from dmae.data.resume import claim_folder
 from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, write_manifest
 from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.parallel import in_parallel
-from dmae.progress import progress
-from synth.datasets.clip import GenerateConfig, ImageKinds, attempt_seed, check, clip_id, generate_clip
-from synth.datasets.image_checks import missing_files
+from dmae.progress import counted_progress, progress
+from synth.datasets.clip import GenerateConfig, attempt_seed, check, clip_id, simulate_clip
+from synth.datasets.images.clip_images import add_images, missing_kinds
+from synth.datasets.images.image_checks import missing_files
+from synth.datasets.images.tally import FILE as TALLY
 from synth.datasets.parts.shards import SHARD, claim_shard
+from synth.datasets.set_folder import CONFIG, as_settings, claim
 from synth.errors import FailedSimulation
-from synth.rendering.backend import find_backend
+from synth.physics.body_state import FILE as STATE
+from synth.physics.body_state import load_state, save_state
 
-CONFIG = "config.json"
-_NOT_COMPARED = ("out", "first", "clips", "shard", "workers", "recheck")
-"""Options that may differ when a data set is continued."""
+_NOT_KEPT = ("out", "first", "clips", "shard", "recheck", "workers", "dry_run")
+"""Options that may differ when a data set is continued, and are not kept."""
 
 
 def generate(config: GenerateConfig) -> list[dict]:
-    """Make a data set, or its missing clips, its manifest and its checksums.
+    """Make a data set, or its missing clips or images, its manifest and its checksums.
 
-    Clips that exist and are undamaged are kept: sizes of files are compared, and the contents of labels; with `recheck`
-    the contents of images, too. A clip appears under its name once it is complete, so that a run can be
-    interrupted at any time and resumed.
+    Clips that exist and are undamaged are kept, and get the images that they lack: sizes of files are compared, and the
+    contents of labels; with `recheck` the contents of images, too. A clip appears under its name once it is complete,
+    so that a run can be interrupted at any time and resumed.
 
     Returns:
         The lines of the manifest, one a clip: `id`, `status` ("ok" or "failed"), `seed`, number of `attempts`; of clips
@@ -37,25 +37,25 @@ def generate(config: GenerateConfig) -> list[dict]:
         the error of projections by the calibration of each camera, px; of clips that failed the `reason`.
 
     Raises:
-        ValueError: the folder holds a data set of another configuration, or the configuration cannot be met.
+        ValueError: the folder holds something else, or a data set of another configuration, or the configuration cannot
+            be met.
         FailedSimulation: not one clip could be made, or `occlusion.target` is out of reach.
     """
     out = Path(config.out)
-    check(config)
+    rig = check(config)
+    claim(out, as_settings(config, leave=_NOT_KEPT))
     claim_shard(out, config.first, config.clips, config.shard)
-    claim_folder(out / CONFIG, _settings(config), "a data set")
-    if config.images != ImageKinds.none:
-        find_backend()
     lines = {line["id"]: line for line in read_manifest(out)} if (out / MANIFEST).is_file() else {}
     checksums = begin_data_set(out)
     try:
-        for line in progress(_make_all(config, checksums), "generating clips", len(config.numbers)):
+        for line in _watched(config, len(rig), checksums):
             lines[line["id"]] = line
             checksums[line["id"]] = clip_checksum(out / line["id"])
     finally:
         # Processes that were ended in the middle of a clip leave it behind.
-        for partial in out.glob(".*.partial"):
-            shutil.rmtree(partial, ignore_errors=True)
+        for leftover in (*out.glob(".*.partial"), *out.glob("*/.images")):
+            shutil.rmtree(leftover, ignore_errors=True)
+        (out / TALLY).unlink(missing_ok=True)
         write_manifest(out, list(lines.values()))
         end_data_set(out, (CONFIG, SHARD), checksums)
     if all(line["status"] == "failed" for line in lines.values()):
@@ -64,34 +64,42 @@ def generate(config: GenerateConfig) -> list[dict]:
     return read_manifest(out)
 
 
-def _settings(config: GenerateConfig) -> dict:
-    """Return all options that the clips depend on, as JSON."""
+def _watched(config: GenerateConfig, views: int, checksums: dict[str, Checksum | None]) -> Iterator[dict]:
+    """Yield manifest lines, and show the progress: by picture where there are any, else by clip."""
+    clips = len(config.numbers)
+    if not config.image_options.kinds:
+        return progress(_make_all(config, checksums), "generating clips", clips)
+    tally = PixelTally(Path(config.out), clips)
+    tally.begin([config.scene.frames * views] * clips)
+    return counted_progress(_make_all(config, checksums), "rendering pictures", tally.count)
 
-    def plain(value):
-        return value.name if isinstance(value, Enum) else str(value)
 
-    settings = {name: value for name, value in asdict(config).items() if name not in _NOT_COMPARED}
-    return json.loads(json.dumps(settings, default=plain))
+def limit_threads(workers: int) -> None:
+    """Let each of several processes render on one core: Mesa's rasteriser would take all of them in every process."""
+    if workers != 1:
+        os.environ.setdefault("LP_NUM_THREADS", "1")
 
 
 def _make_all(config: GenerateConfig, checksums: dict[str, Checksum | None]) -> Iterator[dict]:
     """Yield manifest lines in the order in which clips are finished."""
-    tasks = ((config, index, checksums.get(clip_id(index))) for index in config.numbers)
+    limit_threads(config.workers)
+    tasks = ((config, index, checksums.get(clip_id(index, config.prefix))) for index in config.numbers)
     return in_parallel(_make, tasks, config.workers, ordered=False)
 
 
 def _make(config: GenerateConfig, index: int, expected: Checksum | None) -> dict:
-    """Make one clip on disk unless it exists as expected, and return its manifest line."""
-    folder = Path(config.out) / clip_id(index)
-    kept = _kept(folder, config, expected)
-    if kept is not None:
-        return kept
+    """Make one clip on disk, or its images, unless they exist as expected, and return its manifest line."""
+    folder = Path(config.out) / clip_id(index, config.prefix)
+    if _is_kept(folder, config, expected):
+        return _with_images(config, index, folder)
     partial = folder.with_name(f".{folder.name}.partial")
     for leftover in (partial, folder):
         shutil.rmtree(leftover, ignore_errors=True)
     try:
-        clip = generate_clip(config, index, images=partial / "images")
+        clip, state = simulate_clip(config, index)
         save_clip(clip, partial)
+        save_state(state, partial)
+        line = _with_images(config, index, partial)
         write_checksums(partial)
         partial.rename(folder)
     except FailedSimulation as failure:
@@ -101,20 +109,30 @@ def _make(config: GenerateConfig, index: int, expected: Checksum | None) -> dict
         }  # fmt: skip
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+    return line
+
+
+def _with_images(config: GenerateConfig, index: int, folder: Path) -> dict:
+    """Add the images that a clip in a folder lacks; return its manifest line."""
+    clip = load_clip(folder)
+    pictures = len(clip) * len(clip.rig) if missing_kinds(clip, config.image_options) else 0
+    with PixelTally(Path(config.out), len(config.numbers)).clip(index - config.numbers.start, pictures) as seen:
+        if pictures:
+            add_images(clip, load_state(folder), folder, config.image_options, seen)
+            write_checksums(folder)
     return clip.provenance["manifest"]
 
 
-def _kept(folder: Path, config: GenerateConfig, expected: Checksum | None) -> dict | None:
-    """Return the manifest line of a clip that exists, undamaged, and is of this data set; None otherwise."""
+def _is_kept(folder: Path, config: GenerateConfig, expected: Checksum | None) -> bool:
+    """Return whether a clip exists, undamaged and of this data set, with the states that images are rendered from."""
     if expected not in (None, clip_checksum(folder)) or find_damage(folder, fast=not config.recheck):
-        return None
+        return False
     try:
         clip = load_clip(folder)
         line = clip.provenance["manifest"]
-        same = (clip.id, line["id"], line["seed"], clip.fps, clip.images.kinds if clip.images else ()) == (
-            folder.name, folder.name, attempt_seed(config.seed, line["attempts"] - 1), config.scene.fps,
-            config.images.value,
-        )  # fmt: skip
-        return line if same and not missing_files(clip) else None
+        seed = attempt_seed(config.seed, line["attempts"] - 1)
+        wanted = (folder.name, folder.name, seed, config.scene.fps)
+        same = (clip.id, line["id"], line["seed"], clip.fps) == wanted and not missing_files(clip)
     except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
-        return None
+        return False
+    return same and ((folder / STATE).is_file() or not missing_kinds(clip, config.image_options))

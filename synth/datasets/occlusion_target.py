@@ -23,7 +23,7 @@ from synth.physics.reference import make_reference
 from synth.rooms.props import PropsConfig
 from synth.scene.build import Scene, add_prop, build_scene
 from synth.scene.sampling import SampledScene, lay_out, sample_people
-from synth.scene.spec import Layout, PropSpec, SceneConfig
+from synth.scene.spec import PLAN_FPS, Layout, PropSpec, SceneConfig
 
 _FRAMES = 12
 """Frames of a clip by which its occlusion is predicted."""
@@ -138,7 +138,7 @@ class _OcclusionPrediction:
         _, discs = _build_props(spec.props)
         plan = plan_motions(spec, motions, np.concatenate([base.obstacles, discs]))
         frames = np.unique(np.linspace(0, len(plan.root) - 1, _FRAMES).round().astype(int))
-        reference = make_reference(plan.root[frames], plan.rotations[frames], plan.bearing[frames], spec.fps, 1)
+        reference = make_reference(plan.root[frames], plan.rotations[frames], plan.bearing[frames], PLAN_FPS, 1)
         joints = find_joints(model, len(bodies))
         qpos = np.tile(model.qpos0, (len(frames), 1))
         joints.root(qpos)[:], joints.quats(qpos)[:] = reference.root, reference.quats

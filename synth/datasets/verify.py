@@ -10,9 +10,10 @@ from dmae.files.checksums import find_damage, find_data_set_damage, number_of
 from dmae.files.structured import read_json
 from dmae.progress import progress
 from synth.datasets.checks import check_detections, check_labels, check_numbers, check_projection
-from synth.datasets.clip import ImageKinds, attempt_seed
-from synth.datasets.generate import CONFIG
-from synth.datasets.image_checks import check_images, check_surplus
+from synth.datasets.clip import attempt_seed
+from synth.datasets.images.clip_images import image_kinds
+from synth.datasets.images.image_checks import check_images, check_surplus
+from synth.datasets.set_folder import CONFIG
 
 DATA_SET = "data set"
 """Name of what is of no clip, but of the data set."""
@@ -150,7 +151,7 @@ def _config(path: Path) -> tuple[dict | None, list[Problem]]:
         return None, []
     try:
         config = read_json(path / CONFIG)
-        ImageKinds[config["images"]], config["scene"]["fps"], config["seed"] + 0
+        image_kinds(config["images"]), config["scene"]["fps"], config["seed"] + 0
     except Exception as error:
         what = str(error) if isinstance(error, ValueError) else _said(path / CONFIG, error)
         return None, [Problem(DATA_SET, "manifest", what)]
@@ -196,8 +197,8 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> list[str]:
     if config is None:
         return problems
     try:
-        fps, kinds = config["scene"]["fps"], ImageKinds[config["images"]].value
-    except (KeyError, TypeError):
+        fps, kinds = config["scene"]["fps"], image_kinds(config["images"])
+    except (KeyError, TypeError, ValueError):
         return [*problems, f"{CONFIG}: expected the configuration of a data set, found {config!r:.60}"]
     if clip.fps != fps:
         problems.append(f"fps: {fps} in {CONFIG}, {clip.fps} in the clip")

@@ -44,7 +44,7 @@ def draw_motions(
     Args:
         config: Where motion comes from.
         interaction: What people do together.
-        bodies: Of P people.
+        bodies: Of P people, bystanders last.
         frames, fps: Length and frame rate of the clip.
         radius: Greatest distance of hips from the middle, m.
         seed, clip: Seed of the data set and number of the clip.
@@ -56,9 +56,13 @@ def draw_motions(
     rng = generator(seed, clip, Stream.MOTION)
     if not interaction.together:
         return [_at_size(config, body, seconds=frames / fps, fps=fps, rng=rng) for body in bodies], None
-    cast = Cast(tuple(bodies), np.arange(frames) / fps, fps, radius)
+    taking_part = len(bodies) - interaction.bystanders
+    cast = Cast(tuple(bodies[:taking_part]), np.arange(frames) / fps, fps, radius)
     script = find_interaction(interaction.kind).function(cast, rng=generator(seed, clip, Stream.INTERACTION))
-    return cast_roles(script, cast, config, rng=rng), script
+    # With a stream of their own: bystanders do not change those who take part.
+    apart = generator(seed, clip, Stream.MOTION).spawn(1)[0]
+    bystanders = [_at_size(config, body, seconds=frames / fps, fps=fps, rng=apart) for body in bodies[taking_part:]]
+    return cast_roles(script, cast, config, rng=rng) + bystanders, script
 
 
 def cast_roles(script: Script, cast: Cast, config: MotionConfig, *, rng: np.random.Generator) -> list[Motion]:

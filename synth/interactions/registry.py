@@ -5,6 +5,7 @@ It takes a `Cast`, and `rng` by keyword, and returns the `Script` (`synth.intera
 `interaction.kind=package.module:function`, is a function under the same decorator.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from dmae.registry import Entry, Registry
@@ -37,14 +38,42 @@ class InteractionConfig:
     """What people do together, if anything.
 
     Attributes:
-        kind: Name of the interaction, or `<module>:<function>` of your own. The scene's number of people is clipped to
-            the numbers that the interaction allows.
+        kind: Name of the interaction, or `<module>:<function>` of your own.
+        bystanders: Number of people who do not take part, each with a motion of their own, added to `scene.persons`.
     """
 
     kind: str = NO_INTERACTION
+    bystanders: int = 0
 
     def __post_init__(self):
         interaction.check(self.kind, NO_INTERACTION)
+        if self.bystanders < 0:
+            raise ValueError(f"interaction.bystanders: expected 0 people or more, got {self.bystanders}")
+        if self.bystanders and not self.together:
+            raise ValueError(
+                f"interaction.bystanders={self.bystanders}, but there is no interaction; choose one by "
+                "interaction=..., or ask for more people by scene.persons=[least,greatest]"
+            )
+
+    def participants(self, asked: Sequence[int] | None, usual: tuple[int, int]) -> tuple[int, int]:
+        """Return the least and greatest number of people who take part.
+
+        Args:
+            asked: The least and greatest number that the user asks for, if so.
+            usual: The same where none is asked for; an interaction may take none of these numbers.
+
+        Raises:
+            ValueError: the interaction takes none of the numbers that are asked for; the message says which it takes.
+        """
+        if not self.together:
+            return tuple(asked or usual)
+        takes = find_interaction(self.kind).persons
+        if asked and not (asked[0] <= takes[1] and takes[0] <= asked[1]):
+            raise ValueError(
+                f"scene.persons={list(asked)}: interaction={self.kind} takes {people(takes)}; give scene.persons="
+                f"{list(takes)} or leave it out. interaction.bystanders=N adds people who do not take part"
+            )
+        return takes
 
     @property
     def together(self) -> bool:
@@ -52,7 +81,13 @@ class InteractionConfig:
         return self.kind != NO_INTERACTION
 
 
+def people(count: tuple[int, int]) -> str:
+    """Return a least and greatest number of people in words."""
+    least, greatest = count
+    return f"{least} people" if least == greatest else f"{least} to {greatest} people"
+
+
 def interaction_choices() -> dict[str, str]:
     """Return the line of help of each interaction, and of none, by name."""
-    help = {name: each.help for name, each in interaction.items()}
+    help = {name: f"{each.help} For {people(each.persons)}." for name, each in interaction.items()}
     return {NO_INTERACTION: "Each person follows a motion of their own."} | help

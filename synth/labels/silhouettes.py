@@ -1,4 +1,4 @@
-"""Evaluate images of ids: the pixels of each person, and the agreement of the joints' labels with the images."""
+"""Compare the labels of joints with images of ids."""
 
 from typing import NamedTuple
 
@@ -6,32 +6,8 @@ import cv2
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.data.images import FIRST_OBJECT_ID, Images
+from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
-from synth.rendering.renderer import Renderer
-
-
-def person_pixels(renderer: Renderer, qpos: np.ndarray, images: Images, persons: int) -> tuple[np.ndarray, np.ndarray]:
-    """Count the pixels of each person.
-
-    Args:
-        renderer: Of the scene that the images show.
-        qpos: (F, nq) states.
-        images: Images of these states, ids included.
-        persons: P, number of persons.
-
-    Returns:
-        visible: (F, V, P) int32 number of pixels that show each person.
-        amodal: (F, V, P) int32 number of pixels that would if nothing else were there.
-    """
-    visible = np.zeros((len(qpos), len(images.views), persons), np.int32)
-    amodal = np.zeros_like(visible)
-    for view, name in enumerate(images.views):
-        for frame, (state, ids) in enumerate(zip(qpos, images.read("ids", name), strict=True)):
-            visible[frame, view] = np.bincount(ids.ravel(), minlength=1 + persons)[1 : 1 + persons]
-            for person in range(persons):
-                amodal[frame, view, person] = np.count_nonzero(renderer.alone(state, view, person))
-    return visible, amodal
 
 
 class PixelAgreement(NamedTuple):

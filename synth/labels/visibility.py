@@ -24,6 +24,7 @@ def joint_visibility(
     geom_ids: np.ndarray,
     rig: CameraRig,
     bodies: np.ndarray | None = None,
+    objects: tuple[str, ...] = (),
 ) -> OcclusionLabels:
     """Label every joint in every view.
 
@@ -40,10 +41,11 @@ def joint_visibility(
         rig: V cameras.
         bodies: (P, J) index of the body that each joint moves with. Its limb is that body and its neighbours in the
             kinematic tree. By default a whole person is one limb.
+        objects: Names of the objects.
 
     Returns:
         `visibility`, `occluder` and `depth_margin`. Joints outside the image or behind the camera have no occluder. The
-        margin is the joint's distance where the camera itself is within what hides it. The caller adds `objects`.
+        margin is the joint's distance where the camera itself is within what hides it.
     """
     xy, along = rig.project(joints)
     visibility = np.full(xy.shape[:-1], Visibility.VISIBLE, np.uint8)
@@ -63,7 +65,7 @@ def joint_visibility(
         found = _first_hits(opaque, data, qpos[block], rig.centers, joints[block], sought, depth, limbs, geom_ids)
         for label, value in zip((visibility, occluder, margin), found, strict=True):
             label[block][sought] = value
-    return OcclusionLabels(visibility, occluder, margin)
+    return OcclusionLabels(visibility, occluder, margin, objects=objects)
 
 
 def _limbs(model: mujoco.MjModel, bodies: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:

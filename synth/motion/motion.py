@@ -23,6 +23,7 @@ class Motion:
         hip_height: Height of the hip joints above the soles when the source's body stands straight, m. A body of other
             proportions scales `root` by the ratio of the two.
         seats: Frames in which the person begins to sit on a stool.
+        actions: Frames in which actions begin, with their names; without any the motion is one action, `name`.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Motion:
     rotations: np.ndarray
     hip_height: float
     seats: tuple[int, ...] = ()
+    actions: tuple[tuple[int, str], ...] = ()
 
     def __post_init__(self):
         for field, shape in (("root", (3,)), ("rotations", (len(SEGMENTS), 3, 3))):

@@ -11,7 +11,7 @@ from synth.motion.source import PROCEDURAL
 from synth.people.body import Body
 from synth.people.joint_limits import limit_joints
 from synth.physics.leg_clearance import leg_clearance, limb_points
-from synth.scene.spec import SceneSpec
+from synth.scene.spec import PLAN_FPS, SceneSpec
 
 _ROUNDS = 12
 """Most rounds of leg clearance."""
@@ -44,25 +44,25 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
     root = np.stack([motion.root for motion in motions], axis=1)
     recorded = spec.motion.kind != PROCEDURAL
     rotations, beyond = limit_joints(
-        np.stack([motion.rotations for motion in motions], axis=1), spec.fps if recorded else None
+        np.stack([motion.rotations for motion in motions], axis=1), PLAN_FPS if recorded else None
     )
     standing = [
-        foot_contacts(person.body, root[:, p], rotations[:, p], spec.fps, turn=person.turn, recorded=recorded)
+        foot_contacts(person.body, root[:, p], rotations[:, p], PLAN_FPS, turn=person.turn, recorded=recorded)
         for p, person in enumerate(spec.persons)
     ]
-    root[..., :2] += avoid_collisions(root[..., :2], spec.fps, clearance=spec.clearance, obstacles=obstacles)
+    root[..., :2] += avoid_collisions(root[..., :2], PLAN_FPS, clearance=spec.clearance, obstacles=obstacles)
     bodies = [person.body for person in spec.persons]
-    firm = _lock_feet(bodies, root, rotations, standing, spec.fps, recorded=recorded)
+    firm = _lock_feet(bodies, root, rotations, standing, PLAN_FPS, recorded=recorded)
     if recorded and not spec.interaction.together:
         # Procedural people keep their feet under them, and a script sets the distance of its people.
         for _ in range(_ROUNDS):
             limbs = np.stack([limb_points(body, *(a[:, p] for a in firm)) for p, body in enumerate(bodies)], axis=1)
-            shift = leg_clearance(limbs, spec.fps, obstacles)
+            shift = leg_clearance(limbs, PLAN_FPS, obstacles)
             if not shift.any():
                 break
             root[..., :2] += shift
-            firm = _lock_feet(bodies, root, rotations, standing, spec.fps, recorded=recorded)
-    weight = [weight_on_feet(body, *(a[:, p] for a in firm), standing[p], spec.fps) for p, body in enumerate(bodies)]
+            firm = _lock_feet(bodies, root, rotations, standing, PLAN_FPS, recorded=recorded)
+    weight = [weight_on_feet(body, *(a[:, p] for a in firm), standing[p], PLAN_FPS) for p, body in enumerate(bodies)]
     return PlannedMotion(*firm, np.stack(weight, axis=1), beyond)
 
 

@@ -35,9 +35,9 @@ class ReferenceMotion:
 
 
 def make_reference(
-    root: np.ndarray, rotations: np.ndarray, bearing: np.ndarray, fps: float, substeps: int
+    root: np.ndarray, rotations: np.ndarray, bearing: np.ndarray, fps: float, substeps: int, last: int = 0
 ) -> ReferenceMotion:
-    """Interpolate smoothly, `substeps` steps per frame, from the first frame to the last.
+    """Interpolate smoothly, `substeps` steps per frame, from the first frame to the last, or a little beyond.
 
     Args:
         root: (F, P, 3) m, world.
@@ -45,6 +45,7 @@ def make_reference(
         bearing: (F, P, 2) as in `ReferenceMotion`.
         fps: Frames per second.
         substeps: Steps per frame.
+        last: Number of the last step, if it lies beyond the last frame, up to a frame: the motion is extrapolated.
     """
     frames, persons = root.shape[:2]
     relative = rotations.copy()
@@ -55,17 +56,19 @@ def make_reference(
     flips = np.sign((quats[1:] * quats[:-1]).sum(-1, keepdims=True))
     quats[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0), axis=0)
 
-    dt = 1 / (fps * substeps)
-    times, steps = np.arange(frames) / fps, np.arange((frames - 1) * substeps + 1) * dt
+    dt, beyond = 1 / (fps * substeps), max(0, last - (frames - 1) * substeps)
+    times, steps = np.arange(frames) / fps, np.arange((frames - 1) * substeps + beyond + 1) * dt
     if frames == 1:
-        return ReferenceMotion(root, np.zeros_like(root), quats, np.zeros((1, persons, len(SEGMENTS), 3)), bearing)
+        root, quats, bearing = (np.repeat(values, 1 + beyond, axis=0) for values in (root, quats, bearing))
+        return ReferenceMotion(root, 0 * root, quats, np.zeros((1 + beyond, persons, len(SEGMENTS), 3)), bearing)
     path = CubicSpline(times, root)
     quats = CubicSpline(times, quats)(steps)
     quats /= np.linalg.norm(quats, axis=-1, keepdims=True)
     spin = np.empty((*quats.shape[:-1], 3))
     spin[:-1] = 2 / dt * _turn(quats[:-1], quats[1:])
     spin[-1] = spin[-2]
-    return ReferenceMotion(path(steps), path(steps, 1), quats, spin, interpolate_steps(bearing, substeps))
+    bearing = np.concatenate([interpolate_steps(bearing, substeps), np.repeat(bearing[-1:], beyond, axis=0)])
+    return ReferenceMotion(path(steps), path(steps, 1), quats, spin, bearing)
 
 
 def interpolate_steps(values: np.ndarray, between: int) -> np.ndarray:

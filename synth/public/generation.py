@@ -16,7 +16,7 @@ from synth.cli import SYNTH
 from synth.datasets import generate as datasets
 from synth.datasets import splits as datasets_splits
 from synth.datasets import verify as datasets_verify
-from synth.datasets.clip import GenerateConfig, ImageKinds, check, clip_id, generate_clip
+from synth.datasets.clip import GenerateConfig, check, clip_id, generate_clip
 from synth.datasets.exporters import export as datasets_export
 from synth.datasets.exporters.selection import PictureFormat
 from synth.datasets.parts import merge as datasets_merge
@@ -79,8 +79,8 @@ def generate(
     if out is not None:
         datasets.generate(replace(config, out=str(out)))
         return (load_clip(folder) for folder in clip_folders(Path(out)))
-    if config.images != ImageKinds.none:
-        raise ValueError(f"images={config.images.name}: images are written to a folder; give out=...")
+    if config.image_options.kinds:
+        raise ValueError(f"images={list(config.image_options.kinds)}: images are written to a folder; give out=...")
     check(config)
     return _in_memory(config)
 

@@ -1,21 +1,63 @@
 """Write the images of a clip."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.images import KINDS, Images, write_depth, write_ids, write_parts, write_video
-from dmae.files.names import child
+from dmae.data.images import (
+    KINDS,
+    Images,
+    write_amodal,
+    write_depth,
+    write_flow,
+    write_ids,
+    write_normals,
+    write_parts,
+    write_rgb,
+    write_video,
+)
 from synth.people.segments import SEGMENTS
-from synth.rendering.renderer import RenderedView, Renderer
+from synth.rendering.renderer import Renderer
+
+_WRITERS = {
+    "rgb": write_rgb,
+    "depth": write_depth,
+    "ids": write_ids,
+    "parts": write_parts,
+    "normals": write_normals,
+    "flow": write_flow,
+    "amodal": write_amodal,
+}
+
+
+class RenderedImages(NamedTuple):
+    """Images on disk, and the pixels of persons counted in them.
+
+    Attributes:
+        images: The images.
+        visible: (F, V, P) int32 number of pixels that show each person; None without images of ids.
+        amodal: (F, V, P) int32 number of pixels that would if nothing else were there; None without images of ids.
+    """
+
+    images: Images
+    visible: np.ndarray | None
+    amodal: np.ndarray | None
 
 
 def render_images(
-    renderer: Renderer, qpos: np.ndarray, rig: CameraRig, folder: Path, fps: float, kinds: tuple[str, ...] = KINDS
-) -> Images:
-    """Write images of every view of every frame in the layout of `dmae.data.images`, one view in memory at a time.
+    renderer: Renderer,
+    qpos: np.ndarray,
+    rig: CameraRig,
+    folder: Path,
+    fps: float,
+    kinds: tuple[str, ...] = KINDS,
+    rgb: str = "h264",
+    seen: Callable[[], None] = lambda: None,
+) -> RenderedImages:
+    """Write images of every view of every frame in the layout of `dmae.data.images`, one picture in memory at a time.
 
     Args:
         renderer: Of the scene and the rig.
@@ -24,20 +66,37 @@ def render_images(
         folder: Takes the images.
         fps: Frames per second of the videos.
         kinds: Which images, of `dmae.data.images.KINDS`.
+        rgb: Format of colour images, of `dmae.data.images.RGB_FILES`.
+        seen: Called after each picture.
     """
+    images = Images(folder, rig.names, tuple(range(len(qpos))), kinds, SEGMENTS if "parts" in kinds else (), rgb)
+    counted = "ids" in kinds
+    visible, amodal = (np.zeros((len(qpos), len(rig), renderer.persons), np.int32) for _ in range(2))
+    painted = (*kinds, "amodal") if counted and "amodal" not in kinds else kinds
 
-    def rendered(view: int) -> Iterator[RenderedView]:
+    def pictures(view: int) -> Iterator[np.ndarray | None]:
+        """Render the pictures of a view, write those that are no video, and yield the colours."""
         for frame, state in enumerate(qpos):
-            image = renderer.picture(state, view, kinds)
-            for kind, write in {"depth": write_depth, "ids": write_ids, "parts": write_parts}.items():
-                if kind in kinds:
-                    write(child(folder / kind, rig.names[view], "camera") / f"{frame:06d}.png", getattr(image, kind))
-            yield image
+            following = qpos[frame + 1] if frame + 1 < len(qpos) else None
+            picture = renderer.picture(state, view, painted, following)
+            for kind in kinds:
+                path = images.path(kind, rig.names[view], frame)
+                if path.suffix != ".mp4":
+                    _WRITERS[kind](path, getattr(picture, kind))
+            if counted:
+                visible[frame, view] = np.bincount(picture.ids.ravel(), minlength=1 + renderer.persons)[
+                    1 : 1 + renderer.persons
+                ]
+                amodal[frame, view] = [
+                    np.count_nonzero(picture.amodal >> person & 1) for person in range(renderer.persons)
+                ]
+            seen()
+            yield picture.rgb
 
     for view, name in enumerate(rig.names):
-        if "rgb" in kinds:
-            write_video(child(folder / "rgb", f"{name}.mp4", "camera"), (image.rgb for image in rendered(view)), fps)
-        else:
-            for _ in rendered(view):
-                pass
-    return Images(folder, rig.names, tuple(range(len(qpos))), kinds, SEGMENTS if "parts" in kinds else ())
+        colours = pictures(view)
+        if "rgb" in kinds and rgb == "h264":
+            write_video(images.path("rgb", name), colours, fps)
+        for _ in colours:
+            pass
+    return RenderedImages(images, visible if counted else None, amodal if counted else None)

@@ -35,8 +35,8 @@ class LensPainter:
         """Return one image from those of the pinholes. Only colours are interpolated."""
         if images[0] is None or self._maps[view] is None:
             return images[0]
-        how = cv2.INTER_LINEAR if images[0].ndim == 3 else cv2.INTER_NEAREST
-        nothing = np.nan if images[0].dtype == np.float32 else 0
+        how = cv2.INTER_LINEAR if images[0].dtype == np.uint8 else cv2.INTER_NEAREST
+        nothing = (np.nan,) * 4 if images[0].dtype == np.float32 else 0
         bent = None
         for image, pixels in zip(images, self._maps[view], strict=True):
             part = cv2.remap(image, pixels, None, how, borderMode=cv2.BORDER_CONSTANT, borderValue=nothing)

@@ -5,12 +5,16 @@ import copy
 import mujoco
 import numpy as np
 
-from synth.people.mjcf import geom_parts
 from synth.rendering.backend import make_context
 from synth.rigs.lenses import camera_name
 
 _UNDRAWN = 5
 """A group of geoms that MuJoCo does not draw."""
+_PLAIN = (
+    mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION, mujoco.mjtRndFlag.mjRND_SKYBOX,
+    mujoco.mjtRndFlag.mjRND_FOG, mujoco.mjtRndFlag.mjRND_HAZE,
+)  # fmt: skip
+"""Effects without which images of normals are painted."""
 
 
 class OpenGLPainter:
@@ -28,7 +32,7 @@ class OpenGLPainter:
         self._model = copy.copy(model)
         quality = self._model.vis.quality
         quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads = settings
-        self._ids, self._parts = geom_ids, geom_parts(model)
+        self._ids = geom_ids
         self._planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
         self._cameras = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera_name(name)) for name in rig.names]
         if -1 in self._cameras:
@@ -55,14 +59,17 @@ class OpenGLPainter:
 
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
         self._look(data, view)
-        rgb = depth = ids = parts = None
+        rgb = depth = geoms = normals = None
         if "rgb" in kinds:
-            # OpenGL's first row is the lowest.
-            rgb = self._read(view, identify=False)[0][::-1]
+            rgb, _ = self._read(view, self._colouring)
         if set(kinds) - {"rgb"}:
-            colours, nearness = self._read(view, identify=True)
-            depth, (ids, parts) = self._metres(nearness[::-1]), self._ids_and_parts(colours[::-1])
-        return rgb, depth, ids, parts
+            deep = bool({"depth", "flow"} & set(kinds))
+            colours, nearness = self._read(view, self._identifying, identify=True, deep=deep)
+            geoms, depth = self._geoms(colours), self._metres(nearness) if deep else None
+        if "normals" in kinds:
+            normals = self._normals(view)
+            normals[geoms == 0] = np.nan
+        return rgb, depth, geoms, normals
 
     def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
         groups = self._model.geom_group.copy()
@@ -70,7 +77,7 @@ class OpenGLPainter:
         self._look(data, view)
         self._model.geom_group = groups
         # Every geom drawn is the owner's.
-        red, green, blue = np.moveaxis(self._read(view, identify=True)[0][::-1], -1, 0)
+        red, green, blue = np.moveaxis(self._read(view, self._identifying, identify=True)[0], -1, 0)
         return (red | green | blue) > 0
 
     def _look(self, data: mujoco.MjData, view: int) -> None:
@@ -86,26 +93,51 @@ class OpenGLPainter:
         self._model.geom_group = groups
         self._gl.make_current()
 
-    def _read(self, view: int, identify: bool) -> tuple[np.ndarray, np.ndarray]:
-        rect, drawing = self._rects[view], self._identifying if identify else self._colouring
+    def _read(self, view: int, drawing: mujoco.MjrContext, *, identify: bool = False, deep: bool = False):
+        """Draw the scene; return colours (H, W, 3), or the numbers of segments in their place, and nearness (H, W)."""
+        rect = self._rects[view]
         colours = np.empty((rect.height, rect.width, 3), np.uint8)
-        nearness = np.empty((rect.height, rect.width), np.float32)
+        nearness = np.empty((rect.height, rect.width), np.float32) if deep else None
         for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
             self._scene.flags[flag] = identify
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, drawing)
         mujoco.mjr_render(rect, self._scene, drawing)
-        mujoco.mjr_readPixels(colours, nearness if identify else None, rect, drawing)
-        return colours, nearness
+        # OpenGL's first row is the lowest.
+        mujoco.mjr_readPixels(colours, nearness, rect, drawing)
+        return colours[::-1], nearness[::-1] if deep else None
 
-    def _ids_and_parts(self, colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (H, W) ids and parts of an image of segment numbers."""
-        ids, parts = np.zeros(self._scene.ngeom + 1, np.uint16), np.zeros(self._scene.ngeom + 1, np.uint8)
+    def _geoms(self, colours: np.ndarray) -> np.ndarray:
+        """Return (H, W) uint16 1 + index of the geom of an image of segment numbers, 0 for none."""
+        geoms = np.zeros(self._scene.ngeom + 1, np.uint16)
         for geom in self._scene.geoms[: self._scene.ngeom]:
             if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM.value:
-                ids[geom.segid + 1], parts[geom.segid + 1] = self._ids[geom.objid], self._parts[geom.objid]
+                geoms[geom.segid + 1] = 1 + geom.objid
         # Numbers are spread over the channels, lowest first; two are enough for all geoms of a scene.
-        number = colours[..., 0] | colours[..., 1].astype(np.uint16) << 8
-        return np.take(ids, number), np.take(parts, number)
+        return np.take(geoms, colours[..., 0] | colours[..., 1].astype(np.uint16) << 8)
+
+    def _normals(self, view: int) -> np.ndarray:
+        """Return (H, W, 3) float32 unit normals, world, from the light that white surfaces return.
+
+        Lights of pure colours shine along the three axes, once from the front and once from behind. What a surface
+        returns of each is the cosine of its angle. It is kept in 8 bits a colour: normals are within half a degree.
+        """
+        scene, effects = self._scene, self._scene.flags.copy()
+        for geom in scene.geoms[: scene.ngeom]:
+            geom.matid, geom.emission, geom.specular, geom.reflectance = -1, 0, 0, 0
+            geom.rgba[:] = 1
+        for effect in _PLAIN:
+            scene.flags[effect] = False
+        scene.nlight = 3
+        shades = []
+        for sign in (1, -1):
+            for axis, light in enumerate(scene.lights[:3]):
+                light.type, light.headlight, light.castshadow = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL.value, 0, 0
+                light.ambient[:] = light.specular[:] = light.diffuse[:] = light.dir[:] = 0
+                light.diffuse[axis], light.dir[axis] = 1, -sign
+            shades.append(self._read(view, self._identifying)[0])
+        scene.flags[:] = effects
+        normals = shades[0].astype(np.float32) - shades[1]
+        return normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1)
 
     def _metres(self, nearness: np.ndarray) -> np.ndarray:
         """Return depth, m, from a reversed depth buffer: 1 at the near plane, 0 at the far one, linear in 1/depth."""

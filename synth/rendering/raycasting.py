@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from synth.people.mjcf import geom_parts
 from synth.rooms.rays import cast_rays
 
 _STATIC, _MOVING, _ALONE, _UNSEEN = 0, 1, 2, 5
@@ -33,12 +32,14 @@ class RayPainter:
         self._model = copy.copy(model)
         self._model.geom_group = np.where(drawn, np.where(moves, _MOVING, _STATIC), _UNSEEN)
         self._moving = np.flatnonzero(drawn & moves)
-        self._colour, self._ids, self._parts = _colours(model), geom_ids, geom_parts(model)
+        self._colour, self._ids = _colours(model), geom_ids
         self._rig, self._step = rig, step
         self._view = None
 
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray, ...]:
-        """Return colour (H, W, 3) uint8, depth (H, W) m, ids and parts (H, W). The same rays give all `kinds`.
+        """Return colour (H, W, 3) uint8, depth (H, W) m, geoms (H, W) and normals (H, W, 3) from the same rays.
+
+        Geoms are uint16, 1 + index of the geom or 0 for none; normals unit vectors, world, NaN for none.
 
         Args:
             data: State of the scene, positions up to date.
@@ -113,8 +114,8 @@ class RayPainter:
         images = (
             (255 * np.clip(colour, 0, 1)).round().astype(np.uint8),
             np.where(hit, distance * (self._rays @ axis), np.nan).astype(np.float32),
-            np.where(hit, self._ids[geom], 0).astype(np.uint16),
-            np.where(hit, self._parts[geom], 0).astype(np.uint8),
+            np.where(hit, geom + 1, 0).astype(np.uint16),
+            np.where(hit[:, None], normal, np.nan).astype(np.float32),
         )
         return tuple(self._enlarge(image.reshape(*self._shape, *image.shape[1:])) for image in images)
 

@@ -1,4 +1,4 @@
-"""Render a scene: colour, depth, ids and parts of bodies."""
+"""Render a scene: colour, depth, ids, parts of bodies, normals, flow and whole persons."""
 
 from enum import Enum
 from typing import NamedTuple
@@ -7,11 +7,13 @@ import mujoco
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.images import KINDS
+from dmae.data.images import FIRST_OBJECT_ID, KINDS
+from synth.people.mjcf import geom_parts
 from synth.rendering.backend import find_backend
 from synth.rendering.lens_warp import LensPainter
 from synth.rendering.opengl import OpenGLPainter
 from synth.rendering.raycasting import RayPainter
+from synth.rendering.surface_flow import SurfaceFlow
 from synth.rigs.lenses import joined, pinholes
 
 
@@ -41,12 +43,19 @@ class RenderedView(NamedTuple):
         depth: (H, W) float32 m along the optical axis; NaN where no surface is.
         ids: (H, W) uint16: 0 nothing, 1 + p person p, 256 + k object k.
         parts: (H, W) uint8: 1 + index in `synth.people.segments.SEGMENTS`; 0 where no person is.
+        normals: (H, W, 3) float32 unit normals of the surface, world; NaN where no surface is.
+        flow: (H, W, 2) float32 px that the surface at a pixel moves until the next state, seen there or not; NaN where
+            no surface is, or where there is no next state.
+        amodal: (H, W) uint32, bit p is 1 where person p would be seen if nothing else were there.
     """
 
-    rgb: np.ndarray | None
-    depth: np.ndarray | None
-    ids: np.ndarray | None
-    parts: np.ndarray | None
+    rgb: np.ndarray | None = None
+    depth: np.ndarray | None = None
+    ids: np.ndarray | None = None
+    parts: np.ndarray | None = None
+    normals: np.ndarray | None = None
+    flow: np.ndarray | None = None
+    amodal: np.ndarray | None = None
 
 
 class Renderer:
@@ -72,16 +81,43 @@ class Renderer:
         else:
             self._painter = RayPainter(model, geom_ids, rig, step)
         self._model, self._data = model, mujoco.MjData(model)
+        # 0 stands for no geom.
+        self._ids = np.concatenate([[0], geom_ids]).astype(np.uint16)
+        self._parts = np.concatenate([[0], geom_parts(model)]).astype(np.uint8)
+        self._flow = SurfaceFlow(model, rig)
+        self.persons = int(geom_ids[geom_ids < FIRST_OBJECT_ID].max(initial=0))
+        """Number of persons."""
 
-    def picture(self, qpos: np.ndarray, view: int, kinds: tuple[str, ...] = KINDS) -> RenderedView:
+    def picture(
+        self, qpos: np.ndarray, view: int, kinds: tuple[str, ...] = KINDS, following: np.ndarray | None = None
+    ) -> RenderedView:
         """Render one view of the scene in the state `qpos` (nq,). Fastest when views are not alternated.
 
         Args:
             view: Index into the rig.
-            kinds: Which images, of `dmae.data.images.KINDS`. Depth, ids and parts cost as much together as one of them.
+            kinds: Which images, of `dmae.data.images.KINDS`. Depth, ids and parts cost as much together as one of them;
+                normals cost two more passes, amodal one for each person.
+            following: (nq,) the next state, to which flow leads.
         """
         self._move(qpos)
-        return RenderedView(*self._painter.paint(self._data, view, kinds))
+        rgb, depth, geoms, normals = self._painter.paint(self._data, view, kinds)
+        flow = None
+        if "flow" in kinds:
+            flow = self._flow(self._data, following, view, depth, geoms)
+        amodal = None
+        if "amodal" in kinds:
+            amodal = np.zeros(geoms.shape, np.uint32)
+            for person in range(self.persons):
+                amodal |= self._painter.paint_alone(self._data, view, 1 + person).astype(np.uint32) << person
+        return RenderedView(
+            rgb=rgb if "rgb" in kinds else None,
+            depth=depth if "depth" in kinds else None,
+            ids=np.take(self._ids, geoms) if "ids" in kinds else None,
+            parts=np.take(self._parts, geoms) if "parts" in kinds else None,
+            normals=normals if "normals" in kinds else None,
+            flow=flow,
+            amodal=amodal,
+        )
 
     def alone(self, qpos: np.ndarray, view: int, person: int) -> np.ndarray:
         """Return (H, W) True for the pixels that a person would cover if nothing else were there."""

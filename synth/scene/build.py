@@ -18,19 +18,18 @@ from synth.rigs.lenses import add_cameras
 from synth.rooms.catalogue import arena_file
 from synth.rooms.decor import Finish, decorate
 from synth.rooms.footprints import footprints
-from synth.rooms.mjcf import read_mjcf
 from synth.rooms.props import prop_size, prop_spec
+from synth.rooms.room import FLOOR, WALL, load_room
 from synth.scene.prop_placement import placed_discs
-from synth.scene.spec import PersonSpec, PropSpec, SceneSpec
+from synth.scene.spec import PLAN_FPS, PersonSpec, PropSpec, SceneSpec
 
 _GRIP_DAMPING = 1.0
 """Damping of a carried object, N m s / rad and N s / m."""
-_LONGEST_STEP = 0.0025
-"""Longest step of the physics, s: a kick moves a few centimetres in two of them."""
-
-
 STEPS_PER_CONTROL = 2
 """Physics steps between two updates of the controller's forces."""
+SUBSTEPS = 8
+"""Updates of the controller's forces in a frame of the plan. A step of the physics takes 2.5 ms, in two of which a kick
+moves a few centimetres."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,6 @@ class Scene:
 
     Attributes:
         model: The MuJoCo model; people's bodies are named `person<p>/<segment>`.
-        substeps: Updates of the controller's forces in a frame, each for `STEPS_PER_CONTROL` physics steps.
         geom_ids: (ngeom,) uint16, as in the ids of images: 1 + p for the visible surface of person p, 256 + k for
             object k, 0 for the solid parts of people, which only collide.
         geom_persons: (ngeom,) index of the person that a geom belongs to, -1 for objects.
@@ -49,7 +47,6 @@ class Scene:
     """
 
     model: mujoco.MjModel
-    substeps: int
     geom_ids: np.ndarray
     geom_persons: np.ndarray
     objects: tuple[str, ...]
@@ -66,16 +63,16 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
         painted: Whether to add textures and smooth shading, which pictures need and labels do not.
 
     Raises:
-        ValueError: an MJCF file is missing or lacks a material; a camera cannot be rendered.
+        ValueError: an MJCF file is missing or malformed; a camera cannot be rendered.
         FailedSimulation: a camera is inside an object.
     """
-    world = read_mjcf(arena_file(spec.arena))
-    _set_options(world, spec.fps)
+    world, _ = load_room(spec.arena)
+    _set_options(world)
     # A child of the scene's stream: textures do not change the draws that made the spec.
     rng = generator(spec.seed, spec.clip, Stream.SCENE).spawn(1)[0] if painted else None
     decorate(world, spec.decor)
-    for name, finish in (("floor", spec.decor.floor), ("wall", spec.decor.wall)):
-        _cover(world, name, finish, spec.arena, rng=rng)
+    for name, finish in ((FLOOR, spec.decor.floor), (WALL, spec.decor.wall)):
+        _cover(world, name, finish, rng=rng)
     for number, prop in enumerate(spec.furniture):
         add_prop(world, f"furniture{number}/", prop)
     obstacles = [footprints(arena_file(spec.arena))]
@@ -92,27 +89,21 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
     check_outside(rig, model, identity[0])
     grips = [grip for load in spec.loads for grip in load.grips for _ in SIDES]
     holds = np.array([(number, grip.begin, grip.end) for number, grip in enumerate(grips)]).reshape(-1, 3)
-    return Scene(model, _substeps(spec.fps), *identity, np.concatenate(obstacles), holds)
+    return Scene(model, *identity, np.concatenate(obstacles), holds)
 
 
-def _substeps(fps: float) -> int:
-    return int(np.ceil(1 / (fps * STEPS_PER_CONTROL * _LONGEST_STEP) - 1e-9))
-
-
-def _set_options(world: mujoco.MjSpec, fps: float) -> None:
-    world.compiler.degree = False
+def _set_options(world: mujoco.MjSpec) -> None:
     option = world.option
-    option.timestep = 1 / (fps * _substeps(fps) * STEPS_PER_CONTROL)
+    option.timestep = 1 / (PLAN_FPS * SUBSTEPS * STEPS_PER_CONTROL)
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     # MuJoCo 4.0.0 solves with a sparse Jacobian wrongly, and scenes of this size would get one.
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
-def _cover(world: mujoco.MjSpec, name: str, finish: Finish, arena: str, *, rng: np.random.Generator | None) -> None:
+def _cover(world: mujoco.MjSpec, name: str, finish: Finish, *, rng: np.random.Generator | None) -> None:
+    """Cover a material of the room, if the room has it, with a texture."""
     material = world.material(name)
-    if material is None:
-        raise ValueError(f"arena {arena!r}: needs a material named {name!r}, which the scene covers with a texture")
-    if rng:
+    if rng and material is not None:
         add_texture(world, material, paint(finish.pattern, finish.colours, 512, rng=rng))
 
 

@@ -50,6 +50,8 @@ def place_persons(
     gathering: float,
     clearance: float,
     rng: np.random.Generator,
+    others: np.ndarray | None = None,
+    occupied: np.ndarray | None = None,
 ) -> list[Placement]:
     """Place each motion such that it passes a common meeting point at some time and stays within the radius.
 
@@ -63,14 +65,18 @@ def place_persons(
         gathering: Distance of people from the meeting point, m (standard deviation).
         clearance: Distance that people keep between their hips, m.
         rng: Draws placements.
+        others: (F, Q, 2) hips of people who are placed already, m.
+        occupied: (K, 3) x, y and radius of discs where furniture stands, m.
 
     Raises:
         FailedSimulation: there is no space for a motion; the message names it and says what to change.
     """
     obstacles = footprints(arena)
+    if occupied is not None:
+        obstacles = np.concatenate([obstacles, occupied])
     meeting = rng.normal(middle, 0.25 * gathering, 2)
     placements: list[Placement] = []
-    paths, stools = np.empty((len(motions[0]), 0, 2)), np.empty((0, 3))
+    paths, stools = np.empty((len(motions[0]), 0, 2)) if others is None else others, np.empty((0, 3))
     for number, motion in enumerate(motions):
         best, least = None, np.inf
         for attempt in range(_DRAWS):

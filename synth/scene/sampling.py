@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.data.rng import Stream, generator
 from synth.interactions.casting import draw_motions
-from synth.interactions.registry import InteractionConfig, find_interaction
+from synth.interactions.registry import InteractionConfig
 from synth.interactions.script import STOOL, Script
 from synth.motion.motion import Motion
 from synth.motion.path_planning import redirect, redirected_path
@@ -16,13 +16,29 @@ from synth.motion.source import MotionConfig
 from synth.people.anthropometry import sample_body
 from synth.people.body import ADULT_AGE, Body
 from synth.people.clothing import PersonLooks, sample_looks
+from synth.people.mjcf import MOST_PERSONS
 from synth.rooms.catalogue import arena_file
 from synth.rooms.decor import sample_decor, sample_tint
 from synth.rooms.meshes import find_meshes
 from synth.rooms.props import PlacedProp, PropsConfig, PropSize, prop_size
+from synth.rooms.room import room_name
 from synth.scene.placement import Placement, place_persons, place_script, stool_discs
 from synth.scene.prop_placement import place_props, placed_discs
-from synth.scene.spec import Layout, PersonSpec, PropSpec, SceneConfig, SceneSpec
+from synth.scene.spec import (
+    PLAN_FPS,
+    USUAL_PERSONS,
+    Layout,
+    PersonSpec,
+    PropSpec,
+    SceneConfig,
+    SceneSpec,
+    planned_frames,
+)
+
+_BYSTANDERS, _PLACES = 2, 3
+"""Children of the scene's stream that draw bystanders and their places, after those of textures and of colours."""
+_ASIDE = 0.65
+"""Least distance of bystanders' hips from other people's, m."""
 
 
 class SampledScene(NamedTuple):
@@ -46,7 +62,7 @@ class People:
         motions: P motions, at the size of the bodies, anywhere on the floor.
         script: The interaction, if any.
         clearance: Distance that they keep between their hips, m.
-        frames: Length of the clip.
+        frames: Length of the planned motion.
         motion, interaction: What the motions were drawn from.
         seed, clip: Seed of the data set and number of the clip.
     """
@@ -107,15 +123,40 @@ def sample_people(
         rng: The clip's stream `Stream.SCENE`, from which the layout goes on to draw; a new one by default.
     """
     interaction, rng = interaction or InteractionConfig(), rng or generator(seed, clip, Stream.SCENE)
-    count = int(rng.integers(config.persons[0], config.persons[1], endpoint=True))
-    if interaction.together:
-        count = int(np.clip(count, *find_interaction(interaction.kind).persons))
+    count = _count_participants(config, interaction, rng=rng)
     clearance = float(rng.uniform(*config.clearance))
-    bodies = [sample_body(config.children, rng=rng) for _ in range(count)]
-    looks = [sample_looks(body.feminine, child=body.age < ADULT_AGE, rng=rng) for body in bodies]
-    frames = max(1, round(config.seconds * config.fps))
-    motions, script = draw_motions(motion, interaction, bodies, frames, config.fps, config.radius, seed, clip)
+    bodies, looks = _draw_people(count, config.children, rng=rng)
+    if interaction.bystanders:
+        # With a stream of their own: those who take part are the same without them.
+        apart = generator(seed, clip, Stream.SCENE).spawn(_BYSTANDERS + 1)[_BYSTANDERS]
+        others = _draw_people(interaction.bystanders, config.children, rng=apart)
+        bodies, looks = bodies + others[0], looks + others[1]
+    frames = planned_frames(config.seconds)
+    motions, script = draw_motions(motion, interaction, bodies, frames, PLAN_FPS, config.radius, seed, clip)
     return People(bodies, looks, motions, script, clearance, frames, motion, interaction, seed, clip)
+
+
+def count_people(config: SceneConfig, interaction: InteractionConfig, *, seed: int, clip: int) -> int:
+    """Return the number of people of a clip, bystanders included, which is drawn before all else."""
+    rng = generator(seed, clip, Stream.SCENE)
+    return _count_participants(config, interaction, rng=rng) + interaction.bystanders
+
+
+def _count_participants(config: SceneConfig, interaction: InteractionConfig, *, rng: np.random.Generator) -> int:
+    least, greatest = interaction.participants(config.persons or None, USUAL_PERSONS)
+    count = int(rng.integers(*(config.persons or USUAL_PERSONS), endpoint=True))
+    count = int(np.clip(count, least, greatest))
+    if count + interaction.bystanders > MOST_PERSONS:
+        raise ValueError(
+            f"interaction.bystanders={interaction.bystanders}: a scene takes {MOST_PERSONS} people in all, and {count} "
+            "take part"
+        )
+    return count
+
+
+def _draw_people(count: int, children: float, *, rng: np.random.Generator) -> tuple[list[Body], list[PersonLooks]]:
+    bodies = [sample_body(children, rng=rng) for _ in range(count)]
+    return bodies, [sample_looks(body.feminine, child=body.age < ADULT_AGE, rng=rng) for body in bodies]
 
 
 def lay_out(
@@ -143,8 +184,20 @@ def lay_out(
     where = {"middle": config.middle, "radius": config.radius, "gathering": (layout or config).gathering}
     furniture, loads = [], []
     if people.script:
+        taking_part = people.motions[: len(people.script.roles)]
+        placements, furniture, loads = place_script(people.script, taking_part, arena, **where, rng=rng)
+        if bystanders := people.motions[len(taking_part) :]:
+            paths = [redirected_path(motion, *at) for motion, at in zip(taking_part, placements, strict=True)]
+            placements += place_persons(
+                bystanders,
+                arena,
+                **where,
+                clearance=max(clearance, _ASIDE),
+                others=np.stack(paths, axis=1),
+                occupied=_occupied(furniture),
+                rng=rng.spawn(_PLACES + 1)[_PLACES],
+            )
         clearance = min(clearance, people.script.clearance or clearance)
-        placements, furniture, loads = place_script(people.script, people.motions, arena, **where, rng=rng)
     else:
         placements = place_persons(people.motions, arena, **where, clearance=clearance, rng=rng)
     paths = [redirected_path(motion, *placed) for motion, placed in zip(people.motions, placements, strict=True)]
@@ -155,7 +208,7 @@ def lay_out(
         sizes,
         np.stack(paths, axis=1),
         arena,
-        fps=config.fps,
+        fps=PLAN_FPS,
         middle=config.middle,
         radius=config.radius,
         clearance=clearance,
@@ -174,8 +227,8 @@ def lay_out(
         seed=seed,
         clip=clip,
         fps=float(config.fps),
-        frames=people.frames,
-        arena=config.arena,
+        frames=config.frames,
+        arena=room_name(config.arena),
         decor=decor,
         clearance=clearance,
         persons=tuple(
@@ -188,6 +241,7 @@ def lay_out(
         furniture=tuple(prop_spec(prop) for prop in furniture),
         loads=tuple(loads),
         radius=float(config.radius),
+        seconds=float(config.seconds),
     )
     return SampledScene(spec, _in_place(people.motions, placements))
 
@@ -195,7 +249,7 @@ def lay_out(
 def load_motions(spec: SceneSpec) -> list[Motion]:
     """Draw the motions of a stored spec again: in place, at the size of the people's bodies, on the floor."""
     bodies = [person.body for person in spec.persons]
-    where = spec.frames, spec.fps, spec.radius, spec.seed, spec.clip
+    where = spec.planned_frames, PLAN_FPS, spec.radius, spec.seed, spec.clip
     motions, _ = draw_motions(spec.motion, spec.interaction, bodies, *where)
     return _in_place(motions, [Placement(person.start, person.yaw, person.turn) for person in spec.persons])
 

@@ -19,6 +19,12 @@ from synth.rooms.meshes import MeshUp
 
 _MOST_FRAMES, _FARTHEST = 1_000_000, 1000.0
 """Of a clip, and of people and props from the middle, m."""
+PLAN_FPS = 25.0
+"""Frames per second in which motion is planned and judged, whatever the frame rate of the clip."""
+USUAL_PERSONS = (2, 4)
+"""Least and greatest number of people where none is asked for."""
+_LONGEST, _FASTEST = 3600.0, 1000.0
+"""Longest clip, s, and highest frame rate, 1/s."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +33,11 @@ class SceneConfig:
 
     Attributes:
         arena: Room of `scenes/`, or path of an MJCF file.
-        persons: Number of people.
+        persons: Number of people; of an interaction, those who take part. By default 2 to 4, or as many of them as the
+            interaction takes.
         children: Share of children, 4 to 17 years old, among the people.
         seconds: Length of a clip, s.
-        fps: Frames per second of a clip.
+        fps: Frames per second of a clip. The same seed gives the same motion at any rate.
         middle: x, y of the point around which people and props are placed, m.
         radius: Greatest distance of people's hips from the middle, m; motions that cannot be bent to fit may reach
             0.3 m farther.
@@ -43,7 +50,7 @@ class SceneConfig:
     """
 
     arena: str = "studio"
-    persons: list[int] = field(default_factory=lambda: [2, 4])
+    persons: list[int] = field(default_factory=list)
     children: float = 0.0
     seconds: float = 5.0
     fps: float = 25.0
@@ -56,21 +63,40 @@ class SceneConfig:
     randomize: bool = True
 
     def __post_init__(self):
-        for name in ("persons", "clearance", "props"):
+        for name, unit in (("persons", "people"), ("clearance", "m"), ("props", "props")):
             pair = getattr(self, name)
-            if len(pair) != 2 or not 0 <= pair[0] <= pair[1]:
-                raise ValueError(f"scene.{name}: expected [least, greatest], not below 0, got {list(pair)}")
-        if not 1 <= self.persons[0] <= self.persons[1] <= MOST_PERSONS:
+            if name == "persons" and not pair:
+                continue
+            if len(pair) != 2 or not 0 <= pair[0] <= pair[1] < np.inf:
+                raise ValueError(f"scene.{name}: expected [least, greatest] {unit}, not below 0, got {list(pair)}")
+        if self.persons and not 1 <= self.persons[0] <= self.persons[1] <= MOST_PERSONS:
             raise ValueError(f"scene.persons: expected 1 to {MOST_PERSONS} people, got {list(self.persons)}")
-        for name in ("seconds", "fps", "radius", "gathering"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"scene.{name}: expected more than 0, got {getattr(self, name)}")
+        for name, unit, most in (
+            ("seconds", "s", _LONGEST),
+            ("fps", "frames per second", _FASTEST),
+            ("radius", "m", 1000.0),
+            ("gathering", "m", 1000.0),
+        ):
+            if not 0 < getattr(self, name) <= most:
+                raise ValueError(
+                    f"scene.{name}: expected more than 0 and at most {most:g} {unit}, got {getattr(self, name)}"
+                )
         if not 0 <= self.children <= 1:
             raise ValueError(f"scene.children: expected a share from 0 to 1, got {self.children}")
         if len(self.middle) != 2 or not np.isfinite(self.middle).all():
             raise ValueError(f"scene.middle: expected x and y, m, got {list(self.middle)}")
         if self.props[1] and not self.prop_kinds:
             raise ValueError(f"scene.prop_kinds is empty, but scene.props asks for up to {self.props[1]}")
+
+    @property
+    def frames(self) -> int:
+        """Frames of a clip."""
+        return max(1, round(self.seconds * self.fps))
+
+
+def planned_frames(seconds: float) -> int:
+    """Return the number of frames of a planned motion."""
+    return max(1, round(seconds * PLAN_FPS))
 
 
 @dataclass(frozen=True)
@@ -142,6 +168,7 @@ class SceneSpec:
         furniture: Props that belong to the interaction, or that people sit on; people do not keep clear of them.
         loads: Objects that hands carry.
         radius: Greatest distance of hips from the middle, m.
+        seconds: Length of the planned motion, s; None for `frames / fps`, as in clips of older versions.
     """
 
     seed: int
@@ -158,6 +185,12 @@ class SceneSpec:
     furniture: tuple[PropSpec, ...] = ()
     loads: tuple[Load, ...] = ()
     radius: float = 1.9
+    seconds: float | None = None
+
+    @property
+    def planned_frames(self) -> int:
+        """Frames of the planned motion, `PLAN_FPS` a second."""
+        return planned_frames(self.frames / self.fps if self.seconds is None else self.seconds)
 
     def to_json(self) -> str:
         """The spec as JSON text."""

@@ -11,7 +11,7 @@ import mujoco
 import pytest
 
 from dmae.data.images import KINDS
-from synth.datasets.clip import GenerateConfig, ImageKinds, generate_clip
+from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.datasets.generate import generate
 from synth.errors import FailedSimulation
 from synth.motion.source import MotionConfig
@@ -81,7 +81,7 @@ def test_workers(tmp_path, monkeypatch):
     def seconds(workers: int) -> float:
         scene, out = SceneConfig(persons=[2, 2], seconds=0.4), tmp_path / f"{workers}"
         config = GenerateConfig(
-            str(out), clips=16, workers=workers, images=ImageKinds.rgb, quality=ImageQuality.draft, scene=scene
+            str(out), clips=16, workers=workers, images=["rgb"], quality=ImageQuality.draft, scene=scene
         )
         start = time.perf_counter()
         generate(config)

@@ -1,11 +1,12 @@
 """Simulated interactions, and the hips, palms and headings of their people."""
 
+from dataclasses import replace
 from functools import cache
 
 import mujoco
 import numpy as np
 
-from synth.interactions import InteractionConfig
+from synth.interactions import InteractionConfig, find_interaction
 from synth.motion.inverse_kinematics import PALM
 from synth.motion.source import MotionConfig
 from synth.people.landmarks import SKELETON
@@ -15,6 +16,7 @@ from synth.scene.spec import SceneConfig, SceneSpec
 from tests.support.scenes import RIG
 
 SCENE = SceneConfig(seconds=3.0, persons=[4, 4], props=[0, 0])
+"""Four people, or as near to four as the interaction takes."""
 RECORDED = {"bvh": "bvh_cc/005_01.bvh", "amc": "asf_amc/02_01.amc", "c3d": "c3d/02_01.c3d"}
 """A take of the CMU database in each kind of file, below `DMAE_DATA/cmu`."""
 MID_HIP = SKELETON.index("body25.mid_hip")[0]
@@ -25,6 +27,8 @@ def spec_of(kind: str, motion: MotionConfig | None = None, scene: SceneConfig = 
 
 
 def sampled(kind: str, motion: MotionConfig | None = None, scene: SceneConfig = SCENE) -> SampledScene:
+    count = int(np.clip(scene.persons[0], *find_interaction(kind).persons))
+    scene = replace(scene, persons=[count, count])
     return sample_scene(scene, motion or MotionConfig(), interaction=InteractionConfig(kind), seed=3, clip=0)
 
 

@@ -9,8 +9,8 @@ from dmae.files.checksums import clip_checksum, end_data_set, refuse_damaged
 from dmae.files.structured import read_json
 from dmae.progress import progress
 from synth.datasets.clip import clip_id
-from synth.datasets.generate import CONFIG
 from synth.datasets.parts.shards import SHARD
+from synth.datasets.set_folder import CONFIG
 
 _SHOWN = 3
 """Most names of clips in a message."""

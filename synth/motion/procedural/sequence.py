@@ -75,13 +75,13 @@ def make_sequence(
     times = np.arange(max(round(seconds * fps), 1)) / fps
     items, start = draw_agenda(actions, weights, style, seconds=times[-1] + 1 / fps, rng=rng)
     ease = np.stack([hang(rng, times, np.zeros(len(times))) for _ in SIDES], axis=1)
-    trajectories, names, seats = [], [], []
+    trajectories, actions, seats = [], [], []
     walking, swing, swing_share = np.zeros(len(times)), np.zeros(len(times)), np.ones((len(times), 2))
     for item in items:
         frames = np.flatnonzero((times + start >= item.begin) & (times + start < item.end))
         if not len(frames):
             continue
-        names.append(item.name)
+        actions.append((int(frames[0]), item.name))
         since = times[frames] + start - item.begin
         if isinstance(item.doing, Action):
             trajectories.append(perform_on_the_spot(item.doing, since, item.stance, ease[frames], fps))
@@ -96,8 +96,10 @@ def make_sequence(
             trajectories.append(_upright(lower_body, arms, style))
             walking[frames], swing[frames] = lower_body.walking, style.swing * lower_body.swing
     trajectory = _with_sway(concatenate(trajectories), walking, swing, swing_share, times, fps, rng=rng)
-    motion = replace(trajectory, root=reachable_root(trajectory, fps)).motion(", ".join(names), fps)
-    return replace(motion, seats=tuple(seats))
+    motion = replace(trajectory, root=reachable_root(trajectory, fps)).motion(
+        ", ".join(name for _, name in actions), fps
+    )
+    return replace(motion, seats=tuple(seats), actions=tuple(actions))
 
 
 def _upright(lower_body: LowerBody, arms: np.ndarray, style: Style) -> BodyTrajectory:

@@ -37,6 +37,8 @@ def folder(tmp_path_factory):
         ("synth generate rig=moon", "rig=moon: no such choice; there are campus, dome"),
         ("synth generate rig.ring=3", "rig.ring=3: expected one of its options: rig.ring.views"),
         ("synth generate images=rbg", "images=rbg: no such choice; did you mean rgb?"),
+        ("synth generate images=[rbg,depth]", "images=[rbg,depth]: no image 'rbg'; did you mean rgb?"),
+        ("synth generate clip=3", "clip: no such option; did you mean clips?"),
         ("synth generate -m images=none,rbg", "images=rbg: no such choice; did you mean rgb?"),
         ("synth generate --config-dri=x", "--config-dri: no such flag; did you mean --config-dir?"),
         ("synth generate --workers 3", "--workers: no such flag; options are given as key=value"),

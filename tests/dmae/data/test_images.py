@@ -6,7 +6,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmae.data.images import KINDS, Images, write_depth, write_ids, write_parts, write_video
+from dmae.data.images import (
+    KINDS,
+    Images,
+    write_amodal,
+    write_depth,
+    write_flow,
+    write_ids,
+    write_normals,
+    write_parts,
+    write_rgb,
+    write_video,
+)
 
 
 @pytest.fixture
@@ -108,7 +119,7 @@ def test_depth_out_of_range_is_absent(tmp_path):
     np.testing.assert_array_equal(depth, np.float32([[1.0, np.nan, np.nan, np.nan, np.nan]]))
 
 
-@pytest.mark.parametrize(("kind", "view"), [("flow", "left"), ("rgb", "right")])
+@pytest.mark.parametrize(("kind", "view"), [("heat", "left"), ("rgb", "right")])
 def test_unknown_kinds_and_views_are_answered_with_those_there_are(folder, kind, view):
     with pytest.raises(KeyError, match=rf"no {kind} images of view '{view}'; there are .*{KINDS[2]}.*left"):
         next(folder[0].read(kind, view))
@@ -129,3 +140,62 @@ def test_a_video_without_frames_or_of_odd_size_is_refused(tmp_path):
         write_video(tmp_path / "none.mp4", [], 25)
     with pytest.raises(ValueError, match="even width and height, found 63 x 48"):
         write_video(tmp_path / "odd.mp4", [np.zeros((48, 63, 3), np.uint8)], 25)
+
+
+def test_normals_flow_and_whole_persons_are_read_back(tmp_path):
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(48, 64, 3)).astype(np.float32)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals[:4] = np.nan
+    flow = rng.uniform(-500, 500, (48, 64, 2)).astype(np.float32)
+    flow[3:6], flow[7, 7] = np.nan, (600, 0)
+    few, many = (rng.integers(0, 2**bits, (48, 64)).astype(np.uint32) for bits in (5, 30))
+    write_normals(tmp_path / "normals/a/000000.png", normals)
+    write_flow(tmp_path / "flow/a/000000.png", flow)
+    for frame, amodal in enumerate((few, many)):
+        write_amodal(tmp_path / f"amodal/a/{frame:06d}.png", amodal)
+    images = Images(tmp_path, ("a",), (0, 1), ("normals", "flow", "amodal"))
+    found = images.at("normals", "a", 0)
+    assert np.isnan(found[:4]).all()
+    np.testing.assert_allclose(np.linalg.norm(found[4:], axis=-1), 1, atol=1e-6)
+    assert np.degrees(np.arccos(np.clip((found[4:] * normals[4:]).sum(-1), -1, 1))).max() < 0.5
+    flow[7, 7] = np.nan
+    np.testing.assert_allclose(images.at("flow", "a", 0), flow, atol=0.008)
+    for frame, amodal in enumerate((few, many)):
+        found = images.at("amodal", "a", frame)
+        assert found.dtype == np.uint32
+        np.testing.assert_array_equal(found, amodal)
+
+
+@pytest.mark.parametrize("rgb", ["h264", "png", "jpeg"])
+def test_any_picture_is_read_alone(tmp_path, rgb):
+    ramp = np.linspace(0, 255, 64).astype(np.uint8)
+    pictures = [np.full((48, 64, 3), (20 * frame, 255 - 10 * frame, 0), np.uint8) for frame in range(12)]
+    pictures = [np.where(np.arange(48)[:, None, None] < 24, picture, ramp[:, None]) for picture in pictures]
+    images = Images(tmp_path, ("a",), tuple(range(12)), ("rgb",), rgb=rgb)
+    if rgb == "h264":
+        write_video(images.path("rgb", "a"), pictures, 5)
+    else:
+        for frame, picture in enumerate(pictures):
+            write_rgb(images.path("rgb", "a", frame), picture)
+    whole = list(images.read("rgb", "a"))
+    for frame in (11, 0, 5, 4, 7):
+        np.testing.assert_array_equal(images.at("rgb", "a", frame), whole[frame])
+        assert np.abs(whole[frame].astype(int) - pictures[frame]).mean() < (1 if rgb == "png" else 6)
+    np.testing.assert_array_equal(images.select([3, 9], ("a",)).at("rgb", "a", 1), whole[9])
+    with pytest.raises(IndexError):
+        images.at("rgb", "a", 12)
+
+
+def test_a_video_of_the_same_pictures_is_the_same(tmp_path):
+    """The width is no multiple of 16: x264 by itself reads memory beyond it."""
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 40, (776, 1032, 3), np.uint8)
+    pictures = [np.roll(noise, 3 * frame, 1) + np.uint8(10 * frame) for frame in range(6)]
+    written = set()
+    for number in range(4):
+        litter = [rng.integers(0, 256, 1_000_000 + 999 * number, np.uint8) for _ in range(20)]
+        del litter[::2]
+        write_video(tmp_path / "a.mp4", iter(pictures), 25)
+        written.add((tmp_path / "a.mp4").read_bytes())
+    assert len(written) == 1

@@ -10,7 +10,7 @@ import pytest
 
 from dmae.data.store import read_manifest
 from dmae.files.checksums import refuse_damaged
-from synth.datasets.clip import GenerateConfig, ImageKinds
+from synth.datasets.clip import GenerateConfig
 from synth.datasets.exporters.export import export
 from synth.datasets.generate import generate
 from synth.datasets.verify import verify
@@ -30,7 +30,7 @@ def config(out: Path, **options) -> GenerateConfig:
         out=str(out),
         seed=3,
         clips=CLIPS,
-        images=ImageKinds.all,
+        images=["all"],
         quality=ImageQuality.draft,
         scene=SceneConfig(persons=[1, 1], seconds=0.12),
         rig=RigConfig(ring=RingConfig(views=2, focal=90, size=[96, 72])),

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dmae.data.images import KINDS
 from dmae.data.labels import Visibility
 from dmae.data.store import CHECKSUMS, load_clip, read_manifest
 from synth.datasets import clip as module
 from synth.datasets import generate as dataset
-from synth.datasets.clip import GenerateConfig, ImageKinds, attempt_seed, generate_clip
-from synth.datasets.generate import CONFIG, generate
+from synth.datasets.clip import GenerateConfig, attempt_seed, generate_clip
+from synth.datasets.generate import generate
+from synth.datasets.set_folder import CONFIG
 from synth.detector.config import DetectorConfig
 from synth.detector.errors.ghosts import Ghosts
 from synth.detector.errors.misses import Misses
@@ -45,9 +47,9 @@ def made(monkeypatch) -> list[tuple[int, int]]:
     """(index, attempt) of each clip that is made, in order."""
     calls, attempt = [], module._attempt
 
-    def note(config, index, number, images):
+    def note(config, index, number):
         calls.append((index, number))
-        return attempt(config, index, number, images)
+        return attempt(config, index, number)
 
     monkeypatch.setattr(module, "_attempt", note)
     return calls
@@ -222,16 +224,16 @@ def test_numbers_out_of_range_are_refused(change):
 
 
 @pytest.mark.filterwarnings("ignore:no OpenGL")
-@pytest.mark.parametrize("kinds", [ImageKinds.rgb, ImageKinds.all])
+@pytest.mark.parametrize("kinds", [("rgb",), KINDS])
 def test_images_are_stored_beside_the_labels_and_agree_with_them(config, kinds):
-    generate(replace(config, clips=1, images=kinds, quality=ImageQuality.draft))
+    generate(replace(config, clips=1, images=list(kinds), quality=ImageQuality.draft))
     clip = load_clip(Path(config.out) / "000000")
-    assert clip.images.kinds == kinds.value
+    assert clip.images.kinds == kinds
     for view in clip.rig.names:
         rgb = list(clip.images.read("rgb", view))
         assert np.shape(rgb) == (10, 72, 96, 3)
         assert np.std(rgb) > 5
-    if "ids" not in kinds.value:
+    if "ids" not in kinds:
         assert clip.images.parts == ()
         return
     assert clip.images.parts == SEGMENTS

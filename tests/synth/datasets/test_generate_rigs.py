@@ -9,7 +9,7 @@ import pytest
 from dmae.data.labels import Visibility
 from dmae.data.resources import resource_folder
 from dmae.data.store import load_clip, read_manifest
-from synth.datasets.clip import GenerateConfig, ImageKinds, generate_clip
+from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.datasets.generate import generate
 from synth.detector.config import DetectorConfig
 from synth.rendering.renderer import ImageQuality
@@ -68,7 +68,7 @@ def test_labels_and_detections_belong_to_the_true_cameras_and_the_manifest_state
 @pytest.mark.filterwarnings("ignore:no OpenGL")
 def test_images_are_rendered_by_the_true_cameras(tmp_path):
     exact = GenerateConfig(
-        str(tmp_path / "a"), clips=1, scene=SCENE, rig=RigConfig(ring=RING), images=ImageKinds.all,
+        str(tmp_path / "a"), clips=1, scene=SCENE, rig=RigConfig(ring=RING), images=["all"],
         quality=ImageQuality.draft,
     )  # fmt: skip
     off = replace(exact, out=str(tmp_path / "b"), rig=replace(exact.rig, error=ERROR))

@@ -18,7 +18,7 @@ from dmae.files.checksums import number_of
 from dmae.files.structured import read_json
 from synth.commands import verify as command
 from synth.commands.verify import VerifyCommand
-from synth.datasets.clip import GenerateConfig, ImageKinds
+from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
 from synth.datasets.verify import CHECKS, verify
 from synth.rendering.renderer import ImageQuality
@@ -39,7 +39,7 @@ def sound(tmp_path_factory) -> Path:
             out=str(out),
             seed=3,
             clips=2,
-            images=ImageKinds.all,
+            images=["all"],
             quality=ImageQuality.draft,
             scene=SceneConfig(persons=[2, 2], seconds=0.2),
             rig=RigConfig(ring=RingConfig(views=2, focal=180, size=[192, 144])),

@@ -215,7 +215,7 @@ def test_furniture_is_an_object_and_no_obstacle():
     assert {"furniture0/round_table", "furniture1/stool"} <= set(scene.objects)
     assert len(scene.obstacles) == len(build_scene(replace(spec, furniture=()), RIG, painted=False).obstacles)
     with_things = sample_scene(
-        replace(SCENE, props=[3, 3]),
+        replace(SCENE, props=[3, 3], persons=[]),
         MotionConfig(),
         interaction=InteractionConfig("table"),
         seed=3,
@@ -229,8 +229,9 @@ def test_furniture_is_an_object_and_no_obstacle():
 def test_layouts_move_an_interaction_as_a_whole():
     layouts = [Layout(draw, 0.8, 0.5, 2, ((3.0, 0.0),)) for draw in range(2)]
     config = InteractionConfig("handshake")
-    people = sample_people(SCENE, MotionConfig(), config, seed=3, clip=0)
-    one, other = (lay_out(people, SCENE, layout=layout).spec for layout in layouts)
+    scene = replace(SCENE, persons=[])
+    people = sample_people(scene, MotionConfig(), config, seed=3, clip=0)
+    one, other = (lay_out(people, scene, layout=layout).spec for layout in layouts)
     assert one.persons[0].start != other.persons[0].start
     gaps = [np.linalg.norm(np.subtract(spec.persons[0].start, spec.persons[1].start)) for spec in (one, other)]
     assert abs(gaps[0] - gaps[1]) < 1e-9
@@ -252,9 +253,48 @@ def test_a_clip_names_its_interaction(tmp_path):
         out=str(tmp_path),
         seed=3,
         clips=1,
-        scene=replace(SCENE, seconds=0.4),
+        scene=replace(SCENE, seconds=0.4, persons=[]),
         interaction=InteractionConfig("handshake"),
     )
     clip = generate_clip(config, 0)
-    assert clip.provenance["spec"]["interaction"] == {"kind": "handshake"}
+    assert clip.provenance["spec"]["interaction"] == {"kind": "handshake", "bystanders": 0}
     assert clip.truth.xyz.shape[1] == 2
+
+
+@pytest.mark.parametrize(("kind", "persons"), [("huddle", [2, 2]), ("hug", [5, 5]), ("queue", [1, 2])])
+def test_a_number_of_people_that_an_interaction_does_not_take_is_refused(kind, persons):
+    takes = list(find_interaction(kind).persons)
+    with pytest.raises(ValueError, match=rf"interaction={kind} takes {takes[0]}.*give scene.persons=\[{takes[0]}, "):
+        sample_scene(replace(SCENE, persons=persons), MotionConfig(), None, InteractionConfig(kind), seed=3, clip=0)
+
+
+def test_the_number_of_people_is_one_that_is_asked_for():
+    for seed in range(4):
+        scene = replace(SCENE, persons=[2, 3], seconds=1.0)
+        spec = sample_scene(scene, MotionConfig(), None, InteractionConfig("queue"), seed=seed, clip=0).spec
+        assert len(spec.persons) == 3, "a queue takes 3 to 6"
+
+
+def test_bystanders_keep_apart_and_leave_those_who_take_part_as_they_are():
+    scene = replace(SCENE, persons=[], seconds=2.0)
+    with_none, with_two = (
+        sample_scene(scene, MotionConfig(), None, InteractionConfig("hug", count), seed=3, clip=0) for count in (0, 2)
+    )
+    assert len(with_two.spec.persons) == 4
+    assert with_two.spec.persons[:2] == with_none.spec.persons
+    simulation = simulate(with_two.spec, RIG, with_two.motions, painted=False)
+    alone = simulate(with_none.spec, RIG, with_none.motions, painted=False)
+    assert np.abs(simulation.joints[:, :2] - alone.joints).max() < 0.01
+    assert apart(hips(simulation))[:, 2:].min() > 0.3
+    again = load_motions(SceneSpec.from_json(with_two.spec.to_json()))
+    for one, other in zip(with_two.motions, again, strict=True):
+        np.testing.assert_array_equal(one.root, other.root)
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "message"),
+    [("none", 2, "there is no interaction"), ("hug", -1, "expected 0 people or more"), ("hug", 29, "30 people in all")],
+)
+def test_impossible_bystanders_are_refused(kind, count, message):
+    with pytest.raises(ValueError, match=message):
+        sample_people(replace(SCENE, persons=[]), MotionConfig(), InteractionConfig(kind, count), seed=3, clip=0)

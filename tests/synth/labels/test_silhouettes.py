@@ -11,7 +11,7 @@ from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from synth.errors import FailedSimulation
-from synth.labels.silhouettes import agreement, person_pixels
+from synth.labels.silhouettes import agreement
 from synth.labels.visibility import _limbs, joint_visibility
 from synth.motion.source import MotionConfig
 from synth.people.segments import SEGMENTS
@@ -41,7 +41,10 @@ def crowds() -> list:
             simulation = simulate(sample_scene(config, MotionConfig(), seed=seed, clip=0).spec, RIG)
         except FailedSimulation:
             continue
-        found.append(replace(simulation, qpos=simulation.qpos[-1:], joints=simulation.joints[-1:]))
+        last = {
+            name: getattr(simulation.state, name)[-1:] for name in ("qpos", "root", "rotations", "forces", "actions")
+        }
+        found.append(replace(simulation, state=replace(simulation.state, **last), joints=simulation.joints[-1:]))
         if len(found) == 3:
             return found
     pytest.fail("most scenes fail")
@@ -54,8 +57,7 @@ def labelled(simulation, folder) -> Clip:
         simulation.bodies,
     )  # fmt: skip
     with Renderer(simulation.model, simulation.geom_ids, RIG, ImageQuality.draft) as renderer:
-        images = render_images(renderer, simulation.qpos, RIG, folder, simulation.fps, ("ids",))
-        visible, amodal = person_pixels(renderer, simulation.qpos, images, simulation.joints.shape[1])
+        images, visible, amodal = render_images(renderer, simulation.qpos, RIG, folder, simulation.fps, ("ids",))
     nothing = np.zeros((1, len(RIG), 0, 25))
     return Clip(
         "crowd", simulation.fps, RIG, Detections2D(BODY25, np.stack([nothing] * 2, -1), nothing),
@@ -151,8 +153,7 @@ def test_half_of_a_person_behind_a_wall_is_visible(painter, tmp_path):
     wall = '<geom name="wall" type="box" pos="-2 1 1" size=".01 1 3"/>'
     model, ids, _ = scene(rig, [(0, 0), (2, -1.2), (-9, 0)], wall)
     with Renderer(model, ids, rig, ImageQuality.high) as renderer:
-        images = render_images(renderer, model.qpos0[None], rig, tmp_path, 25, ("ids",))
-        visible, amodal = person_pixels(renderer, model.qpos0[None], images, 3)
+        images, visible, amodal = render_images(renderer, model.qpos0[None], rig, tmp_path, 25, ("ids",))
         alone = renderer.alone(model.qpos0, 0, 0)
     assert visible.dtype == amodal.dtype == np.int32
     assert visible[0, 0, 0] / amodal[0, 0, 0] == pytest.approx(0.5, abs=0.01)
@@ -171,7 +172,7 @@ def test_only_requested_kinds_are_painted(painter, tmp_path, monkeypatch):
     model, ids, _ = scene(rig, [(0, 0)])
     with Renderer(model, ids, rig, ImageQuality.draft) as renderer:
         whole = renderer.picture(model.qpos0, 0)
-        images = render_images(renderer, model.qpos0[None], rig, tmp_path / "ids", 25, ("ids",))
+        images, _, _ = render_images(renderer, model.qpos0[None], rig, tmp_path / "ids", 25, ("ids",))
         assert sorted(path.name for path in (tmp_path / "ids").iterdir()) == ["ids"]
         assert images.kinds == ("ids",)
         if painter == "gl":
@@ -180,7 +181,7 @@ def test_only_requested_kinds_are_painted(painter, tmp_path, monkeypatch):
             monkeypatch.setattr(
                 opengl.OpenGLPainter,
                 "_read",
-                lambda self, view, identify: reads.append(identify) or read(self, view, identify),
+                lambda self, *how, **more: reads.append(more.get("identify", False)) or read(self, *how, **more),
             )
             rgb = renderer.picture(model.qpos0, 0, ("rgb",))
             ids_only = renderer.picture(model.qpos0, 0, ("ids",))

@@ -5,6 +5,7 @@ import json
 import mujoco
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from dmae.data.skeleton import SKELETONS
 from synth.errors import FailedSimulation
@@ -239,3 +240,42 @@ def test_a_person_who_is_pushed_keeps_standing_feet_in_place():
     assert simulation.quality["contact_frames"] > 3
     assert moved[SKELETON.index("body25.neck")[0]] > 0.02
     assert moved[SOLES].max() < 0.015
+
+
+@pytest.fixture(scope="module")
+def at_rates():
+    """Joints of the same clip at several frame rates."""
+    return {
+        fps: simulate(
+            sample_scene(SceneConfig(persons=[2, 2], seconds=2.1, fps=fps), MotionConfig(), seed=3, clip=0).spec, RIG
+        )
+        for fps in (4.0, 20.0, 24.0, 25.0, 50.0)
+    }
+
+
+@pytest.mark.parametrize("fps", [4.0, 20.0, 24.0, 25.0])
+def test_the_frame_rate_does_not_change_the_motion(at_rates, fps):
+    fine, found = at_rates[50.0].joints, at_rates[fps].joints
+    assert len(found) == max(1, round(2.1 * fps))
+    times = np.arange(len(found)) / fps
+    common = np.isclose(times * 50, np.round(times * 50)) & (times * 50 <= len(fine) - 1)
+    assert common.sum() >= 3
+    assert np.abs(found[common] - fine[np.round(times[common] * 50).astype(int)]).max() < 0.003
+    # Between the frames, too.
+    within = times < (len(fine) - 2) / 50
+    expected = CubicSpline(np.arange(len(fine)) / 50, fine)(times[within])
+    assert np.abs(found[within] - expected).max() < 0.01
+
+
+def test_clips_are_judged_equally_at_every_frame_rate(at_rates):
+    qualities = [simulation.quality for simulation in at_rates.values()]
+    for quality in qualities:
+        assert quality == pytest.approx(qualities[0], abs=0.02)
+
+
+def test_a_clip_shorter_than_a_planned_frame_has_all_its_frames():
+    spec = sample_scene(SceneConfig(persons=[1, 1], seconds=0.03, fps=100.0), MotionConfig(), seed=3, clip=0).spec
+    assert spec.planned_frames == 1
+    joints = simulate(spec, RIG).joints
+    assert len(joints) == 3
+    assert np.abs(joints - joints[0]).max() < 0.02

@@ -9,7 +9,7 @@ import pytest
 
 from dmae.data.store import read_manifest
 from dmae.files.checksums import number_of
-from synth.datasets.clip import GenerateConfig, ImageKinds
+from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
 from synth.datasets.parts import merge as module
 from synth.datasets.parts.merge import merge
@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.filterwarnings("ignore:no OpenGL"), pytest.mark.slow]
 CONFIG = GenerateConfig(
     seed=3,
     clips=5,
-    images=ImageKinds.rgb,
+    images=["rgb"],
     quality=ImageQuality.draft,
     scene=SceneConfig(persons=[1, 1], seconds=0.08),
     rig=RigConfig(ring=RingConfig(views=1, focal=90, size=[96, 72])),

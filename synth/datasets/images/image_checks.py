@@ -8,7 +8,6 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.data.images import FIRST_OBJECT_ID, Images
-from dmae.files.names import child
 from synth.labels.silhouettes import agreement
 
 _MIN_AGREEMENT = 0.99
@@ -91,7 +90,8 @@ def check_surplus(clip: Clip) -> list[str]:
     if "rgb" in images.kinds:
         for path in filter(Path.is_file, sorted(images.folder.glob("rgb/*.mp4"))):
             problems += _check_length(path, len(images.frames))
-    surplus = sorted({*images.folder.rglob("*.png"), *images.folder.rglob("*.mp4")} - _files(images))
+    found = {path for ending in ("png", "mp4", "jpg") for path in images.folder.rglob(f"*.{ending}")}
+    surplus = sorted(found - _files(images))
     if surplus:
         first = surplus[0].relative_to(images.folder)
         problems.append(f"image files that do not belong to the clip: {len(surplus)}, first {first}")
@@ -105,16 +105,7 @@ def missing_files(clip: Clip) -> list[Path]:
 
 def _files(images: Images) -> set[Path]:
     """Return the files of images."""
-    single = [kind for kind in images.kinds if kind != "rgb"]
-    files = {
-        child(images.folder / kind, view, "camera") / f"{frame:06d}.png"
-        for kind in single
-        for view in images.views
-        for frame in images.frames
-    }
-    return files | (
-        {images.folder / "rgb" / f"{view}.mp4" for view in images.views} if "rgb" in images.kinds else set()
-    )
+    return {images.path(kind, view, frame) for kind in images.kinds for view in images.views for frame in images.frames}
 
 
 def _check_length(path: Path, frames: int) -> list[str]:

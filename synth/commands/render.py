@@ -1,0 +1,22 @@
+"""`synth render`: other images of clips that exist."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from synth.datasets.images.render import RenderConfig, render
+
+WRITES = "folder"
+EXAMPLES = (
+    "synth render data=runs/data images=[rgb,depth] quality=high out=runs/high",
+    "synth render data=runs/data rig=ring rig.ring.views=8 images=rgb rgb=jpeg out=runs/ring",
+)
+
+
+def run(config: RenderConfig, out: Path) -> None:
+    lines = render(replace(config, out=str(out)))
+    print(f"{out}: {len(lines)} clips")
+
+
+def interrupted(config: RenderConfig, out: Path) -> str:
+    whole = len(list(Path(out).glob("[!.]*/clip.json")))
+    return f"{whole} clips in {out} are whole; the same command makes the others"

@@ -1,0 +1,230 @@
+"""Forecast what a data set takes, time and disk, from a few short clips that are made and thrown away."""
+
+import heapq
+import json
+import tempfile
+import time
+from collections import Counter
+from dataclasses import dataclass, replace
+from math import ceil
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from joblib import effective_n_jobs
+
+from dmae.data.images import Images
+from dmae.data.store import read_json, save_clip
+from dmae.parallel import in_parallel
+from synth.datasets.clip import GenerateConfig, check, clip_id, simulate_clip
+from synth.datasets.generate import limit_threads
+from synth.errors import FailedSimulation
+from synth.physics.body_state import save_state
+from synth.rendering.image_files import render_images
+from synth.rendering.renderer import Renderer
+from synth.scene.build import build_scene
+from synth.scene.sampling import count_people
+from synth.scene.spec import SceneSpec
+
+_SHORT, _LONG = 0.24, 2.0
+"""Lengths of the clips that are made, s: the difference is what frames cost, the rest what a clip does."""
+_PICTURES = 5
+"""Frames that are rendered."""
+_MANY_FRAMES, _MANY_PAINTED = 4000, 200
+"""Frames in all, without and with pictures, beyond which a data set is worth a forecast, which takes some seconds."""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What remains to be made of a data set.
+
+    Attributes:
+        clips: Number of clips, without those that exist and only lack images.
+        frames: Number of frames of all clips.
+        pictures: Number of pictures, each of all kinds that are asked for.
+        seconds: Time that it takes, s, with the processes that are asked for.
+        megabytes: Disk that it takes, MB.
+    """
+
+    clips: int
+    frames: int
+    pictures: int
+    seconds: float
+    megabytes: float
+
+    def __str__(self) -> str:
+        took = f"{self.seconds:.0f} s" if self.seconds < 120 else f"{self.seconds / 60:.0f} min"
+        took = took if self.seconds < 7200 else f"{self.seconds / 3600:.1f} h"
+        pictures = f", {self.pictures} pictures" if self.pictures else ""
+        return f"{self.clips} clips, {self.frames} frames{pictures}: about {took}, {self.megabytes:.0f} MB"
+
+
+class _Cost(NamedTuple):
+    """What a clip costs: s and bytes for the clip, and for each frame."""
+
+    clip_seconds: float
+    frame_seconds: float
+    clip_bytes: float
+    frame_bytes: float
+    image_clip_seconds: float = 0.0
+    image_frame_seconds: float = 0.0
+    image_bytes: float = 0.0
+
+
+def is_long(config: GenerateConfig) -> bool:
+    """Return whether a data set is large enough that a forecast is worth its time."""
+    frames = config.clips * config.scene.frames
+    return frames > _MANY_FRAMES or (bool(config.image_options.kinds) and frames > _MANY_PAINTED)
+
+
+def forecast(config: GenerateConfig) -> Forecast:
+    """Forecast what a data set takes, or the clips and images that it lacks.
+
+    Up to three short clips are made, with the least, the median and the greatest number of people among the clips, on
+    as many processes as are asked for, and a few of their pictures are rendered. Nothing is written to `config.out`.
+
+    Raises:
+        ValueError, FileNotFoundError, FailedSimulation: as `synth.datasets.generate.generate`.
+    """
+    rig = check(config)
+    to_make, to_render = _missing(config)
+    counts = {
+        index: count_people(config.scene, config.interaction, seed=config.seed, clip=index)
+        for index in sorted([*to_make, *to_render])
+    }
+    frames = config.scene.frames
+    pictures = (len(to_make) + len(to_render)) * frames * len(rig) if config.image_options.kinds else 0
+    costs = _costs(config, counts) if counts else {}
+    workers, known = effective_n_jobs(config.workers), sorted(costs)
+
+    def cost(people: int) -> _Cost:
+        return _Cost(*(float(np.interp(people, known, values)) for values in zip(*map(costs.get, known), strict=True)))
+
+    seconds, size = [], 0.0
+    for index, people in counts.items():
+        each = cost(people)
+        took = each.image_clip_seconds + frames * each.image_frame_seconds
+        size += each.image_bytes
+        if index in to_make:
+            took += each.clip_seconds + frames * each.frame_seconds
+            size += each.clip_bytes + frames * each.frame_bytes
+        seconds.append(took)
+    return Forecast(len(to_make), frames * len(to_make), pictures, _makespan(seconds, workers), size / 1e6)
+
+
+def _makespan(seconds: list[float], workers: int) -> float:
+    """Return the time at which the last of some tasks ends, each begun by the first process that is free."""
+    ends = [0.0] * max(1, workers)
+    for each in seconds:
+        heapq.heappush(ends, heapq.heappop(ends) + each)
+    return max(ends)
+
+
+def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
+    """Return the numbers of the clips to make, and of those that exist and lack images."""
+    to_make, to_render = [], []
+    for index in range(config.clips):
+        path = Path(config.out) / clip_id(index, config.prefix) / "clip.json"
+        if not path.is_file():
+            to_make.append(index)
+            continue
+        images = read_json(path).get("images") or {"kinds": ()}
+        if set(config.image_options.kinds) - set(images["kinds"]):
+            to_render.append(index)
+    return to_make, to_render
+
+
+def _costs(config: GenerateConfig, counts: dict[int, int]) -> dict[int, _Cost]:
+    """Measure what clips cost, by number of people."""
+    numbers = sorted(Counter(counts.values()).elements())
+    chosen = sorted({numbers[0], numbers[len(numbers) // 2], numbers[-1]})
+    tasks = [(config, [index for index in counts if counts[index] == number]) for number in chosen]
+    limit_threads(config.workers)
+    # As many at a time as later: processes share memory and caches. The first of each process is not measured.
+    while len(tasks) < min(effective_n_jobs(config.workers), len(counts)):
+        tasks.append(tasks[len(tasks) % len(chosen)])
+    list(in_parallel(_warm_up, [(config, task[1]) for task in tasks], config.workers))
+    found = list(in_parallel(_measure, tasks, config.workers))
+    # Of several measurements of the same number the mean.
+    by_number: dict[int, list[_Cost]] = {}
+    for (_, indices), cost in zip(tasks, found, strict=True):
+        by_number.setdefault(counts[indices[0]], []).append(cost)
+    return {number: _Cost(*np.mean(measured, axis=0)) for number, measured in by_number.items()}
+
+
+def _warm_up(config: GenerateConfig, indices: list[int]) -> None:
+    _made(config, indices, _SHORT)
+
+
+def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
+    """Make a short and a longer clip, and a few pictures."""
+    long = min(config.scene.seconds, _LONG)
+    with tempfile.TemporaryDirectory() as folder:
+        short_seconds, short_bytes, few, *_ = _timed(config, indices, min(_SHORT, long / 2), Path(folder) / "short")
+        long_seconds, long_bytes, many, clip, state = _timed(config, indices, long, Path(folder) / "long")
+        frame_seconds = max(0.0, (long_seconds - short_seconds) / max(1, many - few))
+        frame_bytes = (long_bytes - short_bytes) / max(1, many - few)
+        cost = _Cost(
+            max(0.0, short_seconds - few * frame_seconds), frame_seconds, short_bytes - few * frame_bytes, frame_bytes
+        )
+        if not config.image_options.kinds:
+            return cost
+        return _with_images(cost, config, clip, state, Path(folder) / "images")
+
+
+def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: Path) -> tuple:
+    """Make a clip of a length; return how long that takes, its bytes and its frames, the clip and its state."""
+    start = time.perf_counter()
+    clip, state = _made(config, indices, seconds)
+    save_clip(clip, folder)
+    save_state(state, folder)
+    return time.perf_counter() - start, _bytes_in(folder), len(clip), clip, state
+
+
+def _made(config: GenerateConfig, indices: list[int], seconds: float) -> tuple:
+    """Make the first of some clips that can be made."""
+    short = replace(config, scene=replace(config.scene, seconds=seconds))
+    for index in indices[:-1]:
+        try:
+            return simulate_clip(short, index)
+        except FailedSimulation:
+            continue
+    return simulate_clip(short, indices[-1])
+
+
+def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path) -> _Cost:
+    """Add what pictures cost: one frame and a few of all views."""
+    options, frames = config.image_options, min(_PICTURES, len(clip))
+    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    start = time.perf_counter()
+    scene = build_scene(SceneSpec.from_json(json.dumps(clip.provenance["spec"])), rig)
+    with Renderer(scene.model, scene.geom_ids, rig, options.quality) as renderer:
+        renderer.picture(state.qpos[0], 0, options.kinds)
+        begun, took, sizes = time.perf_counter() - start, [], []
+        for count in (1, frames):
+            start = time.perf_counter()
+            how = {"kinds": options.kinds, "rgb": options.rgb.value}
+            images = render_images(renderer, state.qpos[:count], rig, folder / str(count), clip.fps, **how).images
+            took.append(time.perf_counter() - start)
+            sizes.append(_image_bytes(images))
+    between = max(1, frames - 1)
+    frame_seconds = (took[1] - took[0]) / between if frames > 1 else took[0]
+    whole = config.scene.frames
+    size = 0.0
+    for kind in options.kinds:
+        first, each = sizes[0][kind], (sizes[1][kind] - sizes[0][kind]) / between
+        # A video has a whole picture a second, and differences between them.
+        firsts = ceil(whole / max(1, round(clip.fps))) if images.path(kind, rig.names[0]).suffix == ".mp4" else 1
+        size += firsts * first + (whole - firsts) * max(0.0, each)
+    return cost._replace(
+        image_clip_seconds=begun + max(0.0, took[0] - frame_seconds), image_frame_seconds=frame_seconds,
+        image_bytes=size,
+    )  # fmt: skip
+
+
+def _image_bytes(images: Images) -> dict[str, int]:
+    return {kind: _bytes_in(images.folder / kind) for kind in images.kinds}
+
+
+def _bytes_in(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

@@ -1,0 +1,152 @@
+"""The images of a clip, rendered from the states that are kept beside its labels, whenever they are asked for."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+from dmae.data.images import KINDS
+from dmae.data.store import save_clip
+from synth.physics.body_state import BodyState
+from synth.rendering.backend import find_backend
+from synth.rendering.image_files import render_images
+from synth.rendering.renderer import ImageQuality, Renderer
+from synth.scene.build import build_scene
+from synth.scene.spec import SceneSpec
+
+IMAGE_CHOICES = ("none", "all", *KINDS)
+"""What `images=` takes, one or a list."""
+_FOLDER = "images"
+
+
+class RgbFormat(Enum):
+    """Files of colour images: a video of each camera, or a file of each picture."""
+
+    h264 = "h264"
+    png = "png"
+    jpeg = "jpeg"
+
+
+@dataclass(frozen=True)
+class ImageOptions:
+    """Images that are rendered.
+
+    Attributes:
+        kinds: Of `dmae.data.images.KINDS`.
+        quality: Quality of the images.
+        rgb: Format of colour images.
+    """
+
+    kinds: tuple[str, ...]
+    quality: ImageQuality
+    rgb: RgbFormat
+
+
+def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
+    """Return the kinds that a list of `IMAGE_CHOICES`, or one of them, stands for.
+
+    Raises:
+        ValueError: one is unknown, or `none` is beside others.
+    """
+    choices = [choices] if isinstance(choices, str) else list(choices)
+    unknown = [choice for choice in choices if choice not in IMAGE_CHOICES]
+    if unknown or ("none" in choices and len(set(choices)) > 1):
+        raise ValueError(f"images: expected none, all, or a list of {', '.join(KINDS)}; got {choices}")
+    return KINDS if "all" in choices else tuple(kind for kind in KINDS if kind in choices)
+
+
+def check_images(options: ImageOptions, rig: CameraRig) -> None:
+    """Check that images can be rendered, before anything is made, and find the OpenGL that does.
+
+    Raises:
+        ValueError: H.264 is asked for of images of odd width or height.
+    """
+    if not options.kinds:
+        return
+    odd = [name for name, size in zip(rig.names, rig.size.tolist(), strict=True) if size[0] % 2 or size[1] % 2]
+    if odd and "rgb" in options.kinds and options.rgb is RgbFormat.h264:
+        raise ValueError(
+            f"rgb=h264: H.264 needs images of even width and height, and camera {odd[0]!r} has "
+            f"{rig.size[rig.names.index(odd[0])].tolist()} px; ask for rgb=png or rgb=jpeg"
+        )
+    find_backend()
+
+
+def missing_kinds(clip: Clip, options: ImageOptions) -> tuple[str, ...]:
+    """Return the kinds of images that a clip lacks.
+
+    Raises:
+        ValueError: it has images of another quality or format.
+    """
+    if clip.images is None or not options.kinds:
+        return options.kinds
+    found = clip.provenance.get("images", {}).get("quality", options.quality.name), clip.images.rgb
+    rgb = options.rgb.value if {"rgb"} <= {*clip.images.kinds} & {*options.kinds} else clip.images.rgb
+    if found != (options.quality.name, rgb):
+        raise ValueError(
+            f"clip {clip.id!r} has images of quality={found[0]} rgb={found[1]}, not quality={options.quality.name} "
+            f"rgb={rgb}; `synth render data=... out=...` renders it anew in another folder"
+        )
+    return tuple(kind for kind in options.kinds if kind not in clip.images.kinds)
+
+
+def add_images(
+    clip: Clip, state: BodyState, folder: Path, options: ImageOptions, seen: Callable[[], None] = lambda: None
+) -> Clip:
+    """Render the images that a clip lacks, and write it to its folder with them; return it.
+
+    Labels stay as they are, except that images of ids add the numbers of pixels of each person. The clip names the new
+    images when all are whole.
+
+    Args:
+        clip: A simulated clip.
+        state: Its states.
+        folder: The clip's folder.
+        options: The images.
+        seen: Called after each picture.
+
+    Raises:
+        ValueError: the clip has images of another quality or format, or the scene is of another version.
+        FileNotFoundError: a file of the room does not exist.
+    """
+    missing = missing_kinds(clip, options)
+    if not missing:
+        return clip
+    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+    scene = build_scene(spec, rig)
+    if scene.model.nq != state.qpos.shape[1]:
+        raise ValueError(
+            f"clip {clip.id!r}: expected states of {scene.model.nq} numbers, found {state.qpos.shape[1]}; has the "
+            f"room {spec.arena} changed?"
+        )
+    partial = folder / f".{_FOLDER}"
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        with Renderer(scene.model, scene.geom_ids, rig, options.quality) as renderer:
+            how = {"kinds": missing, "rgb": options.rgb.value, "seen": seen}
+            images, visible, amodal = render_images(renderer, state.qpos, rig, partial, clip.fps, **how)
+        for kind in missing:
+            shutil.rmtree(folder / _FOLDER / kind, ignore_errors=True)
+            (folder / _FOLDER).mkdir(exist_ok=True)
+            (partial / kind).rename(folder / _FOLDER / kind)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    before = clip.images.kinds if clip.images else ()
+    images = replace(
+        images,
+        folder=folder / _FOLDER,
+        kinds=tuple(kind for kind in KINDS if kind in (*before, *missing)),
+        parts=images.parts or (clip.images.parts if clip.images else ()),
+        rgb=images.rgb if "rgb" in missing or not clip.images else clip.images.rgb,
+    )
+    if visible is not None:
+        clip = replace(clip, occlusion=replace(clip.occlusion, visible_pixels=visible, amodal_pixels=amodal))
+    painted = {"quality": options.quality.name, "opengl": find_backend() or "none, rays were cast"}
+    clip = replace(clip, images=images, provenance=clip.provenance | {"images": painted})
+    save_clip(clip, folder)
+    return clip

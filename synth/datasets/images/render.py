@@ -1,0 +1,201 @@
+"""Render clips that exist again: as other images, at another quality, through other cameras; nothing is simulated."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+from dmae.data.from_json import decode
+from dmae.data.rng import Stream, generator
+from dmae.data.store import clip_folders, load_clip, read_json, read_manifest, save_clip, write_manifest
+from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
+from dmae.parallel import in_parallel
+from dmae.progress import counted_progress
+from synth.datasets.generate import limit_threads
+from synth.datasets.images.clip_images import (
+    IMAGE_CHOICES,
+    ImageOptions,
+    RgbFormat,
+    add_images,
+    check_images,
+    image_kinds,
+    missing_kinds,
+)
+from synth.datasets.images.tally import FILE as TALLY
+from synth.datasets.images.tally import Tally
+from synth.datasets.labelling import label_clip
+from synth.datasets.occlusion import OcclusionConfig
+from synth.datasets.set_folder import CONFIG, as_settings, claim
+from synth.detector.config import DetectorConfig
+from synth.physics.body_state import BodyState, load_state, save_state
+from synth.rendering.renderer import ImageQuality
+from synth.rigs.coverage import Stage
+from synth.rigs.rig import RigConfig, make_rig
+from synth.rooms.catalogue import arena_file
+from synth.scene.build import build_scene
+from synth.scene.spec import SceneSpec
+
+_OWN = RigConfig(name="")
+"""The rig that stands for each clip's own cameras."""
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """Render simulated clips again: as other images, at another quality, through other cameras. Nothing is simulated.
+
+    The clips are written to another folder with all of their labels. With another rig the labels are those of its
+    cameras: visibility and detections are made anew, as generation with that rig would have made them.
+    """
+
+    data: str = "???"
+    """Data set that `synth generate` made, or one clip of it."""
+    out: str = "runs/rendered"
+    """Folder of the data set that is made. Clips that it already holds are kept."""
+    images: list[str] = field(default_factory=lambda: ["rgb"], metadata={"choices": IMAGE_CHOICES})
+    """Images that are rendered."""
+    quality: ImageQuality = ImageQuality.standard
+    """Quality of the images."""
+    rgb: RgbFormat = RgbFormat.h264
+    """Files of colour images: a video of each camera, or a file of each picture."""
+    workers: int = 1
+    """Processes; -1 for one a core."""
+    rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
+    """Other cameras than those of the clips."""
+
+    def __post_init__(self):
+        if self.workers == 0:
+            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+        image_kinds(self.images)
+
+    @property
+    def image_options(self) -> ImageOptions:
+        """The images that are rendered."""
+        return ImageOptions(image_kinds(self.images), self.quality, self.rgb)
+
+
+def render(config: RenderConfig) -> list[dict]:
+    """Make a data set of clips that are rendered again, or its missing clips; return its manifest.
+
+    Raises:
+        FileNotFoundError: there is no clip, or it holds no state of bodies.
+        ValueError: `out` is the folder of the clips, or holds something else; or the clips are not as `synth generate`
+            makes them.
+    """
+    out, data = Path(config.out), Path(config.data)
+    folders = clip_folders(data)
+    if not folders:
+        raise FileNotFoundError(f"data={data}: no clip of it is whole")
+    if out.resolve() in (data.resolve(), folders[0].resolve().parent) or data.resolve() in out.resolve().parents:
+        raise ValueError(
+            f"out={out}: expected another folder than data={data}; `synth generate` with the options of the data set "
+            "and images=... adds images to it"
+        )
+    settings = _settings(config, folders[0])
+    clip = load_clip(folders[0])
+    load_state(folders[0])
+    rig = clip.rig if config.rig == _OWN else _new_rig(config, settings, _spec(clip))
+    check_images(config.image_options, rig)
+    claim(out, settings)
+    frames = {line["id"]: line["frames"] for line in _lines(folders)}
+    tally = Tally(out, len(folders))
+    tally.begin([frames[folder.name] * len(rig) for folder in folders])
+    limit_threads(config.workers)
+    begin_data_set(out)
+    made: list[dict] = []
+    tasks = ((config, settings, folder, number, len(folders)) for number, folder in enumerate(folders))
+    try:
+        made += counted_progress(in_parallel(_render, tasks, config.workers), "rendering pictures", tally.count)
+    finally:
+        for leftover in out.glob(".*.partial"):
+            shutil.rmtree(leftover, ignore_errors=True)
+        (out / TALLY).unlink(missing_ok=True)
+        write_manifest(out, made)
+        end_data_set(out, (CONFIG,), {line["id"]: clip_checksum(out / line["id"]) for line in made})
+    return read_manifest(out)
+
+
+def _lines(folders: list[Path]) -> Iterator[dict]:
+    for folder in folders:
+        yield read_json(folder / "clip.json")["provenance"]["manifest"]
+
+
+def _settings(config: RenderConfig, folder: Path) -> dict:
+    """Return the configuration that the clips would be generated by, and where they come from."""
+    path = folder.parent / CONFIG
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"{path}: no such file; expected a data set that `synth generate` made, or a clip in it"
+        )
+    settings = read_json(path) | as_settings(config, leave=("data", "out", "workers", "rig"))
+    if config.rig != _OWN:
+        settings["rig"] = as_settings(config)["rig"]
+    return settings | {"rendered_from": str(Path(config.data).resolve())}
+
+
+def _new_rig(config: RenderConfig, settings: dict, spec: SceneSpec) -> CameraRig:
+    return make_rig(config.rig, rng=generator(spec.seed, spec.clip, Stream.CAMERAS), stage=_stage(settings, spec))
+
+
+def _stage(settings: dict, spec: SceneSpec) -> Stage:
+    return Stage(spec.radius + float(np.hypot(*settings["scene"]["middle"])), arena_file(spec.arena))
+
+
+def _spec(clip: Clip) -> SceneSpec:
+    return SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+
+
+def _render(config: RenderConfig, settings: dict, folder: Path, number: int, clips: int) -> dict:
+    """Render one clip into the new data set, unless it is there; return its manifest line."""
+    target, options = Path(config.out) / folder.name, config.image_options
+    try:
+        kept = load_clip(target)
+        if not missing_kinds(kept, options) and not find_damage(target, fast=True):
+            return kept.provenance["manifest"]
+    except (FileNotFoundError, ValueError):
+        pass
+    clip, state = load_clip(folder), load_state(folder)
+    clip = _without_images(clip) if config.rig == _OWN else _relabelled(config, settings, clip, state)
+    partial = target.with_name(f".{target.name}.partial")
+    for leftover in (partial, target):
+        shutil.rmtree(leftover, ignore_errors=True)
+    try:
+        save_clip(clip, partial)
+        save_state(state, partial)
+        with Tally(Path(config.out), clips).clip(number, len(clip) * len(clip.rig)) as seen:
+            add_images(clip, state, partial, options, seen)
+        write_checksums(partial)
+        partial.rename(target)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return clip.provenance["manifest"]
+
+
+def _without_images(clip: Clip) -> Clip:
+    """Return a clip without images, and without the numbers of pixels that were counted in them."""
+    bare = {key: value for key, value in clip.provenance.items() if key != "images"}
+    occlusion = replace(clip.occlusion, visible_pixels=None, amodal_pixels=None)
+    return replace(clip, images=None, occlusion=occlusion, provenance=bare)
+
+
+def _relabelled(config: RenderConfig, settings: dict, clip: Clip, state: BodyState) -> Clip:
+    """Return the clip as other cameras see it."""
+    spec = _spec(clip)
+    rig = _new_rig(config, settings, spec)
+    dropped = ("occlusion", "calibration_error")
+    line = {key: value for key, value in clip.provenance["manifest"].items() if key not in dropped}
+    return label_clip(
+        line,
+        spec,
+        build_scene(spec, rig, painted=False),
+        state.qpos,
+        rig,
+        detector=decode(DetectorConfig, settings["detector"]),
+        occlusion=OcclusionConfig(),
+        error=config.rig.error,
+        stage=_stage(settings, spec),
+    )

@@ -1,0 +1,118 @@
+"""The state of people's bodies in a clip: pose, shape, forces, contacts and actions; in memory and on disk."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from dmae.data.from_json import decode
+from dmae.data.store import write_atomic
+from synth.people.body import Body
+from synth.people.segments import SEGMENTS
+
+FORMAT = 1
+FILE = "state.safetensors"
+"""The file of a clip's folder that holds the state."""
+_JOINTS = len(SEGMENTS)
+
+
+@dataclass(frozen=True)
+class BodyState:
+    """The state of P people in F frames. Joints of bodies are in the order of `synth.people.segments.SEGMENTS`.
+
+    Attributes:
+        qpos: (F, nq) float64, MuJoCo's state of the whole scene, from which images are rendered.
+        root: (F, P, 3) float32 mid point of the hip joints, m, world.
+        rotations: (F, P, 16, 4) float32 quaternions, w first: of the pelvis in the world, of others in their parent.
+        forces: (F, P, 17, 3) float32. First the force at the pelvis that carries the body, N, world: people need no
+            balance, and contacts bear only part of their weight. Then the torques at the joints, N m, each in the axes
+            of its segment; that of the pelvis acts from outside, too.
+        shapes: The proportions of each person.
+        actions: (F, P) int16 index into `action_names`: what each person does.
+        action_names: Names of actions; of an interaction its name, of recordings the take and its time.
+        contact_frame: (C,) int32 frame of each contact of a person with anything that presses, sorted.
+        contact_between: (C, 2) int16 index into `contact_names` of what touches.
+        contact_names: `person<p>/<segment>`, or names of objects.
+        contact_point: (C, 3) float32 m, world.
+        contact_force: (C, 3) float32 N, world, that the first exerts on the second. Standing feet are also held by a
+            force that is no contact: see `synth.physics.controller`.
+        contact_depth: (C,) float32 m, overlap; below 0 where only cloth touches.
+    """
+
+    qpos: np.ndarray
+    root: np.ndarray
+    rotations: np.ndarray
+    forces: np.ndarray
+    shapes: tuple[Body, ...]
+    actions: np.ndarray
+    action_names: tuple[str, ...]
+    contact_frame: np.ndarray
+    contact_between: np.ndarray
+    contact_names: tuple[str, ...]
+    contact_point: np.ndarray
+    contact_force: np.ndarray
+    contact_depth: np.ndarray
+
+    def __post_init__(self):
+        frames, persons, contacts = len(self.qpos), len(self.shapes), len(self.contact_frame)
+        shapes = {
+            "qpos": (frames, *self.qpos.shape[1:2]),
+            "root": (frames, persons, 3),
+            "rotations": (frames, persons, _JOINTS, 4),
+            "forces": (frames, persons, 1 + _JOINTS, 3),
+            "actions": (frames, persons),
+            "contact_frame": (contacts,),
+            "contact_between": (contacts, 2),
+            "contact_point": (contacts, 3),
+            "contact_force": (contacts, 3),
+            "contact_depth": (contacts,),
+        }
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"body state: expected {name} of shape {shape}, found {getattr(self, name).shape}")
+
+
+def save_state(state: BodyState, folder: Path) -> None:
+    """Write a state into the folder of its clip, whole or not at all."""
+    values = {name: getattr(state, name) for name in BodyState.__dataclass_fields__}
+    arrays = {name: np.ascontiguousarray(value) for name, value in values.items() if isinstance(value, np.ndarray)}
+    words = {
+        "format": FORMAT,
+        "segments": SEGMENTS,
+        "action_names": state.action_names,
+        "contact_names": state.contact_names,
+        "shapes": [asdict(shape) for shape in state.shapes],
+    }
+    # One entry: safetensors writes several in any order.
+    write_atomic(Path(folder) / FILE, save(arrays, {"state": json.dumps(words)}))
+
+
+def load_state(folder: Path) -> BodyState:
+    """Read the state of a clip from its folder.
+
+    Raises:
+        FileNotFoundError: the clip has no state: it is no simulated one, or of an older version.
+        ValueError: the file is malformed, or of another format version.
+    """
+    path = Path(folder) / FILE
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"{path}: no such file. Clips that `synth generate` makes hold the state of bodies; make this one again"
+        )
+    try:
+        with safe_open(path, "np") as file:
+            words = json.loads((file.metadata() or {}).get("state", "{}"))
+            if words.get("format") != FORMAT:
+                raise ValueError(f"expected a state of format {FORMAT}, found format {words.get('format')!r}")
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        return BodyState(
+            **arrays,
+            shapes=tuple(decode(Body, shape) for shape in words["shapes"]),
+            action_names=tuple(words["action_names"]),
+            contact_names=tuple(words["contact_names"]),
+        )
+    except (SafetensorError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{path}: {error}") from None

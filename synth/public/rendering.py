@@ -1,0 +1,89 @@
+"""Pictures of simulated clips: forecast their cost, render them again, read the state of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from dmae.cli import compose
+from dmae.data.clip import Clip
+from dmae.data.store import clip_folders, load_clip
+from synth.cli import SYNTH
+from synth.datasets import forecast as datasets_forecast
+from synth.datasets.forecast import Forecast
+from synth.datasets.images import render as rendering
+from synth.physics.body_state import BodyState, load_state
+
+
+def forecast(*overrides: str, out: str | Path = "runs/data") -> Forecast:
+    """Forecast what `generate` takes, from a few short clips that are made and thrown away.
+
+    Args:
+        overrides: Options as on the command line: `"clips=100"`, `"images=[rgb,ids]"`.
+        out: Folder of the data set. What it already holds is not counted.
+
+    Returns:
+        Numbers of `clips`, `frames` and `pictures` to be made, `seconds` and `megabytes`.
+
+    Raises:
+        ValueError: an option is unknown or cannot be met.
+
+    Examples:
+        >>> found = synth.forecast("clips=2", "scene.seconds=1", "scene.persons=[1,1]")
+        >>> found.clips, found.frames
+        (2, 50)
+    """
+    return datasets_forecast.forecast(replace(compose(SYNTH.commands["generate"], overrides), out=str(out)))
+
+
+def render(data: str | Path, *overrides: str, out: str | Path, rig: str | None = None) -> Iterator[Clip]:
+    """Render clips again: as other images, at another quality, through other cameras. Nothing is simulated.
+
+        for clip in synth.render("runs/data", "images=[rgb,flow]", "quality=high", out="runs/high"): ...
+        for clip in synth.render("runs/data", "rig.ring.views=8", rig="ring", out="runs/ring"): ...
+
+    Args:
+        data: Data set that `generate` made, or one clip of it.
+        overrides: Options as on the command line.
+        out: Folder of the data set that is made or completed.
+        rig: Name of a preset: other cameras, whose visibility and detections are made as well.
+
+    Yields:
+        Clips with images, and with all labels.
+
+    Raises:
+        FileNotFoundError: there is no clip, or it holds no state of bodies.
+        ValueError: an option is unknown, or `out` holds something else.
+
+    Examples:
+        >>> short = ("scene.seconds=0.1", "scene.persons=[1,1]", "rig.ring.views=2", "rig.ring.size=[96,72]")
+        >>> for clip in synth.generate(*short, "rig.ring.focal=90", rig="ring", clips=1, out="walks"): pass
+        >>> clip = next(synth.render("walks", "quality=draft", "images=[rgb,flow]", out="seen"))
+        >>> clip.images.kinds
+        ('rgb', 'flow')
+        >>> clip.images.at("flow", "ring0", 0).shape
+        (72, 96, 2)
+    """
+    given = [f"data={data}", f"out={out}", *([f"rig={rig}"] if rig else []), *overrides]
+    rendering.render(compose(SYNTH.commands["render"], given))
+    return (load_clip(folder) for folder in clip_folders(Path(out)))
+
+
+def body_state(clip: str | Path) -> BodyState:
+    """Read the state of the bodies of a simulated clip: pose, shape, forces, contacts, actions.
+
+    Args:
+        clip: Folder of the clip.
+
+    Raises:
+        FileNotFoundError: the clip has no state: it is no simulated one, or of an older version.
+        ValueError: the file is malformed.
+
+    Examples:
+        >>> for clip in synth.generate("scene.seconds=0.2", "scene.persons=[1,1]", clips=1, out="walks"): pass
+        >>> state = synth.body_state("walks/000000")
+        >>> state.rotations.shape, len(state.action_names) > 0
+        ((5, 1, 16, 4), True)
+    """
+    return load_state(Path(clip))

@@ -1,0 +1,142 @@
+"""A room as a MuJoCo specification: an MJCF file of `scenes/`, or any other, with what it lacks filled in."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from synth.rooms.catalogue import arena_file, room_choices
+from synth.rooms.mjcf import read_mjcf
+
+FLOOR, WALL = "floor", "wall"
+"""Materials that scenes cover with a finish."""
+_OBJECT_BITS = 2**31 - 1
+"""Contact bits of rooms and props: they collide with people, never with each other. See synth/people/mjcf.py."""
+_LEVEL = 0.02
+"""Distance from z = 0 within which a surface is the floor, m."""
+_SOUGHT = 1.5
+"""The floor is sought this far around the origin, m."""
+_HALF = 10.0
+"""Half of the side of a floor that is added, m."""
+# Direction, diffuse colour, and whether it casts a shadow: a light above, and two that brighten the shadows.
+_LIGHTS = (
+    ((-0.18, 0.13, -1.0), 0.46, True),
+    ((0.6, -0.5, -0.5), 0.20, False),
+    ((-0.6, -0.6, -0.35), 0.16, False),
+)
+
+
+class Room(NamedTuple):
+    """A room.
+
+    Attributes:
+        spec: Its specification; people, props and cameras are added to it.
+        filled: What was filled in or changed, a clause each; nothing for the rooms of `scenes/`.
+    """
+
+    spec: mujoco.MjSpec
+    filled: tuple[str, ...]
+
+
+def load_room(arena: str) -> Room:
+    """Read a room of `scenes/`, or any MJCF file.
+
+    A file that was not written as a room lacks some of what a scene needs. Contacts with people, a floor at z = 0 and
+    lights are then added, and joints, keyframes and physics options are left out.
+
+    Args:
+        arena: Name of a room, or path of an MJCF file.
+
+    Raises:
+        ValueError: there is no such room, or the file is no MJCF; the message names it.
+    """
+    path = arena_file(arena)
+    try:
+        spec = read_mjcf(path)
+        if arena in room_choices():
+            return Room(spec, ())
+        return Room(spec, tuple(_filled(spec)))
+    except ValueError as error:
+        raise ValueError(f"arena {path}: {' '.join(str(error).split())}") from None
+
+
+def room_name(arena: str) -> str:
+    """Return the name of a room of `scenes/`, or the absolute path of another file, for use from any folder."""
+    return arena if arena in room_choices() else str(Path(arena_file(arena)).resolve())
+
+
+def _filled(spec: mujoco.MjSpec):
+    """Fill in what a room lacks, and yield what that was."""
+    if taken := _hold_still(spec):
+        yield f"left out {taken}: rooms stand still"
+    _reset_options(spec)
+    for geom in spec.geoms:
+        if geom.contype or geom.conaffinity:
+            geom.contype, geom.conaffinity = 0, _OBJECT_BITS
+    floor = _floor_geoms(spec)
+    if not floor:
+        floor = [spec.worldbody.add_geom(
+            name=_free_name(spec.geoms, FLOOR), type=mujoco.mjtGeom.mjGEOM_PLANE, size=[_HALF, _HALF, 0.1],
+            conaffinity=_OBJECT_BITS, contype=0,
+        )]  # fmt: skip
+        yield f"added a floor at z = 0, {2 * _HALF:g} m by {2 * _HALF:g} m: the file has no surface there"
+    for geom in floor:
+        if not geom.conaffinity:
+            geom.conaffinity = _OBJECT_BITS
+            yield f"made {geom.name or 'the floor'!r} solid: people stand on it"
+    bare = [geom for geom in floor if not geom.material]
+    if bare and spec.material(FLOOR) is None:
+        spec.add_material(name=FLOOR, texrepeat=[0.8, 0.8], texuniform=True, specular=0.08, shininess=0.15)
+        for geom in bare:
+            geom.material = FLOOR
+        yield f"gave the floor a material named {FLOOR!r}, which scene.randomize covers"
+    if not spec.lights:
+        for number, (direction, strength, shadow) in enumerate(_LIGHTS):
+            spec.worldbody.add_light(
+                name=_free_name(spec.lights, f"light{number}"), type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+                pos=[-4 * x for x in direction], dir=direction, diffuse=[strength] * 3, castshadow=shadow,
+            )  # fmt: skip
+        spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.4] * 3, [0.1] * 3
+        yield f"added {len(_LIGHTS)} lights: the file has none"
+
+
+def _hold_still(spec: mujoco.MjSpec) -> str:
+    """Leave out whatever moves or depends on what does; return what there was, in words."""
+    counts = {}
+    # What refers to joints goes before them.
+    for name in ("keys", "sensors", "actuators", "equalities", "tendons", "joints"):
+        parts = list(getattr(spec, name))
+        for part in parts:
+            spec.delete(part)
+        if parts:
+            counts[name] = len(parts)
+    return ", ".join(f"{count} {name}" for name, count in counts.items())
+
+
+def _reset_options(spec: mujoco.MjSpec) -> None:
+    usual = mujoco.MjSpec().option
+    for name in dir(usual):
+        value = getattr(usual, name)
+        if not name.startswith("_") and not callable(value):
+            setattr(spec.option, name, value)
+
+
+def _floor_geoms(spec: mujoco.MjSpec) -> list[mujoco.MjsGeom]:
+    """Return the geoms on which people around the origin stand; none if most of the ground is missing."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    places = [(x, y) for x in (-_SOUGHT, 0.0, _SOUGHT) for y in (-_SOUGHT, 0.0, _SOUGHT)]
+    found, geom = [], np.zeros(1, np.int32)
+    for place in places:
+        # mj_multiRay misses some geoms in rays that are exactly vertical.
+        distance = mujoco.mj_ray(model, data, (*place, _LEVEL), (0, 0, -1), None, 1, -1, geom)
+        if 0 <= distance <= 2 * _LEVEL:
+            found.append(int(geom[0]))
+    return [spec.geoms[each] for each in sorted(set(found))] if len(found) > len(places) / 2 else []
+
+
+def _free_name(elements, name: str) -> str:
+    taken = {element.name for element in elements}
+    return name if name not in taken else _free_name(elements, f"{name}_")

@@ -1,0 +1,93 @@
+"""The forecast of time and disk: held against what generation takes, in seconds of this process alone."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+from dmae.progress import counted_progress
+from synth.datasets import forecast as module
+from synth.datasets.clip import GenerateConfig
+from synth.datasets.forecast import Forecast, forecast, is_long
+from synth.datasets.generate import generate
+from synth.rendering import renderer as rendering
+from synth.rendering.renderer import ImageQuality
+from synth.rigs.placement import RingConfig
+from synth.rigs.rig import RigConfig
+from synth.scene.spec import SceneConfig
+from tests.support.commands import synth
+
+
+def bytes_of_clips(folder: str) -> int:
+    return sum(path.stat().st_size for path in Path(folder).glob("0*/**/*") if path.is_file())
+
+
+@pytest.fixture
+def config(tmp_path) -> GenerateConfig:
+    return GenerateConfig(
+        out=str(tmp_path / "data"), seed=1, clips=3, scene=SceneConfig(persons=[2, 3], seconds=1.2),
+        rig=RigConfig(ring=RingConfig(views=2, focal=200, size=[192, 144])), quality=ImageQuality.draft,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("images", [[], ["rgb", "depth", "ids"]], ids=["labels", "images"])
+def test_the_forecast_is_near_the_truth(config, images, monkeypatch):
+    # Other processes on the machine do not count, and rays are cast in this one.
+    monkeypatch.setattr(module.time, "perf_counter", time.process_time)
+    monkeypatch.setattr(rendering, "find_backend", lambda: None)
+    config = GenerateConfig(**{**vars(config), "images": images})
+    found = forecast(config)
+    assert not Path(config.out).exists(), "nothing is written"
+    assert (found.clips, found.frames, found.pictures) == (3, 90, 180 if images else 0)
+    start = time.process_time()
+    generate(config)
+    took = time.process_time() - start
+    assert found.seconds == pytest.approx(took, rel=0.4)
+    assert found.megabytes * 1e6 == pytest.approx(bytes_of_clips(config.out), rel=0.2)
+    assert forecast(config) == Forecast(0, 0, 0, 0.0, 0.0), "nothing is left to make"
+    if not images:
+        more = forecast(GenerateConfig(**{**vars(config), "images": ["rgb"]}))
+        assert (more.clips, more.pictures) == (0, 180)
+        assert more.seconds > 0
+
+
+def test_a_forecast_reads_well():
+    assert str(Forecast(8, 1000, 5000, 5400.0, 1234.5)) == "8 clips, 1000 frames, 5000 pictures: about 90 min, 1234 MB"
+    assert str(Forecast(1, 25, 0, 3.2, 1.0)) == "1 clips, 25 frames: about 3 s, 1 MB"
+    assert str(Forecast(1, 25, 0, 10800.0, 1.0)).endswith("about 3.0 h, 1 MB")
+
+
+def test_small_data_sets_are_begun_at_once(config):
+    assert not is_long(config)
+    assert is_long(GenerateConfig(clips=100))
+    assert is_long(GenerateConfig(clips=4, images=["rgb"]))
+
+
+def test_tasks_end_when_the_last_process_does():
+    assert module._makespan([3.0, 1.0, 1.0, 1.0], 2) == 3.0
+    assert module._makespan([3.0, 1.0], 1) == 4.0
+    assert module._makespan([], 4) == 0.0
+
+
+@pytest.mark.slow
+def test_a_dry_run_prints_and_writes_nothing(tmp_path):
+    done = synth(tmp_path, "generate", "out=set", "clips=2", "scene.seconds=0.4", "scene.persons=[1,1]", "dry_run=true")
+    assert done.returncode == 0, done.stderr
+    assert "set: 2 clips, 20 frames: about" in done.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_progress_by_picture_prints_lines_where_there_is_no_terminal(capsys, monkeypatch):
+    monkeypatch.setattr("dmae.progress.LINE_EVERY", 0.05)
+    done = iter(range(1, 1000))
+
+    def slowly():
+        for item in "ab":
+            time.sleep(0.2)
+            yield item
+
+    assert list(counted_progress(slowly(), "rendering pictures", lambda: (next(done), 1000))) == ["a", "b"]
+    lines = capsys.readouterr().err.splitlines()
+    assert lines
+    assert lines[0].startswith("rendering pictures: 1 of 1000, 0.0 min, about")

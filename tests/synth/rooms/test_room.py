@@ -1,0 +1,83 @@
+"""Rooms from any MJCF file: what is missing is filled in, and told."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.rooms.catalogue import room_choices
+from synth.rooms.room import load_room, room_name
+from synth.scene.spec import SceneConfig
+
+LIGHT = '<light pos="0 0 3"/>'
+FLOOR = '<geom name="ground" type="box" size="4 4 .1" pos="0 0 -.1" {}/>'
+CUPBOARD = '<body name="cupboard" pos="1.5 1.5 0" euler="0 0 90"><geom type="box" size=".4 .1 1" pos="0 0 1"/></body>'
+BALL = '<body name="ball" pos="-1 0 .3"><freejoint/><geom type="sphere" size=".2"/></body>'
+KEY = '<keyframe><key name="home" qpos="-1 0 1 1 0 0 0"/></keyframe>'
+
+
+@pytest.fixture
+def room(tmp_path):
+    def write(body: str, more: str = "") -> str:
+        (tmp_path / "mine.xml").write_text(f"<mujoco>{more}<worldbody>{body}</worldbody></mujoco>")
+        return str(tmp_path / "mine.xml")
+
+    return write
+
+
+@pytest.mark.parametrize("name", room_choices())
+def test_nothing_is_filled_into_the_rooms_that_come_with_the_package(name):
+    assert load_room(name).filled == ()
+    assert room_name(name) == name
+
+
+@pytest.mark.parametrize(
+    ("body", "more", "said"),
+    [
+        (CUPBOARD + LIGHT, "", ["added a floor at z = 0"]),
+        (FLOOR.format("") + CUPBOARD, "", ["'floor', which scene.randomize covers", "added 3 lights"]),
+        (FLOOR.format('contype="0" conaffinity="0"') + LIGHT, "", ["made 'ground' solid", "material named 'floor'"]),
+        (FLOOR.format("") + BALL + LIGHT, KEY, ["left out 1 keys, 1 joints", "material named 'floor'"]),
+        (FLOOR.format("").replace('-.1"', '-2"') + LIGHT, "", ["added a floor at z = 0", "material named 'floor'"]),
+        (
+            FLOOR.format('material="wood"') + LIGHT,
+            '<asset><material name="wood"/></asset><option gravity="0 0 0"><flag contact="disable"/></option>',
+            [],
+        ),
+    ],
+)
+def test_what_a_file_lacks_is_filled_in_and_told(room, body, more, said):
+    found = load_room(room(body, more))
+    assert len(found.filled) >= len(said)
+    for part in said:
+        assert any(part in each for each in found.filled), (part, found.filled)
+    assert len(load_room(room(body, more)).filled) == len(found.filled)
+    model = found.spec.compile()
+    assert model.nv == model.nkey == 0
+    assert model.nlight >= 1
+    assert model.opt.gravity[2] == -9.81
+    assert model.opt.disableflags == 0
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    geom = np.zeros(1, np.int32)
+    assert mujoco.mj_ray(model, data, (0.3, 0.2, 0.1), (0, 0, -1), None, 1, -1, geom) == pytest.approx(0.1)
+    assert model.geom_conaffinity[geom[0]], "people stand on it"
+
+
+def test_angles_are_in_the_unit_of_the_file(room):
+    model = load_room(room(CUPBOARD)).spec.compile()
+    np.testing.assert_allclose(np.abs(model.body("cupboard").quat), np.sqrt([0.5, 0, 0, 0.5]), atol=1e-6)
+
+
+def test_people_stand_in_any_room_and_are_hidden_by_what_is_in_it(room):
+    config = GenerateConfig(seed=1, scene=SceneConfig(arena=room(CUPBOARD + BALL), seconds=0.4, props=[0, 0]))
+    clip = generate_clip(config, 0)
+    assert clip.occlusion.objects == ("floor", "cupboard", "ball")
+    assert 0 < clip.truth.xyz[..., 2].min() < 0.15
+    assert any("added a floor" in each for each in clip.provenance["room"])
+
+
+def test_a_file_that_is_no_mjcf_is_refused_by_its_name(room):
+    path = room("<geom/")
+    with pytest.raises(ValueError, match=r"arena .*mine.xml: .*XML"):
+        load_room(path)
