@@ -13,7 +13,7 @@ from types import ModuleType
 
 from dmae.command_line import interruption
 from dmae.command_line.help import command_help, program_help
-from dmae.command_line.options import presets_of
+from dmae.command_line.options import Group, presets_of
 from dmae.command_line.outputs import check_out, locked, record
 from dmae.command_line.programs import Command, Program
 from dmae.command_line.renamed import renamed
@@ -236,12 +236,13 @@ def _store(command: Command, configuration: type) -> None:
 
     store = ConfigStore.instance()
     store.store(name=f"{command.name}_schema", node=_schema(configuration))
-    # Presets of a command of another program that ran before in this process: `data=...` is a plain option of some.
-    for group in DMAE.registries.keys() - command.registries.keys():
+    options = command.options()
+    for group in DMAE.registries.keys() | command.registries.keys():
+        # `data=...` is a group of presets for some commands, and a plain path for others.
         store.repo.pop(group, None)
-    for group, presets in command.registries.items():
-        for name, preset in presets().items():
-            store.store(group=group, name=name, node=preset.values)
+        if isinstance(options.find(group), Group):
+            for name, preset in command.registries[group]().items():
+                store.store(group=group, name=name, node=preset.values)
 
 
 def _schema(configuration: type):

@@ -11,7 +11,7 @@ from dmae.progress import counted_progress, progress
 from synth.datasets.clip import GenerateConfig, attempt_seed, check, clip_id, simulate_clip
 from synth.datasets.images.clip_images import add_images, missing_kinds
 from synth.datasets.images.tally import FILE as TALLY
-from synth.datasets.images.tally import Tally
+from synth.datasets.images.tally import PixelTally
 from synth.datasets.set_folder import as_settings, claim
 from synth.errors import FailedSimulation
 from synth.physics.body_state import FILE as STATE
@@ -61,7 +61,7 @@ def _watched(config: GenerateConfig, views: int) -> Iterator[dict]:
     """Yield manifest lines, and show the progress: by picture where there are any, else by clip."""
     if not config.image_options.kinds:
         return progress(_make_all(config), "generating clips", config.clips)
-    tally = Tally(Path(config.out), config.clips)
+    tally = PixelTally(Path(config.out), config.clips)
     tally.begin([config.scene.frames * views] * config.clips)
     return counted_progress(_make_all(config), "rendering pictures", tally.count)
 
@@ -106,7 +106,7 @@ def _with_images(config: GenerateConfig, index: int, folder: Path) -> dict:
     """Add the images that a clip in a folder lacks; return its manifest line."""
     clip = load_clip(folder)
     pictures = len(clip) * len(clip.rig) if missing_kinds(clip, config.image_options) else 0
-    with Tally(Path(config.out), config.clips).clip(index, pictures) as seen:
+    with PixelTally(Path(config.out), config.clips).clip(index, pictures) as seen:
         if pictures:
             add_images(clip, load_state(folder), folder, config.image_options, seen)
     return clip.provenance["manifest"]
