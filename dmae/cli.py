@@ -238,8 +238,7 @@ def _store(command: Command, configuration: type) -> None:
     store.store(name=f"{command.name}_schema", node=_schema(configuration))
     options = command.options()
     for group in DMAE.registries.keys() | command.registries.keys():
-        # Where Hydra knows of presets, as of an earlier command of this process, it takes key=value for one: `data=...`
-        # is a plain option of some commands.
+        # `data=...` is a group of presets for some commands, and a plain path for others.
         store.repo.pop(group, None)
         if isinstance(options.find(group), Group):
             for name, preset in command.registries[group]().items():

@@ -73,7 +73,7 @@ class _Cost(NamedTuple):
 
 def is_long(config: GenerateConfig) -> bool:
     """Return whether a data set is large enough that a forecast is worth its time."""
-    frames = config.clips * config.scene.frames
+    frames = len(config.numbers) * config.scene.frames
     return frames > _MANY_FRAMES or (bool(config.image_options.kinds) and frames > _MANY_PAINTED)
 
 
@@ -123,7 +123,7 @@ def _makespan(seconds: list[float], workers: int) -> float:
 def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
     """Return the numbers of the clips to make, and of those that exist and lack images."""
     to_make, to_render = [], []
-    for index in range(config.clips):
+    for index in config.numbers:
         path = Path(config.out) / clip_id(index, config.prefix) / "clip.json"
         if not path.is_file():
             to_make.append(index)

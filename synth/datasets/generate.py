@@ -13,6 +13,7 @@ from synth.datasets.clip import GenerateConfig, attempt_seed, check, clip_id, si
 from synth.datasets.images.clip_images import add_images, missing_kinds
 from synth.datasets.images.image_checks import missing_files
 from synth.datasets.images.tally import FILE as TALLY
+from synth.datasets.images.tally import PixelTally
 from synth.datasets.parts.shards import SHARD, claim_shard
 from synth.datasets.set_folder import CONFIG, as_settings, claim
 from synth.errors import FailedSimulation

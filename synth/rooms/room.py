@@ -52,13 +52,13 @@ def load_room(arena: str) -> Room:
         ValueError: there is no such room, or the file is no MJCF; the message names it.
     """
     path = arena_file(arena)
+    spec = read_mjcf(path)
+    if arena in room_choices():
+        return Room(spec, ())
     try:
-        spec = read_mjcf(path)
-        if arena in room_choices():
-            return Room(spec, ())
         return Room(spec, tuple(_filled(spec)))
     except ValueError as error:
-        raise ValueError(f"arena {path}: {' '.join(str(error).split())}") from None
+        raise ValueError(f"{path}: {' '.join(str(error).split())}") from None
 
 
 def room_name(arena: str) -> str:

@@ -27,7 +27,7 @@ from synth.datasets.images.clip_images import (
     missing_kinds,
 )
 from synth.datasets.images.tally import FILE as TALLY
-from synth.datasets.images.tally import Tally
+from synth.datasets.images.tally import PixelTally
 from synth.datasets.labelling import label_clip
 from synth.datasets.occlusion import OcclusionConfig
 from synth.datasets.set_folder import CONFIG, as_settings, claim
@@ -102,7 +102,7 @@ def render(config: RenderConfig) -> list[dict]:
     check_images(config.image_options, rig)
     claim(out, settings)
     frames = {line["id"]: line["frames"] for line in _lines(folders)}
-    tally = Tally(out, len(folders))
+    tally = PixelTally(out, len(folders))
     tally.begin([frames[folder.name] * len(rig) for folder in folders])
     limit_threads(config.workers)
     begin_data_set(out)
@@ -166,7 +166,7 @@ def _render(config: RenderConfig, settings: dict, folder: Path, number: int, cli
     try:
         save_clip(clip, partial)
         save_state(state, partial)
-        with Tally(Path(config.out), clips).clip(number, len(clip) * len(clip.rig)) as seen:
+        with PixelTally(Path(config.out), clips).clip(number, len(clip) * len(clip.rig)) as seen:
             add_images(clip, state, partial, options, seen)
         write_checksums(partial)
         partial.rename(target)

@@ -10,7 +10,7 @@ FILE = ".pictures"
 """The file of the numbers, in the folder of a data set while it is made."""
 
 
-class Tally:
+class PixelTally:
     """Two numbers of pictures of each clip, in a file that processes share: done, and in all.
 
     Args:
