@@ -9,7 +9,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 
-.PHONY: demo twin weights ablations features test check lint format bench fuzz setup docs figures
+.PHONY: demo measure twin weights ablations features test check lint format bench fuzz setup docs figures
 
 # The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
 DEMO := runs/demo
@@ -104,6 +104,26 @@ features: setup
 	for number in 0 1 2 3 4 5 6 7; do for input in true_poses perturbed_poses; do \
 	  $(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score input=$$input smooth=0 methods=[dmae] weights=$(FEATURES)/$$number \
 	  out=$(FEATURES)_scores/$$number/$$input || exit 1; done; done
+
+# What measures methods, at its small size: the paper's tables, the benchmark, stress, a gate. Under 15 minutes on two cores.
+# The full sizes are size=full, for which their pages state the time.
+MEASURE := runs/measure
+SHELF := data=shelf data.path=$(DMAE_DATA)/shelf
+measure: setup
+	@test -n "$(DMAE_DATA)" || { echo "error: make measure DMAE_DATA=<the folder that holds shelf/>"; exit 1; }
+	$(BIN)/synth generate -m interaction=fight,hug,dance,huddle rig=ring rig.ring.views=3 clips=4 seed=51 workers=2 out=$(MEASURE)/sets
+	$(BIN)/dmae table number=1 $(SHELF) out=$(MEASURE)/table_1
+	$(BIN)/dmae table number=2 $(SHELF) out=$(MEASURE)/table_2
+	$(BIN)/dmae table number=3 size=small data=$(MEASURE)/sets/0 \
+	  extra_data=[$(MEASURE)/sets/1,$(MEASURE)/sets/2,$(MEASURE)/sets/3] out=$(MEASURE)/table_3
+	$(BIN)/dmae table number=4 size=small $(SHELF) extra_data=[$(MEASURE)/sets/0,$(MEASURE)/sets/1] out=$(MEASURE)/table_4
+	$(BIN)/dmae table number=5 size=small data=$(MEASURE)/sets/0 extra_data=[$(MEASURE)/sets/1] out=$(MEASURE)/table_5
+	$(BIN)/dmae benchmark size=small workers=2 out=$(MEASURE)/benchmark
+	$(BIN)/synth generate clips=2 seed=11 scene.seconds=4 scene.persons=[3,3] workers=2 out=$(MEASURE)/clips
+	$(BIN)/dmae stress data=$(MEASURE)/clips workers=2 out=$(MEASURE)/stress
+	$(BIN)/dmae evaluate data=$(MEASURE)/clips methods=[linear,dmae] views=[3] out=$(MEASURE)/before
+	$(BIN)/dmae evaluate data=$(MEASURE)/clips methods=[linear,dmae] views=[3] baseline=$(MEASURE)/before/scores.json \
+	  out=$(MEASURE)/after
 
 # Everything, on all cores: a test file runs in one process, so that its fixtures are made once.
 PYTEST := $(BIN)/python -m pytest --numprocesses=auto --dist=loadfile
