@@ -58,7 +58,8 @@ def written(tmp_path_factory) -> Path:
 def documented_arrays() -> dict[str, tuple[str, str]]:
     """Shape and type by the name of an array."""
     found = {}
-    for first, shape, kind, *_ in rows(section("files", "A clip").split("arrays.safetensors`**")[1]):
+    arrays = section("files", "A clip").split("arrays.safetensors`**")[1].split("**`state.safetensors`**")[0]
+    for first, shape, kind, *_ in rows(arrays):
         for name in names(first):
             if name.startswith("*."):
                 found |= {f"{part}{name[1:]}": (shape, kind) for part in ("truth", "poses")}
