@@ -19,7 +19,18 @@ from dmae.completion.network.build import build_network
 from dmae.completion.training.checkpoints import CHECKPOINT, CheckedCheckpoints, newest_checkpoint
 from dmae.completion.weights import load_model, save_model
 from dmae.data.cameras import CameraRig
-from dmae.data.images import Images, write_depth, write_ids, write_parts, write_video
+from dmae.data.images import (
+    KINDS,
+    Images,
+    write_amodal,
+    write_depth,
+    write_flow,
+    write_ids,
+    write_normals,
+    write_parts,
+    write_rgb,
+    write_video,
+)
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import load_clip, save_clip, write_manifest
@@ -184,12 +195,21 @@ def _write_pictures(folder: Path) -> None:
         write_depth(folder / f"depth/left/{frame:06d}.png", image.astype(np.float32) / 100)
         write_ids(folder / f"ids/left/{frame:06d}.png", image)
         write_parts(folder / f"parts/left/{frame:06d}.png", image)
+        write_normals(folder / f"normals/left/{frame:06d}.png", np.broadcast_to([0.6, 0.0, 0.8], (16, 16, 3)))
+        write_flow(folder / f"flow/left/{frame:06d}.png", np.dstack([image, -image]) / 8.0)
+        write_amodal(folder / f"amodal/left/{frame:06d}.png", image.astype(np.uint32) << 8 * frame)
+        for ending in ("png", "jpg"):
+            write_rgb(folder / f"{ending}/rgb/left/{frame:06d}.{ending}", np.dstack([image] * 3).astype(np.uint8))
     rgb = np.random.default_rng(0).integers(0, 255, (4, 16, 16, 3)).astype(np.uint8)
     write_video(folder / "rgb/left.mp4", rgb, 25)
 
 
 def _read_pictures(kind: str, folder: Path) -> list:
     return list(Images(folder, ("left",), (0, 1), (kind,), ("a",)).read(kind, "left"))
+
+
+def _read_colours(format: str, ending: str, folder: Path) -> list:
+    return list(Images(folder / ending, ("left",), (0, 1), ("rgb",), (), format).read("rgb", "left"))
 
 
 @cache
@@ -404,7 +424,9 @@ READERS = [
     Reader("clip/clip", _write_clip, load_clip, repair=_CLIP),
     Reader("clip/data set", _write_data_set, lambda folder: verify(folder) and None, ("*.json*", "*/clip.json")),
     *(Reader(f"images/{kind}", _write_pictures, partial(_read_pictures, kind), (f"{kind}/**/*",))
-      for kind in ("rgb", "depth", "ids", "parts")),
+      for kind in KINDS),
+    *(Reader(f"images/rgb as {format}", _write_pictures, partial(_read_colours, format, ending), (f"{ending}/**/*",))
+      for format, ending in (("png", "png"), ("jpeg", "jpg"))),
     Reader("scene/spec", lambda folder: (folder / "spec.json").write_text(_spec()),
            lambda folder: SceneSpec.from_json(read_text(folder / "spec.json")),
            unnamed=True),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from synth.interactions import InteractionConfig, interaction_choices
+from synth.interactions import InteractionConfig, find_interaction, interaction_choices
 from synth.motion.source import MotionConfig
 from synth.people.anthropometry import body_at
 from synth.people.landmarks import SKELETON
@@ -17,9 +17,13 @@ from tests.support.scenes import RIG
 from tests.support.simulated_interactions import RECORDED, palms
 
 SCENE = SceneConfig(seconds=3.0, persons=[4, 4], props=[0, 0], children=0.8)
+"""Four people, or as near to four as the interaction takes."""
 
 
 def played(kind: str, motion: MotionConfig, scene: SceneConfig = SCENE) -> tuple[SceneSpec, Simulation]:
+    if kind != "none":
+        count = int(np.clip(scene.persons[0], *find_interaction(kind).persons))
+        scene = replace(scene, persons=[count, count])
     spec = sample_scene(scene, motion, interaction=InteractionConfig(kind), seed=4, clip=0).spec
     return spec, simulate(spec, RIG, painted=False)
 
