@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from dmae.public.recordings import save as save
     from dmae.public.stress import corrupt as corrupt
     from dmae.public.stress import stress as stress
+    from dmae.public.tables import table as table
     from dmae.reconstruction.config import CaptureConfig as CaptureConfig
 
 _HOMES = {
@@ -65,6 +66,7 @@ _HOMES = {
     "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
     "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "read_poses", "save"],
     "dmae.public.stress": ["corrupt", "stress"],
+    "dmae.public.tables": ["table"],
     "dmae.reconstruction.config": ["CaptureConfig"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
