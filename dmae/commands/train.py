@@ -22,9 +22,9 @@ EXAMPLES = (
 
 def run(config: TrainConfig, out: Path) -> None:
     paths = (config.extra_data, config.validation_data)
-    if not config.damaged:
+    if not config.examples.damaged:
         for path in (config.data.path, *config.extra_data, *config.validation_data):
-            refuse_damaged(path, "damaged=true")
+            refuse_damaged(path, "examples.damaged=true")
     extra, validation = ([load(DataConfig(path=path)) for path in group] for group in paths)
     # What the user waits for begins with the command, not when torch is loaded.
     since = time.monotonic() if interruption.began is None else interruption.began

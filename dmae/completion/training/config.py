@@ -37,6 +37,8 @@ class ExamplesConfig:
     held_back: float = 0.1
     """Share of the clips that are held back for validation, at least one if there are two; unused with
     `validation_data`."""
+    damaged: bool = False
+    """Learn even from data sets of which files are missing or not as they were written."""
     workers: int = 0
     """Processes that make batches beside the one that learns; 0: that one makes them."""
 
@@ -105,8 +107,6 @@ class TrainConfig:
     included: training stops in time for them, and the learning rate falls with the time."""
     seed: int = 0
     """Seed of weights, masks and batches."""
-    damaged: bool = False
-    """Learn even from data sets of which files are missing or not as they were written."""
     out: str = "runs/model"
     """Folder of the model, its record, its checkpoint and TensorBoard's logs."""
 

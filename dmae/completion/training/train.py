@@ -205,9 +205,9 @@ def _flat(options: dict, prefix: str) -> dict:
 def _claim(out: Path, config: TrainConfig, skeleton: Skeleton, init: dict | None, pairs: dict[str, PosePair]) -> None:
     """Write what this folder's model is made of to `training.json`, or compare with what is written there."""
     wanted = json.loads(json.dumps(asdict(config)))
-    for name in ("out", "damaged", "data", "extra_data", "validation_data", "capture"):
+    for name in ("out", "data", "extra_data", "validation_data", "capture"):
         del wanted[name]
-    for name in ("workers", "views"):
+    for name in ("workers", "views", "damaged"):
         del wanted["examples"][name]
     wanted["learning"]["lr"] = config.peak_lr
     wanted |= {"skeleton": skeleton.name, "init": init and init["sha256"]}
