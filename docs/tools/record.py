@@ -45,7 +45,7 @@ RECORDED = {
     "benchmark_occlusion_v1": (
         "dmae benchmark name=occlusion-v1 size=full workers=2 methods=[measured,linear,linear_body,pchip_body,kalman,"
         "rays,gaussian_process,reject_pchip,reject_gaussian_process,dmae,dmae_reject]",
-        "15 minutes",
+        "5 minutes",
     ),
     "table_1": ("dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf", "1 minute"),
     "table_2": ("dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf", "3 minutes"),
