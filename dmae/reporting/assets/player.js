@@ -151,6 +151,11 @@ async function player() {
       video.requestVideoFrameCallback(presented);
     };
     video.requestVideoFrameCallback(presented);
+    // A browser may not call back for a video that is out of sight.
+    const settle = () => {
+      if (hasVideo() && !playing && !video.seeking && Number(video.dataset.frame) !== frame) shown(video.currentTime - 0.5 / clip.fps);
+    };
+    video.addEventListener("seeked", () => setTimeout(settle, 200));
   } else {
     video.addEventListener("seeked", () => shown(video.currentTime - 0.5 / clip.fps));
   }
