@@ -29,9 +29,10 @@ def check_out(out: str | Path, writes: str | None) -> None:
 
 @contextmanager
 def locked(out: Path) -> Iterator[None]:
-    """Keep other commands from writing to `out` in the block, by a file beside it that is removed afterwards.
+    """Lock `out` against other commands for the length of the block.
 
-    A command that is killed leaves that file; it does not keep others out.
+    The lock is on a file in the parent folder, which is removed afterwards. A command that is killed leaves the file
+    behind, but no lock.
 
     Raises:
         ValueError: another command is writing there.

@@ -22,9 +22,9 @@ def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, s
 class Manifest:
     """The manifest of a data set that is being written; of a single clip there is none.
 
-    It is written on leaving, however that happens, so that the clips that are whole are a data set. An earlier one is
-    removed with the configuration beside it before the first clip is written: should the command be killed, clips of
-    two runs are no data set.
+    It is written on leaving, after errors as well, so that the clips that are whole are a data set. Before the first
+    clip is written, an earlier manifest and its `config.yaml` are removed. A command that is killed then leaves no
+    data set, instead of one with clips of two runs.
     """
 
     def __init__(self, out: Path, several: bool):

@@ -105,7 +105,7 @@ class DetectionLabels:
 
     Attributes:
         person: (F, V, D) int16 index of the true person of each detection; -1 for a ghost or none.
-        joint_person: (F, V, D, J) int16 index of the person whose joint each detected joint lies on. It differs from
+        joint_person: (F, V, D, J) int16 index of the person that each detected joint lies on. It differs from
             `person` where joints are swapped or people merged; -1 for a ghost or none.
         error: (F, V, D, J) uint8 `JointError`.
         offset_px: (F, V, D, J) float32 distance to the true joint of `person` at the time of the frame, px; NaN for a

@@ -92,7 +92,7 @@ def check_vacant(out: Path, contents: str) -> None:
 
 @contextmanager
 def whole_folder(out: Path) -> Iterator[Path]:
-    """Write a folder whole or not at all: yield another one beside it, which takes its name once the block is done.
+    """Yield a temporary folder that is renamed to `out` when the block ends without an error, and is removed otherwise.
 
     Args:
         out: A folder that does not exist, or is empty (`check_vacant`).

@@ -6,6 +6,7 @@ from pathlib import Path
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert
+from dmae.data.store import check_vacant
 from dmae.files.names import child
 from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
@@ -91,7 +92,6 @@ def _check_folder(folder: Path, clip: Clip) -> None:
     """Refuse a folder with files, which would be read as part of the new recording, and cameras that cannot be names
     of folders in it.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(f"{folder}: expected no such folder yet, or an empty one, to write a file for each frame into")
+    check_vacant(folder, "a file for each frame")
     for name in clip.rig.names:
         child(folder, name, "camera")

@@ -18,7 +18,7 @@ class Evidence:
     """Confident detections of F frames, V views, D detections a view, J joints.
 
     Attributes:
-        rig: V pinhole cameras, in whose undistorted pixels `xy` is.
+        rig: V pinhole cameras; `xy` is in their undistorted pixels.
         xy: (F, V, D, J, 2) undistorted px; NaN where absent.
         confidence: (F, V, D, J) in [0, 1]; NaN where absent.
         config: How detections are compared and triangulated.

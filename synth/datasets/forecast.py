@@ -14,7 +14,8 @@ import numpy as np
 from joblib import effective_n_jobs
 
 from dmae.data.images import Images
-from dmae.data.store import read_json, save_clip
+from dmae.data.store import save_clip
+from dmae.files.structured import read_json
 from dmae.parallel import in_parallel
 from synth.datasets.clip import GenerateConfig, check, clip_id, simulate_clip
 from synth.datasets.generate import limit_threads

@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, write_manifest
+from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, whole_folder, write_manifest
 from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.parallel import in_parallel
 from dmae.progress import counted_progress, progress
@@ -93,23 +93,19 @@ def _make(config: GenerateConfig, index: int, expected: Checksum | None) -> dict
     folder = Path(config.out) / clip_id(index, config.prefix)
     if _is_kept(folder, config, expected):
         return _with_images(config, index, folder)
-    partial = folder.with_name(f".{folder.name}.partial")
-    for leftover in (partial, folder):
-        shutil.rmtree(leftover, ignore_errors=True)
+    shutil.rmtree(folder, ignore_errors=True)
     try:
-        clip, state = simulate_clip(config, index)
-        save_clip(clip, partial)
-        save_state(state, partial)
-        line = _with_images(config, index, partial)
-        write_checksums(partial)
-        partial.rename(folder)
+        with whole_folder(folder) as partial:
+            clip, state = simulate_clip(config, index)
+            save_clip(clip, partial)
+            save_state(state, partial)
+            line = _with_images(config, index, partial)
+            write_checksums(partial)
     except FailedSimulation as failure:
         seed = attempt_seed(config.seed, config.retries)
         return {
             "id": folder.name, "status": "failed", "seed": seed, "attempts": config.retries + 1, "reason": str(failure)
         }  # fmt: skip
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
     return line
 
 

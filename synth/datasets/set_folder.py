@@ -8,7 +8,8 @@ from pathlib import Path
 
 from dmae.data.images import KINDS
 from dmae.data.resume import claim_folder
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.structured import read_json
 from synth.datasets.images.clip_images import image_kinds
 
 CONFIG = "config.json"

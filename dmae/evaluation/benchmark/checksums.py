@@ -9,7 +9,8 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
-from dmae.data.store import read_json, write_atomic
+from dmae.data.store import write_atomic
+from dmae.files.structured import read_json
 
 _LABELS = (
     "rig.K", "rig.dist", "rig.cam_from_world", "rig.size", "truth.xyz", "occlusion.visibility", "occlusion.occluder",

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from dmae.completion.methods.registry import find_method
-from dmae.data.store import read_json
 from dmae.evaluation.benchmark.cells import AXES, capture_cells, completion_cells
 from dmae.evaluation.benchmark.clips import clip_of, given_clip, make_clips
 from dmae.evaluation.benchmark.definition import BenchmarkSize, find_definition
@@ -15,6 +14,7 @@ from dmae.evaluation.benchmark.differences import check_same, differences
 from dmae.evaluation.benchmark.hand_in import OURS, HandIn, Task, find_hand_in
 from dmae.evaluation.benchmark.holes import holes_of_capture, holes_of_sight
 from dmae.evaluation.benchmark.summary import capture_summary, completion_summary
+from dmae.files.structured import read_json
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 

@@ -26,7 +26,7 @@ def companion(people: np.ndarray, person: int, distance: float, angle: np.ndarra
 
 
 def delayed(frames: int, delay: int) -> np.ndarray:
-    """Return the frames (F,) whose motion is seen `delay` frames later, reflected at the ends."""
+    """Return for each of F frames the index of the frame `delay` earlier, reflected at the ends."""
     period = max(2 * (frames - 1), 1)
     index = (np.arange(frames) - delay) % period
     return np.minimum(index, period - index)

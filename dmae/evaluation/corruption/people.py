@@ -12,7 +12,7 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
 _GATE = 0.25
-"""Of a person's height in the image: a detection whose joints are farther off on average shows another person."""
+"""As a share of a person's height in the image. A detection with a greater mean distance shows another person."""
 _FRAMES = 200
 """Frames that are matched at a time, so that memory stays flat."""
 

@@ -1,4 +1,4 @@
-"""A table of where each joint comes from, beside a file whose format cannot say it."""
+"""A table of the source of each joint, for files in formats that have no place for it."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -12,8 +12,9 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.from_json import decode
 from dmae.data.rng import Stream, generator
-from dmae.data.store import clip_folders, load_clip, read_json, read_manifest, save_clip, write_manifest
+from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip, whole_folder, write_manifest
 from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
+from dmae.files.structured import read_json
 from dmae.parallel import in_parallel
 from dmae.progress import counted_progress
 from synth.datasets.generate import limit_threads
@@ -160,18 +161,13 @@ def _render(config: RenderConfig, settings: dict, folder: Path, number: int, cli
         pass
     clip, state = load_clip(folder), load_state(folder)
     clip = _without_images(clip) if config.rig == _OWN else _relabelled(config, settings, clip, state)
-    partial = target.with_name(f".{target.name}.partial")
-    for leftover in (partial, target):
-        shutil.rmtree(leftover, ignore_errors=True)
-    try:
+    shutil.rmtree(target, ignore_errors=True)
+    with whole_folder(target) as partial:
         save_clip(clip, partial)
         save_state(state, partial)
         with PixelTally(Path(config.out), clips).clip(number, len(clip) * len(clip.rig)) as seen:
             add_images(clip, state, partial, options, seen)
         write_checksums(partial)
-        partial.rename(target)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
     return clip.provenance["manifest"]
 
 

@@ -99,8 +99,7 @@ def test_memory_does_not_grow_with_the_recording():
             gc.collect()
             held.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    # A second of frames takes more than 100 kB.
-    assert held[2] < held[0] + 500_000
+    assert held[2] < 1.1 * held[0] + 50_000
 
 
 def test_empty_poses_and_impossible_delays():
