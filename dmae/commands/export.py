@@ -13,6 +13,7 @@ WRITES = None
 EXAMPLES = (
     "dmae export clip=runs/completed out=runs/completed/poses.npz",
     "dmae export clip=runs/completed format=trc unit=mm out=runs/walk.trc",
+    "dmae export clip=runs/completed keep_mm=30 out=runs/completed/sure.npz",
     "dmae export clip=runs/data/000000 format=coco out=runs/keypoints.json",
 )
 
@@ -29,6 +30,9 @@ class ExportCommand:
     """Skeleton of the file; by default the one the poses are in, and of two fused the first, except for npz."""
     unit: LengthUnit = LengthUnit.m
     """Unit of lengths in a TRC."""
+    keep_mm: float | None = None
+    """mm; leave out joints that are likely farther than this from the truth, by the uncertainty that they state, and
+    completed ones that state none. By default all joints are written."""
     out: str = "???"
     """File to write; for panoptic and openpose a folder."""
 
@@ -36,6 +40,7 @@ class ExportCommand:
 def run(config: ExportCommand, out: Path) -> None:
     writer = pose_writer.find(config.format)
     check_out(out, "folder" if writer.folder else "file")
-    written = write_poses(load_clip(Path(config.clip)), out, config.format, skeleton=config.skeleton, unit=config.unit)
+    options = {"skeleton": config.skeleton, "unit": config.unit, "keep_mm": config.keep_mm}
+    written = write_poses(load_clip(Path(config.clip)), out, config.format, **options)
     frames, persons = written.xyz.shape[:2]
     print(f"{out}: {frames} frames, {persons} persons, {written.skeleton.name}")

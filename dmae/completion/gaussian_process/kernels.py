@@ -1,0 +1,134 @@
+"""Kernels: how alike two poses of a person are for one joint, as numbers that were learned; and their file."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from dmae.files.structured import read_json
+
+FORMAT = 1
+SHIPPED = Path(__file__).parents[2] / "models" / "gaussian_process" / "kernels.json"
+
+PARAMETERS = (
+    "wide", "wide_width", "time", "time_scale", "both", "both_width", "both_time_scale",
+    "noise_exact", "noise_noisy", "closeness_noisy", "time_scale_noisy",
+)  # fmt: skip
+"""Numbers of a kernel beside the weights of joints, all positive, see `covariance`."""
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """What was learned for one joint of the left side, or of the middle, with some of its ancestors hidden.
+
+    Attributes:
+        joint: Name of the joint.
+        hidden_ancestors: Number of joints between it and the nearest measured one above it in the limb.
+        weights: 1/m; how much the offset of each joint from its parent counts in the distance between poses.
+        parameters: One for each of `PARAMETERS`.
+    """
+
+    joint: str
+    hidden_ancestors: int
+    weights: dict[str, float]
+    parameters: dict[str, float]
+
+
+@dataclass(frozen=True)
+class KernelSet:
+    """All kernels, and the bones by which people are brought to one size.
+
+    Attributes:
+        kernels: By joint and number of hidden ancestors.
+        bones: m; usual lengths of bones, by `parent-joint`.
+        recipe: How the kernels were made.
+    """
+
+    kernels: dict[tuple[str, int], Kernel]
+    bones: dict[str, float]
+    recipe: dict
+
+    def save(self, path: Path) -> None:
+        """Write the kernels as JSON."""
+        rounded = [_rounded(asdict(kernel)) for kernel in self.kernels.values()]
+        content = {"format": FORMAT, "recipe": self.recipe, "bones": _rounded(self.bones), "kernels": rounded}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(content, indent=1) + "\n")
+
+
+def load_kernels(path: Path) -> KernelSet:
+    """Read the kernels that `KernelSet.save` wrote.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is not of this format.
+    """
+    content = read_json(path)
+    try:
+        if content["format"] != FORMAT:
+            raise ValueError(f"expected format {FORMAT}, found {content['format']!r}")
+        kernels = [Kernel(**kernel) for kernel in content["kernels"]]
+        for kernel in kernels:
+            _check(kernel)
+        return KernelSet({(k.joint, k.hidden_ancestors): k for k in kernels}, content["bones"], content["recipe"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: not a file of kernels of this version of dmae: {error}") from None
+
+
+@cache
+def shipped_kernels() -> KernelSet:
+    """Return the kernels that come with the package."""
+    return load_kernels(SHIPPED)
+
+
+def covariance(
+    squared: np.ndarray, seconds: np.ndarray, parameters: dict[str, float], noisy: float, exp: Callable = np.exp
+) -> np.ndarray:
+    """Return the covariance (...) of poses at a weighted squared distance and so many seconds from each other.
+
+    It is the sum of a squared exponential of the distance, a wider one, a Matern kernel (nu = 5/2) of the time between
+    poses, and a product of the two kinds; Rasmussen & Williams 2006, (4.9) and (4.17). Works on tensors with their
+    `exp`.
+
+    Args:
+        squared: (...) squared distance.
+        seconds: (...) s, not negative.
+        parameters: Of the kernel.
+        noisy: From 0 where poses are exact to 1 where they are as noisy as captured ones.
+    """
+    p = parameters
+    squared = squared * p["closeness_noisy"] ** noisy
+    slower = p["time_scale_noisy"] ** noisy
+    return (
+        exp(-squared / 2)
+        + p["wide"] * exp(-squared / (2 * p["wide_width"] ** 2))
+        + p["time"] * _matern(seconds / (p["time_scale"] * slower), exp)
+        + p["both"]
+        * exp(-squared / (2 * p["both_width"] ** 2))
+        * _matern(seconds / (p["both_time_scale"] * slower), exp)
+    )
+
+
+def noise(parameters: dict[str, float], noisy: float) -> float:
+    """Return the variance of the noise of training poses, in the unit of `covariance`."""
+    return parameters["noise_exact"] ** (1 - noisy) * parameters["noise_noisy"] ** noisy
+
+
+def _matern(distance: np.ndarray, exp: Callable) -> np.ndarray:
+    scaled = 5**0.5 * distance
+    return (1 + scaled + scaled**2 / 3) * exp(-scaled)
+
+
+def _check(kernel: Kernel) -> None:
+    numbers = [*kernel.weights.values(), *(kernel.parameters[name] for name in PARAMETERS)]
+    if not (np.isfinite(numbers).all() and min(kernel.parameters.values()) > 0):
+        raise ValueError(f"the numbers of {kernel.joint!r} must be finite, and its parameters positive")
+
+
+def _rounded(values):
+    if isinstance(values, dict):
+        return {name: _rounded(value) for name, value in values.items()}
+    return float(f"{values:.5g}") if isinstance(values, float) else values
