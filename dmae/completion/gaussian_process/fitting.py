@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dmae.completion.gaussian_process.episodes import Episode, episodes_of, joint_of
-from dmae.completion.gaussian_process.kernels import PARAMETERS, Kernel, KernelSet, covariance, noise
+from dmae.completion.gaussian_process.episodes import Episode, anchor_of, episodes_of
+from dmae.completion.gaussian_process.kernels import PARAMETERS, Exactness, Kernel, KernelSet, covariance, noise_of
 from dmae.completion.training.masking import MaskingConfig, mask_bursts
 from dmae.completion.training.pose_pairs import PosePair, pose_pair
 from dmae.data.clip import Poses3D
@@ -24,9 +23,10 @@ from dmae.numerics.bones import median_bone_lengths
 from dmae.progress import progress
 
 FPS = 25.0
+Perturb = Callable[..., Poses3D]
 _START = {
     "wide": 1.0, "wide_width": 3.0, "time": 1.0, "time_scale": 0.4, "both": 0.5, "both_width": 2.0,
-    "both_time_scale": 1.5, "noise_exact": 0.003, "noise_noisy": 0.05, "closeness_noisy": 1.0, "time_scale_noisy": 1.0,
+    "both_time_scale": 1.5, "noise": 0.01, "tolerance": 10.0,
 }  # fmt: skip
 _LEAST_NOISE = 1e-4
 _CLOSENESS = 10.0
@@ -37,16 +37,16 @@ _CLOSENESS = 10.0
 class FitConfig:
     """How kernels are learned."""
 
-    passes: int = 3
+    passes: int = 2
     """Times that gaps are cut into each clip."""
     training_poses: int = 112
     """Of each gap, at most."""
     queries: int = 20
     """Frames of each gap, at most."""
-    kept: int = 60
+    kept: int = 40
     """Gaps of each joint, kind of poses and class of lengths, at most."""
     steps: int = 250
-    batch: int = 24
+    batch: int = 16
     """Gaps in a batch."""
     lr: float = 0.06
     seed: int = 0
@@ -65,15 +65,14 @@ class Table:
     truth: Tensor
     used: Tensor
     asked: Tensor
-    noisy: Tensor
     importance: Tensor
 
 
-def collect(pairs: Iterable[tuple[str, PosePair]], bones: dict[str, float], config: FitConfig) -> dict:
-    """Return gaps cut into true, perturbed and captured poses, by kernel, kind and class of lengths."""
-    from dmae.evaluation.synthetic_gaps import perturb
-
-    found: dict[tuple[str, int], dict[tuple[str, int], list[Episode]]] = defaultdict(lambda: defaultdict(list))
+def collect(
+    pairs: Iterable[tuple[str, PosePair]], bones: dict[str, float], config: FitConfig, perturb: Perturb
+) -> dict:
+    """Return gaps cut into true, perturbed and captured poses, by kernel, then by kind, joint and class of lengths."""
+    found: dict[tuple[str, Exactness], dict[tuple, list[Episode]]] = defaultdict(lambda: defaultdict(list))
     seen: dict = defaultdict(int)
     for number, (_, pair) in enumerate(progress(list(pairs), "cutting gaps")):
         rng = generator(config.seed, number, Stream.STRESS)
@@ -88,7 +87,9 @@ def collect(pairs: Iterable[tuple[str, PosePair]], bones: dict[str, float], conf
                 if kind == "perturbed":
                     poses = perturb(poses, FPS, rng=rng)
                 for episode in episodes_of(poses, pair.truth, FPS, bones, config.training_poses):
-                    key, group = joint_of(BODY25, episode.problem.gap), (kind, episode.length)
+                    exactness = Exactness.exact if kind == "true" else Exactness.noisy
+                    joint = BODY25.joints[episode.problem.gap.joint][2:]
+                    key, group = (anchor_of(BODY25, episode.problem.gap), exactness), (kind, joint, episode.length)
                     seen[key, group] += 1
                     kept = found[key][group]
                     if len(kept) < config.kept:
@@ -98,8 +99,8 @@ def collect(pairs: Iterable[tuple[str, PosePair]], bones: dict[str, float], conf
     return found
 
 
-def table_of(groups: dict[tuple[str, int], list[Episode]], config: FitConfig, *, rng: np.random.Generator) -> Table:
-    """Return episodes as tensors; each group of kind and length counts by its error of interpolation."""
+def table_of(groups: dict[tuple, list[Episode]], config: FitConfig, *, rng: np.random.Generator) -> Table:
+    """Return episodes as tensors; each group of kind, joint and length counts by its error of interpolation."""
     names = sorted({name for episodes in groups.values() for e in episodes for name in e.problem.names})
     rows = []
     for episodes in groups.values():
@@ -111,7 +112,7 @@ def table_of(groups: dict[tuple[str, int], list[Episode]], config: FitConfig, *,
         "seconds": np.zeros((count, most)), "wanted_seconds": np.zeros((count, asked)),
         "targets": np.zeros((count, most, 3)), "truth": np.zeros((count, asked, 3)),
         "used": np.zeros((count, most), bool), "asked": np.zeros((count, asked), bool),
-        "noisy": np.zeros(count), "importance": np.zeros(count),
+        "importance": np.zeros(count),
     }  # fmt: skip
     for i, (episode, importance) in enumerate(rows):
         problem = episode.problem
@@ -127,7 +128,7 @@ def table_of(groups: dict[tuple[str, int], list[Episode]], config: FitConfig, *,
         arrays["targets"][i, :n] = problem.targets
         arrays["truth"][i, : len(chosen)] = episode.truth[chosen]
         arrays["used"][i, :n], arrays["asked"][i, : len(chosen)] = True, True
-        arrays["noisy"][i], arrays["importance"][i] = problem.noisy, importance
+        arrays["importance"][i] = importance
     tensors = {k: torch.from_numpy(v if v.dtype == bool else v.astype(np.float32)) for k, v in arrays.items()}
     return Table(names, **tensors)
 
@@ -136,21 +137,27 @@ def predictions(table: Table, rows: Tensor, weights: Tensor, parameters: dict[st
     """Return what the process predicts, (B, Q, 3); equation (2.25) of Rasmussen & Williams 2006."""
     known, wanted = ((part[rows] * weights[:, None]).flatten(2) for part in (table.known, table.wanted))
     seconds, asked, used = table.seconds[rows], table.wanted_seconds[rows], table.used[rows]
-    noisy = table.noisy[rows, None, None]
-    among = covariance(_squared(known, known), _apart(seconds, seconds), parameters, noisy, torch.exp)
-    across = covariance(_squared(wanted, known), _apart(asked, seconds), parameters, noisy, torch.exp)
-    both = used[:, :, None] & used[:, None]
-    variance = (noise(parameters, noisy) + _LEAST_NOISE) * torch.eye(used.shape[1])
+    among = covariance(_squared(known, known), _apart(seconds, seconds), parameters, torch.exp)
+    across = covariance(_squared(wanted, known), _apart(asked, seconds), parameters, torch.exp)
     # Rows that are not used are far from all others, and predict nothing.
-    matrix = torch.where(both, among, 0) + torch.where(used[:, None], variance, torch.eye(used.shape[1]))
-    share = used[..., None] / used.sum(1)[:, None, None]
-    mean = (table.targets[rows] * share).sum(1, keepdim=True)
-    centred = (table.targets[rows] - mean) * used[..., None]
-    solved = torch.cholesky_solve(centred, torch.linalg.cholesky(matrix))
-    return mean + torch.where(used[:, None], across, 0) @ solved
+    among = torch.where(used[:, :, None] & used[:, None], among, 0)
+    targets = table.targets[rows]
+
+    def solve(variance: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        share = used / variance
+        mean = ((targets * share[..., None]).sum(1) / share.sum(1, keepdim=True))[:, None]
+        factor = torch.linalg.cholesky(among + torch.diag_embed(torch.where(used, variance, 1.0)))
+        return mean, factor, (targets - mean) * used[..., None]
+
+    _, factor, centred = solve(parameters["noise"].expand(used.shape))
+    inverse = torch.cholesky_inverse(factor)
+    residuals = (inverse @ centred / inverse.diagonal(dim1=1, dim2=2)[..., None]).square().sum(-1)
+    usual = torch.where(used, residuals, torch.nan).nanmedian(1, keepdim=True).values + 1e-12
+    mean, factor, centred = solve(noise_of(residuals, usual, parameters))
+    return mean + torch.where(used[:, None], across, 0) @ torch.cholesky_solve(centred, factor)
 
 
-def fit(table: Table, joint: tuple[str, int], config: FitConfig) -> tuple[Kernel, list[float]]:
+def fit(table: Table, which: tuple[str, Exactness], config: FitConfig) -> tuple[Kernel, list[float]]:
     """Learn one kernel; return it and its loss over the steps."""
     torch.manual_seed(config.seed)
     count = len(table.names)
@@ -160,8 +167,9 @@ def fit(table: Table, joint: tuple[str, int], config: FitConfig) -> tuple[Kernel
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, config.lr, config.steps, pct_start=0.1)
     losses = []
     for _ in range(config.steps):
-        rows = torch.randint(len(table.noisy), (config.batch,))
+        rows = torch.randint(len(table.importance), (config.batch,))
         parameters = dict(zip(PARAMETERS, logs.exp(), strict=True))
+        parameters["noise"] = parameters["noise"] + _LEAST_NOISE
         error = predictions(table, rows, weights.exp(), parameters) - table.truth[rows]
         distance = (error.square().sum(-1) + 1e-6).sqrt()
         asked = table.asked[rows]
@@ -174,9 +182,8 @@ def fit(table: Table, joint: tuple[str, int], config: FitConfig) -> tuple[Kernel
         schedule.step()
         losses.append(float(loss.detach()))
     learned = dict(zip(PARAMETERS, logs.detach().exp().tolist(), strict=True))
-    for name in ("noise_exact", "noise_noisy"):
-        learned[name] += _LEAST_NOISE
-    return Kernel(*joint, dict(zip(table.names, weights.detach().exp().tolist(), strict=True)), learned), losses
+    learned["noise"] += _LEAST_NOISE
+    return Kernel(*which, dict(zip(table.names, weights.detach().exp().tolist(), strict=True)), learned), losses
 
 
 def usual_bones(pairs: list[PosePair]) -> dict[str, float]:
@@ -197,11 +204,16 @@ def read_pairs(folders: Iterable[Path]) -> dict[str, PosePair]:
     return found
 
 
-def fit_all(pairs: dict[str, PosePair], config: FitConfig, only: list[str] | None = None) -> KernelSet:
-    """Learn the kernels of all joints of limbs."""
+def fit_all(pairs: dict[str, PosePair], config: FitConfig, perturb: Perturb) -> KernelSet:
+    """Learn the kernels of all limbs.
+
+    Args:
+        pairs: True and captured poses at `FPS`, by name.
+        perturb: Adds errors like those of capture to poses of a frame rate, by `rng`.
+    """
     bones = usual_bones(list(pairs.values()))
-    found = collect(pairs.items(), bones, config)
-    keys = sorted(key for key in found if not only or key[0] in only)
+    found = collect(pairs.items(), bones, config, perturb)
+    keys = sorted(found)
     kernels = {}
     for key in progress(keys, "learning kernels"):
         table = table_of(found[key], config, rng=generator(config.seed, len(kernels), Stream.VALIDATION))
@@ -217,18 +229,3 @@ def _squared(one: Tensor, other: Tensor) -> Tensor:
 
 def _apart(one: Tensor, other: Tensor) -> Tensor:
     return (one[:, :, None] - other[:, None]).abs()
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Learn the kernels of the Gaussian process of completion.")
-    parser.add_argument("data", nargs="+", type=Path, help="data sets that `dmae capture` wrote, with truth")
-    parser.add_argument("--out", type=Path, required=True, help="file of the kernels")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="*", help="joints; by default all")
-    options = parser.parse_args()
-    torch.set_num_threads(1)
-    fit_all(read_pairs(options.data), FitConfig(seed=options.seed), options.only).save(options.out)
-
-
-if __name__ == "__main__":
-    main()

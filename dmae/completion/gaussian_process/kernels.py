@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from functools import cache
 from pathlib import Path
 
@@ -14,25 +15,33 @@ FORMAT = 1
 SHIPPED = Path(__file__).parents[2] / "models" / "gaussian_process" / "kernels.json"
 
 PARAMETERS = (
-    "wide", "wide_width", "time", "time_scale", "both", "both_width", "both_time_scale",
-    "noise_exact", "noise_noisy", "closeness_noisy", "time_scale_noisy",
+    "wide", "wide_width", "time", "time_scale", "both", "both_width", "both_time_scale", "noise", "tolerance",
 )  # fmt: skip
-"""Numbers of a kernel beside the weights of joints, all positive, see `covariance`."""
+"""Numbers of a kernel beside the weights of joints, all positive, see `covariance` and `noise_of`."""
+
+
+class Exactness(StrEnum):
+    """The poses that a kernel was learned on."""
+
+    exact = "exact"
+    """True poses."""
+    noisy = "noisy"
+    """Perturbed and captured poses."""
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """What was learned for one joint of the left side, or of the middle, with some of its ancestors hidden.
+    """What was learned for the joints of a limb that hang, hidden, from one joint.
 
     Attributes:
-        joint: Name of the joint.
-        hidden_ancestors: Number of joints between it and the nearest measured one above it in the limb.
+        anchor: Name of the joint from which they hang, of the left side or the middle.
+        exactness: The poses that it is for.
         weights: 1/m; how much the offset of each joint from its parent counts in the distance between poses.
         parameters: One for each of `PARAMETERS`.
     """
 
-    joint: str
-    hidden_ancestors: int
+    anchor: str
+    exactness: Exactness
     weights: dict[str, float]
     parameters: dict[str, float]
 
@@ -42,12 +51,12 @@ class KernelSet:
     """All kernels, and the bones by which people are brought to one size.
 
     Attributes:
-        kernels: By joint and number of hidden ancestors.
+        kernels: By anchor and exactness.
         bones: m; usual lengths of bones, by `parent-joint`.
         recipe: How the kernels were made.
     """
 
-    kernels: dict[tuple[str, int], Kernel]
+    kernels: dict[tuple[str, Exactness], Kernel]
     bones: dict[str, float]
     recipe: dict
 
@@ -73,7 +82,7 @@ def load_kernels(path: Path) -> KernelSet:
         kernels = [Kernel(**kernel) for kernel in content["kernels"]]
         for kernel in kernels:
             _check(kernel)
-        return KernelSet({(k.joint, k.hidden_ancestors): k for k in kernels}, content["bones"], content["recipe"])
+        return KernelSet({(k.anchor, Exactness(k.exactness)): k for k in kernels}, content["bones"], content["recipe"])
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: not a file of kernels of this version of dmae: {error}") from None
 
@@ -85,7 +94,7 @@ def shipped_kernels() -> KernelSet:
 
 
 def covariance(
-    squared: np.ndarray, seconds: np.ndarray, parameters: dict[str, float], noisy: float, exp: Callable = np.exp
+    squared: np.ndarray, seconds: np.ndarray, parameters: dict[str, float], exp: Callable = np.exp
 ) -> np.ndarray:
     """Return the covariance (...) of poses at a weighted squared distance and so many seconds from each other.
 
@@ -97,24 +106,26 @@ def covariance(
         squared: (...) squared distance.
         seconds: (...) s, not negative.
         parameters: Of the kernel.
-        noisy: From 0 where poses are exact to 1 where they are as noisy as captured ones.
     """
     p = parameters
-    squared = squared * p["closeness_noisy"] ** noisy
-    slower = p["time_scale_noisy"] ** noisy
     return (
         exp(-squared / 2)
         + p["wide"] * exp(-squared / (2 * p["wide_width"] ** 2))
-        + p["time"] * _matern(seconds / (p["time_scale"] * slower), exp)
-        + p["both"]
-        * exp(-squared / (2 * p["both_width"] ** 2))
-        * _matern(seconds / (p["both_time_scale"] * slower), exp)
+        + p["time"] * _matern(seconds / p["time_scale"], exp)
+        + p["both"] * exp(-squared / (2 * p["both_width"] ** 2)) * _matern(seconds / p["both_time_scale"], exp)
     )
 
 
-def noise(parameters: dict[str, float], noisy: float) -> float:
-    """Return the variance of the noise of training poses, in the unit of `covariance`."""
-    return parameters["noise_exact"] ** (1 - noisy) * parameters["noise_noisy"] ** noisy
+def noise_of(residuals: np.ndarray, scale: np.ndarray, parameters: dict[str, float]) -> np.ndarray:
+    """Return the variance of the noise of each training pose, in the unit of `covariance`.
+
+    Poses that the others contradict are noisier, as by the weights of Student's t.
+
+    Args:
+        residuals: (...) squared distance of each training pose from what the others predict, and `scale`, their usual
+            squared distance.
+    """
+    return parameters["noise"] * (1 + residuals / (parameters["tolerance"] * scale))
 
 
 def _matern(distance: np.ndarray, exp: Callable) -> np.ndarray:
@@ -125,7 +136,7 @@ def _matern(distance: np.ndarray, exp: Callable) -> np.ndarray:
 def _check(kernel: Kernel) -> None:
     numbers = [*kernel.weights.values(), *(kernel.parameters[name] for name in PARAMETERS)]
     if not (np.isfinite(numbers).all() and min(kernel.parameters.values()) > 0):
-        raise ValueError(f"the numbers of {kernel.joint!r} must be finite, and its parameters positive")
+        raise ValueError(f"the numbers of {kernel.anchor!r} must be finite, and its parameters positive")
 
 
 def _rounded(values):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class Gap:
     Attributes:
         person: Index.
         joint: Index.
-        anchor: The nearest ancestor that is measured, or the joint of the torso that the limb hangs from.
+        anchor: The nearest ancestor that is measured or on a ray, or the joint of the torso that the limb hangs from.
         hidden_ancestors: Number of joints between the two.
         frames: (Q,)
         whole: First and last frame in which the joint is hidden, whatever its ancestors are.
@@ -51,20 +52,21 @@ def ancestors(bodies: Bodies, joint: int) -> list[int]:
     return above
 
 
-def gaps_of(bodies: Bodies, joint: int, hidden: np.ndarray) -> Iterator[Gap]:
+def gaps_of(bodies: Bodies, joint: int, hidden: np.ndarray, unseen: np.ndarray) -> Iterator[Gap]:
     """Yield the gaps of one joint of a limb.
 
     Args:
         hidden: (F, P, J) True where joints are hidden.
+        unseen: (F, P, J) True where they are not on the ray of a single camera either.
     """
     above = ancestors(bodies, joint)
     # The joint of the torso is the anchor even if hidden: the torso is placed by itself.
-    covered = np.cumprod(hidden[:, :, above[:-1]], -1).sum(-1) if len(above) > 1 else 0 * hidden[:, :, joint]
+    covered = np.cumprod(unseen[:, :, above[:-1]], -1).sum(-1) if len(above) > 1 else 0 * hidden[:, :, joint]
     for person in range(hidden.shape[1]):
         for first, end in _runs(hidden[:, person, joint]):
             level = covered[first:end, person]
             cuts = [first, *(first + 1 + np.flatnonzero(np.diff(level))), end]
-            for start, stop in zip(cuts[:-1], cuts[1:], strict=True):
+            for start, stop in pairwise(cuts):
                 count = int(level[start - first])
                 yield Gap(person, joint, above[count], count, np.arange(start, stop), (first, end - 1))
 

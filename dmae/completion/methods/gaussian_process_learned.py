@@ -1,11 +1,11 @@
-"""Gaussian process with learned kernels: which joints count, how far, and for how long, differs by joint."""
+"""Gaussian process with learned kernels: which joints count, how far, and for how long, differs by limb."""
 
 import numpy as np
 
-from dmae.completion.gaussian_process.episodes import Limbs, joint_of
-from dmae.completion.gaussian_process.kernels import KernelSet, shipped_kernels
+from dmae.completion.gaussian_process.episodes import Limbs, Problem, anchor_of
+from dmae.completion.gaussian_process.kernels import Exactness, KernelSet, shipped_kernels
 from dmae.completion.gaussian_process.limbs import limb_joints
-from dmae.completion.gaussian_process.regression import predict
+from dmae.completion.gaussian_process.regression import blending_weight, predict
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D
 from dmae.numerics import body_frame
@@ -13,40 +13,61 @@ from dmae.numerics.body_frame import Bodies
 from dmae.numerics.filling import take_estimate, without_infinite
 from dmae.numerics.interpolation import pchip
 
-_MOST = 192
+_MOST = 160
 """Training poses of a gap."""
 
 
 @completion_method("gaussian_process_learned")
 def fill_gaussian_process_learned(poses: Poses3D, fps: float) -> Poses3D:
-    """As gaussian_process, with kernels that were learned for each joint.
+    """As gaussian_process, with kernels that were learned for each limb, of poses and of time.
 
-    Limbs are placed by Gaussian processes over the person's poses in other frames, and over time.
+    It counts beside interpolation as far as it is better for the person's other frames.
     """
     return fill_with(poses, fps, shipped_kernels())
 
 
 def fill_with(poses: Poses3D, fps: float, kernels: KernelSet) -> Poses3D:
-    """Fill by given kernels."""
+    """Fill by given kernels, see `dmae.completion.gaussian_process`."""
     poses = without_infinite(poses, fps)
     bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
     limbs = Limbs(poses, bodies, fps, kernels.bones)
+    moved = bodies.filled.copy()
     for joint in limb_joints(bodies):
-        _place(bodies, limbs, joint, kernels)
+        _place(bodies, limbs, joint, kernels, moved)
     return take_estimate(poses, fps, bodies.filled)
 
 
-def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet) -> None:
+def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, interpolated: np.ndarray) -> None:
     """Replace the interpolated estimate of a joint of a limb where a Gaussian process has one."""
-    first = bodies.filled[:, :, joint].copy()
-    estimate = np.full_like(first, np.nan)
+    parent = bodies.parents[joint]
+    # A joint moves along with its parent.
+    first = interpolated[:, :, joint] + bodies.filled[:, :, parent] - interpolated[:, :, parent]
+    estimate, weight = np.full_like(first, np.nan), np.zeros((*first.shape[:2], 1))
     for problem in limbs.problems(joint, _MOST):
         gap = problem.gap
-        kernel = kernels.kernels.get(joint_of(limbs.skeleton, gap))
-        if kernel is not None:
-            offset, _ = predict(problem, kernel)
+        predicted = _predict(problem, anchor_of(limbs.skeleton, gap), kernels)
+        if predicted is not None:
+            offset, weight[gap.frames, gap.person] = predicted
             turned = np.einsum("fij,fj->fi", bodies.world_from_body[gap.frames, gap.person], offset)
-            estimate[gap.frames, gap.person] = bodies.filled[gap.frames, gap.person, gap.anchor] + turned
+            estimate[gap.frames, gap.person] = bodies.filled[gap.frames, gap.person, parent] + turned
+    measured = ~np.isnan(bodies.xyz[:, :, joint])
+    # Unlike other estimates it is not bent to meet the measurements beside a gap: it knows how noisy they are.
+    estimate = np.where(measured, bodies.xyz[:, :, joint], np.where(np.isnan(estimate), first, estimate))
     bodies.filled[:, :, joint] = bodies.xyz[:, :, joint]
-    bodies.place(joint, estimate, bodies.parents[joint])
-    bodies.filled[:, :, joint] = np.where(np.isnan(bodies.filled[:, :, joint]), first, bodies.filled[:, :, joint])
+    bodies.place(joint, estimate, parent)
+    blended = weight * bodies.filled[:, :, joint] + (1 - weight) * first
+    bodies.filled[:, :, joint] = np.where(measured, bodies.xyz[:, :, joint], blended)
+
+
+def _predict(problem: Problem, anchor: str, kernels: KernelSet) -> tuple[np.ndarray, float] | None:
+    """Return the offset (Q, 3) m by the kernel of exact poses, that of noisy ones, or between them; and its weight."""
+    offset, weight = 0.0, 0.0
+    for exactness, share in ((Exactness.exact, 1 - problem.noisy), (Exactness.noisy, problem.noisy)):
+        if share > 0:
+            kernel = kernels.kernels.get((anchor, exactness))
+            if kernel is None:
+                return None
+            found = predict(problem, kernel)
+            offset = offset + share * found.offset
+            weight += share * blending_weight(problem, found)
+    return offset * problem.size, weight

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from dmae.metrics.ranking import COVERAGES, rank_scores
+from dmae.metrics.uncertainty import COVERAGES, rank_scores
 
 
 def test_a_perfect_order_has_the_least_risk():
