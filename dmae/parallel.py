@@ -1,5 +1,6 @@
 """Tasks in several processes, here or on a cluster. Ctrl-C reaches the main process alone, which ends the others."""
 
+import ctypes
 import os
 import signal
 import threading
@@ -99,7 +100,19 @@ def _on_this_machine(function: Callable, tasks: Iterable[tuple], workers: int, o
 def _in_worker(main: int, function: Callable, *task):
     if os.getpid() != main:
         _end_with(main)
-    return function(*task)
+    result = function(*task)
+    if os.getpid() != main:
+        _give_back()(0)
+    return result
+
+
+@cache
+def _give_back() -> Callable[[int], int]:
+    """Return glibc's function that gives freed memory back to the system: a worker would hold the most of any task."""
+    try:
+        return ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):
+        return lambda _: 0
 
 
 @cache
