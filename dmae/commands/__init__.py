@@ -7,6 +7,7 @@ COMMANDS = {
     "benchmark": "Compare completion and capture on clips that are made here, by cause of occlusion",
     "table": "Reproduce a table of the paper, published rows beside measured ones",
     "stress": "Find what breaks the methods: corrupt clips step by step and score each step",
+    "merge": "Join what was made of parts of a data set on several machines",
     "show": "Draw clips as contact sheet, video and Rerun recording",
     "report": "Put scores and pictures on one page",
     "review": "Rank joints by how far off they may be, and decide on them",

@@ -8,6 +8,7 @@ from dmae.commands.data_sets import Manifest, describe_joints, finished
 from dmae.completion.pipeline import completers
 from dmae.data.decisions import Verdict, decided, load_decisions, with_decisions
 from dmae.data.store import clip_folders, load_clip, save_clip
+from dmae.files.checksums import refuse_damaged
 from dmae.online.completion import DELAY, complete_online
 from dmae.progress import progress
 
@@ -37,6 +38,8 @@ class CompleteCommand:
     """Complete as while cameras run: each frame by what is known `delay` after it."""
     delay: float = DELAY
     """s; delay of `online`."""
+    damaged: bool = False
+    """Complete even a data set of which files are missing or not as they were written."""
     out: str = "runs/complete"
     """Folder of the completed clip; of a data set a folder for each clip is made in it."""
 
@@ -45,6 +48,8 @@ def run(config: CompleteCommand, out: Path) -> None:
     completer_for = completers(
         Path(config.weights) if config.weights else None, denoise=config.denoise, reject=config.reject
     )
+    if not config.damaged:
+        refuse_damaged(Path(config.clip), "damaged=true")
     folders = clip_folders(Path(config.clip))
     several = folders != [Path(config.clip)]
     with Manifest(out, several) as manifest:
