@@ -18,7 +18,7 @@ from dmae.reconstruction.people.subjects import inside_volume, leg_lengths, want
 from dmae.reconstruction.tracking import track
 from dmae.reconstruction.tracks import Tracks
 
-_FRAMES = 24
+_FRAMES = 10
 """Frames of which detections are compared."""
 _MIN_JOINTS = 3
 """Fewest joints of a detection that is compared."""
