@@ -58,6 +58,7 @@ from tests.fuzz.seed_files import (
 )
 from tests.support.calibrations import TEXTS
 from tests.support.clips import walkers
+from tests.support.tracked_recordings import write_mmpose
 
 
 @dataclass(frozen=True)
@@ -166,6 +167,8 @@ READERS = [
         Reader(f"recording/{name}", write, partial(_read_recording, name), repair=_CLIP if name == "clip" else None)
         for name, write in WRITE_RECORDING.items()
     ),
+    Reader("recording/mmpose pickles", partial(write_mmpose, kind="pkl"), partial(_read_recording, "mmpose"),
+           ("predictions/*",)),
     Reader("recording/pose2sim video", write_pose2sim_video,
            lambda folder: list(load(DataConfig("pose2sim", str(folder)))), ("videos/*",)),
     Reader("poses/npz", write_poses, lambda folder: read_npz(folder / "poses.npz")),

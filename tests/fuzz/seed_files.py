@@ -38,6 +38,7 @@ from tests.support.marker_files import c3d
 from tests.support.marker_files import t_pose as marker_t_pose
 from tests.support.motion_files import amc, bvh
 from tests.support.recordings import recording, write_frames, write_openpose_recording
+from tests.support.tracked_recordings import write_caliscope, write_freemocap, write_mmpose
 
 FPS = 25.0
 
@@ -263,6 +264,9 @@ def write_poses(folder: Path) -> None:
 
 
 WRITE_RECORDING = {
+    "caliscope": write_caliscope,
+    "freemocap": write_freemocap,
+    "mmpose": write_mmpose,
     "clip": write_clip,
     "coco": lambda folder: write_recording(full_clip(3, 2), folder, "coco"),
     "easymocap": lambda folder: write_recording(full_clip(3, 2), folder, "easymocap"),
