@@ -6,8 +6,8 @@ from pathlib import Path
 
 from dmae.commands.data_sets import Manifest, describe_joints, finished
 from dmae.completion.pipeline import completers
-from dmae.data.decisions import Verdict, decided, load_decisions, with_decisions
 from dmae.data.store import clip_folders, load_clip, save_clip
+from dmae.evaluation.review.decisions import ReviewVerdict, decided, load_decisions, with_decisions
 from dmae.files.checksums import refuse_damaged
 from dmae.online.completion import DELAY, complete_online
 from dmae.progress import progress
@@ -58,7 +58,7 @@ def run(config: CompleteCommand, out: Path) -> None:
             if clip.poses is None:
                 raise ValueError(f"{folder}: has no poses to complete; run dmae capture on it first")
             decisions = load_decisions(folder, clip.poses)
-            blanked = decided(clip.poses, decisions, Verdict.blank)
+            blanked = decided(clip.poses, decisions, ReviewVerdict.blank)
             clip = with_decisions(clip, folder)
             completer = completer_for(clip.poses.skeleton)
             for note in completer.notes(clip.poses, clip.fps):

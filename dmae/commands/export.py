@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.command_line.outputs import check_out
-from dmae.data.decisions import with_decisions
 from dmae.data.store import load_clip
+from dmae.evaluation.review.decisions import with_decisions
 from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.registry import pose_writer
-from dmae.formats.writing import write_poses
+from dmae.formats.writing import export_path, write_poses
 
 WRITES = None
 EXAMPLES = (
@@ -32,11 +32,12 @@ class ExportCommand:
     unit: LengthUnit = LengthUnit.m
     """Unit of lengths in a TRC."""
     out: str = "???"
-    """File to write; for panoptic and openpose a folder."""
+    """File to write, by default with the suffix of the format; for panoptic and openpose a folder."""
 
 
 def run(config: ExportCommand, out: Path) -> None:
     writer = pose_writer.find(config.format)
+    out = export_path(out, config.format)
     check_out(out, "folder" if writer.folder else "file")
     folder = Path(config.clip)
     clip = load_clip(folder)

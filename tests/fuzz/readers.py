@@ -15,7 +15,6 @@ from dmae.completion.model_card import model_card
 from dmae.completion.training.checkpoints import CHECKPOINT, CheckedCheckpoints, newest_checkpoint
 from dmae.completion.weights import load_model
 from dmae.data.cameras import CameraRig
-from dmae.data.decisions import load_decisions
 from dmae.data.images import (
     KINDS,
     Images,
@@ -23,6 +22,7 @@ from dmae.data.images import (
 from dmae.data.resume import claim_folder
 from dmae.data.store import load_clip
 from dmae.evaluation.report_section import read_scores
+from dmae.evaluation.review.decisions import load_decisions
 from dmae.files.contents import read_text
 from dmae.formats.calibrations.files import read_calibration
 from dmae.formats.calibrations.registry import calibration_format
@@ -60,6 +60,7 @@ from tests.fuzz.seed_files import (
 )
 from tests.support.calibrations import TEXTS
 from tests.support.clips import walkers
+from tests.support.tracked_recordings import write_mmpose
 
 
 @dataclass(frozen=True)
@@ -168,6 +169,8 @@ READERS = [
         Reader(f"recording/{name}", write, partial(_read_recording, name), repair=_CLIP if name == "clip" else None)
         for name, write in WRITE_RECORDING.items()
     ),
+    Reader("recording/mmpose pickles", partial(write_mmpose, kind="pkl"), partial(_read_recording, "mmpose"),
+           ("predictions/*",)),
     Reader("recording/pose2sim video", write_pose2sim_video,
            lambda folder: list(load(DataConfig("pose2sim", str(folder)))), ("videos/*",)),
     Reader("poses/npz", write_poses, lambda folder: read_npz(folder / "poses.npz")),
