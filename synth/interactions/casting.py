@@ -14,7 +14,7 @@ from synth.interactions.script import Cast, Role, Script, poses_of
 from synth.motion.body_fit import fit_to_body
 from synth.motion.motion import Motion
 from synth.motion.readers.cmu import partner
-from synth.motion.source import PROCEDURAL, MotionConfig, cut, load_motion, read_take, takes
+from synth.motion.source import PROCEDURAL, MotionConfig, cut, draw_takes, load_motion, takes
 from synth.people.body import Body
 from synth.people.segments import SEGMENTS
 
@@ -114,10 +114,8 @@ def _recorded_pair(cast: Cast, config: MotionConfig, *, rng: np.random.Generator
     pairs = [(path, other) for path in takes(config) if (other := partner(path))]
     if not pairs:
         return None
-    pair, start = pairs[rng.integers(len(pairs))], rng.uniform()
-    how = {"unit": config.unit, "up": config.up, "mapping": config.mapping}
-    read = [read_take(path, config.fps, **how) for path in pair]
-    read = _together(read)
+    read = _together(draw_takes(config, pairs, rng=rng))
+    start = rng.uniform()
     span = {"start": start, "seconds": len(cast.seconds) / cast.fps, "fps": cast.fps}
     motions = [fit_to_body(cut(take, **span), body) for take, body in zip(read, cast.bodies, strict=True)]
     # One factor for both, so that hands still meet.
@@ -129,7 +127,7 @@ def _recorded_pair(cast: Cast, config: MotionConfig, *, rng: np.random.Generator
     return motions
 
 
-def _together(pair: list[Motion]) -> list[Motion]:
+def _together(pair: tuple[Motion, ...]) -> list[Motion]:
     """Return the frames that both takes of a pair have."""
     first = max(take.first for take in pair)
     end = min(take.first + len(take) for take in pair)

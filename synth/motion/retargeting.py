@@ -7,15 +7,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from synth.motion.floor import flatten_soles, level_floor
-from synth.motion.frame_rate import correct_rate
 from synth.motion.motion import Motion
-from synth.motion.readers import ReadOptions
+from synth.motion.readers import ReadOptions, take_name
 from synth.motion.readers.cmu import true_fps
 from synth.motion.readers.dialects import OWN, Dialect, at_rest, known_joints, recognise
 from synth.motion.readers.joint_names import renamed
 from synth.motion.readers.skeleton_recording import SkeletonRecording
 from synth.motion.rotations import UPRIGHT, aligned
-from synth.motion.soundness import repair
+from synth.motion.soundness import correct_rate, repair
 from synth.people.body import ANKLE_HEIGHT, LEG_LENGTH
 from synth.people.segments import SEGMENTS
 
@@ -46,7 +45,7 @@ def retarget_take(recording: SkeletonRecording, options: ReadOptions) -> Motion:
     """
     recording = replace(
         recording,
-        fps=options.fps or true_fps(recording.path.stem, recording.fps),
+        fps=options.fps or true_fps(take_name(recording.path), recording.fps),
         joints=renamed(recording.joints, options.mapping, known_joints(), recording.path),
     )
     motion = retarget(recording, unit=options.unit, up=options.up)
@@ -94,8 +93,9 @@ def retarget(
         raise ValueError(f"{recording.path}: expected frames after the T-pose it begins with, found none")
     positions = positions[start:] @ _CANONICAL_FROM_FILE.T * metres
     hips, ankles = (positions[:, [joint[f"l_{part}"], joint[f"r_{part}"]]] for part in ("thigh", "foot"))
+    about = ", ".join((dialect.name, name, f"{recording.fps:.4g} fps", *recording.notes))
     motion = Motion(
-        name=f"{recording.path.stem} ({', '.join((dialect.name, name, f'{recording.fps:.4g} fps', *recording.notes))})",
+        name=f"{take_name(recording.path)} ({about})",
         fps=recording.fps,
         root=hips.mean(1),
         rotations=rotations[start:],

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import lzma
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -49,6 +50,7 @@ from synth.datasets.verify import verify
 from synth.motion.readers import reader as motion_reader
 from synth.motion.readers.joint_names import read_mapping
 from synth.motion.readers.smpl import write_npz as write_smpl
+from synth.motion.readers.take_lists import read_take_list
 from synth.motion.source import MotionConfig, read_take
 from synth.rooms.meshes import MESHES, load_mesh
 from synth.rooms.mjcf import compile_mjcf
@@ -362,6 +364,16 @@ def _write_motion(kind: str, folder: Path) -> None:
         write_smpl(folder / "take.npz", motion)
 
 
+TAKES = "file\tsubject\tset\tseconds\na/02_01.bvh\t2\ttrain\t3.5\n60_01.amc\t60\ttest\t12.1\n"
+
+
+def _write_compressed(folder: Path) -> None:
+    _write_motion("bvh", folder)
+    plain = folder / "take.bvh"
+    (folder / "take.bvh.xz").write_bytes(lzma.compress(plain.read_bytes()))
+    plain.unlink()
+
+
 @cache
 def sample_motion():
     from synth.motion.source import load_motion
@@ -413,6 +425,9 @@ READERS = [
            lambda folder: read_trc(folder / "poses.trc"), errors=(ValueError, FileNotFoundError, KeyError)),
     *(Reader(f"motion/{kind}", partial(_write_motion, kind), partial(_read_motion, kind), finite=True)
       for kind in ("amc", "bvh", "c3d", "npz")),
+    Reader("motion/compressed", _write_compressed, lambda folder: _read_motion("xz", folder), finite=True),
+    Reader("motion/list", lambda folder: (folder / "takes.tsv").write_text(TAKES),
+           lambda folder: [str(take) for take in read_take_list(folder / "takes.tsv")]),
     Reader("motion/mapping", lambda folder: (folder / "names.yaml").write_text("LeftUpLeg: lThigh\n'Hips': hip\n"),
            lambda folder: read_mapping(folder / "names.yaml")),
     *(Reader(f"mesh/{suffix[1:]}", partial(_write_mesh, suffix),

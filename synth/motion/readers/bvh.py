@@ -28,7 +28,7 @@ class _Hierarchy:
     channels: list[list[str]] = field(default_factory=list)
 
 
-@reader("bvh")
+@reader("bvh", text=True)
 def read_motion(path: Path, options: ReadOptions) -> Motion:
     """Biovision BVH of any known skeleton, or with motion.mapping of any other."""
     return retarget_take(read_bvh(path), options)
