@@ -1,6 +1,7 @@
 """Files of every kind that a reader reads, for the fuzzer to change."""
 
 import json
+import lzma
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -252,6 +253,16 @@ def write_motion(kind: str, folder: Path) -> None:
     else:
         motion = sample_motion()
         write_smpl(folder / "take.npz", motion)
+
+
+TAKES = "file\tsubject\tset\tseconds\na/02_01.bvh\t2\ttrain\t3.5\n60_01.amc\t60\ttest\t12.1\n"
+
+
+def write_compressed(folder: Path) -> None:
+    write_motion("bvh", folder)
+    plain = folder / "take.bvh"
+    (folder / "take.bvh.xz").write_bytes(lzma.compress(plain.read_bytes()))
+    plain.unlink()
 
 
 @cache
