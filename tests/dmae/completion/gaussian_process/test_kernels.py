@@ -51,7 +51,8 @@ def test_what_is_learned_with_is_what_predicts(kernels):
     )
     kernel = kernels.kernels["l_shoulder", Exactness.exact]
     weights = torch.tensor([kernel.weights.get(name, 0.0) for name in table.names])
-    by_torch = predictions(table, torch.arange(len(found)), weights, kernel.parameters)
+    parameters = {name: torch.tensor(value) for name, value in kernel.parameters.items()}
+    by_torch = predictions(table, torch.arange(len(found)), weights, parameters)
     for row, episode in enumerate(found):
         by_numpy = predict(episode.problem, kernel).offset
         np.testing.assert_allclose(by_torch[row, : len(by_numpy)], by_numpy, atol=2e-3)
