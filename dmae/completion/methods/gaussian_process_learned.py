@@ -34,7 +34,7 @@ def fill_gaussian_process_learned(poses: Poses3D, fps: float) -> Poses3D:
     """
     plain, learned = fill_gaussian_process(poses, fps), fill_with(poses, fps, shipped_kernels())
     share = _SHARE * _without_rays(poses)[..., None]
-    xyz = plain.xyz + share * (learned.xyz.astype(np.float64) - plain.xyz)
+    xyz = plain.xyz + share * np.nan_to_num(learned.xyz.astype(np.float64) - plain.xyz)
     return replace(plain, xyz=np.where((plain.source == Source.COMPLETED)[..., None], xyz, plain.xyz))
 
 
@@ -63,7 +63,7 @@ def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, interpo
     """Replace the interpolated estimate of a joint of a limb where a Gaussian process has one."""
     parent = bodies.parents[joint]
     # A joint moves along with its parent.
-    first = interpolated[:, :, joint] + bodies.filled[:, :, parent] - interpolated[:, :, parent]
+    first = interpolated[:, :, joint] + np.nan_to_num(bodies.filled[:, :, parent] - interpolated[:, :, parent])
     estimate, weight = np.full_like(first, np.nan), np.zeros((*first.shape[:2], 1))
     for problem in limbs.problems(joint, _MOST):
         gap = problem.gap
@@ -77,7 +77,8 @@ def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, interpo
     estimate = np.where(measured, bodies.xyz[:, :, joint], np.where(np.isnan(estimate), first, estimate))
     bodies.filled[:, :, joint] = bodies.xyz[:, :, joint]
     bodies.place(joint, estimate, parent)
-    blended = weight * bodies.filled[:, :, joint] + (1 - weight) * first
+    found = bodies.filled[:, :, joint]
+    blended = np.where(np.isnan(found), first, weight * np.nan_to_num(found) + (1 - weight) * first)
     bodies.filled[:, :, joint] = np.where(measured, bodies.xyz[:, :, joint], blended)
 
 
