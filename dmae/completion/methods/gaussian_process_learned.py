@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dmae.completion.gaussian_process.episodes import Limbs, Problem, anchor_of
+from dmae.completion.gaussian_process.episodes import GapProblem, Limbs, anchor_of
 from dmae.completion.gaussian_process.kernels import Exactness, KernelSet, shipped_kernels
 from dmae.completion.gaussian_process.limbs import limb_joints
 from dmae.completion.gaussian_process.regression import blending_weight, predict
@@ -82,7 +82,7 @@ def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, interpo
     bodies.filled[:, :, joint] = np.where(measured, bodies.xyz[:, :, joint], blended)
 
 
-def _predict(problem: Problem, anchor: str, kernels: KernelSet) -> tuple[np.ndarray, float] | None:
+def _predict(problem: GapProblem, anchor: str, kernels: KernelSet) -> tuple[np.ndarray, float] | None:
     """Return the offset (Q, 3) m by the kernel of exact poses, that of noisy ones, or between them; and its weight."""
     offset, weight = 0.0, 0.0
     for exactness, share in ((Exactness.exact, 1 - problem.noisy), (Exactness.noisy, problem.noisy)):
