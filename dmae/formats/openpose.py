@@ -7,7 +7,18 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D, Source
-from dmae.data.skeleton import BODY21, BODY25, BODY25B, COCO17, COCO18, HALPE26, PANOPTIC19, SHELF14, Skeleton
+from dmae.data.skeleton import (
+    BLAZEPOSE33,
+    BODY21,
+    BODY25,
+    BODY25B,
+    COCO17,
+    COCO18,
+    HALPE26,
+    PANOPTIC19,
+    SHELF14,
+    Skeleton,
+)
 from dmae.data.store import write_atomic
 from dmae.files.names import child
 from dmae.files.numbers import MOST_PIXELS, check_numbers
@@ -25,7 +36,8 @@ FOLDERS = ("openpose", "keypoints", "pose", "json")
 _SUFFIXES = ("_keypoints", "_json")
 _PANOPTIC = "body3DScene"
 """Beginning of the names of Panoptic's files of poses, which are no detections."""
-BY_COUNT = {len(skeleton): skeleton for skeleton in (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14)}
+_OF_COUNT = (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14, BLAZEPOSE33)
+BY_COUNT = {len(skeleton): skeleton for skeleton in _OF_COUNT}
 """By number of joints, the skeleton that detections have by default."""
 COMPLETED_SCORE = 0.5
 """Confidence written for completed joints; measured ones have 1."""
