@@ -6,8 +6,9 @@ from math import floor, log2
 import cv2
 import numpy as np
 
-_MARGIN = 1.25
-"""Side of a region, relative to the circle around the body."""
+_MARGIN = 1.125
+"""Side of a region, relative to the circle around the body. MediaPipe takes 1.25; in rendered views of people with
+exact truth, 1.125 puts 2 to 6 % more of the visible joints within 5 % of the height."""
 _LEVELS = 4
 """Of a pyramid; each has half the width and height of the one before."""
 
