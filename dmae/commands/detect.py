@@ -80,6 +80,9 @@ def run(config: DetectCommand, out: Path) -> None:
     for note in recording.notes:
         print(note)
     _claim(config, recording, out)
+    if (out / "clip.json").is_file():
+        print(f"{out}: detected already")
+        return
     pieces = out / _PIECES
     detections, notes = detect_recording(recording, config.detector, pieces, config.output.skeleton, config.workers)
     for note in notes:
@@ -129,7 +132,7 @@ def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:
 
 
 def _settings(config: DetectCommand) -> dict:
-    return {"detector": asdict(config.detector)}
+    return {"detector": asdict(config.detector), "output": asdict(config.output)}
 
 
 def _print(name: str, detections: Detections2D) -> None:
