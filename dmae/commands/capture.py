@@ -7,12 +7,14 @@ from pathlib import Path
 
 from dmae.commands.data_sets import Manifest, describe_joints, each_clip, finished
 from dmae.completion.methods.registry import METHODS, completion_method
+from dmae.data.clip import Clip, Poses3D
 from dmae.data.rng import Stream, generator
 from dmae.data.store import save_clip
 from dmae.formats.reading import DataConfig, is_data_set
 from dmae.numerics.filling import smooth
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.sides import exchanged_detections
 
 WRITES = "folder"
 EXAMPLES = (
@@ -20,6 +22,8 @@ EXAMPLES = (
     "dmae capture data=shelf data.path=$DMAE_DATA/shelf out=runs/shelf",
     "dmae capture data=openpose data.path=session data.fps=60 fill=linear smooth=0.1 out=runs/session",
 )
+_FEW_EXCHANGES = 0.02
+"""Share of frames with exchanged sides below which a camera is not named."""
 _FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
 
 
@@ -56,16 +60,29 @@ def run(config: CaptureCommand, out: Path) -> None:
             for note in clip.provenance.get("notes", ()):
                 print(f"{clip.id}: {note}")
             start = time.perf_counter()
-            poses = capture(clip, config.capture)
+            poses = measured = capture(clip, config.capture)
             spent += time.perf_counter() - start
             frames += len(clip)
             if config.fill != "none":
                 poses = METHODS[config.fill](poses, clip.fps)
             poses = smooth(poses, clip.fps, config.smooth)
+            for note in _exchanged_sides(clip, measured):
+                print(f"{clip.id}: {note}")
             captured = replace(clip, poses=poses)
             manifest.write(name, partial(save_clip, captured, folder), persons=poses.xyz.shape[1])
             print(f"{clip.id}: {len(clip)} frames, {poses.xyz.shape[1]} persons, {describe_joints(poses)}")
     print(f"{out}: {frames / spent:.0f} frames/s")
+
+
+def _exchanged_sides(clip: Clip, poses: Poses3D) -> list[str]:
+    """Say in which cameras the detector exchanged left and right, which capture has put right."""
+    counts = exchanged_detections(clip, poses).sum(0)
+    least = max(_FEW_EXCHANGES * len(clip), 2)
+    return [
+        f"{name}: left and right exchanged in {count} of {len(clip)} frames, put right by the other cameras"
+        for name, count in zip(clip.rig.names, counts, strict=True)
+        if count >= least
+    ]
 
 
 def interrupted(config: CaptureCommand, out: Path) -> str:
