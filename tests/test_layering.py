@@ -23,7 +23,7 @@ LAYERS = (
         "dmae.registry",
     ),
     ("dmae.command_line", "dmae.formats", "dmae.reporting"),
-    ("dmae.reconstruction", "dmae.calibration", "dmae.datasets", "dmae.metrics", "dmae.viewing"),
+    ("dmae.reconstruction", "dmae.calibration", "dmae.detection", "dmae.datasets", "dmae.metrics", "dmae.viewing"),
     ("dmae.completion",),
     ("dmae.online",),
     ("dmae.evaluation",),
