@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from dmae.data.skeleton import get_skeleton as get_skeleton
     from dmae.online.capture import OnlineCapture as OnlineCapture
     from dmae.public.assessment import benchmark as benchmark
+    from dmae.public.assessment import calibrate as calibrate
     from dmae.public.assessment import compare_scores as compare_scores
     from dmae.public.assessment import doctor as doctor
     from dmae.public.assessment import draw as draw
@@ -55,6 +56,7 @@ _HOMES = {
     "dmae.online.capture": ["OnlineCapture"],
     "dmae.public.assessment": [
         "benchmark",
+        "calibrate",
         "compare_scores",
         "doctor",
         "draw",

@@ -13,7 +13,8 @@ HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf"}
 LAYERS = (
     ("dmae.data", "dmae.files", "dmae.numerics", "dmae.parallel", "dmae.plugins", "dmae.progress", "dmae.registry"),
     ("dmae.command_line", "dmae.formats", "dmae.reporting"),
-    ("dmae.reconstruction", "dmae.calibration", "dmae.datasets", "dmae.metrics", "dmae.viewing"),
+    ("dmae.reconstruction", "dmae.datasets", "dmae.metrics", "dmae.viewing"),
+    ("dmae.calibration",),
     ("dmae.completion",),
     ("dmae.online",),
     ("dmae.evaluation",),

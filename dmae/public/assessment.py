@@ -14,6 +14,7 @@ from dmae.data.skeleton_conversion import convert
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from dmae.calibration.adjustment.refinement import RefineConfig, Refined
     from dmae.calibration.doctor import Diagnosis
     from dmae.evaluation.gates import Gate
     from dmae.regression import Verdict
@@ -164,6 +165,31 @@ def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
     from dmae.calibration.doctor import diagnose
 
     return diagnose(clip, max_offset=max_offset)
+
+
+def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
+    """Refine the calibration of a clip by the people in it: bundle adjustment over their joints and bones.
+
+    Args:
+        clip: F frames of V cameras; only cameras and detections are read.
+        refine: What may change (`dmae.calibration.adjustment.refinement.RefineConfig`); by default the extrinsics of
+            the cameras that clearly differ from their calibration.
+
+    Returns:
+        `rig`, the cameras; `offset` and `drift` of their clocks; `covariance`; `changes`, what moved and by how much.
+
+    Raises:
+        ValueError: there are too few cameras or people, or no camera of a name.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=3", clips=1, seed=7))
+        >>> refined = dmae.calibrate(clip)
+        >>> refined.rig.names == clip.rig.names
+        True
+    """
+    from dmae.calibration.adjustment.refinement import refine as run
+
+    return run(clip, refine)
 
 
 def benchmark(

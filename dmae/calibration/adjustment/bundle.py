@@ -230,9 +230,7 @@ class _State:
                 step = np.zeros((len(rig), Q))
                 step[:, parameter] = small
                 other = self.calibration.changed(step).rig.project(xyz)[0]
-                by[..., parameter] = np.where(
-                    self.known[..., None], np.nan_to_num((other - self.pixels) / small), 0
-                )
+                by[..., parameter] = np.where(self.known[..., None], np.nan_to_num((other - self.pixels) / small), 0)
         if self.problem.timed:
             seconds = self.problem.observations.frame / self.problem.observations.tracks.fps
             by[..., OFFSET] = np.where(self.known[..., None], -self.velocity, 0)
@@ -270,7 +268,9 @@ class _State:
         blocks, gradient, mixed, cameras, camera_gradient = self.normal(damping)
         M, J = self.xyz.shape[:2]
         trace = np.trace(blocks, axis1=-2, axis2=-1)[..., None, None]
-        blocks = blocks + (damping * _BODY_DAMPING + 1e-9) * (trace + 1) * np.eye(3) + damping * 1e-3 * trace * np.eye(3)
+        blocks = (
+            blocks + (damping * _BODY_DAMPING + 1e-9) * (trace + 1) * np.eye(3) + damping * 1e-3 * trace * np.eye(3)
+        )
         blocks = np.where(trace > 0, blocks, np.eye(3))
         bones = self.problem.bones
         if len(bones):

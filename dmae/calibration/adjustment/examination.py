@@ -19,7 +19,7 @@ from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, RO
 
 BODIES = 200
 """Most bodies that are compared."""
-_BLOCK_S, _MOST_BLOCKS, _FEWEST_BLOCKS = 0.5, 16, 4
+_BLOCK_S, _MOST_BLOCKS, _FEWEST_BLOCKS = 0.4, 16, 4
 """s and numbers of the stretches of time that are compared: the errors of detectors last for some tenths of a second."""
 _CHANCE = 0.001
 """Probability at which a gain is no coincidence (t test over the stretches of time, one-sided)."""
@@ -138,8 +138,13 @@ def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None
     likely = sorted(range(views), key=lambda view: -max(gains[view], late[view]))[:_EXAMINED]
     tried = [_tried(observations, calibration, base, blocks, view, kind) for view in likely for kind in Kind]
     best = max(tried, key=lambda each: each.gain)
-    corrected = adjust(observations, calibration.changed(_only(best, views)), _everything(views), iterations=0,
-                       xyz=_refit(observations, calibration.changed(_only(best, views)), base).xyz)
+    corrected = adjust(
+        observations,
+        calibration.changed(_only(best, views)),
+        _everything(views),
+        iterations=0,
+        xyz=_refit(observations, calibration.changed(_only(best, views)), base).xyz,
+    )
     reference = {kind: _reference(corrected, kind, best.view, len(observations)) for kind in Kind}
     limits = {kind: _limits(corrected, kind, _least_gain(tried, kind, best.view, reference[kind])) for kind in Kind}
     named, suspects = _judge(tried, reference, views)
@@ -264,8 +269,7 @@ def _judge(
     near = [
         each
         for each in tried
-        if each.view == best.view
-        and (each.gain > (1 - _NEAR) * best.gain or not best.beats(each, _CHANCE_OF_KIND))
+        if each.view == best.view and (each.gain > (1 - _NEAR) * best.gain or not best.beats(each, _CHANCE_OF_KIND))
     ]
     near.sort(key=lambda each: -each.gain)
     simple = [each for each in near if each.kind != Kind.displaced]

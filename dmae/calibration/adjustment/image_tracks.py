@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from dmae.calibration.adjustment.bundle import Freedom, adjust
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import Calibration
+from dmae.calibration.joints import coarse_skeleton
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.robust import mean_known
@@ -21,8 +22,6 @@ from dmae.reconstruction.pipeline import capture
 
 _NOISE = NoiseModel()
 _MIN_SCORE = 0.2
-_FINE = ("eye", "ear", "toe", "heel")
-"""Joints so near to others that they add no information."""
 _GATES = (0.6, 0.35, 0.25)
 """Largest mean distance of a detection from its person, in sizes of the person in the image, round by round."""
 _MIN_JOINTS = 5
@@ -54,18 +53,6 @@ class ImageTracks:
     def select(self, views: list[int]) -> ImageTracks:
         """Return the tracks in some views."""
         return replace(self, xy=self.xy[:, :, views], sigma=self.sigma[:, :, views], aligned=self.aligned[views])
-
-
-def coarse_skeleton(skeleton: Skeleton) -> tuple[Skeleton, list[int]]:
-    """Return the skeleton without the small joints of face and feet, and the indices of the joints kept."""
-    kept = [i for i, joint in enumerate(skeleton.joints) if not joint.endswith(_FINE)]
-    parents = []
-    for joint in kept:
-        parent = skeleton.parents[joint]
-        while parent >= 0 and parent not in kept:
-            parent = skeleton.parents[parent]
-        parents.append(kept.index(parent) if parent >= 0 else -1)
-    return Skeleton(skeleton.name, tuple(skeleton.joints[i] for i in kept), tuple(parents)), kept
 
 
 def match_tracks(clip: Clip, config: CaptureConfig | None = None) -> ImageTracks:
