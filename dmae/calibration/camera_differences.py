@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import ttest_rel
 
-from dmae.calibration.adjustment.bundle import Freedom, adjust
+from dmae.calibration.adjustment.bundle import adjust
 from dmae.calibration.adjustment.examination import BODIES, PARAMETERS, Difference, Examination, Kind, examine
+from dmae.calibration.adjustment.freedom import Freedom
 from dmae.calibration.adjustment.image_tracks import ImageTracks, match_tracks
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
@@ -111,7 +112,9 @@ def named_camera(hypothesis: Hypothesis, found: Examination, tracks: ImageTracks
     if len(kinds) > 1:
         by = dict.fromkeys(_DETERMINED_BY[each.kind] for each in kinds)
         evidence += f"; these fit about equally, and this would determine which: {'; or '.join(by)}"
-    return Named(Finding(fault, (name,), evidence, _remedy(kinds, name, hypothesis, frames)), undone, best.view)
+    alternatives = tuple(_FAULTS[each.kind] for each in kinds) if len(kinds) > 1 else ()
+    finding = Finding(fault, (name,), evidence, _remedy(kinds, name, hypothesis, frames), alternatives)
+    return Named(finding, undone, best.view)
 
 
 def camera_fits(hypothesis: Hypothesis, found: Examination | None) -> tuple[CameraFit, ...]:
@@ -135,7 +138,9 @@ def undetermined(hypothesis: Hypothesis, found: Examination | None) -> tuple[str
     """Return what an examination suspects and does not determine."""
     if found is None:
         return ("too few people are seen by two cameras to find small differences: some seconds are needed",)
-    if not found.suspects:
+    best = max((each for each in found.tried if each.view in found.suspects), key=lambda each: each.gain, default=None)
+    # Every calibration is off by a little: less than this is not worth a word.
+    if best is None or _size(best, hypothesis.fps) < 2 * _SMALLEST[best.kind]:
         return ()
     names = " and ".join(hypothesis.rig.names[view] for view in found.suspects)
     return (

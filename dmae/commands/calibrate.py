@@ -13,7 +13,7 @@ from dmae.reporting.tables import Table, print_tables
 WRITES = "file"
 EXAMPLES = (
     "dmae calibrate data=pose2sim data.path=session/trial out=runs/rig.toml",
-    "dmae calibrate data=openpose data.path=session data.fps=60 refine.cameras=[all] refine.focal=true out=runs/rig.toml",
+    "dmae calibrate data=openpose data.path=session refine.cameras=[all] refine.focal=true out=runs/rig.toml",
     "dmae calibrate data=runs/data/000000 refine.offsets=true refine.drift=true out=runs/rig.toml",
 )
 

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.stats import t as student_t
 from scipy.stats import ttest_1samp
 
-from dmae.calibration.adjustment.bundle import Adjusted, Freedom, adjust
+from dmae.calibration.adjustment.bundle import Adjusted, adjust
+from dmae.calibration.adjustment.freedom import Freedom
 from dmae.calibration.adjustment.image_tracks import ImageTracks
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
@@ -20,7 +21,7 @@ from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, RO
 BODIES = 200
 """Most bodies that are compared."""
 _BLOCK_S, _MOST_BLOCKS, _FEWEST_BLOCKS = 0.4, 16, 4
-"""s and numbers of the stretches of time that are compared: the errors of detectors last for some tenths of a second."""
+"""s and numbers of the stretches of time that are compared. The errors of detectors last some tenths of a second."""
 _CHANCE = 0.001
 """Probability at which a gain is no coincidence (t test over the stretches of time, one-sided)."""
 _CHANCE_OF_KIND = 0.01

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dmae.calibration.adjustment.bundle import Freedom, adjust
+from dmae.calibration.adjustment.bundle import adjust
+from dmae.calibration.adjustment.freedom import Freedom
+from dmae.calibration.adjustment.joints import coarse_skeleton
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import Calibration
-from dmae.calibration.joints import coarse_skeleton
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.robust import mean_known
