@@ -8,14 +8,17 @@ import numpy as np
 from scipy.stats import ttest_rel
 
 from dmae.calibration.adjustment.bundle import adjust
-from dmae.calibration.adjustment.examination import BODIES, PARAMETERS, Difference, Examination, Kind, examine
+from dmae.calibration.adjustment.examination import BODIES, PARAMETERS, CameraDifference, Examination, Kind, examine
 from dmae.calibration.adjustment.freedom import Freedom
-from dmae.calibration.adjustment.image_tracks import ImageTracks, match_tracks
+from dmae.calibration.adjustment.image_tracks import ImageTracks
+from dmae.calibration.adjustment.matching import match_tracks
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
+from dmae.calibration.corrections import Correction
 from dmae.calibration.faults import Fault
 from dmae.calibration.findings import Finding
 from dmae.calibration.hypothesis import Hypothesis
+from dmae.calibration.remedies import remedy
 
 _FAULTS = {
     Kind.moved: Fault.moved,
@@ -87,8 +90,14 @@ def examined(hypothesis: Hypothesis) -> tuple[Examination, ImageTracks] | None:
     return found and (found, tracks)
 
 
-def named_camera(hypothesis: Hypothesis, found: Examination, tracks: ImageTracks) -> Named | None:
-    """Return the camera that an examination names, if it differs by more than sound calibrations do."""
+def named_camera(
+    hypothesis: Hypothesis, found: Examination, tracks: ImageTracks, offsets: list[int] | None
+) -> Named | None:
+    """Return the camera that an examination names, if it differs by more than sound calibrations do.
+
+    Args:
+        offsets: (V,) frames by which detections are delayed already, see `remedy`.
+    """
     kinds = [each for each in found.kinds if _size(each, hypothesis.fps) >= _SMALLEST[each.kind]]
     if not kinds or len(kinds) < len(found.kinds):
         return None
@@ -113,7 +122,7 @@ def named_camera(hypothesis: Hypothesis, found: Examination, tracks: ImageTracks
         by = dict.fromkeys(_DETERMINED_BY[each.kind] for each in kinds)
         evidence += f"; these fit about equally, and this would determine which: {'; or '.join(by)}"
     alternatives = tuple(_FAULTS[each.kind] for each in kinds) if len(kinds) > 1 else ()
-    finding = Finding(fault, (name,), evidence, _remedy(kinds, name, hypothesis, frames), alternatives)
+    finding = Finding(fault, (name,), evidence, _remedy(kinds, undone, hypothesis, offsets), alternatives)
     return Named(finding, undone, best.view)
 
 
@@ -171,7 +180,7 @@ def _residual(tracks: ImageTracks, calibration: Calibration, view: int) -> float
     return float(np.nanmedian(adjust(observations, calibration, iterations=8, tolerance=1e-4).error_px[:, view]))
 
 
-def _size(difference: Difference, fps: float) -> float:
+def _size(difference: CameraDifference, fps: float) -> float:
     step = difference.step
     if difference.kind == Kind.displaced:
         # 1.5 cm or 0.2 degrees, whichever is more.
@@ -181,7 +190,7 @@ def _size(difference: Difference, fps: float) -> float:
     return size * fps if difference.kind == Kind.late else size
 
 
-def _amount(difference: Difference, fps: float) -> str:
+def _amount(difference: CameraDifference, fps: float) -> str:
     """Return what differs and by how much."""
     step = difference.step
     moved, turned = 100 * np.linalg.norm(step[CENTRE]), np.degrees(np.linalg.norm(step[ROTATION]))
@@ -195,14 +204,18 @@ def _amount(difference: Difference, fps: float) -> str:
     }[difference.kind]
 
 
-def _remedy(kinds: list[Difference], name: str, hypothesis: Hypothesis, frames: int) -> str:
+def _remedy(
+    kinds: list[CameraDifference], undone: Hypothesis, hypothesis: Hypothesis, offsets: list[int] | None
+) -> str:
     """Return what undoes a difference."""
+    view = kinds[0].view
+    name = hypothesis.rig.names[view]
     if len(kinds) == 1 and kinds[0].kind == Kind.late:
-        return f"add to data.offsets {-frames:+d} for camera {name}"
+        return remedy(Correction(Fault.delay, (view,), undone), hypothesis.convention, True, offsets)
     option = {Kind.focal: " focal=true", Kind.lens: " distortion=true", Kind.late: " offsets=true"}
     options = "".join(option.get(each.kind, "") for each in kinds[:1])
     what = {
         Kind.focal: f"fx and fy of camera {name} times {np.exp(kinds[0].step[FOCAL]):.4f}",
-        Kind.lens: f"k1 of camera {name} {hypothesis.rig.dist[kinds[0].view, 0] + kinds[0].step[K1]:.2f}",
+        Kind.lens: f"k1 of camera {name} {hypothesis.rig.dist[view, 0] + kinds[0].step[K1]:.2f}",
     }.get(kinds[0].kind, f"calibrate camera {name} again")
     return f"{what}, or run dmae calibrate with the same data{options}"

@@ -44,7 +44,7 @@ from dmae.formats.calibrations.conventions import Convention
 _MIN_SENSITIVITY = 0.08
 """Agreement that motion must cost at wrong offsets, to decide whether cameras are synchronised."""
 _SAME = 0.005
-"""Difference in agreement of two explanations that are as good as each other."""
+"""CameraDifference in agreement of two explanations that are as good as each other."""
 _WITH_AMOUNT = (Fault.scale, Fault.distorted, Fault.delay)
 _LENSES = (Fault.distorted, Fault.undistorted, Fault.distortion_sign)
 _EXCLUSIVE = (Fault.inverse, Fault.centre, Fault.transposed_rotation, *_LENSES, Fault.focal, Fault.principal)
@@ -124,7 +124,7 @@ def diagnose(
         examination = _examine(hypothesis, correction)
         camera = None
         if examination is not None:
-            camera = named_camera(hypothesis, *examination)
+            camera = named_camera(hypothesis, *examination, offsets)
             if camera is not None and (camera.view in named or not _explains(camera, correction, hypothesis, pairs)):
                 camera = None
         if camera is not None:

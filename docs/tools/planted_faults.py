@@ -1,4 +1,4 @@
-"""Plant faults of single cameras in recordings, ask the doctor, and mend them: the tables of `docs/results/doctor.json`.
+"""Plant faults of single cameras, ask the doctor, and mend them: the tables of `docs/results/doctor.json`.
 
     python docs/tools/planted_faults.py                          # Shelf, Pose2Sim, forty generated rigs: hours
     python docs/tools/planted_faults.py generated=4 cameras=2    # two cameras of a recording, four rigs

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmae.calibration.adjustment.freedom import Freedom
-from dmae.calibration.adjustment.normal_equations import Problem, State
+from dmae.calibration.adjustment.normal_equations import AdjustmentProblem, AdjustmentState
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import Calibration, Q
 
@@ -68,7 +68,7 @@ def adjust(
     freedom = freedom or Freedom.of(len(calibration.rig))
     origin, damping = calibration, 1e-3
     xyz = observations.start if xyz is None else xyz
-    problem = Problem(observations, origin, freedom, bones)
+    problem = AdjustmentProblem(observations, origin, freedom, bones)
     state = problem.at(calibration, xyz)
     for _ in range(iterations):
         moved = False
@@ -85,7 +85,7 @@ def adjust(
     return _adjusted(state)
 
 
-def _adjusted(state: State) -> Adjusted:
+def _adjusted(state: AdjustmentState) -> Adjusted:
     """Return the outcome at a state."""
     free, V = state.problem.free, len(state.calibration.rig)
     information, all_gradient = np.zeros((V * Q, V * Q)), np.zeros(V * Q)

@@ -65,7 +65,7 @@ CERTAIN = {Kind.moved: 0.02, Kind.turned: 0.0035, Kind.focal: 0.01, Kind.lens: 0
 
 
 @dataclass(frozen=True)
-class Difference:
+class CameraDifference:
     """A difference of one camera that was tried.
 
     Attributes:
@@ -89,7 +89,7 @@ class Difference:
         """Probability that a difference that is none saves as much."""
         return _chance(self.before, self.cost)
 
-    def beats(self, other: Difference, chance: float = _CHANCE) -> bool:
+    def beats(self, other: CameraDifference, chance: float = _CHANCE) -> bool:
         """Return whether it clearly explains more than another difference."""
         return _chance(other.cost, self.cost) < chance
 
@@ -115,9 +115,9 @@ class Examination:
         reference: By kind, cost per body that a change of a sound camera saves.
     """
 
-    kinds: tuple[Difference, ...]
+    kinds: tuple[CameraDifference, ...]
     suspects: tuple[int, ...]
-    tried: tuple[Difference, ...]
+    tried: tuple[CameraDifference, ...]
     base: Adjusted
     limits: dict[Kind, np.ndarray]
     reference: dict[Kind, float]
@@ -156,7 +156,7 @@ def _everything(views: int) -> Freedom:
     return Freedom.of(views, rotation=True, centre=True, focal=True, k1=True, offset=True)
 
 
-def _only(difference: Difference, views: int) -> np.ndarray:
+def _only(difference: CameraDifference, views: int) -> np.ndarray:
     step = np.zeros((views, Q))
     step[difference.view] = difference.step
     return step
@@ -196,7 +196,7 @@ def _refit(observations: Observations, calibration: Calibration, base: Adjusted)
 
 def _tried(
     observations: Observations, calibration: Calibration, base: Adjusted, block: np.ndarray, view: int, kind: Kind
-) -> Difference:
+) -> CameraDifference:
     """Fit a difference on every other block, and measure its gain on the rest; then the other way round."""
     cost, steps = np.zeros(len(observations)), []
     for half in (0, 1):
@@ -206,7 +206,7 @@ def _tried(
         cost[test] = found.cost
         steps.append(calibration.difference(fitted.calibration)[view])
     by_block = (np.array([each[block == k].mean() for k in range(block.max() + 1)]) for each in (cost, base.cost))
-    return Difference(view, kind, np.mean(steps, 0), float((base.cost - cost).mean()), *by_block)
+    return CameraDifference(view, kind, np.mean(steps, 0), float((base.cost - cost).mean()), *by_block)
 
 
 def _blocks(observations: Observations) -> np.ndarray:
@@ -238,7 +238,7 @@ def _reference(state: Adjusted, kind: Kind, without: int, bodies: int) -> float:
     return float(np.max(saved))
 
 
-def _least_gain(tried: list[Difference], kind: Kind, without: int, reference: float) -> float:
+def _least_gain(tried: list[CameraDifference], kind: Kind, without: int, reference: float) -> float:
     """Return the cost per body that a difference must save to be named."""
     gains = [each.before - each.cost for each in tried if each.kind == kind and each.view != without]
     noise = max((np.std(gain, ddof=1) / np.sqrt(len(gain)) for gain in gains), default=0.0)
@@ -257,8 +257,8 @@ def _limits(state: Adjusted, kind: Kind, least: float) -> np.ndarray:
 
 
 def _judge(
-    tried: list[Difference], reference: dict[Kind, float], views: int
-) -> tuple[tuple[Difference, ...], tuple[int, ...]]:
+    tried: list[CameraDifference], reference: dict[Kind, float], views: int
+) -> tuple[tuple[CameraDifference, ...], tuple[int, ...]]:
     """Return the kinds that explain the recording, and the cameras of which one differs if it is not known which."""
     clear = [each for each in tried if each.chance < _CHANCE and each.gain > _REFERENCE * reference[each.kind]]
     if not clear:
@@ -267,10 +267,12 @@ def _judge(
     rival = max((each for each in tried if each.view != best.view), key=lambda each: each.gain)
     if views < 3 or not best.beats(rival) or rival.gain > _RIVAL * best.gain:
         return (), (best.view, rival.view)
+    # Sound calibrations, too, are off by a little: it takes more than that to tell two kinds apart.
+    least = max(_NEAR * best.gain, _REFERENCE * max(reference.values()))
     near = [
         each
         for each in tried
-        if each.view == best.view and (each.gain > (1 - _NEAR) * best.gain or not best.beats(each, _CHANCE_OF_KIND))
+        if each.view == best.view and (each.gain > best.gain - least or not best.beats(each, _CHANCE_OF_KIND))
     ]
     near.sort(key=lambda each: -each.gain)
     simple = [each for each in near if each.kind != Kind.displaced]

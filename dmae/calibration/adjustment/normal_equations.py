@@ -21,7 +21,7 @@ _BODY_DAMPING = 1e-3
 """1/m^2, relative to its information: keeps a joint that one view sees on its ray."""
 
 
-class Problem:
+class AdjustmentProblem:
     """What stays the same during an adjustment."""
 
     def __init__(self, observations: Observations, origin: Calibration, freedom: Freedom, bones: bool):
@@ -31,14 +31,14 @@ class Problem:
         self.timed = freedom.free[:, [OFFSET, DRIFT]].any()
         self.fixed_seen = None if self.timed else observations.seen(origin)
 
-    def at(self, calibration: Calibration, xyz: np.ndarray) -> State:
-        return State(self, calibration, xyz)
+    def at(self, calibration: Calibration, xyz: np.ndarray) -> AdjustmentState:
+        return AdjustmentState(self, calibration, xyz)
 
 
-class State:
+class AdjustmentState:
     """Cost and normal equations at one set of cameras and bodies."""
 
-    def __init__(self, problem: Problem, calibration: Calibration, xyz: np.ndarray):
+    def __init__(self, problem: AdjustmentProblem, calibration: Calibration, xyz: np.ndarray):
         self.problem, self.calibration, self.xyz = problem, calibration, xyz
         rig = calibration.rig
         xy, self.velocity, sigma = problem.fixed_seen or problem.observations.seen(calibration)

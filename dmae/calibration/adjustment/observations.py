@@ -6,14 +6,11 @@ M bodies, each a person at a time; V views, J joints.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmae.calibration.adjustment.image_tracks import ImageTracks
 from dmae.calibration.adjustment.parameters import Calibration
-
-if TYPE_CHECKING:
-    from dmae.calibration.adjustment.image_tracks import ImageTracks
 
 _LINE_FRAMES = 2
 """Frames before and after to which a line is fitted."""

@@ -64,8 +64,6 @@ class Calibration:
         """Return the step (V, Q) that leads to another calibration."""
         a, b = self.rig, other.rig
         step = np.zeros((len(a), Q))
-        turned = a.cam_from_world[:, :3, :3].swapaxes(-1, -2) @ b.cam_from_world[:, :3, :3]
-        step[:, ROTATION] = -Rotation.from_matrix(turned).as_rotvec()
         turned = b.cam_from_world[:, :3, :3].swapaxes(-1, -2) @ a.cam_from_world[:, :3, :3]
         step[:, ROTATION] = Rotation.from_matrix(turned).as_rotvec()
         step[:, CENTRE] = b.centers - a.centers

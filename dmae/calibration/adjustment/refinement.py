@@ -9,7 +9,7 @@ import numpy as np
 from dmae.calibration.adjustment.bundle import Adjusted, adjust
 from dmae.calibration.adjustment.examination import examine
 from dmae.calibration.adjustment.freedom import Freedom
-from dmae.calibration.adjustment.image_tracks import match_tracks
+from dmae.calibration.adjustment.matching import match_tracks
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
 from dmae.calibration.adjustment.world import place_world
