@@ -33,7 +33,7 @@ _SMALLEST = {
     Kind.turned: np.radians(0.2),
     Kind.focal: 0.01,
     Kind.lens: 0.03,
-    Kind.late: 0.5,
+    Kind.late: 0.6,
     Kind.displaced: 0.015,
 }
 """m, rad, relative, k1, frames: below it a calibration counts as sound."""

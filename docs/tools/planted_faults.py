@@ -12,7 +12,7 @@ import platform
 import subprocess
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from datetime import date
 from importlib import metadata
@@ -94,38 +94,52 @@ def verdict(diagnosis: Diagnosis, name: str, fault: Fault, size: float) -> str:
     return "not determined" if said or limit is None or abs(size) < limit else "missed"
 
 
-def sound_clips(generated: int) -> Iterator[tuple[str, Clip]]:
-    """Yield the recordings with their names in the table."""
+def sound_clip(number: int) -> tuple[str, Clip]:
+    """Return a recording with its name in the table: Shelf, Pose2Sim, then generated ones."""
     data = Path(os.environ["DMAE_DATA"])
-    yield "Shelf", load(DataConfig(name="shelf", path=str(data / "shelf")))[0]
-    yield "Pose2Sim", load(DataConfig(name="pose2sim", path=str(data / POSE2SIM)))[0]
-    for number in range(generated):
-        rig, detector = RIGS[number % len(RIGS)], DETECTORS[number % len(DETECTORS)]
-        options = f"{rig} detector={detector} scene.seconds={_SECONDS} scene.persons=[2,3]".split()
-        yield "generated", next(iter(synth.generate(*options, clips=1, seed=900 + number)))
+    if number == 0:
+        return "Shelf", load(DataConfig(name="shelf", path=str(data / "shelf")))[0]
+    if number == 1:
+        return "Pose2Sim", load(DataConfig(name="pose2sim", path=str(data / POSE2SIM)))[0]
+    rig, detector = RIGS[number % len(RIGS)], DETECTORS[number % len(DETECTORS)]
+    options = f"{rig} detector={detector} scene.seconds={_SECONDS} scene.persons=[2,3]".split()
+    return "generated", next(iter(synth.generate(*options, clips=1, seed=900 + number)))
 
 
-def measure(generated: int, cameras: int) -> None:
+def measured(number: int, cameras: int) -> tuple[str, bool, list[tuple[str, str]], tuple[float, ...]]:
+    """Return of a recording its name, whether there is a false alarm, the verdicts of faults, and what mending gives."""
+    recording, clip = sound_clip(number)
+    rng = np.random.default_rng(number)
+    alarm = bool(diagnose(clip, max_offset=20).findings)
+    if recording != "generated":
+        order = rng.permutation(len(clip.rig))[:cameras]
+        cases = [(int(view), *fault) for fault in FAULTS for view in order]
+    else:
+        kinds = {fault: [case for case in FAULTS if case[0] == fault] for fault, *_ in FAULTS}
+        drawn = [cases[rng.integers(len(cases))] for cases in kinds.values()]
+        cases = [(int(rng.integers(len(clip.rig))), *case) for case in drawn]
+    verdicts = []
+    for view, fault, size, words in cases:
+        found = verdict(
+            diagnose(planted(clip, view, fault, size, rng), max_offset=20), clip.rig.names[view], fault, size
+        )
+        verdicts.append((words, found))
+        print(f"{recording} {number}: camera {clip.rig.names[view]} {words}: {found}", flush=True)
+    return recording, alarm, verdicts, mend(clip, rng)
+
+
+def measure(generated: int, cameras: int, workers: int) -> None:
     """Plant, diagnose, mend, and write the file anew after each recording."""
     counts, alarms, mended = defaultdict(Counter), defaultdict(Counter), []
-    for number, (recording, clip) in enumerate(sound_clips(generated)):
-        rng = np.random.default_rng(number)
-        real = recording != "generated"
-        alarms[recording]["false alarms" if diagnose(clip, max_offset=20).findings else "sound"] += 1
-        if real:
-            order = rng.permutation(len(clip.rig))[:cameras]
-            cases = [(int(view), *fault) for fault in FAULTS for view in order]
-        else:
-            kinds = {fault: [case for case in FAULTS if case[0] == fault] for fault, *_ in FAULTS}
-            drawn = [cases[rng.integers(len(cases))] for cases in kinds.values()]
-            cases = [(int(rng.integers(len(clip.rig))), *case) for case in drawn]
-        for view, fault, size, words in progress(cases, f"{recording} {number}"):
-            faulty = planted(clip, view, fault, size, rng)
-            found = verdict(diagnose(faulty, max_offset=20), clip.rig.names[view], fault, size)
-            counts[recording, words][found] += 1
-            print(f"{recording} {number}: camera {clip.rig.names[view]} {words}: {found}", flush=True)
-        mended.append((recording, *mend(clip, rng)))
-        write(counts, alarms, mended, generated, cameras)
+    with ProcessPoolExecutor(workers) as pool:
+        jobs = [pool.submit(measured, number, cameras) for number in range(2 + generated)]
+        for job in progress(as_completed(jobs), "recordings", len(jobs)):
+            recording, alarm, verdicts, found = job.result()
+            alarms[recording]["false alarms" if alarm else "sound"] += 1
+            for words, each in verdicts:
+                counts[recording, words][each] += 1
+            mended.append((recording, *found))
+            write(counts, alarms, mended, generated, cameras)
 
 
 def mend(clip: Clip, rng: np.random.Generator) -> tuple[float, ...]:
@@ -143,10 +157,16 @@ def mend(clip: Clip, rng: np.random.Generator) -> tuple[float, ...]:
     return (cm, degrees, *pcp)
 
 
+def _order(item: tuple[tuple[str, str], Counter]) -> tuple[str, int]:
+    """Return where a row of the table stands."""
+    (recording, words), _ = item
+    return recording, [fault[2] for fault in FAULTS].index(words)
+
+
 def write(counts: dict, alarms: dict, mended: list, generated: int, cameras: int) -> None:
     """Write the tables."""
     rows = [[recording, words, *(str(found[column]) for column in COLUMNS[2:])]
-            for (recording, words), found in counts.items()]  # fmt: skip
+            for (recording, words), found in sorted(counts.items(), key=_order)]  # fmt: skip
     total = sum(counts.values(), Counter())
     rows.append(["all", "", *(str(total[column]) for column in COLUMNS[2:])])
     sound = [[recording, str(sum(found.values())), str(found["false alarms"])] for recording, found in alarms.items()]
@@ -181,6 +201,8 @@ def write(counts: dict, alarms: dict, mended: list, generated: int, cameras: int
 
 if __name__ == "__main__":
     given = dict(each.split("=") for each in sys.argv[1:])
-    if not os.environ.get("DMAE_DATA") or set(given) - {"generated", "cameras"}:
-        sys.exit("set DMAE_DATA to the folder that holds shelf/ and pose2sim/; options are generated=40 cameras=9")
-    measure(int(given.get("generated", 40)), int(given.get("cameras", 9)))
+    if not os.environ.get("DMAE_DATA") or set(given) - {"generated", "cameras", "workers"}:
+        sys.exit(
+            "set DMAE_DATA to the folder that holds shelf/ and pose2sim/; options are generated=40 cameras=9 workers=2"
+        )
+    measure(int(given.get("generated", 40)), int(given.get("cameras", 9)), int(given.get("workers", 2)))
