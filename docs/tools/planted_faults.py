@@ -15,6 +15,7 @@ from collections import Counter, defaultdict
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from datetime import date
+from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 
@@ -94,51 +95,62 @@ def verdict(diagnosis: Diagnosis, name: str, fault: Fault, size: float) -> str:
     return "not determined" if said or limit is None or abs(size) < limit else "missed"
 
 
-def sound_clip(number: int) -> tuple[str, Clip]:
-    """Return a recording with its name in the table: Shelf, Pose2Sim, then generated ones."""
+@lru_cache(2)
+def sound_clip(number: int) -> Clip:
+    """Return a recording: Shelf, Pose2Sim, then generated ones."""
     data = Path(os.environ["DMAE_DATA"])
     if number == 0:
-        return "Shelf", load(DataConfig(name="shelf", path=str(data / "shelf")))[0]
+        return load(DataConfig(name="shelf", path=str(data / "shelf")))[0]
     if number == 1:
-        return "Pose2Sim", load(DataConfig(name="pose2sim", path=str(data / POSE2SIM)))[0]
+        return load(DataConfig(name="pose2sim", path=str(data / POSE2SIM)))[0]
     rig, detector = RIGS[number % len(RIGS)], DETECTORS[number % len(DETECTORS)]
     options = f"{rig} detector={detector} scene.seconds={_SECONDS} scene.persons=[2,3]".split()
-    return "generated", next(iter(synth.generate(*options, clips=1, seed=900 + number)))
+    return next(iter(synth.generate(*options, clips=1, seed=900 + number)))
 
 
-def measured(number: int, cameras: int) -> tuple[str, bool, list[tuple[str, str]], tuple[float, ...]]:
-    """Return of a recording its name, whether there is a false alarm, the verdicts of faults, and what mending gives."""
-    recording, clip = sound_clip(number)
+def recording_name(number: int) -> str:
+    """Return what a recording is called in the tables."""
+    return ["Shelf", "Pose2Sim", "generated"][min(number, 2)]
+
+
+def cases_of(number: int, cameras: int) -> list[tuple[int, int | None]]:
+    """Return what is done with a recording: indices into FAULTS and the rank of a camera; None mends one."""
+    if number < 2:
+        return [(-1, None), *((index, rank) for rank in range(cameras) for index in range(len(FAULTS)))]
     rng = np.random.default_rng(number)
-    alarm = bool(diagnose(clip, max_offset=20).findings)
-    if recording != "generated":
-        order = rng.permutation(len(clip.rig))[:cameras]
-        cases = [(int(view), *fault) for fault in FAULTS for view in order]
-    else:
-        kinds = {fault: [case for case in FAULTS if case[0] == fault] for fault, *_ in FAULTS}
-        drawn = [cases[rng.integers(len(cases))] for cases in kinds.values()]
-        cases = [(int(rng.integers(len(clip.rig))), *case) for case in drawn]
-    verdicts = []
-    for view, fault, size, words in cases:
-        found = verdict(
-            diagnose(planted(clip, view, fault, size, rng), max_offset=20), clip.rig.names[view], fault, size
-        )
-        verdicts.append((words, found))
-        print(f"{recording} {number}: camera {clip.rig.names[view]} {words}: {found}", flush=True)
-    return recording, alarm, verdicts, mend(clip, rng)
+    kinds = [[k for k, case in enumerate(FAULTS) if case[0] == fault] for fault in dict.fromkeys(f for f, *_ in FAULTS)]
+    return [(-1, None), *((int(rng.choice(kind)), int(rng.integers(100))) for kind in kinds)]
+
+
+def measured(number: int, index: int, rank: int | None) -> str | tuple[bool, tuple[float, ...]]:
+    """Return the verdict on a fault; without one whether there is a false alarm, and what mending gives."""
+    clip, rng = sound_clip(number), np.random.default_rng([number, index + 1, rank or 0])
+    if rank is None:
+        return bool(diagnose(clip, max_offset=20).findings), mend(clip, rng)
+    view = int(np.random.default_rng(number).permutation(len(clip.rig))[rank % len(clip.rig)])
+    fault, size, words = FAULTS[index]
+    faulty = planted(clip, view, fault, size, rng)
+    found = verdict(diagnose(faulty, max_offset=20), clip.rig.names[view], fault, size)
+    print(f"{recording_name(number)} {number}: camera {clip.rig.names[view]} {words}: {found}", flush=True)
+    return found
 
 
 def measure(generated: int, cameras: int, workers: int) -> None:
-    """Plant, diagnose, mend, and write the file anew after each recording."""
+    """Plant, diagnose, mend, and write the file anew after each."""
     counts, alarms, mended = defaultdict(Counter), defaultdict(Counter), []
     with ProcessPoolExecutor(workers) as pool:
-        jobs = [pool.submit(measured, number, cameras) for number in range(2 + generated)]
-        for job in progress(as_completed(jobs), "recordings", len(jobs)):
-            recording, alarm, verdicts, found = job.result()
-            alarms[recording]["false alarms" if alarm else "sound"] += 1
-            for words, each in verdicts:
-                counts[recording, words][each] += 1
-            mended.append((recording, *found))
+        jobs = {}
+        for number in range(2 + generated):
+            for index, rank in cases_of(number, cameras):
+                jobs[pool.submit(measured, number, index, rank)] = (recording_name(number), index)
+        for job in progress(as_completed(jobs), "faults", len(jobs)):
+            recording, index = jobs[job]
+            if index >= 0:
+                counts[recording, FAULTS[index][2]][job.result()] += 1
+            else:
+                alarm, found = job.result()
+                alarms[recording]["false alarms" if alarm else "sound"] += 1
+                mended.append((recording, *found))
             write(counts, alarms, mended, generated, cameras)
 
 

@@ -13,8 +13,8 @@ from dmae.calibration.adjustment.parameters import CENTRE, DRIFT, FOCAL, K1, K2,
 
 ROBUST = 2.0
 """Sigmas at which the weight of a residual is a half (Cauchy)."""
-_BONE_SIGMA = 0.03
-"""m, by which the bones of a person seem to differ from frame to frame."""
+_BONE_SIGMA = 0.08
+"""Share of its length by which a bone of a person seems to differ from frame to frame."""
 _MIN_DEPTH = 0.1
 _MIN_SIGMA_PX = 1.0
 _BODY_DAMPING = 1e-3
@@ -30,6 +30,7 @@ class AdjustmentProblem:
         self.bones = np.array(observations.tracks.skeleton.bones).reshape(-1, 2) if bones else np.empty((0, 2), int)
         self.timed = freedom.free[:, [OFFSET, DRIFT]].any()
         self.fixed_seen = None if self.timed else observations.seen(origin)
+        self.depth: np.ndarray | None = None
 
     def at(self, calibration: Calibration, xyz: np.ndarray) -> AdjustmentState:
         return AdjustmentState(self, calibration, xyz)
@@ -46,14 +47,17 @@ class AdjustmentState:
         self.pixels, depth = pixels, np.where(depth > _MIN_DEPTH, depth, np.nan)
         focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])[:, None]
         self.residual = pixels - xy
-        scale = 1 / np.maximum(sigma * focal / depth, _MIN_SIGMA_PX)
-        known = np.isfinite(self.residual).all(-1) & np.isfinite(scale)
+        if problem.depth is None:
+            usual = np.nanmedian(np.where(np.isnan(depth).all((0, 2))[:, None], 1.0, depth), (0, 2))
+            problem.depth = np.where(np.isnan(depth), usual[:, None], depth)
+        # At the depth at the start: if errors grew as a body comes nearer, a smaller world would fit better.
+        scale = 1 / np.maximum(sigma * focal / problem.depth, _MIN_SIGMA_PX)
+        known = np.isfinite(self.residual).all(-1) & np.isfinite(scale) & np.isfinite(depth)
         # One view alone says nothing about cameras.
         known &= known.sum(1, keepdims=True) >= 2
         self.known, self.scale = known, np.where(known, scale, 0)
         self.residual = np.where(known[..., None], self.residual, 0)
         self.error2 = (self.residual**2).sum(-1) * self.scale**2
-        # The logarithm of the scale makes a larger depth no cheaper than it is.
         cost = ROBUST**2 * np.log1p(self.error2 / ROBUST**2)
         self.cost = np.where(known, cost, 0).sum((1, 2))
         # Joints behind a camera that detected them, or that nothing is known of, cost as an outlier.
@@ -79,9 +83,11 @@ class AdjustmentState:
             enough = np.isfinite(values).sum(0) >= 3
             if enough.any():
                 usual[np.ix_(rows, enough)] = np.nanmedian(values[:, enough], 0)
-        off = np.where(ok & np.isfinite(usual), length - usual, 0) / _BONE_SIGMA
+        # Relative to its length, so that a smaller world fits no better.
+        sigma = _BONE_SIGMA * np.maximum(np.nan_to_num(usual, nan=1.0), 1e-6)
+        off = np.where(ok & np.isfinite(usual), length - usual, 0) / sigma
         self.bone_off, self.bone_weight = off, np.where(ok & np.isfinite(usual), 1 / (1 + off**2 / ROBUST**2), 0)
-        self.bone_unit = np.nan_to_num(vector / np.maximum(length, 1e-6)[..., None]) / _BONE_SIGMA
+        self.bone_unit = np.nan_to_num(vector / np.maximum(length, 1e-6)[..., None]) / sigma[..., None]
         return float((ROBUST**2 * np.log1p(off**2 / ROBUST**2)).sum())
 
     def _prior(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from dmae.calibration.adjustment.bundle import Adjusted, adjust
 from dmae.calibration.adjustment.examination import examine
 from dmae.calibration.adjustment.freedom import Freedom
+from dmae.calibration.adjustment.initial import initial_rig
 from dmae.calibration.adjustment.matching import match_tracks
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
@@ -19,7 +20,7 @@ from dmae.data.clip import Clip
 AUTO = "auto"
 """The cameras that differ from their calibration."""
 ALL = "all"
-_ROUNDS = 2
+_ROUNDS = 3
 """How often people are captured with the cameras found so far."""
 _BLOCKS = 20
 """Stretches of time between which the errors of detections are taken to be independent."""
@@ -33,6 +34,9 @@ class RefineConfig:
 
     cameras: list[str] = field(default_factory=lambda: [AUTO])
     """Names of the cameras that may change; `auto`: those that clearly differ from their calibration; `all`."""
+    known: bool = True
+    """Whether extrinsics are roughly right. Otherwise they are found from intrinsics alone, which takes frames in which
+    one person is seen by two cameras; the world is then level."""
     extrinsics: bool = True
     """Refine where these cameras stand and look."""
     focal: bool = False
@@ -125,6 +129,9 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
     config = config or RefineConfig()
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: calibrating needs at least 2 cameras, found {len(clip.rig)}")
+    if not config.known:
+        clip = replace(clip, rig=initial_rig(clip))
+        config = replace(config, known=True, cameras=[ALL], extrinsics=True, level=True)
     origin = calibration = Calibration.of(clip.rig)
     views = _named_views(clip.rig, config)
     if views is None:

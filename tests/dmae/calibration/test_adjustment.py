@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import pdist
 
 from dmae.calibration.adjustment.bundle import adjust
 from dmae.calibration.adjustment.examination import Kind, examine
 from dmae.calibration.adjustment.freedom import Freedom
+from dmae.calibration.adjustment.initial import initial_rig
 from dmae.calibration.adjustment.matching import match_tracks
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
@@ -114,6 +116,33 @@ def test_examination_names_the_late_camera_and_no_sound_one():
     found = examine(match_tracks(delayed), Calibration.of(delayed.rig))
     assert [(each.view, each.kind) for each in found.kinds] == [(2, Kind.late)]
     assert found.kinds[0].step[OFFSET] * clip.fps == pytest.approx(-4, abs=0.3)
+
+
+def test_extrinsics_are_found_from_nothing_but_intrinsics_and_one_person():
+    rig, rng = ring(), np.random.default_rng(3)
+    xy, _ = rig.project(circling_people(150, 1, rng=rng).xyz)
+    xy = xy + rng.normal(0, 1, xy.shape)
+    unknown = replace(rig, cam_from_world=np.tile(np.eye(4), (4, 1, 1)))
+    clip = Clip("unknown", 25.0, unknown, Detections2D(BODY25, xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.9)))
+    found = initial_rig(clip)
+    # Distances between cameras, up to the scale that a person of unknown size leaves open.
+    ratio = pdist(found.centers) / pdist(rig.centers)
+    np.testing.assert_allclose(ratio / np.median(ratio), 1, atol=0.05)
+    with pytest.raises(ValueError, match="record one person who walks through the whole volume"):
+        initial_rig(clip.select(frames=slice(0, 5)))
+
+
+@pytest.mark.slow
+def test_refinement_starts_from_nothing():
+    rig, rng = ring(), np.random.default_rng(3)
+    xy, _ = rig.project(circling_people(150, 1, rng=rng).xyz)
+    xy = xy + rng.normal(0, 1, xy.shape)
+    unknown = replace(rig, cam_from_world=np.tile(np.eye(4), (4, 1, 1)))
+    clip = Clip("unknown", 25.0, unknown, Detections2D(BODY25, xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.9)))
+    refined = refine(clip, RefineConfig(known=False)).rig
+    ratio = pdist(refined.centers) / pdist(rig.centers)
+    np.testing.assert_allclose(ratio / np.median(ratio), 1, atol=0.01)
+    assert 0.8 < np.median(ratio) < 1.25
 
 
 def test_what_cannot_be_refined_is_refused():
