@@ -81,6 +81,7 @@ class Renderer:
         else:
             self._painter = RayPainter(model, geom_ids, rig, step)
         self._model, self._data = model, mujoco.MjData(model)
+        self._moved = False
         # 0 stands for no geom.
         self._ids = np.concatenate([[0], geom_ids]).astype(np.uint16)
         self._parts = np.concatenate([[0], geom_parts(model)]).astype(np.uint8)
@@ -125,6 +126,9 @@ class Renderer:
         return self._painter.paint_alone(self._data, view, 1 + person)
 
     def _move(self, qpos: np.ndarray) -> None:
+        if self._moved and np.array_equal(self._data.qpos, qpos):
+            return
+        self._moved = True
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
