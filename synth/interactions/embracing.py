@@ -91,7 +91,10 @@ def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
     gaze = np.where(seconds > parting, 1, 0)
     looking = [np.where(gaze, 1 - person, -1) for person in range(2)]
     return Script(
-        tuple(replace(role, path=path, gaze=at) for role, path, at in zip(roles, parted, looking, strict=True)),
+        tuple(
+            replace(role, path=path, gaze=at, hands=("open", "open"))
+            for role, path, at in zip(roles, parted, looking, strict=True)
+        ),
         clearance=0.9 * apart,
         reaches=hold,
     )
@@ -129,7 +132,7 @@ def huddle(cast: Cast, *, rng: np.random.Generator) -> Script:
         far, facing = radius + 0.5 * min(1.0, when), angle + np.pi
         start, end = np.array((*(far * out), facing)), np.array((*(radius * out), facing))
         path = approach(cast, start, end, begin=0.0, speed=(far - radius) / max(when, 0.6))
-        roles.append(Role(path, lean=bent * rng.uniform(0.30, 0.42)))
+        roles.append(Role(path, lean=bent * rng.uniform(0.30, 0.42), hands=("open", "open")))
     share = minimum_jerk((seconds - 0.7 * when) / max(0.6 * when, 0.3)) - minimum_jerk((seconds - lasting) / 0.7)
     heights = rng.uniform((0.255, 0.215), (0.285, 0.235), (count, 2))
     angles, press = rng.uniform(0.15, 0.8, (count, 2)), rng.uniform(0.002, 0.012, (count, 2))

@@ -1,5 +1,7 @@
 """People hand in hand: handshake, dance."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from synth.interactions.body_measures import arm_length, thickness, within_reach
@@ -43,6 +45,7 @@ def handshake(cast: Cast, *, rng: np.random.Generator) -> Script:
             reaches.append(Reach(int(person), "l", late, palm, np.tile(-side, (len(share), 1)), (0.2, 0.6, -1.0)))
         return reaches
 
+    roles = tuple(replace(role, hands=("relaxed", "grip")) for role in roles)
     return Script(roles, clearance=min(0.6, apart - 0.1), reaches=shake)
 
 
@@ -64,11 +67,11 @@ def dance(cast: Cast, *, rng: np.random.Generator) -> Script:
         path = np.column_stack(
             [middle + sign * apart / 2 * ahead + sign * 0.07 * left, yaw + (np.pi if sign > 0 else 0)]
         )
-        roles.append(Role(path))
+        # The first person's left hand holds the other's right; their other hands lie on back and shoulder.
+        roles.append(Role(path, hands=("grip", "open") if sign < 0 else ("open", "grip")))
     always = np.ones(len(seconds))
 
     def hold(poses: Poses) -> list[Reach]:
-        # The first person's left hand holds the other's right; their other hands lie on back and shoulder.
         sizes = [body.stature for body in cast.bodies]
         hands = poses.origins[:, :, 0].mean(1) + 0.27 * min(sizes) * np.column_stack([left, 0 * yaw])
         aside = [0.27 * min(sizes) - 0.1 * size for size in sizes]

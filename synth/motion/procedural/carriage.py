@@ -24,7 +24,7 @@ _WALKING = 0.35
 _LOW, _HIGH = 0.78, 0.93
 """Heights of the hips, as shares of that in standing, between which the drop begins to count: not in sitting."""
 # Root mean squares of drifts and the greatest frequency in each, Hz.
-_SWAY, _BOUNCE, _HEELS = (0.014, 0.8), (0.016, 1.3), (6.5, 0.8)
+_SWAY, _BOUNCE, _HEELS = (0.014, 0.8), (0.015, 1.2), (6.5, 0.8)
 _PELVIS = ((2.5, 0.6), (2.0, 0.6), (3.0, 0.6))
 _CHEST = ((3.0, 0.6), (2.5, 0.7), (2.5, 0.7))
 _HEAD = ((16.0, 0.5), (7.0, 0.5))
