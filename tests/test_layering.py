@@ -34,6 +34,7 @@ LAYERS = (
     ("synth.commands",),
     ("synth.cli",),
     ("synth.public",),
+    ("dmae.__main__", "synth.__main__"),
 )
 """Rooms, lowest first. A room imports from rooms of lower layers; those of the lowest layer may import each other."""
 

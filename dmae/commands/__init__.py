@@ -14,6 +14,7 @@ COMMANDS = {
     "export": "Write poses to a file that other programs read",
     "doctor": "Find what is wrong with a calibration and its detections",
     "train": "Learn to complete poses from clips with truth",
+    "demo": "Run the whole loop on simulated people, from nothing to a page",
     "card": "Describe trained weights: what they are made of and how they score",
     "regress": "Check any triangulation against a frozen pack of cases",
 }

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.fuzz.readers import CUBE, Reader
+from tests.fuzz.readers import Reader
+from tests.fuzz.seed_files import CUBE
 
 ALIASES = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 40)
