@@ -78,12 +78,13 @@ RECORDED = {
         "2 minutes",
     ),
     "contacts": (
-        f"synth generate -m interaction={','.join(_TOUCHING)} clips=8 seed=7 scene.seconds=7 out=touching && "
+        f"synth generate -m interaction={','.join(_TOUCHING)} clips=6 seed=7 scene.seconds=7 "
+        f"rig=ring rig.ring.views=2 out=touching && "
         f"synth stats data=touching/0 extra_data=[{','.join(f'touching/{k}' for k in range(1, len(_TOUCHING)))}]",
         "4 minutes",
     ),
     "motion": (
-        "synth generate clips=20 seed=1 out=made && synth compare-motion real=$DMAE_DATA/cmu sim=made",
+        "synth generate clips=16 seed=1 rig=ring rig.ring.views=2 out=made && synth compare-motion real=$DMAE_DATA/cmu sim=made",
         "5 minutes",
     ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),

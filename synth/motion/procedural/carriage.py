@@ -24,13 +24,13 @@ _WALKING = 0.35
 _LOW, _HIGH = 0.78, 0.93
 """Heights of the hips, as shares of that in standing, between which the drop begins to count: not in sitting."""
 # Root mean squares of drifts and the greatest frequency in each, Hz.
-_SWAY, _BOUNCE, _HEELS = (0.014, 0.8), (0.015, 1.2), (6.5, 0.8)
+_SWAY, _BOUNCE, _HEELS = (0.010, 0.9), (0.015, 1.2), (6.5, 0.8)
 _PELVIS = ((2.5, 0.6), (2.0, 0.6), (3.0, 0.6))
 _CHEST = ((3.0, 0.6), (2.5, 0.7), (2.5, 0.7))
 _HEAD = ((16.0, 0.5), (7.0, 0.5))
 _ARMS = ((6.0, 1.0), (4.0, 1.0), (6.0, 0.8), (11.0, 1.3), (6.0, 0.8))
 """Of turns about each axis, or of the angles of an arm as `upper_body.HANGING`: degrees, Hz."""
-_COUNTER = 0.16
+_COUNTER = 0.10
 """Distance by which hips move against a lean of the trunk, m / rad."""
 _MOST_HEAD = np.radians((62, 45))
 """Greatest turn and nod of the head against the chest, rad."""
@@ -47,14 +47,14 @@ class Carriage:
         lean: (2,) lean of the trunk to the front and to the right, rad.
         nod: Nod of the head, rad.
         arms: (2, 5) what is added to the angles of both arms at ease, rad.
-        unrest: Size of all small movements, 1 on average.
+        activity: Size of all small movements, 1 on average.
     """
 
     drop: float
     lean: np.ndarray
     nod: float
     arms: np.ndarray
-    unrest: float
+    activity: float
 
 
 def draw_carriage(*, rng: np.random.Generator) -> Carriage:
@@ -65,7 +65,7 @@ def draw_carriage(*, rng: np.random.Generator) -> Carriage:
         lean=np.radians(rng.normal((2.0, 0.0), (4.0, 2.0))),
         nod=np.radians(rng.normal(6.0, 8.0)),
         arms=0.65 * both + 0.35 * apart,
-        unrest=rng.uniform(0.5, 1.6),
+        activity=rng.uniform(0.5, 1.6),
     )
 
 
@@ -93,19 +93,20 @@ def carried(
 
     def drifts(kinds) -> np.ndarray:
         drawn = [random_drift(rng, times, np.radians(rms), fastest) for rms, fastest in kinds]
-        return carriage.unrest * np.stack(drawn, axis=1)
+        return carriage.activity * np.stack(drawn, axis=1)
 
     upright = smoothstep((trajectory.root[:, 2] / HIP_HEIGHT - _LOW) / (_HIGH - _LOW))
     upright = gaussian_filter1d(upright, 0.1 * fps, mode="nearest")
     standing = gaussian_filter1d(1 - np.minimum(1, 2 * walking), 0.2 * fps, mode="nearest")
     still = upright * (_WALKING + (1 - _WALKING) * standing)
     root = trajectory.root.copy()
-    sway, bounce = (carriage.unrest * rms for rms in (_SWAY[0], _BOUNCE[0]))
+    sway, bounce = (carriage.activity * rms for rms in (_SWAY[0], _BOUNCE[0]))
     root[:, :2] += still[:, None] * np.stack([random_drift(rng, times, sway, _SWAY[1]) for _ in range(2)], axis=1)
     # Never above straight legs, and without a kink there.
     drop = carriage.drop + random_drift(rng, times, bounce, _BOUNCE[1])
     root[:, 2] -= still * (drop + np.hypot(drop, 0.02)) / 2
-    ankles, feet = _on_toes(trajectory, upright * standing * carriage.unrest, times, fps, rng=rng)
+    still_feet = upright * standing * (1 - np.minimum(1, 4 * walking)) * carriage.activity
+    ankles, feet = _on_toes(trajectory, still_feet, times, fps, rng=rng)
     turn, front, side = (upright[:, None] * drifts(_PELVIS)).T
     turned = about("z", turn) @ trajectory.pelvis @ about("y", front) @ about("x", side)
     chest = trajectory.chest + upright[:, None] * drifts(_CHEST)
@@ -123,6 +124,9 @@ def carried(
         arms[:, arm] += (0.4 + 0.6 * free[:, arm, None]) * drifts(_ARMS)
     # Elbows bend one way.
     arms[..., 3] = np.maximum(arms[..., 3], np.minimum(trajectory.arms[..., 3], np.radians(5)))
+    # Feet in the air move with the hips.
+    lifted = smoothstep((trajectory.ankles[..., 2] - ANKLE - 0.08) / 0.2)[..., None]
+    ankles = ankles + lifted * (root - trajectory.root)[:, None]
     return replace(trajectory, root=root, pelvis=turned, ankles=ankles, feet=feet, chest=chest, head=head, arms=arms)
 
 
@@ -144,7 +148,7 @@ def _on_toes(
         flat = 1 - smoothstep(np.maximum((ankles[:, leg, 2] - ANKLE) / 0.02, pitched / 0.05))
         drift = random_drift(rng, times, np.radians(_HEELS[0]), _HEELS[1])
         heel = size * flat * (drift + np.hypot(drift, 0.03) - 0.03).clip(0) / 2
-        heel = gaussian_filter1d(heel, 0.05 * fps, mode="nearest")
+        heel = gaussian_filter1d(heel, 0.06 * fps, mode="nearest")
         ahead, up = rolled(-heel)
         ankles[:, leg, :2] += ahead[:, None] * feet[:, leg, :2, 0]
         ankles[:, leg, 2] += up - ANKLE
