@@ -84,7 +84,8 @@ RECORDED = {
         "4 minutes",
     ),
     "motion": (
-        "synth generate clips=16 seed=1 rig=ring rig.ring.views=2 out=made && synth compare-motion real=$DMAE_DATA/cmu sim=made",
+        "synth generate clips=16 seed=1 rig=ring rig.ring.views=2 out=made && "
+        "synth compare-motion real=$DMAE_DATA/cmu sim=made",
         "5 minutes",
     ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
