@@ -11,18 +11,21 @@ from dmae.commands.complete import CompleteCommand
 from dmae.completion.methods.registry import find_method
 from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.evaluate import EvaluateConfig, Input, filled_trials
+from dmae.formats.reading import DataConfig, load
 from tests.support.circling_people import circling_people, clip_of
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def trial():
+def trial(tmp_path_factory):
     """Perturbed poses of two people, and what each method makes of them."""
     clip = clip_of(circling_people(80, 2, rng=np.random.default_rng(3)), "circling")
+    folder = tmp_path_factory.mktemp("circling")
+    save_clip(clip, folder)
     config = EvaluateConfig(input=Input.perturbed_poses, smooth=CompleteCommand().smooth)
     methods = {name: find_method(name).load() for name in ("dmae_denoise", "dmae_online", "measured")}
-    return next(iter(filled_trials([clip], config, methods)))
+    return next(iter(filled_trials(load(DataConfig(path=str(folder))), config, methods)))
 
 
 @pytest.mark.parametrize("online", [False, True])
