@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from dmae.public.motion import train as train
     from dmae.public.motion import triangulate as triangulate
     from dmae.public.recordings import convert as convert
+    from dmae.public.recordings import detect as detect
     from dmae.public.recordings import export as export
     from dmae.public.recordings import load as load
     from dmae.public.recordings import load_dataset as load_dataset
@@ -67,7 +68,7 @@ _HOMES = {
     ],
     "dmae.public.cameras": ["calibrate", "doctor"],
     "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
-    "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "read_poses", "save"],
+    "dmae.public.recordings": ["convert", "detect", "export", "load", "load_dataset", "read", "read_poses", "save"],
     "dmae.public.reviewing": ["decide", "review"],
     "dmae.public.stress": ["corrupt", "stress"],
     "dmae.public.tables": ["table"],

@@ -23,7 +23,7 @@ LAYERS = (
         "dmae.registry",
     ),
     ("dmae.command_line", "dmae.formats", "dmae.reporting"),
-    ("dmae.reconstruction", "dmae.datasets", "dmae.metrics", "dmae.viewing"),
+    ("dmae.reconstruction", "dmae.detection", "dmae.datasets", "dmae.metrics", "dmae.viewing"),
     ("dmae.calibration",),
     ("dmae.completion",),
     ("dmae.online",),

@@ -1,6 +1,8 @@
 """WHAT CAN BE RUN? A file for each sub-command of `dmae`: its configuration, its examples, and `run(config, out)`."""
 
 COMMANDS = {
+    "run": "Turn videos into people in 3D, completed, with a report",
+    "detect": "Detect people in videos, or in the images of clips",
     "capture": "Turn detections into 3D poses",
     "complete": "Fill what no camera measured, marked as such",
     "evaluate": "Score methods over clips and camera subsets",

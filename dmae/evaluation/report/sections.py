@@ -6,13 +6,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dmae.data.clip import Source
-from dmae.data.decisions import DECISIONS, FORMAT, Verdict
 from dmae.evaluation.report.breakdown import BY_CAUSE, BY_GAP, BY_JOINT, BY_MEASURING, BY_SEEING
 from dmae.evaluation.report.findings import Findings
 from dmae.evaluation.report.joint_groups import JointGroup
 from dmae.evaluation.report.moments import WorstMoment
 from dmae.evaluation.report.pooled import pooled_groups, pooled_regions, pooled_truth
+from dmae.evaluation.report.residual_tables import residual_tables
 from dmae.evaluation.report.stated_uncertainty import PROBABILITIES
+from dmae.evaluation.review.decisions import DECISIONS, FORMAT, ReviewVerdict
 from dmae.reporting.figures import COMPLETED, PERSONS
 from dmae.reporting.page import CaptionedFigure, Section
 from dmae.reporting.tables import Choices, Moment, Table
@@ -121,7 +122,7 @@ def _doubts_table(found: Findings, played: range) -> Table:
         rows,
         bars=(4,),
         moments=places,
-        choices=Choices(DECISIONS, [*Verdict], choices, {"format": FORMAT, "poses": found.poses_checksum}),
+        choices=Choices(DECISIONS, [*ReviewVerdict], choices, {"format": FORMAT, "poses": found.poses_checksum}),
     )
 
 
@@ -172,19 +173,7 @@ def residuals_section(findings: Sequence[Findings]) -> list[Section]:
     """Return reprojection errors by camera, person and joint; people of one clip only, as they are its own."""
     measured, completed = (pooled_groups(findings, name) for name in ("residuals", "residuals_completed"))
     names = ("camera", "person", "joint") if len(findings) == 1 else ("camera", "joint")
-    tables = []
-    for name in (name for name in names if name in measured):
-        rows = []
-        for group, each in measured[name].items():
-            other: JointGroup | None = completed.get(name, {}).get(group)
-            if each.compared or (other and other.compared):
-                rows.append(
-                    (group, f"{each.compared:,}", text(each.mean, 1), text(each.quantile(0.9), 1),
-                     f"{other.compared:,}" if other else "0", text(other and other.mean, 1))
-                )  # fmt: skip
-        header = (name, "measured", "measured px", "90 % under", "completed", "completed px")
-        if rows:
-            tables.append(Table(f"By {name}", header, rows, bars=(2, 5)))
+    tables = residual_tables(measured, completed, names)
     if not tables:
         return []
     words = (
