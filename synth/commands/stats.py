@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dmae.parallel import Backend, running_on
 from synth.datasets.statistics.page import PAGE, PICTURE, describe
 
 WRITES = "folder"
@@ -19,6 +20,8 @@ class StatsCommand:
     """More data sets that count on the same page."""
     workers: int = 1
     """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
     out: str | None = None
     """Folder of the page, its picture and the numbers of both; by default `statistics` in the data set."""
 
@@ -28,6 +31,8 @@ def default_out(config: StatsCommand) -> Path:
 
 
 def run(config: StatsCommand, out: Path) -> None:
-    found = describe([Path(path) for path in (config.data, *config.extra_data)], out, workers=config.workers)
+    data = [Path(path) for path in (config.data, *config.extra_data)]
+    with running_on(config.backend):
+        found = describe(data, out, workers=config.workers)
     print(f"{out / PAGE}: {found.counts['clips']} clips, {found.counts['frames']} frames")
     print(out / PICTURE)
