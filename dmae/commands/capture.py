@@ -99,8 +99,8 @@ def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Repro
     explained = errors.measured["all"]["all"].compared / max(detected, 1)
     if explained < _FEW:
         print(f"{clip.id}: only {explained:.0%} of the detected joints are of captured people")
-        for hint in explain_capture(clip, config).hints:
-            print(f"  hint: {hint}")
+        for remedy in explain_capture(clip, config).remedies:
+            print(f"  remedy: {remedy}")
 
 
 def _print_errors(errors: list[Reprojection]) -> None:
