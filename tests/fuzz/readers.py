@@ -15,6 +15,7 @@ from dmae.completion.model_card import model_card
 from dmae.completion.training.checkpoints import CHECKPOINT, CheckedCheckpoints, newest_checkpoint
 from dmae.completion.weights import load_model
 from dmae.data.cameras import CameraRig
+from dmae.data.decisions import load_decisions
 from dmae.data.images import (
     KINDS,
     Images,
@@ -46,6 +47,7 @@ from tests.fuzz.seed_files import (
     write_checkpoint,
     write_clip,
     write_data_set,
+    write_decisions,
     write_mesh,
     write_motion,
     write_pictures,
@@ -185,6 +187,7 @@ READERS = [
     Reader("room/mjcf", write_room, _read_room, finite=True),
     Reader("preset/generate", write_presets, _read_presets),
     Reader("clip/clip", write_clip, load_clip, repair=_CLIP),
+    Reader("clip/decisions", write_decisions, lambda folder: load_decisions(folder, walkers(3, 2))),
     Reader("clip/data set", write_data_set, lambda folder: verify(folder) and None, ("*.json*", "*/clip.json")),
     *(Reader(f"images/{kind}", write_pictures, partial(_read_pictures, kind), (f"{kind}/**/*",))
       for kind in KINDS),

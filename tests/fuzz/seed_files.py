@@ -11,6 +11,7 @@ import trimesh
 from dmae.completion.network.build import build_network
 from dmae.completion.training.checkpoints import CHECKPOINT, CheckedCheckpoints
 from dmae.completion.weights import save_model
+from dmae.data.decisions import Decision, Verdict, save_decisions
 from dmae.data.images import (
     write_amodal,
     write_depth,
@@ -121,6 +122,11 @@ def write_data_set(folder: Path) -> None:
         save_clip(replace(full_clip(3, 2), id=name), folder / name)
     write_manifest(folder, [{"id": name, "status": "ok", "seed": 0, "frames": 3} for name in ("000000", "000001")])
     (folder / "config.json").write_text(json.dumps({"scene": {"fps": 25.0}, "images": "none"}))
+
+
+def write_decisions(folder: Path) -> None:
+    decisions = [Decision(1, "neck", 0, 2, Verdict.blank), Decision(0, "nose", 1, 1, Verdict.accept)]
+    save_decisions(folder, walkers(3, 2), decisions)
 
 
 def write_pictures(folder: Path) -> None:

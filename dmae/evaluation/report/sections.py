@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dmae.data.clip import Source
+from dmae.data.decisions import DECISIONS, FORMAT, Verdict
 from dmae.evaluation.report.breakdown import BY_CAUSE, BY_GAP, BY_JOINT, BY_MEASURING, BY_SEEING
 from dmae.evaluation.report.findings import Findings
 from dmae.evaluation.report.joint_groups import JointGroup
@@ -15,7 +16,7 @@ from dmae.evaluation.report.residual_tables import residual_tables
 from dmae.evaluation.report.stated_uncertainty import PROBABILITIES
 from dmae.reporting.figures import COMPLETED, PERSONS
 from dmae.reporting.page import CaptionedFigure, Section
-from dmae.reporting.tables import Moment, Table
+from dmae.reporting.tables import Choices, Moment, Table
 
 _KINDS = {
     "error": "Largest errors of a joint",
@@ -91,6 +92,38 @@ def _moments_table(caption: str, found: Sequence[tuple[Findings, WorstMoment]], 
         places.append(Moment(each.id, moment.frame, moment.person) if inside else None)
     header = (*(("clip",) if several else ()), "frame", "amount", "person", "what", "at s")
     return Table(caption, header, rows, moments=places)
+
+
+def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> list[Section]:
+    """Return the joints of the clips that the player holds that are likeliest to be off, for a reader to decide on."""
+    tables = [_doubts_table(each, played[each.id]) for each in findings if each.id in played and each.doubts]
+    text = (
+        "The joints that are likeliest to be off, by signs that need no truth: stated error, bones that change their "
+        "length, jumps, distance from detections. Choose one to see it in the player, and decide: accept, blank, or "
+        "hand back to completion. Put the saved file into the folder of the clip: dmae export and dmae complete "
+        "follow it."
+    )
+    return [Section("Doubtful joints", text, tables)] if tables else []
+
+
+def _doubts_table(found: Findings, played: range) -> Table:
+    rows, places, choices = [], [], []
+    for entry, doubt in enumerate(found.doubts, 1):
+        inside = doubt.worst in played
+        rows.append(
+            (str(entry), str(doubt.person), doubt.joint, f"{doubt.worst}", f"{1000 * doubt.doubt:.0f}", doubt.reason,
+             doubt.source.name.lower(), str(doubt.views))
+        )  # fmt: skip
+        places.append(Moment(found.id, doubt.worst, doubt.person) if inside else None)
+        choices.append({"person": doubt.person, "joint": doubt.joint, "first": doubt.first, "last": doubt.last})
+    return Table(
+        f"Doubtful joints of {found.id}",
+        ("entry", "person", "joint", "frame", "doubt mm", "largest sign", "source", "cameras"),
+        rows,
+        bars=(4,),
+        moments=places,
+        choices=Choices(DECISIONS, [*Verdict], choices, {"format": FORMAT, "poses": found.poses_checksum}),
+    )
 
 
 def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:

@@ -45,7 +45,7 @@ def test_a_displaced_camera_is_left_out_instead_of_averaged(view, monkeypatch):
     off = errors(capture(clip, CaptureConfig()), people)
     monkeypatch.setattr(pipeline, "settle_disagreement", lambda *_: None)
     averaged = errors(capture(clip, CaptureConfig()), people)
-    assert np.nanmedian(off) < 0.7 * np.nanmedian(averaged)
+    assert np.nanmedian(off) < 0.8 * np.nanmedian(averaged)
     assert np.isfinite(off).mean() > 0.99 * np.isfinite(averaged).mean()
 
 
