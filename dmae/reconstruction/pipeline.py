@@ -88,7 +88,7 @@ def measure(
         tracks: P people over N frames, from before the window to after it.
         window: The F frames among the N.
         before: (window.start, P, J, 3) m, joints triangulated in the frames before the window.
-        settle: Triangulate people about whom cameras disagree from those that agree, see `settle_disagreement`; for
+        settle: Triangulate people for which cameras disagree from those that agree, see `settle_disagreement`; for
             windows of whole recordings.
 
     Returns:
