@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dmae.data.decisions import DECISIONS, Decision, Verdict, load_decisions, save_decisions
 from dmae.data.store import load_clip, write_atomic
 from dmae.evaluation.review.check import FIRST, OFF, check_ranking
+from dmae.evaluation.review.decisions import DECISIONS, Decision, ReviewVerdict, load_decisions, save_decisions
 from dmae.evaluation.review.ranking import Doubt, rank_doubts
 
 WRITES = "file"
@@ -69,7 +69,7 @@ def run(config: ReviewCommand, out: Path) -> None:
 
 def _new_decisions(config: ReviewCommand, ranking: Sequence[Doubt]) -> tuple[Decision, ...]:
     """Return the decisions on entries by their number in the ranking, which counts from 1."""
-    given = {verdict: getattr(config, verdict.value) for verdict in Verdict}
+    given = {verdict: getattr(config, verdict.value) for verdict in ReviewVerdict}
     entries = [entry for numbers in given.values() for entry in numbers]
     for entry in entries:
         if not 1 <= entry <= len(ranking):

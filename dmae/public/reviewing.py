@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dmae.data.clip import Clip
-from dmae.data.decisions import Decision, Verdict, decided, save_decisions
+from dmae.evaluation.review.decisions import Decision, ReviewVerdict, decided, save_decisions
 
 if TYPE_CHECKING:
     from dmae.evaluation.review.ranking import Doubt
@@ -63,7 +63,7 @@ def decide(clip: Clip, decisions: Sequence[Decision], folder: str | Path | None 
     """
     if clip.poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses to decide on; run dmae.capture on it first")
-    left_out = decided(clip.poses, decisions, Verdict.blank, Verdict.hand_back)
+    left_out = decided(clip.poses, decisions, ReviewVerdict.blank, ReviewVerdict.hand_back)
     if folder is not None:
         save_decisions(Path(folder), clip.poses, decisions)
     return replace(clip, poses=clip.poses.without(left_out))

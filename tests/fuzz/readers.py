@@ -15,7 +15,6 @@ from dmae.completion.model_card import model_card
 from dmae.completion.training.checkpoints import CHECKPOINT, CheckedCheckpoints, newest_checkpoint
 from dmae.completion.weights import load_model
 from dmae.data.cameras import CameraRig
-from dmae.data.decisions import load_decisions
 from dmae.data.images import (
     KINDS,
     Images,
@@ -23,6 +22,7 @@ from dmae.data.images import (
 from dmae.data.resume import claim_folder
 from dmae.data.store import load_clip
 from dmae.evaluation.report_section import read_scores
+from dmae.evaluation.review.decisions import load_decisions
 from dmae.files.contents import read_text
 from dmae.formats.calibrations.files import read_calibration
 from dmae.formats.calibrations.registry import calibration_format
@@ -34,6 +34,7 @@ from synth.cli import SYNTH
 from synth.datasets.verify import verify
 from synth.motion.readers import reader as motion_reader
 from synth.motion.readers.joint_names import read_mapping
+from synth.motion.readers.take_lists import read_take_list
 from synth.motion.source import read_take
 from synth.rooms.meshes import MESHES, load_mesh
 from synth.rooms.mjcf import compile_mjcf
@@ -41,11 +42,13 @@ from synth.rooms.props import prop_size
 from synth.scene.spec import SceneSpec
 from tests.fuzz.seed_files import (
     FPS,
+    TAKES,
     WRITE_RECORDING,
     spec,
     write_calibration,
     write_checkpoint,
     write_clip,
+    write_compressed,
     write_data_set,
     write_decisions,
     write_mesh,
@@ -178,6 +181,9 @@ READERS = [
            lambda folder: read_trc(folder / "poses.trc"), errors=(ValueError, FileNotFoundError, KeyError)),
     *(Reader(f"motion/{kind}", partial(write_motion, kind), partial(_read_motion, kind), finite=True)
       for kind in ("amc", "bvh", "c3d", "npz")),
+    Reader("motion/compressed", write_compressed, lambda folder: _read_motion("xz", folder), finite=True),
+    Reader("motion/list", lambda folder: (folder / "takes.tsv").write_text(TAKES),
+           lambda folder: [str(take) for take in read_take_list(folder / "takes.tsv")]),
     Reader("motion/mapping", lambda folder: (folder / "names.yaml").write_text("LeftUpLeg: lThigh\n'Hips': hip\n"),
            lambda folder: read_mapping(folder / "names.yaml")),
     *(Reader(f"mesh/{suffix[1:]}", partial(write_mesh, suffix),

@@ -1,6 +1,7 @@
 """Files of every kind that a reader reads, for the fuzzer to change."""
 
 import json
+import lzma
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,7 +12,6 @@ import trimesh
 from dmae.completion.network.build import build_network
 from dmae.completion.training.checkpoints import CHECKPOINT, CheckedCheckpoints
 from dmae.completion.weights import save_model
-from dmae.data.decisions import Decision, Verdict, save_decisions
 from dmae.data.images import (
     write_amodal,
     write_depth,
@@ -24,6 +24,7 @@ from dmae.data.images import (
 )
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import save_clip, write_manifest
+from dmae.evaluation.review.decisions import Decision, ReviewVerdict, save_decisions
 from dmae.formats.calibrations.files import write_calibration as write_rig
 from dmae.formats.npz import export_npz
 from dmae.formats.panoptic import write_poses as write_panoptic_poses
@@ -125,7 +126,7 @@ def write_data_set(folder: Path) -> None:
 
 
 def write_decisions(folder: Path) -> None:
-    decisions = [Decision(1, "neck", 0, 2, Verdict.blank), Decision(0, "nose", 1, 1, Verdict.accept)]
+    decisions = [Decision(1, "neck", 0, 2, ReviewVerdict.blank), Decision(0, "nose", 1, 1, ReviewVerdict.accept)]
     save_decisions(folder, walkers(3, 2), decisions)
 
 
@@ -252,6 +253,16 @@ def write_motion(kind: str, folder: Path) -> None:
     else:
         motion = sample_motion()
         write_smpl(folder / "take.npz", motion)
+
+
+TAKES = "file\tsubject\tset\tseconds\na/02_01.bvh\t2\ttrain\t3.5\n60_01.amc\t60\ttest\t12.1\n"
+
+
+def write_compressed(folder: Path) -> None:
+    write_motion("bvh", folder)
+    plain = folder / "take.bvh"
+    (folder / "take.bvh.xz").write_bytes(lzma.compress(plain.read_bytes()))
+    plain.unlink()
 
 
 @cache

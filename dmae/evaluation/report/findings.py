@@ -6,13 +6,13 @@ from enum import StrEnum
 import numpy as np
 
 from dmae.data.clip import Clip, Source
-from dmae.data.decisions import checksum
 from dmae.evaluation.report.breakdown import breakdowns
 from dmae.evaluation.report.joint_groups import JointGroup, tally
 from dmae.evaluation.report.joints import joints_of
 from dmae.evaluation.report.moments import WorstMoment, worst_moments
 from dmae.evaluation.report.reprojection import reprojection
 from dmae.evaluation.report.stated_uncertainty import counts_in_regions
+from dmae.evaluation.review.decisions import checksum
 from dmae.evaluation.review.ranking import Doubt, rank_doubts
 from dmae.numerics.robust import mean_known
 

@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dmae.data.clip import Source
-from dmae.data.decisions import DECISIONS, FORMAT, Verdict
 from dmae.evaluation.report.breakdown import BY_CAUSE, BY_GAP, BY_JOINT, BY_MEASURING, BY_SEEING
 from dmae.evaluation.report.findings import Findings
 from dmae.evaluation.report.joint_groups import JointGroup
@@ -14,6 +13,7 @@ from dmae.evaluation.report.moments import WorstMoment
 from dmae.evaluation.report.pooled import pooled_groups, pooled_regions, pooled_truth
 from dmae.evaluation.report.residual_tables import residual_tables
 from dmae.evaluation.report.stated_uncertainty import PROBABILITIES
+from dmae.evaluation.review.decisions import DECISIONS, FORMAT, ReviewVerdict
 from dmae.reporting.figures import COMPLETED, PERSONS
 from dmae.reporting.page import CaptionedFigure, Section
 from dmae.reporting.tables import Choices, Moment, Table
@@ -122,7 +122,7 @@ def _doubts_table(found: Findings, played: range) -> Table:
         rows,
         bars=(4,),
         moments=places,
-        choices=Choices(DECISIONS, [*Verdict], choices, {"format": FORMAT, "poses": found.poses_checksum}),
+        choices=Choices(DECISIONS, [*ReviewVerdict], choices, {"format": FORMAT, "poses": found.poses_checksum}),
     )
 
 

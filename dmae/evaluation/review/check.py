@@ -16,7 +16,7 @@ FIRST = 0.1
 
 
 @dataclass(frozen=True)
-class Found:
+class RankingCheck:
     """What the first entries of a ranking hold.
 
     Attributes:
@@ -30,7 +30,7 @@ class Found:
     entries: int
 
 
-def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> Found | None:
+def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> RankingCheck | None:
     """Return how many of the joints that are off the first tenth of the entries hold; None without truth.
 
     Joints count that skeleton of the truth and of the poses have under the same name. Entries without any are left out.
@@ -49,4 +49,4 @@ def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> Found | None:
     places = [(slice(d.first, d.last + 1), d.person, poses.skeleton.joints.index(d.joint)) for d in ranking]
     places = [place for place in places if judged[place].any()]
     first = places[: int(FIRST * len(places))]
-    return Found(int(off.sum()), int(sum(off[place].sum() for place in first)), len(places))
+    return RankingCheck(int(off.sum()), int(sum(off[place].sum() for place in first)), len(places))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmae.data.clip import Clip, Source
-from dmae.data.decisions import Decision, Verdict, decided
+from dmae.evaluation.review.decisions import Decision, ReviewVerdict, decided
 from dmae.evaluation.review.signs import signs
 
 _SECONDS = 0.2
@@ -39,9 +39,9 @@ class Doubt:
     source: Source
     views: int
 
-    def decision(self, verdict: Verdict | str) -> Decision:
+    def decision(self, verdict: ReviewVerdict | str) -> Decision:
         """Return a decision on this joint in these frames."""
-        return Decision(self.person, self.joint, self.first, self.last, Verdict(verdict))
+        return Decision(self.person, self.joint, self.first, self.last, ReviewVerdict(verdict))
 
 
 def rank_doubts(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
@@ -58,7 +58,7 @@ def rank_doubts(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
         raise ValueError(f"clip {clip.id!r} has no poses to review; run dmae capture on it first")
     poses, found = clip.poses, signs(clip)
     total = np.sqrt(sum(sign**2 for sign in found.values()))
-    open_ = (poses.source != Source.ABSENT) & ~decided(poses, decisions, *Verdict)
+    open_ = (poses.source != Source.ABSENT) & ~decided(poses, decisions, *ReviewVerdict)
     length = max(1, round(_SECONDS * clip.fps))
     doubts = []
     for start in range(0, len(clip), length):

@@ -50,17 +50,17 @@ class Explanation:
 
     Attributes:
         stages: What each step left, in order: words and a number.
-        remedies: What to change, the likeliest first.
+        suggestions: What to change, the likeliest first.
     """
 
     stages: tuple[tuple[str, int], ...]
-    remedies: tuple[str, ...]
+    suggestions: tuple[str, ...]
 
     def __str__(self) -> str:
         width = max(len(f"{count:,}") for _, count in self.stages)
         lines = [f"  {count:>{width},} {words}" for words, count in self.stages]
-        remedies = [f"  remedy: {remedy}" for remedy in self.remedies]
-        return "\n".join(["of the recording there are", *lines, *remedies])
+        suggestions = [f"  suggestion: {suggestion}" for suggestion in self.suggestions]
+        return "\n".join(["of the recording there are", *lines, *suggestions])
 
 
 def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
@@ -80,17 +80,19 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
         (f"joints of a confidence of {config.th_p:g} or more (th_p)", sure),
     ]
     if not people:
-        remedy = "there are no detections: the files hold no people, or only joints of confidence 0, which is absent"
-        return Explanation(tuple(stages), (remedy,))
+        suggestion = (
+            "there are no detections: the files hold no people, or only joints of confidence 0, which is absent"
+        )
+        return Explanation(tuple(stages), (suggestion,))
     if not sure:
-        remedy = f"the greatest confidence is {np.nanmax(score):.2g}: give a smaller capture.th_p"
-        return Explanation(tuple(stages), (remedy,))
+        suggestion = f"the greatest confidence is {np.nanmax(score):.2g}: give a smaller capture.th_p"
+        return Explanation(tuple(stages), (suggestion,))
     evidence = Evidence.of(clip, config.th_p, config)
     enough = (~np.isnan(evidence.confidence)).sum(-1) >= _MIN_JOINTS
     shared = np.flatnonzero(enough.any(-1).sum(1) >= max(2, config.th_v))
     stages += [(f"frames in which {max(2, config.th_v)} cameras or more detect people (th_v)", len(shared))]
     if not len(shared):
-        return Explanation(tuple(stages), _remedies_without_pairs(clip, config, enough))
+        return Explanation(tuple(stages), _suggestions_without_pairs(clip, config, enough))
     frames = shared[np.unique(np.linspace(0, len(shared) - 1, _FRAMES).astype(int))]
     found = _bodies(evidence, evidence.rig, skeleton, frames, 1.0)
     stages += [
@@ -98,21 +100,21 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
         (f"pairs that agree (affinity of {config.association.min_affinity:g} or more)", found.agreeing),
         (f"groups of them that make a body of {config.tracking.birth_joints} joints or more", found.bodies),
     ]
-    remedies = _other_readings(evidence, skeleton, frames, found)
+    suggestions = _other_readings(evidence, skeleton, frames, found)
     tracks = track(evidence, clip, config)
     stages.append(("tracks that were started", tracks.xyz.shape[1]))
     if tracks.xyz.shape[1]:
-        more, remedy = _kept(tracks, clip, config)
+        more, suggestion = _kept(tracks, clip, config)
         stages += more
-        remedies = [*remedies, *remedy]
-    elif not remedies:
-        remedies = [
+        suggestions = [*suggestions, *suggestion]
+    elif not suggestions:
+        suggestions = [
             "cameras do not agree: dmae doctor, with the same data=..., examines calibration and synchronisation"
         ]
-    return Explanation(tuple(stages), tuple(remedies))
+    return Explanation(tuple(stages), tuple(suggestions))
 
 
-def _remedies_without_pairs(clip: Clip, config: CaptureConfig, enough: np.ndarray) -> tuple[str, ...]:
+def _suggestions_without_pairs(clip: Clip, config: CaptureConfig, enough: np.ndarray) -> tuple[str, ...]:
     detecting = [name for name, some in zip(clip.rig.names, enough.any((0, 2)), strict=True) if some]
     if len(detecting) < max(2, config.th_v):
         return (
@@ -175,7 +177,7 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
 
 def _other_readings(evidence: Evidence, skeleton: Skeleton, frames: np.ndarray, found: _Compared) -> list[str]:
     """Return what to change so that cameras agree, where one of the usual mistakes explains that they do not."""
-    best, remedies = max(2 * found.joints, 10 * len(frames)), []
+    best, suggestions = max(2 * found.joints, 10 * len(frames)), []
     readings = sorted(product(_SCALES, _INVERSES, _ZOOMS), key=lambda r: (r[0] != 1) + r[1] + (r[2] != 1))
     for scale, inverse, zoom in readings[1:]:
         world = np.linalg.inv(evidence.rig.cam_from_world) if inverse else evidence.rig.cam_from_world.copy()
@@ -185,15 +187,15 @@ def _other_readings(evidence: Evidence, skeleton: Skeleton, frames: np.ndarray, 
             # A simpler reading comes first; one with more mistakes has to explain clearly more.
             best = 1.3 * joints
             parts = [part for part in (_SCALES[scale], _INVERSES[inverse], _ZOOMS[zoom]) if part]
-            remedies = [f"{'; and '.join(parts)} ({joints:,} detected joints then agree, now {found.joints:,})"]
-    return remedies
+            suggestions = [f"{'; and '.join(parts)} ({joints:,} detected joints then agree, now {found.joints:,})"]
+    return suggestions
 
 
 def _kept(tracks: Tracks, clip: Clip, config: CaptureConfig) -> tuple[list[tuple[str, int]], list[str]]:
     """Return the stages from tracks to people, and what to change so that some are left."""
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s))
-    stages, remedies = [("people that they are of", tracks.xyz.shape[1])], []
+    stages, suggestions = [("people that they are of", tracks.xyz.shape[1])], []
     if config.volume is not None:
         places = median_known(tracks.xyz)
         tracks = inside_volume(tracks, config.volume)
@@ -209,11 +211,11 @@ def _kept(tracks: Tracks, clip: Clip, config: CaptureConfig) -> tuple[list[tuple
     brief = too_brief(measured, len(clip), fps, tracking.min_duration_s)
     stages.append((f"of these measured for {tracking.min_duration_s:g} s or more", int((~brief).sum())))
     if brief.all():
-        remedies.append(
+        suggestions.append(
             f"the longest was measured for {measured.max(initial=0) / fps:.2f} s: give a smaller "
             "capture.tracking.min_duration_s, or check that the cameras agree with dmae doctor"
         )
-        return stages, remedies
+        return stages, suggestions
     tracks = tracks.select(~brief)
     agreed = ~coincidental(tracks, config.th_v)
     stages.append(("of these with views that agree on most joints", int(agreed.sum())))
@@ -223,7 +225,7 @@ def _kept(tracks: Tracks, clip: Clip, config: CaptureConfig) -> tuple[list[tuple
     stages.append(("of these asked for by capture.persons and capture.subject", wanted))
     if not wanted and config.subject.leg_m is not None:
         legs = leg_lengths(tracks.select(agreed).xyz, skeleton)
-        remedies.append(
+        suggestions.append(
             f"legs are {', '.join(f'{leg:.2f}' for leg in legs)} m long, which capture.subject.leg_m leaves out"
         )
-    return stages, remedies
+    return stages, suggestions

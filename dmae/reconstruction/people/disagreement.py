@@ -15,7 +15,7 @@ _MIN_FRAMES = 25
 
 
 def cameras_disagree(evidence: Evidence, assigned: np.ndarray, points: Points) -> np.ndarray:
-    """Return (P,) True for people for which cameras disagree by a constant, as after an inexact calibration.
+    """Return (P,) True for people on which cameras disagree by a constant, as after an inexact calibration.
 
     The offset of a camera is the median, over joints and frames, of where points reproject less where they were
     detected, in sigmas of the detection. Noise is on all sides and cancels; a camera that stands elsewhere does not.
@@ -51,7 +51,7 @@ def standardised_offsets(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarr
 
 
 def settle_disagreement(evidence: Evidence, assigned: np.ndarray, points: Points) -> None:
-    """Triangulate the people for which cameras disagree again, in place, from the cameras that agree most.
+    """Triangulate the people on which cameras disagree again, in place, from the cameras that agree most.
 
     Joints on which too few cameras agree then stay as they are.
 

@@ -196,6 +196,6 @@ def test_a_capture_of_no_person_says_why_and_its_exit_status_tells(folder):
     done = dmae(folder, "capture", "data=millimetres", "out=no_person")
     assert done.returncode == 1
     assert "no person was captured; of the recording there are" in done.stdout
-    assert "remedy: lengths of the calibration are in mm: data.unit=mm" in done.stdout
+    assert "suggestion: lengths of the calibration are in mm: data.unit=mm" in done.stdout
     assert load_clip(folder / "no_person").poses.xyz.shape[1] == 0
     assert dmae(folder, "report", "clip=no_person").returncode == 0

@@ -11,8 +11,8 @@ from dmae.commands.complete import CompleteCommand
 from dmae.commands.export import ExportCommand
 from dmae.commands.review import ReviewCommand
 from dmae.data.clip import Source
-from dmae.data.decisions import DECISIONS, load_decisions
 from dmae.data.store import load_clip, save_clip
+from dmae.evaluation.review.decisions import DECISIONS, load_decisions
 from dmae.formats.npz import read_npz
 from tests.support.circling_people import circling_people, clip_of
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from dmae.data.decisions import DECISIONS, load_decisions
 from dmae.evaluation.report.page import write_clips_report
+from dmae.evaluation.review.decisions import DECISIONS, load_decisions
 from dmae.evaluation.review.ranking import rank_doubts
 from tests.support.browser import opened
 from tests.support.reported_clips import completed_clip

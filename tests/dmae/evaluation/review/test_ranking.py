@@ -7,8 +7,8 @@ import pytest
 
 import dmae
 from dmae.data.clip import Source
-from dmae.data.decisions import Verdict
 from dmae.evaluation.review.check import check_ranking
+from dmae.evaluation.review.decisions import ReviewVerdict
 from dmae.evaluation.review.ranking import rank_doubts
 from dmae.evaluation.review.signs import BONE, JUMP, RESIDUAL, STATED, UNSTATED, signs
 from tests.support.reported_clips import completed_clip
@@ -69,7 +69,7 @@ def test_entries_cover_the_poses_once_and_leave_out_what_is_decided():
     assert counted.max() == 1
     assert (counted[there] == 1).all()
     decisions = [doubt.decision("accept") for doubt in ranking[:3]]
-    assert all(decision.verdict is Verdict.accept for decision in decisions)
+    assert all(decision.verdict is ReviewVerdict.accept for decision in decisions)
     assert rank_doubts(clip, decisions) == ranking[3:]
 
 

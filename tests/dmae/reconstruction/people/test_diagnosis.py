@@ -34,7 +34,7 @@ def detected(xy: float = 1.0, score: float = 1.0) -> Clip:
 
 
 @pytest.mark.parametrize(
-    ("clip", "remedy"),
+    ("clip", "suggestion"),
     [
         (rig_of(scaled(1000)), "lengths of the calibration are in mm: data.unit=mm"),
         (rig_of(scaled(100)), "lengths of the calibration are in cm: data.unit=cm"),
@@ -47,14 +47,14 @@ def detected(xy: float = 1.0, score: float = 1.0) -> Clip:
         (detected(xy=np.nan, score=np.nan), "only joints of confidence 0, which is absent"),
     ],
 )  # fmt: skip
-def test_the_usual_mistakes_are_named(clip, remedy):
-    (found,) = explain_capture(clip, CaptureConfig()).remedies
-    assert remedy in found
+def test_the_usual_mistakes_are_named(clip, suggestion):
+    (found,) = explain_capture(clip, CaptureConfig()).suggestions
+    assert suggestion in found
 
 
-def test_a_sound_recording_has_no_hint_and_every_stage():
+def test_a_sound_recording_has_no_suggestion_and_every_stage():
     found = explain_capture(CLIP, CaptureConfig())
-    assert found.remedies == ()
+    assert found.suggestions == ()
     stages = {words.split(" (")[0]: count for words, count in found.stages}
     assert stages["cameras"] == 5 and stages["frames"] == 40
     assert stages["detected joints"] == CLIP.detections.observed.sum()
@@ -62,15 +62,15 @@ def test_a_sound_recording_has_no_hint_and_every_stage():
 
 
 @pytest.mark.parametrize(
-    ("config", "remedy"),
+    ("config", "suggestion"),
     [
         (CaptureConfig(volume=[5, 5, 0, 6, 6, 2]), "all people are outside capture.volume: x is -"),
         (CaptureConfig(subject=SubjectConfig(leg_m=[2, 3])), "which capture.subject.leg_m leaves out"),
     ],
 )
-def test_options_that_leave_no_one_are_named(config, remedy):
+def test_options_that_leave_no_one_are_named(config, suggestion):
     assert capture(CLIP, config).xyz.shape[1] == 0
-    assert any(remedy in each for each in explain_capture(CLIP, config).remedies)
+    assert any(suggestion in each for each in explain_capture(CLIP, config).suggestions)
 
 
 def test_people_of_a_moment_are_named():
@@ -79,7 +79,7 @@ def test_people_of_a_moment_are_named():
     clip = detected_clip(people, views=5)
     assert capture(clip, CaptureConfig()).xyz.shape[1] == 0
     found = explain_capture(clip, CaptureConfig())
-    assert any("give a smaller capture.tracking.min_duration_s" in each for each in found.remedies)
+    assert any("give a smaller capture.tracking.min_duration_s" in each for each in found.suggestions)
 
 
 def test_one_detecting_camera_and_unsynchronised_ones_are_named():
@@ -87,10 +87,10 @@ def test_one_detecting_camera_and_unsynchronised_ones_are_named():
     xy, score = found.xy.copy(), found.score.copy()
     xy[:, 1:], score[:, 1:] = np.nan, np.nan
     one = replace(CLIP, detections=Detections2D(BODY25, xy, score))
-    assert "are detected by 1 cameras only: cam0" in explain_capture(one, CaptureConfig()).remedies[0]
+    assert "are detected by 1 cameras only: cam0" in explain_capture(one, CaptureConfig()).suggestions[0]
     xy, score = found.xy.copy(), found.score.copy()
     for view in range(5):
         other = np.arange(40) // 8 != view
         xy[other, view], score[other, view] = np.nan, np.nan
     apart = replace(CLIP, detections=Detections2D(BODY25, xy, score))
-    assert "in different frames" in explain_capture(apart, CaptureConfig()).remedies[0]
+    assert "in different frames" in explain_capture(apart, CaptureConfig()).suggestions[0]

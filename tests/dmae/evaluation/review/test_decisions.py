@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Source
-from dmae.data.decisions import (
+from dmae.evaluation.review.decisions import (
     DECISIONS,
     Decision,
-    Verdict,
+    ReviewVerdict,
     decided,
     load_decisions,
     save_decisions,
@@ -20,9 +20,9 @@ from tests.support.clips import full_clip, walkers
 
 POSES = walkers(12, 2)
 CLIP = replace(full_clip(12, 4), poses=POSES)
-BLANKED = Decision(1, "neck", 2, 4, Verdict.blank)
-ACCEPTED = Decision(0, "nose", 0, 11, Verdict.accept)
-HANDED_BACK = Decision(0, "l_wrist", 11, 11, Verdict.hand_back)
+BLANKED = Decision(1, "neck", 2, 4, ReviewVerdict.blank)
+ACCEPTED = Decision(0, "nose", 0, 11, ReviewVerdict.accept)
+HANDED_BACK = Decision(0, "l_wrist", 11, 11, ReviewVerdict.hand_back)
 
 
 def test_decisions_are_read_as_they_were_saved(tmp_path):
@@ -43,8 +43,8 @@ def test_only_what_is_blanked_or_handed_back_is_left_out(tmp_path):
 
 
 def test_the_last_decision_on_a_joint_holds():
-    again = replace(BLANKED, first=3, last=3, verdict=Verdict.accept)
-    found = decided(POSES, [BLANKED, again], Verdict.blank)
+    again = replace(BLANKED, first=3, last=3, verdict=ReviewVerdict.accept)
+    found = decided(POSES, [BLANKED, again], ReviewVerdict.blank)
     assert np.flatnonzero(found.any((1, 2))).tolist() == [2, 4]
 
 

@@ -18,7 +18,7 @@ DECISIONS = "decisions.json"
 FORMAT = 1
 
 
-class Verdict(StrEnum):
+class ReviewVerdict(StrEnum):
     """What is to become of a joint in some frames."""
 
     accept = "accept"
@@ -45,7 +45,7 @@ class Decision:
     joint: str
     first: int
     last: int
-    verdict: Verdict
+    verdict: ReviewVerdict
 
 
 def save_decisions(folder: Path, poses: Poses3D, decisions: Sequence[Decision]) -> None:
@@ -92,7 +92,7 @@ def load_decisions(folder: Path, poses: Poses3D | None) -> tuple[Decision, ...]:
     return decisions
 
 
-def decided(poses: Poses3D, decisions: Sequence[Decision], *verdicts: Verdict) -> np.ndarray:
+def decided(poses: Poses3D, decisions: Sequence[Decision], *verdicts: ReviewVerdict) -> np.ndarray:
     """Return (F, P, J) True where a decision with one of these verdicts holds. Of several, the last one holds."""
     found = np.zeros(poses.source.shape, bool)
     for decision in decisions:
@@ -109,7 +109,9 @@ def with_decisions(clip: Clip, folder: Path) -> Clip:
     decisions = load_decisions(folder, clip.poses)
     if not decisions:
         return clip
-    return replace(clip, poses=clip.poses.without(decided(clip.poses, decisions, Verdict.blank, Verdict.hand_back)))
+    return replace(
+        clip, poses=clip.poses.without(decided(clip.poses, decisions, ReviewVerdict.blank, ReviewVerdict.hand_back))
+    )
 
 
 def checksum(poses: Poses3D) -> str:
