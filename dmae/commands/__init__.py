@@ -10,6 +10,7 @@ COMMANDS = {
     "merge": "Join what was made of parts of a data set on several machines",
     "show": "Draw clips as contact sheet, video and Rerun recording",
     "report": "Put scores and pictures on one page",
+    "review": "Rank joints by how far off they may be, and decide on them",
     "convert": "Turn a recording into another format, or into a clip",
     "live": "Answer frames with poses as they come, for other programs",
     "export": "Write poses to a file that other programs read",

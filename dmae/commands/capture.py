@@ -1,5 +1,6 @@
 """`dmae capture`: detections of several cameras to 3D poses."""
 
+import sys
 import time
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -11,13 +12,18 @@ from dmae.completion.methods.registry import METHODS, completion_method
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import save_clip
+from dmae.evaluation.report.pooled import pooled_groups
+from dmae.evaluation.report.reprojection import Reprojection, reprojection
+from dmae.evaluation.report.residual_tables import BREAKDOWNS, residual_tables
 from dmae.formats.reading import Clips, DataConfig, is_data_set, load
 from dmae.numerics.filling import smooth
 from dmae.parallel import Backend, in_parallel, process_count, running_on
 from dmae.parts import numbers_of
 from dmae.progress import duration, progress
-from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.people.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture
+from dmae.reporting.tables import print_tables
 
 WRITES = "folder"
 EXAMPLES = (
@@ -28,12 +34,17 @@ EXAMPLES = (
 )
 _TRIED = 50
 """Frames of a clip that a forecast captures."""
+_FEW = 0.4
+"""Share of the detected joints; where people explain fewer, something is wrong."""
 _FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
 
 
 @dataclass(frozen=True)
 class CaptureCommand:
-    """Turn the detections of several cameras into 3D poses."""
+    """Turn the detections of several cameras into 3D poses, and print how far they reproject from the detections.
+
+    Exits with status 1 where no person is found, and prints what is left after each step and what to change.
+    """
 
     data: DataConfig = field(default_factory=DataConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
@@ -75,12 +86,14 @@ class CaptureCommand:
 
 
 def run(config: CaptureCommand, out: Path) -> None:
+    """Capture each clip, and print the reprojection errors of all; exits with status 1 if no person was found."""
     clips, several = load(config.data), is_data_set(config.data)
     part = clips.part(config.numbers(len(clips)))
     if config.dry_run:
         print(f"{out}: {_forecast(config, part)}")
         return
-    frames, spent = 0, 0.0
+    frames, spent, persons = 0, 0.0, 0
+    errors: list[Reprojection] = []
     tasks = ((config, part.part(range(number, number + 1))) for number in part.numbers)
     with (
         running_on(config.backend),
@@ -95,7 +108,38 @@ def run(config: CaptureCommand, out: Path) -> None:
             to, poses = out / folder.name if several else out, captured.poses
             made.write(folder.name, partial(save_clip, captured, to), persons=poses.xyz.shape[1])
             print(f"{captured.id}: {len(captured)} frames, {poses.xyz.shape[1]} persons, {describe_joints(poses)}")
+            persons += poses.xyz.shape[1]
+            errors.append(reprojection(captured))
+            _print_doubts(captured, config.capture, poses.xyz.shape[1], errors[-1])
+    _print_errors(errors)
     print(f"{out}: {frames / spent:.0f} frames/s")
+    if not persons:
+        sys.exit(1)
+
+
+def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Reprojection) -> None:
+    """Print why there is no person, or what is wrong where the people explain few of the detections."""
+    if not persons:
+        print(f"{clip.id}: no person was captured; {explain_capture(clip, config)}")
+        return
+    if (config.persons, config.volume, config.subject) != (None, None, SubjectConfig()):
+        return  # others were left out on purpose
+    detected = int((clip.detections.score >= config.th_p).sum())
+    explained = errors.measured["all"]["all"].compared / max(detected, 1)
+    if explained < _FEW:
+        print(f"{clip.id}: only {explained:.0%} of the detected joints are of captured people")
+        for suggestion in explain_capture(clip, config).suggestions:
+            print(f"  suggestion: {suggestion}")
+
+
+def _print_errors(errors: list[Reprojection]) -> None:
+    """Print reprojection errors by camera, person and joint; of several clips without people, as they are others."""
+    measured, completed = pooled_groups(errors, "measured"), pooled_groups(errors, "completed")
+    names = BREAKDOWNS if len(errors) == 1 else [name for name in BREAKDOWNS if name != "person"]
+    tables = residual_tables(measured, completed, names)
+    if tables:
+        print("Reprojection errors, px, of joints that a camera detected:")
+        print_tables(tables)
 
 
 def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, float]:

@@ -24,7 +24,7 @@ EXAMPLES = (
 
 
 @dataclass(frozen=True)
-class MergeCommand:
+class MergePartsCommand:
     """Join parts that `dmae capture`, `evaluate` or `stress` made with shard=..., first=... or clips=...
 
     Parts of generated data sets are joined by `synth merge`.
@@ -40,7 +40,7 @@ class MergeCommand:
     """Folder to write; it does not exist yet, or is empty."""
 
 
-def run(config: MergeCommand, out: Path) -> None:
+def run(config: MergePartsCommand, out: Path) -> None:
     check_vacant(out, "what is joined")
     parts = read_parts([Path(folder) for folder in config.data], partial=config.partial)
     command = parts[0][1].command
@@ -51,11 +51,11 @@ def run(config: MergeCommand, out: Path) -> None:
     print(f"{out}: {said}")
 
 
-def interrupted(config: MergeCommand, out: Path) -> str:
+def interrupted(config: MergePartsCommand, out: Path) -> str:
     return f"nothing was written to {out}; the same command begins anew"
 
 
-def _join_captured(parts: list[tuple[Path, Part]], folder: Path, out: Path, config: MergeCommand) -> str:
+def _join_captured(parts: list[tuple[Path, Part]], folder: Path, out: Path, config: MergePartsCommand) -> str:
     """Join data sets. Files are hard links to those of the parts, where the file system has links."""
     for path, _ in parts:
         refuse_damaged(path, None)
@@ -84,14 +84,14 @@ def _move_images(source: Path, folder: Path, final: Path) -> None:
         write_atomic(folder / "clip.json", json.dumps(meta, indent=1))
 
 
-def _join_scores(parts: list[tuple[Path, Part]], folder: Path, out: Path, config: MergeCommand) -> str:
+def _join_scores(parts: list[tuple[Path, Part]], folder: Path, out: Path, config: MergePartsCommand) -> str:
     total = sum(part.stop - part.first for _, part in parts)
     scores = join_scores([read_scores(path) for path, _ in parts], total)
     write_atomic(folder / "scores.json", json_text(scores))
     return f"scores.json of {total} clips"
 
 
-def _join_stress(parts: list[tuple[Path, Part]], folder: Path, out: Path, config: MergeCommand) -> str:
+def _join_stress(parts: list[tuple[Path, Part]], folder: Path, out: Path, config: MergePartsCommand) -> str:
     write_result(join_stress(parts, folder, config.clips), folder)
     return f"stress.json and stress.html of {sum(part.stop - part.first for _, part in parts)} clips"
 
