@@ -1,6 +1,8 @@
 """WHAT CAN BE RUN? A file for each sub-command of `dmae`: its configuration, its examples, and `run(config, out)`."""
 
 COMMANDS = {
+    "run": "Turn videos into people in 3D, completed, with a report",
+    "detect": "Detect people in videos, or in the images of clips",
     "capture": "Turn detections into 3D poses",
     "complete": "Fill what no camera measured, marked as such",
     "evaluate": "Score methods over clips and camera subsets",
@@ -15,6 +17,7 @@ COMMANDS = {
     "live": "Answer frames with poses as they come, for other programs",
     "export": "Write poses to a file that other programs read",
     "doctor": "Find what is wrong with a calibration and its detections",
+    "calibrate": "Refine a calibration by the people in a recording",
     "train": "Learn to complete poses from clips with truth",
     "demo": "Run the whole loop on simulated people, from nothing to a page",
     "card": "Describe trained weights: what they are made of and how they score",

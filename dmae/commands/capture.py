@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 from dmae.commands.data_sets import Manifest, describe_joints, finished, part_of
 from dmae.completion.methods.registry import METHODS, completion_method
-from dmae.data.clip import Clip
+from dmae.data.clip import Clip, Poses3D
 from dmae.data.rng import Stream, generator
 from dmae.data.store import save_clip
 from dmae.evaluation.report.pooled import pooled_groups
@@ -22,6 +22,7 @@ from dmae.parts import numbers_of
 from dmae.progress import duration, progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.people.diagnosis import explain_capture
+from dmae.reconstruction.people.sides import exchanged_detections
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import print_tables
 
@@ -36,6 +37,8 @@ _TRIED = 50
 """Frames of a clip that a forecast captures."""
 _FEW = 0.4
 """Share of the detected joints; where people explain fewer, something is wrong."""
+_FEW_EXCHANGES = 0.02
+"""Share of frames with exchanged sides below which a camera is not named."""
 _FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
 
 
@@ -100,8 +103,8 @@ def run(config: CaptureCommand, out: Path) -> None:
         Manifest(out, several, part_of("dmae capture", config, clips, part.numbers)) as made,
     ):
         done = zip(in_parallel(_capture, tasks, config.workers), part.folders, strict=True)
-        for (captured, seconds), folder in progress(done, "capturing", len(part)):
-            for note in captured.provenance.get("notes", ()):
+        for (captured, exchanges, seconds), folder in progress(done, "capturing", len(part)):
+            for note in [*captured.provenance.get("notes", ()), *exchanges]:
                 print(f"{captured.id}: {note}")
             spent += seconds
             frames += len(captured)
@@ -142,19 +145,19 @@ def _print_errors(errors: list[Reprojection]) -> None:
         print_tables(tables)
 
 
-def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, float]:
-    """Return the one clip, or its first frames, captured, and how long capture took, s."""
+def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, list[str], float]:
+    """Return the one clip, or its first frames, captured; notes on exchanged sides; and how long capture took, s."""
     (clip,), (number,) = clips, clips.numbers
     if frames is not None:
         clip = clip.select(frames=range(min(frames, len(clip))))
     if config.draw:
         clip = clip.select(views=_drawn(config, len(clip.rig), number))
     start = time.perf_counter()
-    poses = capture(clip, config.capture)
+    poses = measured = capture(clip, config.capture)
     spent = time.perf_counter() - start
     if config.fill != "none":
         poses = METHODS[config.fill](poses, clip.fps)
-    return replace(clip, poses=smooth(poses, clip.fps, config.smooth)), spent
+    return replace(clip, poses=smooth(poses, clip.fps, config.smooth)), _exchanged_sides(clip, measured), spent
 
 
 def _forecast(config: CaptureCommand, clips: Clips) -> str:
@@ -164,7 +167,7 @@ def _forecast(config: CaptureCommand, clips: Clips) -> str:
     for number in chosen:
         one = clips.part(range(number, number + 1))
         start = time.perf_counter()
-        captured, _ = _capture(config, one, _TRIED)
+        captured, *_ = _capture(config, one, _TRIED)
         with TemporaryDirectory() as folder:
             save_clip(captured, Path(folder))
             size += sum(path.stat().st_size for path in Path(folder).iterdir())
@@ -175,6 +178,17 @@ def _forecast(config: CaptureCommand, clips: Clips) -> str:
     with running_on(config.backend):
         took = seconds / frames * total / min(process_count(config.workers), len(clips))
     return f"{len(clips)} clips, {total:.0f} frames: about {duration(took)}, {size / frames * total / 1e6:.0f} MB"
+
+
+def _exchanged_sides(clip: Clip, poses: Poses3D) -> list[str]:
+    """Say in which cameras the detector exchanged left and right, which capture has put right."""
+    counts = exchanged_detections(clip, poses).sum(0)
+    least = max(_FEW_EXCHANGES * len(clip), 2)
+    return [
+        f"{name}: left and right exchanged in {count} of {len(clip)} frames, put right by the other cameras"
+        for name, count in zip(clip.rig.names, counts, strict=True)
+        if count >= least
+    ]
 
 
 def interrupted(config: CaptureCommand, out: Path) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +36,11 @@ class Evidence:
         confident = (score >= th_p) & np.isfinite(xy).all(-1)
         xy = clip.rig.undistort(np.where(confident[..., None], xy, np.nan))
         return cls(clip.rig.undistorted, xy, np.where(confident, np.clip(score, 0, 1), np.nan), config)
+
+    def at(self, frame: int) -> Evidence:
+        """Return the evidence of one frame."""
+        one = slice(frame, frame + 1)
+        return replace(self, xy=self.xy[one], confidence=self.confidence[one])
 
     def triangulate(
         self, frame: int | np.ndarray, assigned: np.ndarray, iterations: int = 8, selective: bool = False

@@ -14,6 +14,7 @@ from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
 from dmae.reconstruction.people.disagreement import settle_disagreement
+from dmae.reconstruction.people.sides import exchange, find_exchanged, pairs_of
 from dmae.reconstruction.people.subjects import inside_volume, wanted_people
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.rays import most_confident_rays
@@ -29,9 +30,9 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
        propagation). The others are matched between views by rays and clothes; they start a track or re-enter one
        (identity matching). Joints are triangulated from the views that agree.
     2. Tracks of one person are merged, false positives dropped, and the people chosen that are asked for.
-    3. With the whole path of each person known, each joint is assigned to detections again, triangulated and pruned.
-       Where cameras disagree about a person by a constant, as after an inexact calibration, joints that four cameras
-       or more see are made of those that agree.
+    3. With the whole path of each person known, joints with left and right exchanged are put right, and each joint is
+       assigned to detections again, triangulated and pruned. Where cameras disagree on a person by a constant, as
+       after an inexact calibration, joints that four cameras or more see are made of those that agree.
 
     `dmae.online.capture` runs the same steps on frames as they come.
 
@@ -96,9 +97,11 @@ def measure(
         xyz: (F, P, J, 3) m, joints of the window before pruning, as `before` of a later one.
     """
     config, first_pass = evidence.config, tracks.assigned[window]
-    assigned = first_pass
+    assigned, pairs = first_pass, pairs_of(skeleton)
+    paths = expected_paths(tracks.xyz, skeleton, fps, config.reassignment.max_gap_s)[window]
+    wrong = find_exchanged(evidence, slice(0, len(assigned)), assigned, paths, pairs)
+    evidence = exchange(evidence, 0, *wrong, pairs)
     if config.reassignment.distance_m > 0:
-        paths = expected_paths(tracks.xyz, skeleton, fps, config.reassignment.max_gap_s)[window]
         assigned = reassign(evidence, first_pass, paths, config.reassignment.distance_m)
     points = evidence.triangulate(np.arange(len(assigned))[:, None, None, None], assigned)
     if settle:
