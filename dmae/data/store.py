@@ -66,8 +66,11 @@ def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None
                 os.fsync(file.fileno())
         Path(temporary).chmod(0o644)
         Path(temporary).replace(path)
-    except BaseException:
+    except BaseException as error:
         Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename is None:
+            # That of a full disk names no file.
+            raise OSError(error.errno, error.strerror, str(path)) from None
         raise
 
 
