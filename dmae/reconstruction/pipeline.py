@@ -16,7 +16,7 @@ from dmae.reconstruction.merging import merge, same_person
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.rays import most_confident_rays
 from dmae.reconstruction.reassignment import expected_paths, reassign
-from dmae.reconstruction.sides import exchange, find_exchanged, pairs_of
+from dmae.reconstruction.sides import Sides, exchange, find_exchanged
 from dmae.reconstruction.tracking import track
 from dmae.reconstruction.tracks import Tracks
 
@@ -84,10 +84,10 @@ def measure(
         xyz: (F, P, J, 3) m, joints of the window before pruning, as `before` of a later one.
     """
     config, first_pass = evidence.config, tracks.assigned[window]
-    assigned, pairs = first_pass, pairs_of(skeleton)
+    assigned, sides = first_pass, Sides.of(skeleton)
     paths = expected_paths(tracks.xyz, skeleton, fps, config.reassignment.max_gap_s)[window]
-    wrong = find_exchanged(evidence, slice(0, len(assigned)), assigned, paths, pairs)
-    evidence = exchange(evidence, 0, *wrong, pairs)
+    wrong = find_exchanged(evidence, slice(0, len(assigned)), assigned, paths, sides)
+    evidence = exchange(evidence, 0, *wrong, sides)
     if config.reassignment.distance_m > 0:
         assigned = reassign(evidence, first_pass, paths, config.reassignment.distance_m)
     points = evidence.triangulate(np.arange(len(assigned))[:, None, None, None], assigned)
