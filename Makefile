@@ -14,20 +14,7 @@ export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 # The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
 DEMO := runs/demo
 demo: setup
-	$(BIN)/synth generate out=$(DEMO)/train seed=1 clips=40 workers=2
-	$(BIN)/dmae capture data=$(DEMO)/train out=$(DEMO)/train_captured
-	$(BIN)/synth generate out=$(DEMO)/test seed=2 clips=2 workers=2 scene.seconds=4 images=rgb quality=draft
-	$(BIN)/dmae train data=$(DEMO)/train_captured out=$(DEMO)/model max_minutes=2
-	$(BIN)/dmae capture data=$(DEMO)/test out=$(DEMO)/captured
-	$(BIN)/dmae complete clip=$(DEMO)/captured weights=$(DEMO)/model out=$(DEMO)/completed
-	$(BIN)/dmae evaluate data=$(DEMO)/test methods=[measured,linear,dmae] weights=$(DEMO)/model out=$(DEMO)/scores
-ifdef DMAE_DATA
-	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[5,3] methods=[measured,linear,dmae] \
-	  weights=$(DEMO)/model out=$(DEMO)/scores_shelf
-endif
-	$(BIN)/dmae report clip=$(DEMO)/completed scores=[$(DEMO)/scores$(if $(DMAE_DATA),$(comma)$(DEMO)/scores_shelf)] \
-	  out=$(DEMO)/report.html
-	@echo "Look at $(DEMO)/report.html"
+	$(BIN)/dmae demo size=full out=$(DEMO) $(if $(DMAE_DATA),shelf=$(DMAE_DATA)/shelf)
 
 # From pixels alone: rendered cameras with truth, beside the simulated detector on the same clip; and with DMAE_DATA set,
 # real videos of four cameras.

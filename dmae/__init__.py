@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from dmae.public.recordings import read as read
     from dmae.public.recordings import read_poses as read_poses
     from dmae.public.recordings import save as save
+    from dmae.public.reviewing import decide as decide
+    from dmae.public.reviewing import review as review
     from dmae.public.stress import corrupt as corrupt
     from dmae.public.stress import stress as stress
     from dmae.public.tables import table as table
@@ -66,6 +68,7 @@ _HOMES = {
     ],
     "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
     "dmae.public.recordings": ["convert", "detect", "export", "load", "load_dataset", "read", "read_poses", "save"],
+    "dmae.public.reviewing": ["decide", "review"],
     "dmae.public.stress": ["corrupt", "stress"],
     "dmae.public.tables": ["table"],
     "dmae.reconstruction.config": ["CaptureConfig"],

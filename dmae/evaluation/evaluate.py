@@ -21,6 +21,7 @@ from dmae.formats.reading import DataConfig, load
 from dmae.formats.recordings.selection import camera_subsets
 from dmae.metrics.matching import match, take_matched
 from dmae.numerics.filling import smooth
+from dmae.parts import numbers_of
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
@@ -82,8 +83,18 @@ class EvaluateConfig:
     """`scores.json` of an earlier run, or its folder: exit status 2 if a figure is worse by more than its interval."""
     changed: list[str] = field(default_factory=list)
     """Options that differ from those of the baseline on purpose; figures are compared all the same."""
+    first: int = 0
+    """Number of the first clip of the data set, counted from 0."""
+    clips: int | None = None
+    """Number of clips, of all shards together; by default all from `first` on."""
+    shard: str | None = None
+    """Which piece of the clips: `shard=3/16` the third of sixteen, in a folder of its own; `dmae merge` joins them."""
     out: str = "runs/evaluate"
     """Folder for `scores.json`."""
+
+    def numbers(self, total: int) -> range:
+        """Return the numbers of the clips to score, of all clips of the data set."""
+        return numbers_of(total, self.first, self.clips, self.shard)
 
 
 @dataclass(frozen=True)
@@ -134,6 +145,7 @@ def evaluate(config: EvaluateConfig) -> dict:
     clips = load(config.data)
     if not clips:
         raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to score")
+    clips = clips.part(config.numbers(len(clips)))
     runs: dict[tuple[str, int], list[dict]] = {}
     scored: dict[str, dict] = {}
     for trial, filled in filled_trials(clips, config, methods):
@@ -146,7 +158,7 @@ def evaluate(config: EvaluateConfig) -> dict:
             entry |= score(poses, trial.given, trial.truth, trial.actors, trial.matches, fps=fps, compared=compared)
             runs.setdefault((name, len(trial.cameras)), []).append(entry)
     results = [{"method": name, "views": views, **summary(entries)} for (name, views), entries in runs.items()]
-    recording = trial.clip.id if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
+    recording = trial.clip.id if clips.total == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
     poses = f"poses of {Path(config.poses).name}" if config.poses else Input(config.input).value.replace("_", " ")
     return {
         "recording": recording,
@@ -198,9 +210,9 @@ def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
             f"poses={config.poses}: poses made elsewhere are compared with the truth, whatever cameras they are of; "
             "leave out views, reference"
         )
-    ids = [folder.name for folder in clips.folders] if len(clips) > 1 else [clips[0].id]
-    paths = predictions_of(Path(config.poses), ids) if config.poses else {}
-    for number, (clip, name) in enumerate(zip(clips, ids, strict=True)):
+    ids = [folder.name for folder in clips.folders] if clips.total > 1 else [clips[0].id]
+    paths = predictions_of(Path(config.poses), clips.names if clips.total > 1 else ids) if config.poses else {}
+    for number, clip, name in zip(clips.numbers, clips, ids, strict=True):
         path = paths.get(name)
         if synthetic:
             yield _synthetic_trial(clip, number, config, path)

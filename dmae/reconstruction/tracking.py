@@ -16,7 +16,7 @@ from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, affinity, cluster, propagate, ray_distances
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit
 from dmae.reconstruction.evidence import Evidence
-from dmae.reconstruction.sides import Sides, exchange, find_exchanged, nearer_side
+from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged, nearer_side
 from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
 
 _MIN_JOINTS = 3

@@ -3,6 +3,7 @@
 import logging
 import warnings
 from contextlib import contextmanager
+from functools import partial
 
 from lightning.pytorch.callbacks import Callback, WeightAveraging
 from torch import Tensor
@@ -15,10 +16,11 @@ class AverageWeights(WeightAveraging):
     """Exponential moving average of the weights, over few steps at first."""
 
     def __init__(self, decay: float):
-        def blend(average: Tensor, current: Tensor, count: int | Tensor) -> Tensor:
-            return average.lerp(current, 1 - min(decay, (1 + float(count)) / (10 + float(count))))
+        super().__init__(avg_fn=partial(_blend, decay), use_buffers=False)
 
-        super().__init__(avg_fn=blend, use_buffers=False)
+
+def _blend(decay: float, average: Tensor, current: Tensor, count: int | Tensor) -> Tensor:
+    return average.lerp(current, 1 - min(decay, (1 + float(count)) / (10 + float(count))))
 
 
 class ShowProgress(Callback):
@@ -65,10 +67,15 @@ def quiet_lightning():
     logger.setLevel(logging.WARNING)
     try:
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", ".*does not have many workers.*")
-            # Lightning calls a deprecated function of torch.
-            warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)
-            warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
+            ignore_warnings()
             yield
     finally:
         logger.setLevel(level)
+
+
+def ignore_warnings() -> None:
+    """Suppress warnings of Lightning that are about its own code, or about what is intended."""
+    warnings.filterwarnings("ignore", ".*does not have many workers.*")
+    # Lightning calls a deprecated function of torch.
+    warnings.filterwarnings("ignore", ".*LeafSpec.*", FutureWarning)
+    warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")

@@ -9,6 +9,7 @@ from dmae.data.labels import Visibility
 from dmae.data.store import MANIFEST, read_manifest, write_atomic
 from synth.datasets.statistics.histograms import QUANTITIES, Statistics, measure
 from synth.datasets.statistics.picture import draw
+from synth.datasets.statistics.terms import terms
 
 PAGE, PICTURE, NUMBERS = "README.md", "statistics.png", "statistics.json"
 FORMAT = 1
@@ -87,6 +88,7 @@ def page(found: Statistics, name: str, failed: int) -> str:
         _table(("", ""), rows),
         "## Occlusion\n\n" + _occlusion(found),
         "## Quantities\n\n" + _quantities(found),
+        "## Rights\n\n" + terms(found),
     ]
     return "\n\n".join(parts) + "\n"
 
