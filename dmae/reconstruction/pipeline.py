@@ -14,11 +14,11 @@ from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
 from dmae.reconstruction.people.disagreement import settle_disagreement
+from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged
 from dmae.reconstruction.people.subjects import inside_volume, wanted_people
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.rays import most_confident_rays
 from dmae.reconstruction.reassignment import expected_paths, reassign
-from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged
 from dmae.reconstruction.tracking import track
 from dmae.reconstruction.tracks import Tracks
 
