@@ -7,7 +7,7 @@ from dmae.commands import capture, complete, detect, export, report
 from dmae.commands.detect import DetectCommand, WorldConfig
 from dmae.data.store import clip_folders
 from dmae.detection.output import OutputConfig
-from dmae.detection.registry import DetectorConfig
+from dmae.detection.registry import ImageDetectorConfig
 from dmae.formats.reading import DataConfig
 from dmae.formats.registry import pose_writer
 from dmae.reconstruction.config import CaptureConfig
@@ -33,7 +33,7 @@ class RunCommand:
     """Calibration file, or folder of them."""
     clip: str | None = None
     """Instead of videos: folder of a clip with colour images, or of a data set of them."""
-    detector: DetectorConfig = field(default_factory=DetectorConfig)
+    detector: ImageDetectorConfig = field(default_factory=ImageDetectorConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     weights: str | None = None
     """Folder that `dmae train` wrote; by default the weights that come with the package."""

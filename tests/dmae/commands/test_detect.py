@@ -142,7 +142,7 @@ def test_another_detector_is_refused_in_the_same_folder(session: Clip, tmp_path:
 
 
 def test_a_clip_with_images_keeps_its_truth(session: Clip, tmp_path: Path):
-    for view, name in enumerate(session.rig.names):
+    for name in session.rig.names:
         pictures = (cv2.imread(str(file)) for file in sorted((tmp_path / "videos" / name).glob("*.png")))
         write_video(tmp_path / "seen/rgb" / f"{name}.mp4", pictures, 25)
     images = Images(tmp_path / "seen", session.rig.names, tuple(range(12)), ("rgb",))
