@@ -11,7 +11,7 @@ from dmae.data.resume import claim_folder
 from dmae.data.store import clip_folders, load_clip, save_clip
 from dmae.detection.output import OutputConfig, write_flat
 from dmae.detection.recording import Recording, detect_clip, detect_recording, make_clip, open_recording, write_images
-from dmae.detection.registry import ImageDetectorConfig
+from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.calibrations.conventions import LengthUnit, UpDirection
 from dmae.formats.calibrations.files import read_calibration
 
@@ -50,7 +50,7 @@ class DetectCommand:
     """Calibration file, or folder of them; without one, detections are written as files of 2D keypoints."""
     clip: str | None = None
     """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
-    detector: ImageDetectorConfig = field(default_factory=ImageDetectorConfig)
+    detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
     fps: float | None = None
     """1/s; frame rate, by default that of the videos. Folders of pictures do not say it."""

@@ -7,7 +7,7 @@ from dmae.commands import capture, complete, detect, export, report
 from dmae.commands.detect import DetectCommand, WorldConfig
 from dmae.data.store import clip_folders
 from dmae.detection.output import OutputConfig
-from dmae.detection.registry import ImageDetectorConfig
+from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.reading import DataConfig
 from dmae.formats.registry import pose_writer
 from dmae.reconstruction.config import CaptureConfig
@@ -33,7 +33,7 @@ class RunCommand:
     """Calibration file, or folder of them."""
     clip: str | None = None
     """Instead of videos: folder of a clip with colour images, or of a data set of them."""
-    detector: ImageDetectorConfig = field(default_factory=ImageDetectorConfig)
+    detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     weights: str | None = None
     """Folder that `dmae train` wrote; by default the weights that come with the package."""

@@ -11,7 +11,7 @@ from dmae.data.clip import Detections2D
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import write_atomic
 from dmae.detection.pictures import CameraPictures
-from dmae.detection.registry import ImageDetectorConfig, PictureDetector, pose_detector
+from dmae.detection.registry import PictureDetector, PoseDetectorConfig, pose_detector
 from dmae.files.arrays import read_arrays
 from dmae.files.numbers import MOST_PIXELS
 from dmae.parallel import in_parallel
@@ -37,7 +37,7 @@ class Found:
         return [number for number, people in enumerate(self.people) if people is None]
 
 
-def make_detector(config: ImageDetectorConfig) -> PictureDetector:
+def make_detector(config: PoseDetectorConfig) -> PictureDetector:
     """Return a detector for the pictures of one camera.
 
     Raises:
@@ -53,7 +53,7 @@ def make_detector(config: ImageDetectorConfig) -> PictureDetector:
 
 
 def detect_people(
-    cameras: Sequence[CameraPictures], config: ImageDetectorConfig, pieces: Path, workers: int = 1
+    cameras: Sequence[CameraPictures], config: PoseDetectorConfig, pieces: Path, workers: int = 1
 ) -> dict[str, Found]:
     """Run a detector over all pictures of some cameras.
 
@@ -107,7 +107,7 @@ def to_detections(found: Sequence[Found], frames: Sequence[np.ndarray], count: i
     return Detections2D(skeleton, values[..., :2], values[..., 2])
 
 
-def _detect_piece(camera: CameraPictures, config: ImageDetectorConfig, start: int, stop: int, file: Path) -> None:
+def _detect_piece(camera: CameraPictures, config: PoseDetectorConfig, start: int, stop: int, file: Path) -> None:
     """Detect the people of some pictures, and write them to a file."""
     detector = make_detector(config)
     people = [

@@ -19,7 +19,7 @@ from dmae.detection.alignment import Alignment, align
 from dmae.detection.picture_size import Fitting, fit_pictures
 from dmae.detection.pictures import CameraPictures, cameras_of, find_cameras
 from dmae.detection.pipeline import Found, detect_people, make_detector, to_detections
-from dmae.detection.registry import ImageDetectorConfig
+from dmae.detection.registry import PoseDetectorConfig
 from dmae.files.names import child
 from dmae.formats.recordings.camera_matching import match_cameras
 from dmae.parallel import in_parallel
@@ -90,7 +90,7 @@ def _fitting(camera: CameraPictures, one: CameraRig) -> Fitting:
 
 
 def detect_recording(
-    recording: Recording, config: ImageDetectorConfig, pieces: Path, skeleton: str | None = None, workers: int = 1
+    recording: Recording, config: PoseDetectorConfig, pieces: Path, skeleton: str | None = None, workers: int = 1
 ) -> tuple[Detections2D, tuple[str, ...]]:
     """Return the detections (F, V, D, J) of a recording in the pixels of its calibration, and notes on them.
 
@@ -116,7 +116,7 @@ def detect_recording(
 
 
 def detect_clip(
-    clip: Clip, config: ImageDetectorConfig, pieces: Path, skeleton: str | None = None, workers: int = 1
+    clip: Clip, config: PoseDetectorConfig, pieces: Path, skeleton: str | None = None, workers: int = 1
 ) -> Clip:
     """Return a clip with images with new detections in them; truth and occlusion labels stay.
 

@@ -1,6 +1,6 @@
 """The registry of 2D detectors: each is a function under the decorator `pose_detector`.
 
-It takes a `DetectorConfig` and returns a `PictureDetector` for the pictures of one camera, which come in order. A
+It takes a `PoseDetectorConfig` and returns a `PictureDetector` for the pictures of one camera, which come in order. A
 detector of users' own, `detector=module:function`, is such a function too, without the decorator.
 """
 
@@ -16,7 +16,7 @@ pose_detector = Registry("pose_detector", Entry, f"{__package__}.detectors", opt
 
 
 @dataclass(frozen=True)
-class DetectorConfig:
+class PoseDetectorConfig:
     """How people are found in pictures."""
 
     name: str = field(default="blazepose", metadata={"choices": pose_detector})

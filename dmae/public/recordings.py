@@ -11,7 +11,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.store import load_clip, save_clip
 from dmae.detection.recording import detect_clip, detect_recording, make_clip, open_recording
-from dmae.detection.registry import ImageDetectorConfig
+from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.calibrations.files import read_calibration
 from dmae.formats.reading import Clips
 from dmae.formats.recordings import pose_files
@@ -92,7 +92,7 @@ def detect(
         >>> found.detections.xy.shape[:2] == (len(seen), len(seen.rig))
         True
     """
-    config = ImageDetectorConfig(name=detector)
+    config = PoseDetectorConfig(name=detector)
     with TemporaryDirectory() as pieces:
         if isinstance(source, Clip):
             if calibration is not None or fps is not None or offsets is not None:

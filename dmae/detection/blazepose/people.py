@@ -6,7 +6,7 @@ from dmae.detection.blazepose.candidates import find_candidates, same_region
 from dmae.detection.blazepose.landmarks import Person, find_person, same_torso
 from dmae.detection.blazepose.models import Network
 from dmae.detection.blazepose.regions import Region, pyramid_of
-from dmae.detection.registry import ImageDetectorConfig
+from dmae.detection.registry import PoseDetectorConfig
 
 _PASSES = 2
 """Of the second network on a new person, each on the region that the one before found."""
@@ -14,10 +14,10 @@ _RETRIES = 3
 """Pictures after a person was lost in which people are searched at once."""
 
 
-class FollowedPeople:
+class PeopleDetector:
     """Find the people in pictures that come in order."""
 
-    def __init__(self, config: ImageDetectorConfig):
+    def __init__(self, config: PoseDetectorConfig):
         self._config = config
         self._finder, self._joints = Network("pose_detection"), Network("pose_landmark_full")
         self._regions: list[Region] = []

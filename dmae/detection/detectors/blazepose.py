@@ -4,12 +4,12 @@ import numpy as np
 
 from dmae.data.skeleton import BLAZEPOSE33
 from dmae.detection.blazepose.confidence import confidence
-from dmae.detection.blazepose.people import FollowedPeople
-from dmae.detection.registry import ImageDetectorConfig, pose_detector
+from dmae.detection.blazepose.people import PeopleDetector
+from dmae.detection.registry import PoseDetectorConfig, pose_detector
 
 
 @pose_detector("blazepose")
-def blazepose(config: ImageDetectorConfig) -> "BlazePose":
+def blazepose(config: PoseDetectorConfig) -> "BlazePose":
     """MediaPipe's BlazePose, which comes with the package: 33 joints, several people, about 20 ms for each."""
     return BlazePose(config)
 
@@ -19,8 +19,8 @@ class BlazePose:
 
     skeleton = BLAZEPOSE33
 
-    def __init__(self, config: ImageDetectorConfig):
-        self._people = FollowedPeople(config)
+    def __init__(self, config: PoseDetectorConfig):
+        self._people = PeopleDetector(config)
 
     def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         people = self._people(picture)

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.detection.blazepose.people import FollowedPeople
+from dmae.detection.blazepose.people import PeopleDetector
 from dmae.detection.blazepose.regions import Region, pyramid_of
-from dmae.detection.registry import ImageDetectorConfig, pose_detector
+from dmae.detection.registry import PoseDetectorConfig, pose_detector
 from dmae.files.contents import check_file
 from dmae.formats.openpose import BY_COUNT
 
@@ -18,7 +18,7 @@ _BOX_MARGIN = 1.25
 
 
 @pose_detector("onnx")
-def onnx(config: ImageDetectorConfig) -> "OnnxDetector":
+def onnx(config: PoseDetectorConfig) -> "OnnxDetector":
     """A model of your own, detector.path=<file.onnx>, for the people that BlazePose finds; needs onnxruntime."""
     if config.path is None:
         raise ValueError("detector=onnx: expected detector.path=<file.onnx>")
@@ -45,7 +45,7 @@ class OnnxDetector:
     across (1, J, n W) and down (1, J, n H).
     """
 
-    def __init__(self, session, config: ImageDetectorConfig):
+    def __init__(self, session, config: PoseDetectorConfig):
         (given,) = session.get_inputs()
         if len(given.shape) != 4 or given.shape[1] != 3 or not all(isinstance(side, int) for side in given.shape[2:]):
             raise ValueError(
@@ -53,7 +53,7 @@ class OnnxDetector:
                 "export it of a fixed size"
             )
         self._session, self._input, (self._height, self._width) = session, given.name, given.shape[2:]
-        self._people = FollowedPeople(config)
+        self._people = PeopleDetector(config)
         joints = len(self._joints(np.zeros((self._height, self._width, 3), np.uint8))[0])
         self.skeleton = _skeleton(config, joints)
 
@@ -103,7 +103,7 @@ def _peaks(maps: np.ndarray) -> np.ndarray:
     return np.stack([(x + 0.5 + 0.25 * np.sign(right)) / width, (y + 0.5 + 0.25 * np.sign(down)) / height], -1)
 
 
-def _skeleton(config: ImageDetectorConfig, joints: int) -> Skeleton:
+def _skeleton(config: PoseDetectorConfig, joints: int) -> Skeleton:
     if config.skeleton is not None:
         try:
             found = get_skeleton(config.skeleton)

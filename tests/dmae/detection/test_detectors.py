@@ -10,7 +10,7 @@ from dmae.data.skeleton import BLAZEPOSE33, BODY25, COCO17
 from dmae.data.skeleton_conversion import convert_detections
 from dmae.detection.pictures import find_cameras
 from dmae.detection.pipeline import detect_people, make_detector, to_detections
-from dmae.detection.registry import ImageDetectorConfig
+from dmae.detection.registry import PoseDetectorConfig
 
 VIDEOS = Path(os.environ.get("DMAE_DATA", "nowhere")) / "pose2sim/videos"
 real = pytest.mark.skipif(not VIDEOS.is_dir(), reason="DMAE_DATA with pose2sim/videos is not there")
@@ -25,7 +25,7 @@ def picture() -> np.ndarray:
 @real
 @pytest.mark.parametrize("turned", [0, 2], ids=["upright", "upside down"])
 def test_the_man_is_found(picture, turned):
-    detector = make_detector(ImageDetectorConfig(windows=[1.0]))
+    detector = make_detector(PoseDetectorConfig(windows=[1.0]))
     xy, score = detector(np.ascontiguousarray(np.rot90(picture, turned)))
     assert xy.shape == (1, 33, 2)
     if turned:
@@ -37,7 +37,7 @@ def test_the_man_is_found(picture, turned):
 
 @real
 def test_a_person_is_followed_and_an_empty_picture_is_empty(picture):
-    detector = make_detector(ImageDetectorConfig(windows=[1.0], search_every=100))
+    detector = make_detector(PoseDetectorConfig(windows=[1.0], search_every=100))
     first, _ = detector(picture)
     second, _ = detector(picture)
     assert np.nanmedian(np.linalg.norm(second - first, axis=-1)) < 10
@@ -48,7 +48,7 @@ def test_a_person_is_followed_and_an_empty_picture_is_empty(picture):
 def test_pieces_are_kept_and_not_done_again(tmp_path: Path):
     cameras = [find_cameras(VIDEOS)[2]]
     short = [type(cameras[0])(**{**vars(cameras[0]), "times": cameras[0].times[:2]})]
-    config = ImageDetectorConfig(windows=[1.0])
+    config = PoseDetectorConfig(windows=[1.0])
     found = detect_people(short, config, tmp_path)
     (piece,) = tmp_path.iterdir()
     before = piece.stat().st_mtime_ns
@@ -87,10 +87,10 @@ def heat_map_model(path: Path, simcc: bool) -> None:
 @pytest.mark.parametrize("simcc", [False, True], ids=["heat maps", "SimCC"])
 def test_a_model_in_onnx(picture, tmp_path: Path, simcc: bool):
     heat_map_model(tmp_path / "model.onnx", simcc)
-    detector = make_detector(ImageDetectorConfig(name="onnx", path=str(tmp_path / "model.onnx"), windows=[1.0]))
+    detector = make_detector(PoseDetectorConfig(name="onnx", path=str(tmp_path / "model.onnx"), windows=[1.0]))
     assert detector.skeleton is COCO17
     dark = picture // 8
-    (xy,), _ = make_detector(ImageDetectorConfig(windows=[1.0]))(dark)
+    (xy,), _ = make_detector(PoseDetectorConfig(windows=[1.0]))(dark)
     hip = xy[BLAZEPOSE33.index("l_hip", "r_hip")].mean(0)
     x, y = (hip + (40, -60)).round().astype(int)
     dark[y - 15 : y + 16, x - 15 : x + 16] = 255
@@ -103,6 +103,6 @@ def test_a_file_that_is_no_model(tmp_path: Path):
     pytest.importorskip("onnxruntime")
     (tmp_path / "model.onnx").write_bytes(b"nothing")
     with pytest.raises(ValueError, match="expected an ONNX model"):
-        make_detector(ImageDetectorConfig(name="onnx", path=str(tmp_path / "model.onnx")))
+        make_detector(PoseDetectorConfig(name="onnx", path=str(tmp_path / "model.onnx")))
     with pytest.raises(FileNotFoundError):
-        make_detector(ImageDetectorConfig(name="onnx", path=str(tmp_path / "none.onnx")))
+        make_detector(PoseDetectorConfig(name="onnx", path=str(tmp_path / "none.onnx")))
