@@ -100,11 +100,9 @@ def run(config: CaptureCommand, out: Path) -> None:
         Manifest(out, several, part_of("dmae capture", config, clips, part.numbers)) as made,
     ):
         done = zip(in_parallel(_capture, tasks, config.workers), part.folders, strict=True)
-        for (captured, seconds), folder in progress(done, "capturing", len(part)):
-            for note in captured.provenance.get("notes", ()):
+        for (captured, exchanges, seconds), folder in progress(done, "capturing", len(part)):
+            for note in [*captured.provenance.get("notes", ()), *exchanges]:
                 print(f"{captured.id}: {note}")
-            for note in describe_sides(captured, captured.poses):
-                print(f"{captured.id}: {note}, put right by the others")
             spent += seconds
             frames += len(captured)
             to, poses = out / folder.name if several else out, captured.poses
@@ -144,19 +142,20 @@ def _print_errors(errors: list[Reprojection]) -> None:
         print_tables(tables)
 
 
-def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, float]:
-    """Return the one clip, or its first frames, captured, and how long capture took, s."""
+def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, list[str], float]:
+    """Return the one clip, or its first frames, captured; notes on exchanged sides; and how long capture took, s."""
     (clip,), (number,) = clips, clips.numbers
     if frames is not None:
         clip = clip.select(frames=range(min(frames, len(clip))))
     if config.draw:
         clip = clip.select(views=_drawn(config, len(clip.rig), number))
     start = time.perf_counter()
-    poses = capture(clip, config.capture)
+    poses = measured = capture(clip, config.capture)
     spent = time.perf_counter() - start
     if config.fill != "none":
         poses = METHODS[config.fill](poses, clip.fps)
-    return replace(clip, poses=smooth(poses, clip.fps, config.smooth)), spent
+    exchanges = [f"{note}, put right by the other cameras" for note in describe_sides(clip, measured)]
+    return replace(clip, poses=smooth(poses, clip.fps, config.smooth)), exchanges, spent
 
 
 def _forecast(config: CaptureCommand, clips: Clips) -> str:
@@ -166,7 +165,7 @@ def _forecast(config: CaptureCommand, clips: Clips) -> str:
     for number in chosen:
         one = clips.part(range(number, number + 1))
         start = time.perf_counter()
-        captured, _ = _capture(config, one, _TRIED)
+        captured, *_ = _capture(config, one, _TRIED)
         with TemporaryDirectory() as folder:
             save_clip(captured, Path(folder))
             size += sum(path.stat().st_size for path in Path(folder).iterdir())

@@ -15,7 +15,8 @@ from dmae.progress import progress
 WRITES = "folder"
 EXAMPLES = (
     "dmae complete clip=runs/captured out=runs/completed",
-    "dmae complete clip=runs/captured weights=runs/model reject=true out=runs/completed",
+    "dmae complete clip=runs/captured weights=runs/model out=runs/completed",
+    "dmae complete clip=runs/captured reject=false denoise=false smooth=0 out=runs/filled",
     "dmae complete clip=runs/captured online=true delay=0.2 out=runs/online",
 )
 
@@ -29,11 +30,14 @@ class CompleteCommand:
     weights: str | None = None
     """Folder that `dmae train` wrote; by default the weights that come with the package, for the skeleton of the
     poses."""
-    denoise: bool = False
-    """Let the model move joints measured by fewer than three views too; they are then marked denoised."""
-    reject: bool = False
+    denoise: bool | None = None
+    """Let the model move joints measured by fewer than three views too; they are then marked denoised. By default where
+    the weights were trained for it."""
+    reject: bool = True
     """Drop joints of two views that the frames around contradict (`dmae.completion.rejection`), and complete them as
     well."""
+    smooth: float = 0.1
+    """s; light smoothing after that (0: none). What it moves is marked denoised."""
     online: bool = False
     """Complete as while cameras run: each frame by what is known `delay` after it."""
     delay: float = DELAY
@@ -45,9 +49,8 @@ class CompleteCommand:
 
 
 def run(config: CompleteCommand, out: Path) -> None:
-    completer_for = completers(
-        Path(config.weights) if config.weights else None, denoise=config.denoise, reject=config.reject
-    )
+    options = {"denoise": config.denoise, "reject": config.reject, "smooth": config.smooth}
+    completer_for = completers(Path(config.weights) if config.weights else None, **options)
     if not config.damaged:
         refuse_damaged(Path(config.clip), "damaged=true")
     folders = clip_folders(Path(config.clip))

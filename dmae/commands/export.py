@@ -14,6 +14,7 @@ WRITES = None
 EXAMPLES = (
     "dmae export clip=runs/completed out=runs/completed/poses.npz",
     "dmae export clip=runs/completed format=trc unit=mm out=runs/walk.trc",
+    "dmae export clip=runs/completed keep_mm=30 out=runs/completed/sure.npz",
     "dmae export clip=runs/data/000000 format=coco out=runs/keypoints.json",
 )
 
@@ -31,6 +32,9 @@ class ExportCommand:
     """Skeleton of the file; by default the one the poses are in, and of two fused the first, except for npz."""
     unit: LengthUnit = LengthUnit.m
     """Unit of lengths in a TRC."""
+    keep_mm: float | None = None
+    """mm; leave out joints that are likely farther than this from the truth, by the uncertainty that they state, and
+    completed ones that state none. By default all joints are written."""
     out: str = "???"
     """File to write, by default with the suffix of the format; for panoptic and openpose a folder."""
 
@@ -42,7 +46,8 @@ def run(config: ExportCommand, out: Path) -> None:
     folder = Path(config.clip)
     clip = load_clip(folder)
     kept = with_decisions(clip, folder)
-    written = write_poses(kept, out, config.format, skeleton=config.skeleton, unit=config.unit)
+    options = {"skeleton": config.skeleton, "unit": config.unit, "keep_mm": config.keep_mm}
+    written = write_poses(kept, out, config.format, **options)
     frames, persons = written.xyz.shape[:2]
     print(f"{out}: {frames} frames, {persons} persons, {written.skeleton.name}")
     if kept is not clip:

@@ -78,7 +78,8 @@ class EvaluateConfig:
     skeleton: str | None = None
     """Skeleton that poses are compared on; by default that of the truth."""
     smooth: float = 0.1
-    """s; smoothing after every method except `measured`."""
+    """s; smoothing after every method except `measured` and online ones, which smooth themselves. With it,
+    `methods=[dmae_denoise]` scores what `dmae complete` makes."""
     baseline: str | None = None
     """`scores.json` of an earlier run, or its folder: exit status 2 if a figure is worse by more than its interval."""
     changed: list[str] = field(default_factory=list)
@@ -176,12 +177,12 @@ def filled_trials(
     methods: dict[str, Callable[[Poses3D, float], Poses3D]],
     to_skeleton: Callable[[Poses3D, Skeleton], Poses3D] = convert,
 ) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
-    """Yield every trial, and what each method makes of it: on the skeleton of the truth, and smoothed.
+    """Yield every trial, and what each method makes of it: smoothed, and on the skeleton of the truth.
 
     Args:
         clips: At least one.
         config: Of its fields `data`, `methods` and `weights` are not read.
-        methods: Functions that fill poses, by name. What `measured` returns is not smoothed.
+        methods: Functions that fill poses, by name. What methods that smooth themselves return is not smoothed.
         to_skeleton: Brings filled poses to the skeleton of the truth.
     """
     captured = config.input == Input.captured_poses and not config.poses
@@ -189,8 +190,10 @@ def filled_trials(
     for trial in progress(_trials(clips, config), "evaluating", total):
         filled = {}
         for name, fill in methods.items():
-            poses = to_skeleton(fill(trial.given, trial.clip.fps), trial.truth.skeleton)
-            filled[name] = poses if name == "measured" else smooth(poses, trial.clip.fps, config.smooth)
+            poses = fill(trial.given, trial.clip.fps)
+            if not (name in completion_method and find_method(name).smooths):
+                poses = smooth(poses, trial.clip.fps, config.smooth)
+            filled[name] = to_skeleton(poses, trial.truth.skeleton)
         yield trial, filled | ({} if trial.filled is None else {HANDED_IN: trial.filled})
 
 

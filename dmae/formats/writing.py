@@ -10,6 +10,7 @@ from dmae.data.store import check_vacant
 from dmae.files.names import child
 from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
+from dmae.numerics.likely_error import without_unlikely
 
 _SUFFIXES = {"coco": ".json"}
 """Of files that are not called like their format."""
@@ -24,7 +25,13 @@ def export_path(path: Path, format: str) -> Path:
 
 
 def write_poses(
-    clip: Clip, path: Path, format: str = "npz", *, skeleton: str | None = None, unit: LengthUnit = LengthUnit.m
+    clip: Clip,
+    path: Path,
+    format: str = "npz",
+    *,
+    skeleton: str | None = None,
+    unit: LengthUnit = LengthUnit.m,
+    keep_mm: float | None = None,
 ) -> Poses3D:
     """Write the captured or completed poses of a clip, or its truth where it has none.
 
@@ -34,20 +41,22 @@ def write_poses(
         format: Name of a pose writer, or `package.module:function`.
         skeleton: Skeleton to write; by default that of the poses, of two fused the first unless the format has both.
         unit: Unit of lengths, for formats that have one.
+        keep_mm: Leave out joints that are likely farther than this from the truth, by their covariances, see
+            `dmae.numerics.likely_error.without_unlikely`; by default none.
 
     Returns:
         The poses on the skeleton that was written.
 
     Raises:
         ValueError: there are neither poses nor truth, no such format, the format does not have the skeleton or units,
-            or the folder is not empty.
+            the folder is not empty, or `keep_mm` is not a positive number.
         KeyError: there is no such skeleton.
     """
     writer, path = pose_writer.find(format), export_path(path, format)
     poses = exported_poses(clip)
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has neither poses nor truth to export; run dmae capture on it first")
-    written = convert(poses, _skeleton(writer, poses, skeleton))
+    written = convert(without_unlikely(poses, keep_mm), _skeleton(writer, poses, skeleton))
     options = {}
     if "unit" in writer.options:
         options["unit"] = LengthUnit(unit)

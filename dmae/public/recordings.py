@@ -190,6 +190,7 @@ def export(
     poses: Poses3D | None = None,
     skeleton: str | None = None,
     unit: str = "m",
+    keep_mm: float | None = None,
 ) -> None:
     """Write poses to a file that other programs read.
 
@@ -200,9 +201,11 @@ def export(
         poses: Export these instead.
         skeleton: Convert to this skeleton first.
         unit: `m`, `cm` or `mm`, of a TRC.
+        keep_mm: Leave out joints that are likely farther than this from the truth, by the uncertainty that they
+            state, and completed ones that state none.
 
     Raises:
-        ValueError: there are no poses, or the folder is not empty.
+        ValueError: there are no poses, the folder is not empty, or `keep_mm` is not a positive number.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -211,7 +214,7 @@ def export(
         (14, 3)
     """
     given = clip if poses is None else replace(clip, poses=poses)
-    write_poses(given, Path(out), format, skeleton=skeleton, unit=unit)
+    write_poses(given, Path(out), format, skeleton=skeleton, unit=unit, keep_mm=keep_mm)
 
 
 def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:

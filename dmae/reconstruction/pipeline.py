@@ -31,7 +31,7 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
        (identity matching). Joints are triangulated from the views that agree.
     2. Tracks of one person are merged, false positives dropped, and the people chosen that are asked for.
     3. With the whole path of each person known, joints with left and right exchanged are put right, and each joint is
-       assigned to detections again, triangulated and pruned. Where cameras disagree about a person by a constant, as
+       assigned to detections again, triangulated and pruned. Where cameras disagree on a person by a constant, as
        after an inexact calibration, joints that four cameras or more see are made of those that agree.
 
     `dmae.online.capture` runs the same steps on frames as they come.

@@ -17,13 +17,21 @@ from dmae.completion.network.build import build_network
 from dmae.completion.network.paper import DMAE
 from dmae.completion.normalisation import rest_pose
 from dmae.completion.training.batches import calibration_poses, validation_batches
-from dmae.completion.training.callbacks import AverageWeights, ShowProgress, StopInTime, quiet_lightning
+from dmae.completion.training.callbacks import (
+    STEPS,
+    AverageWeights,
+    ReportSteps,
+    ShowProgress,
+    StopInTime,
+    errors_of_processes,
+    quiet_lightning,
+    strategy_of,
+)
 from dmae.completion.training.checkpoints import CHECKPOINT, CheckedCheckpoints, newest_checkpoint
 from dmae.completion.training.config import Precision, TrainConfig
 from dmae.completion.training.examples import Examples, Recipe
 from dmae.completion.training.learner import Learner
 from dmae.completion.training.pose_pairs import PosePair
-from dmae.completion.training.processes import STEPS, ReportSteps, errors_of_processes, strategy_of
 from dmae.completion.training.reading import TrainingSet, read_training_set, split
 from dmae.completion.training.time_limit import TimeLimit
 from dmae.completion.training.uncertainty_fitting import fit_factors
