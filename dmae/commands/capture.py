@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from dmae.commands.data_sets import Manifest, describe_joints, finished, part_of
+from dmae.commands.data_sets import Manifest, describe_joints, describe_sides, finished, part_of
 from dmae.completion.methods.registry import METHODS, completion_method
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import save_clip
 from dmae.evaluation.report.pooled import Groups, added_groups
@@ -22,7 +22,6 @@ from dmae.parts import numbers_of
 from dmae.progress import duration, progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.people.diagnosis import explain_capture
-from dmae.reconstruction.people.sides import exchanged_detections
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import print_tables
 
@@ -37,8 +36,6 @@ _TRIED = 50
 """Frames of a clip that a forecast captures."""
 _FEW = 0.4
 """Share of the detected joints; where people explain fewer, something is wrong."""
-_FEW_EXCHANGES = 0.02
-"""Share of frames with exchanged sides below which a camera is not named."""
 _FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
 
 
@@ -154,7 +151,8 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     spent = time.perf_counter() - start
     if config.fill != "none":
         poses = METHODS[config.fill](poses, clip.fps)
-    return replace(clip, poses=smooth(poses, clip.fps, config.smooth)), _exchanged_sides(clip, measured), spent
+    exchanges = [f"{note}, put right by the other cameras" for note in describe_sides(clip, measured)]
+    return replace(clip, poses=smooth(poses, clip.fps, config.smooth)), exchanges, spent
 
 
 def _forecast(config: CaptureCommand, clips: Clips) -> str:
@@ -175,17 +173,6 @@ def _forecast(config: CaptureCommand, clips: Clips) -> str:
     with running_on(config.backend):
         took = seconds / frames * total / min(process_count(config.workers), len(clips))
     return f"{len(clips)} clips, {total:.0f} frames: about {duration(took)}, {size / frames * total / 1e6:.0f} MB"
-
-
-def _exchanged_sides(clip: Clip, poses: Poses3D) -> list[str]:
-    """Say in which cameras the detector exchanged left and right, which capture has put right."""
-    counts = exchanged_detections(clip, poses).sum(0)
-    least = max(_FEW_EXCHANGES * len(clip), 2)
-    return [
-        f"{name}: left and right exchanged in {count} of {len(clip)} frames, put right by the other cameras"
-        for name, count in zip(clip.rig.names, counts, strict=True)
-        if count >= least
-    ]
 
 
 def interrupted(config: CaptureCommand, out: Path) -> str:
