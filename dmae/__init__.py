@@ -37,12 +37,15 @@ if TYPE_CHECKING:
     from dmae.public.motion import train as train
     from dmae.public.motion import triangulate as triangulate
     from dmae.public.recordings import convert as convert
+    from dmae.public.recordings import detect as detect
     from dmae.public.recordings import export as export
     from dmae.public.recordings import load as load
     from dmae.public.recordings import load_dataset as load_dataset
     from dmae.public.recordings import read as read
     from dmae.public.recordings import read_poses as read_poses
     from dmae.public.recordings import save as save
+    from dmae.public.reviewing import decide as decide
+    from dmae.public.reviewing import review as review
     from dmae.public.stress import corrupt as corrupt
     from dmae.public.stress import stress as stress
     from dmae.public.tables import table as table
@@ -64,7 +67,8 @@ _HOMES = {
         "show",
     ],
     "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
-    "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "read_poses", "save"],
+    "dmae.public.recordings": ["convert", "detect", "export", "load", "load_dataset", "read", "read_poses", "save"],
+    "dmae.public.reviewing": ["decide", "review"],
     "dmae.public.stress": ["corrupt", "stress"],
     "dmae.public.tables": ["table"],
     "dmae.reconstruction.config": ["CaptureConfig"],

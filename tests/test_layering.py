@@ -11,9 +11,19 @@ from tests.support.source_tree import ROOT, circles, imported_modules, imported_
 HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf"}
 
 LAYERS = (
-    ("dmae.data", "dmae.files", "dmae.numerics", "dmae.parallel", "dmae.plugins", "dmae.progress", "dmae.registry"),
+    (
+        "dmae.clusters",
+        "dmae.data",
+        "dmae.files",
+        "dmae.numerics",
+        "dmae.parallel",
+        "dmae.parts",
+        "dmae.plugins",
+        "dmae.progress",
+        "dmae.registry",
+    ),
     ("dmae.command_line", "dmae.formats", "dmae.reporting"),
-    ("dmae.reconstruction", "dmae.calibration", "dmae.datasets", "dmae.metrics", "dmae.viewing"),
+    ("dmae.reconstruction", "dmae.calibration", "dmae.detection", "dmae.datasets", "dmae.metrics", "dmae.viewing"),
     ("dmae.completion",),
     ("dmae.online",),
     ("dmae.evaluation",),

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from dmae.parallel import Backend, running_on
 from synth.datasets.statistics.page import PAGE, PICTURE, describe
 
 WRITES = "folder"
@@ -17,6 +18,8 @@ class StatsCommand:
     """Folder of a data set, or of a clip."""
     workers: int = 1
     """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
     out: str | None = None
     """Folder of the page, its picture and the numbers of both; by default `statistics` in the data set."""
 
@@ -26,6 +29,7 @@ def default_out(config: StatsCommand) -> Path:
 
 
 def run(config: StatsCommand, out: Path) -> None:
-    found = describe(Path(config.data), out, workers=config.workers)
+    with running_on(config.backend):
+        found = describe(Path(config.data), out, workers=config.workers)
     print(f"{out / PAGE}: {found.counts['clips']} clips, {found.counts['frames']} frames")
     print(out / PICTURE)

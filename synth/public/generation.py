@@ -11,7 +11,7 @@ from dmae.cli import compose
 from dmae.data.clip import Clip
 from dmae.data.store import clip_folders, load_clip
 from dmae.files.structured import read_json
-from dmae.parallel import in_parallel
+from dmae.parallel import in_parallel, running_on
 from synth.cli import SYNTH
 from synth.datasets import generate as datasets
 from synth.datasets import splits as datasets_splits
@@ -87,7 +87,8 @@ def generate(
 
 
 def _in_memory(config: GenerateConfig) -> Iterator[Clip]:
-    made = in_parallel(_clip_or_failure, ((config, index) for index in config.numbers), config.workers)
+    with running_on(config.backend):
+        made = in_parallel(_clip_or_failure, ((config, index) for index in config.numbers), config.workers)
     failed = 0
     for index, result in zip(config.numbers, made, strict=True):
         if isinstance(result, Clip):

@@ -22,6 +22,7 @@ from dmae.data.images import (
 from dmae.data.resume import claim_folder
 from dmae.data.store import load_clip
 from dmae.evaluation.report_section import read_scores
+from dmae.evaluation.review.decisions import load_decisions
 from dmae.files.contents import read_text
 from dmae.formats.calibrations.files import read_calibration
 from dmae.formats.calibrations.registry import calibration_format
@@ -49,6 +50,7 @@ from tests.fuzz.seed_files import (
     write_clip,
     write_compressed,
     write_data_set,
+    write_decisions,
     write_mesh,
     write_motion,
     write_pictures,
@@ -61,6 +63,7 @@ from tests.fuzz.seed_files import (
 )
 from tests.support.calibrations import TEXTS
 from tests.support.clips import walkers
+from tests.support.tracked_recordings import write_mmpose
 
 
 @dataclass(frozen=True)
@@ -169,6 +172,8 @@ READERS = [
         Reader(f"recording/{name}", write, partial(_read_recording, name), repair=_CLIP if name == "clip" else None)
         for name, write in WRITE_RECORDING.items()
     ),
+    Reader("recording/mmpose pickles", partial(write_mmpose, kind="pkl"), partial(_read_recording, "mmpose"),
+           ("predictions/*",)),
     Reader("recording/pose2sim video", write_pose2sim_video,
            lambda folder: list(load(DataConfig("pose2sim", str(folder)))), ("videos/*",)),
     Reader("poses/npz", write_poses, lambda folder: read_npz(folder / "poses.npz")),
@@ -188,6 +193,7 @@ READERS = [
     Reader("room/mjcf", write_room, _read_room, finite=True),
     Reader("preset/generate", write_presets, _read_presets),
     Reader("clip/clip", write_clip, load_clip, repair=_CLIP),
+    Reader("clip/decisions", write_decisions, lambda folder: load_decisions(folder, walkers(3, 2))),
     Reader("clip/data set", write_data_set, lambda folder: verify(folder) and None, ("*.json*", "*/clip.json")),
     *(Reader(f"images/{kind}", write_pictures, partial(_read_pictures, kind), (f"{kind}/**/*",))
       for kind in KINDS),

@@ -24,6 +24,7 @@ from dmae.data.images import (
 )
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import save_clip, write_manifest
+from dmae.evaluation.review.decisions import Decision, ReviewVerdict, save_decisions
 from dmae.formats.calibrations.files import write_calibration as write_rig
 from dmae.formats.npz import export_npz
 from dmae.formats.panoptic import write_poses as write_panoptic_poses
@@ -39,6 +40,7 @@ from tests.support.marker_files import c3d
 from tests.support.marker_files import t_pose as marker_t_pose
 from tests.support.motion_files import amc, bvh
 from tests.support.recordings import recording, write_frames, write_openpose_recording
+from tests.support.tracked_recordings import write_caliscope, write_freemocap, write_mmpose
 
 FPS = 25.0
 
@@ -121,6 +123,11 @@ def write_data_set(folder: Path) -> None:
         save_clip(replace(full_clip(3, 2), id=name), folder / name)
     write_manifest(folder, [{"id": name, "status": "ok", "seed": 0, "frames": 3} for name in ("000000", "000001")])
     (folder / "config.json").write_text(json.dumps({"scene": {"fps": 25.0}, "images": "none"}))
+
+
+def write_decisions(folder: Path) -> None:
+    decisions = [Decision(1, "neck", 0, 2, ReviewVerdict.blank), Decision(0, "nose", 1, 1, ReviewVerdict.accept)]
+    save_decisions(folder, walkers(3, 2), decisions)
 
 
 def write_pictures(folder: Path) -> None:
@@ -274,6 +281,9 @@ def write_poses(folder: Path) -> None:
 
 
 WRITE_RECORDING = {
+    "caliscope": write_caliscope,
+    "freemocap": write_freemocap,
+    "mmpose": write_mmpose,
     "clip": write_clip,
     "coco": lambda folder: write_recording(full_clip(3, 2), folder, "coco"),
     "easymocap": lambda folder: write_recording(full_clip(3, 2), folder, "easymocap"),
