@@ -24,12 +24,13 @@ if TYPE_CHECKING:
     from dmae.online.capture import OnlineCapture as OnlineCapture
     from dmae.public.assessment import benchmark as benchmark
     from dmae.public.assessment import compare_scores as compare_scores
-    from dmae.public.assessment import doctor as doctor
     from dmae.public.assessment import draw as draw
     from dmae.public.assessment import evaluate as evaluate
     from dmae.public.assessment import regress as regress
     from dmae.public.assessment import report as report
     from dmae.public.assessment import show as show
+    from dmae.public.cameras import calibrate as calibrate
+    from dmae.public.cameras import doctor as doctor
     from dmae.public.motion import capture as capture
     from dmae.public.motion import card as card
     from dmae.public.motion import complete as complete
@@ -59,13 +60,13 @@ _HOMES = {
     "dmae.public.assessment": [
         "benchmark",
         "compare_scores",
-        "doctor",
         "draw",
         "evaluate",
         "regress",
         "report",
         "show",
     ],
+    "dmae.public.cameras": ["calibrate", "doctor"],
     "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
     "dmae.public.recordings": ["convert", "detect", "export", "load", "load_dataset", "read", "read_poses", "save"],
     "dmae.public.reviewing": ["decide", "review"],

@@ -19,6 +19,7 @@ COMMANDS = {
     "doctor": "Find what is wrong with a calibration and its detections",
     "pretrain": "Make a model for your cameras, detector and motion: simulate, capture, train, score",
     "train-paper": "Train the paper's network alone, by its own recipe",
+    "calibrate": "Refine a calibration by the people in a recording",
     "train": "Learn to complete poses from clips with truth",
     "demo": "Run the whole loop on simulated people, from nothing to a page",
     "card": "Describe trained weights: what they are made of and how they score",

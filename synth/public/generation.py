@@ -226,12 +226,13 @@ def takes(
     return list_takes(Path(path), shares, seed=seed)
 
 
-def stats(path: str | Path, out: str | Path, *, workers: int = 1) -> dict:
-    """Describe a data set: occlusion by joint and cause, people, distances, angles, motion.
+def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path] = (), workers: int = 1) -> dict:
+    """Describe a data set: occlusion by joint and cause, contacts, people, distances, angles, motion.
 
     Args:
         path: The data set, or a clip.
         out: Folder of the page, `README.md`, its picture, and the numbers of both.
+        extra_data: More data sets that count on the same page.
         workers: Processes; -1 for one a core.
 
     Returns:
@@ -245,7 +246,7 @@ def stats(path: str | Path, out: str | Path, *, workers: int = 1) -> dict:
         >>> synth.stats("walks", "card")["counts"]["frames"]
         50
     """
-    describe(Path(path), Path(out), workers=workers)
+    describe([Path(each) for each in (path, *extra_data)], Path(out), workers=workers)
     return read_json(Path(out) / NUMBERS)
 
 
