@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
@@ -10,7 +12,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.robust import median_known
 from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
-from dmae.reconstruction.association import NONE, affinity, cluster, propagate, ray_distances
+from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
@@ -112,27 +114,20 @@ def _match(
     config, confidence = evidence.config.association, evidence.confidence[frame]
     present = ~np.isnan(confidence)
     view, detection = np.nonzero(free & (present.sum(-1) >= _MIN_JOINTS) & present[..., compared].any(-1))
-    joints = confidence.shape[-1]
     if len(np.unique(view)) < 2:
-        return np.empty((0, len(confidence), joints), int)
-    rays = evidence.rig.rays(evidence.xy[frame][None])[0, view, detection][:, compared]
-    confidences = confidence[view, detection][:, compared]
-    distances = ray_distances(evidence.rig.centers[view], rays)
-    affinities = affinity(distances, np.sqrt(confidences[:, None] * confidences[None]), config.ray_distance_m)
-    # Images are decoded only if clothes of the same colour could make a pair.
-    highest = np.where(view[:, None] != view, affinities + config.colour_weight * (1 - affinities), 0)
-    if colours is not None and (highest >= config.min_affinity).any():
-        colour = colours(frame)[view, detection]
-        square = ((colour[:, None] - colour[None]) ** 2).sum(-1)
-        similarity = 1 / (1 + square / config.colour_difference**2)
-        blended = affinities + config.colour_weight * (similarity - affinities)
-        affinities = np.where(np.isnan(similarity), affinities, blended)
-    clusters = cluster(affinities, view, config.min_affinity)
-    groups = np.full((len(clusters), len(confidence), joints), NONE)
-    for group, members in zip(groups, clusters, strict=True):
-        for v, d in zip(view[members], detection[members], strict=True):
-            group[v] = np.where(present[v, d], d, NONE)
-    return groups
+        return np.empty((0, len(confidence), confidence.shape[-1]), int)
+    rays = evidence.rays(frame, view, detection)[:, compared]
+    candidates = Candidates.of(view, evidence.rig.centers, rays, confidence[view, detection][:, compared])
+    if colours is not None:
+        # Images are decoded only if clothes of the same colour could make a pair.
+        highest = highest_affinity(candidates, config)
+        if highest + config.colour_weight * (1 - highest) >= config.min_affinity:
+            colour = colours(frame)[view, detection].astype(np.float32)
+            candidates = replace(candidates, colours=colour)
+    members = find_groups(candidates, config)
+    found = np.where(members == NONE, NONE, detection[members])
+    shown = (members != NONE)[..., None] & present[np.arange(len(confidence)), found]
+    return np.where(shown, found[..., None], NONE)
 
 
 def _plausible(xyz: np.ndarray, assigned: np.ndarray, bones: np.ndarray, min_joints: int, views: int) -> np.ndarray:
