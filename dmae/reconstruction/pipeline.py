@@ -57,7 +57,7 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     if has_appearance(clip, config):
         differs = partial(appearance_differs, clip, tracks.assigned, tracking.reentry_colour_difference)
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s, differs))
-    measured = well_measured(tracks.xyz, tracking.birth_joints).sum(0)
+    measured = well_measured(tracks, tracking.birth_joints).sum(0)
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
     if config.reassignment.distance_m > 0:
         evidence = Evidence.of(clip, config.reassignment.th_p, config)
