@@ -12,9 +12,12 @@ def compiled(fastmath: bool = False) -> Callable[[Callable], Callable]:
     only the first call ever takes seconds. Where neither can be written, each process compiles anew.
 
     Args:
-        fastmath: Let sums be reordered, so that several terms are added at once.
+        fastmath: Let sums be reordered, so that several terms are added at once; no value may be NaN or infinite.
     """
-    options = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz", "arcp"} if fastmath else False}
+    # Checks for division by zero would keep loops from being vectorised.
+    options = {"nogil": True, "error_model": "numpy"}
+    if fastmath:
+        options["fastmath"] = {"reassoc", "contract", "nsz", "arcp", "nnan", "ninf"}
 
     def decorate(function: Callable) -> Callable:
         try:

@@ -27,7 +27,7 @@ class Candidates:
     Attributes:
         view: (n,) view of each detection, ascending.
         centers: (V, 3) camera centres, m, float32.
-        rays: (n, 3, J) unit directions, float32; any where a joint is absent.
+        rays: (n, 3, J) unit directions, float32; zeros where a joint is absent. J is filled up to a multiple of 16.
         weights: (n, J) root of the confidence, float32; 0 where a joint is absent.
         colours: (n, 3) CIELAB, float32; NaN where unknown.
     """
@@ -41,14 +41,13 @@ class Candidates:
     @classmethod
     def of(cls, view: np.ndarray, centers: np.ndarray, rays: np.ndarray, confidence: np.ndarray) -> "Candidates":
         """Return the candidates of views (n,) with rays (n, J, 3) and confidence (n, J), NaN where absent."""
-        absent = np.isnan(confidence)
-        return cls(
-            np.asarray(view, np.int64),
-            np.asarray(centers, np.float32),
-            np.ascontiguousarray(np.where(absent[..., None], 0, rays).swapaxes(1, 2), np.float32),
-            np.where(absent, 0, np.sqrt(np.where(absent, 0, confidence))).astype(np.float32),
-            np.full((len(view), 3), np.nan, np.float32),
-        )
+        absent, (count, joints) = np.isnan(confidence), confidence.shape
+        towards = np.zeros((count, 3, -(-joints // 16) * 16), np.float32)
+        weights = np.zeros((count, towards.shape[-1]), np.float32)
+        towards[..., :joints] = np.where(absent[..., None], 0, rays).swapaxes(1, 2)
+        weights[:, :joints] = np.sqrt(np.where(absent, 0, confidence))
+        colours = np.full((count, 3), np.nan, np.float32)
+        return cls(np.asarray(view, np.int64), np.asarray(centers, np.float32), towards, weights, colours)
 
 
 def propagate(closeness: np.ndarray, confirmed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -108,7 +107,8 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
     partners = np.full((len(view), views, _PARTNERS), NONE, np.int32)
     affinities = np.zeros(partners.shape, np.float32)
     detections = (view, candidates.centers, candidates.rays, candidates.weights, candidates.colours)
-    lengths = np.array([config.ray_distance_m, config.colour_difference, config.colour_weight], np.float32)
+    weight = 0 if np.isnan(candidates.colours).all() else config.colour_weight
+    lengths = np.array([config.ray_distance_m, config.colour_difference, weight], np.float32)
     least = np.float32(config.min_affinity)
     find_partners(*detections, *lengths, least, partners, affinities)
     first, second, found = _pairs(view, partners, affinities)
@@ -133,11 +133,13 @@ def highest_affinity(candidates: Candidates, config: AssociationConfig) -> float
 
 
 def _pairs(view: np.ndarray, partners: np.ndarray, affinities: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return pairs of partners, each once: detections (m,) of the lower view, of the higher, and their affinities."""
+    """Return pairs that are partners of each other, each once: detections (m,) of the lower view, of the higher, and
+    their affinities."""
     one, _, _ = np.nonzero(partners != NONE)
     other, found = partners[partners != NONE].astype(np.int64), affinities[partners != NONE]
     low, high = np.minimum(one, other), np.maximum(one, other)
-    _, kept = np.unique(low * len(view) + high, return_index=True)
+    _, kept, lists = np.unique(low * len(view) + high, return_index=True, return_counts=True)
+    kept = kept[lists == 2]
     return low[kept], high[kept], found[kept]
 
 

@@ -151,9 +151,7 @@ def _plausible(xyz: np.ndarray, assigned: np.ndarray, bones: np.ndarray, min_joi
     return (known >= min_joints) & (2 * known >= detected) & ~(length > _LONGEST_BONE).any(-1)
 
 
-def _supported(
-    evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray
-) -> np.ndarray:
+def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Return (P,) True for people whose views agree better than unrelated figures would, see `beyond_chance`.
 
     Args:

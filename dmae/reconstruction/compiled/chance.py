@@ -16,8 +16,8 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
 
     Take the figures of each view as spread over the floor at random, n_v of them, and the area that a view overlooks at
     the person's depth z_v as z_v^2 width_v / focal_v. A figure then lies within 2 r of a given place with
-    probability p_v = pi (2 r)^2 / area_v, and some figure of the view with a_v = 1 - exp(-n_v p_v). There are 1 / p such
-    places. The number of places at which k of the views agree within 2 r by chance is thus
+    probability p_v = pi (2 r)^2 / area_v, and some figure of the view with a_v = 1 - exp(-n_v p_v). There are 1 / p
+    such places. The number of places at which k of the views agree within 2 r by chance is thus
 
         E = e_k(a_1, ..., a_V) / p,
 
@@ -38,7 +38,7 @@ def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, m
         most: Largest E.
         supported: (P,) bool, written.
     """
-    persons, views, joints = assigned.shape
+    persons, views, _ = assigned.shape
     depth, agrees = np.zeros((persons, views)), np.zeros((persons, views), np.bool_)
     radius2, key = np.zeros(persons), np.zeros(persons)
     chance, polynomial = np.zeros(views), np.zeros(views + 1)

@@ -9,74 +9,85 @@ _PARALLEL = np.float32(1e-8)
 
 
 @compiled(fastmath=True)
-def affinity(base, rays_a, weights_a, rays_b, weights_b, half_distance):
-    """Return the affinity of two detections in [0, 1]:
+def agreement(a, b, rays, weights, base_x, base_y, base_z, half_distance):
+    """Return sums over the joints of two detections: of w_j / (1 + (d_j / half_distance)^2), and of w_j.
 
-        sum_j w_j / (1 + (d_j / half_distance)^2) / (1 + sum_j w_j),
-
-    where d_j is the distance between the rays of joint j in front of their cameras, and w_j the product of their
-    weights. The 1 in the denominator keeps the affinity low for pairs that share little evidence.
+    d_j is the distance between the rays of joint j in front of their cameras, and w_j the product of their weights.
 
     Args:
-        base: (3,) from the camera of a to that of b, m.
-        rays_a: (3, J) unit directions; any where the joint is absent.
-        weights_a: (J,) root of the confidence; 0 where the joint is absent.
-        rays_b: (3, J) as `rays_a`.
-        weights_b: (J,) as `weights_a`.
+        a: Index of a detection.
+        b: Index of the other one.
+        rays: (n, 3, J) unit directions; zeros where the joint is absent.
+        weights: (n, J) root of the confidence; 0 where the joint is absent.
+        base_x: m, from the camera of a to that of b; so are `base_y` and `base_z`.
         half_distance: m, at which a joint counts half.
-
-    Returns:
-        The affinity; -1 where no joint is shared.
     """
-    one = np.float32(1)
-    square = base[0] * base[0] + base[1] * base[1] + base[2] * base[2]
+    zero, one = np.float32(0), np.float32(1)
+    square = base_x * base_x + base_y * base_y + base_z * base_z
     scale = one / (half_distance * half_distance)
-    total, near = np.float32(0), np.float32(0)
-    for j in range(weights_a.shape[0]):
-        ax, ay, az = rays_a[0, j], rays_a[1, j], rays_a[2, j]
-        bx, by, bz = rays_b[0, j], rays_b[1, j], rays_b[2, j]
-        weight = weights_a[j] * weights_b[j]
+    near, total = zero, zero
+    for j in range(weights.shape[1]):
+        ax, ay, az = rays[a, 0, j], rays[a, 1, j], rays[a, 2, j]
+        bx, by, bz = rays[b, 0, j], rays[b, 1, j], rays[b, 2, j]
+        weight = weights[a, j] * weights[b, j]
         cosine = ax * bx + ay * by + az * bz
-        base_a = ax * base[0] + ay * base[1] + az * base[2]
-        base_b = bx * base[0] + by * base[1] + bz * base[2]
+        base_a = ax * base_x + ay * base_y + az * base_z
+        base_b = bx * base_x + by * base_y + bz * base_z
         cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
         sine2 = cx * cx + cy * cy + cz * cz
-        volume = cx * base[0] + cy * base[1] + cz * base[2]
+        volume = cx * base_x + cy * base_y + cz * base_z
         # Either the lines are closest in front of both cameras, or one of the rays is closest at its start.
         ahead = (sine2 > _PARALLEL) & (base_a >= cosine * base_b) & (cosine * base_a >= base_b)
-        back_a, back_b = max(base_a, np.float32(0)), min(base_b, np.float32(0))
-        at_start = max(square - max(back_a * back_a, back_b * back_b), np.float32(0))
-        distance2 = volume * volume / max(sine2, _PARALLEL) if ahead else at_start
+        # Written as choices, not with min and max, so that the loop is vectorised.
+        back_a, back_b = base_a if base_a > zero else zero, base_b if base_b < zero else zero
+        back_a, back_b = back_a * back_a, back_b * back_b
+        at_start = square - (back_a if back_a > back_b else back_b)
+        at_start = at_start if at_start > zero else zero
+        # The distance of the lines is |volume| / sine; one division does for both cases.
+        share = sine2 if ahead else one
+        distance2 = volume * volume if ahead else share * at_start
+        near += weight * share / (share + distance2 * scale)
         total += weight
-        near += weight / (one + distance2 * scale)
-    return near / (one + total) if total > 0 else np.float32(-1)
+    return near, total
 
 
 @compiled()
-def blended_affinity(i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight):
+def affinity(i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight):
     """Return the affinity of detections i and j by rays and clothes; -1 where they share no joint.
+
+    The affinity by rays is
+
+        sum_j w_j / (1 + (d_j / half_distance)^2) / (1 + sum_j w_j).
+
+    The 1 in the denominator keeps it low for pairs that share little evidence.
 
     Args:
         view: (n,) view of each detection.
         centers: (V, 3) m, float32, as all that follow.
-        rays: (n, 3, J) unit directions.
-        weights: (n, J) roots of confidences, 0 where a joint is absent.
+        rays: (n, 3, J) unit directions, zeros where a joint is absent.
+        weights: (n, J) roots of confidences, 0 where a joint is absent. Processors take 16 joints at once: best, J is a
+            multiple of that.
         colours: (n, 3) CIELAB; NaN where unknown.
         half_distance: m.
         colour_difference: Difference of colours that counts half.
-        colour_weight: Weight of colours, 0 to 1.
+        colour_weight: Weight of colours, 0 to 1; 0 if none is known.
     """
-    base = np.empty(3, np.float32)
-    for k in range(3):
-        base[k] = centers[view[j], k] - centers[view[i], k]
-    found = affinity(base, rays[i], weights[i], rays[j], weights[j], half_distance)
-    square = np.float32(0)
-    for k in range(3):
-        square += (colours[i, k] - colours[j, k]) ** 2
-    if found < 0 or np.isnan(square):
-        return found
-    similarity = np.float32(1) / (np.float32(1) + square / colour_difference**2)
-    return found + colour_weight * (similarity - found)
+    one = np.float32(1)
+    a, b = view[i], view[j]
+    x, y, z = centers[b, 0] - centers[a, 0], centers[b, 1] - centers[a, 1], centers[b, 2] - centers[a, 2]
+    square, dressed = np.float32(0), False
+    if colour_weight > 0:
+        for k in range(3):
+            square += (colours[i, k] - colours[j, k]) ** 2
+        dressed = not np.isnan(square)
+    near, total = agreement(i, j, rays, weights, x, y, z, half_distance)
+    if total == 0:
+        return -one
+    found = near / (one + total)
+    if dressed:
+        similarity = one / (one + square / (colour_difference * colour_difference))
+        found += colour_weight * (similarity - found)
+    return found
 
 
 @compiled()
@@ -86,7 +97,7 @@ def find_partners(
     """Write the best partners of each detection in each other view.
 
     Args:
-        view: As for `blended_affinity`, ascending; so are the arguments that follow.
+        view: As for `affinity`, ascending; so are the arguments that follow.
         least: Smallest affinity of partners.
         partners: (n, V, C) filled with -1; indices of partners, the best first.
         affinities: (n, V, C) filled with 0; their affinities.
@@ -95,7 +106,7 @@ def find_partners(
         for j in range(i + 1, len(view)):
             if view[j] == view[i]:
                 continue
-            found = blended_affinity(
+            found = affinity(
                 i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight
             )
             if found >= least:
@@ -169,7 +180,7 @@ def join(
     Args:
         first: (m,) detections.
         second: (m,) their partners.
-        view: As for `blended_affinity`; so are the arguments that follow.
+        view: As for `affinity`; so are the arguments that follow.
         least: Smallest mean affinity between the members of two groups that are joined.
         members: (n, V) filled with -1; each row the detections of a group by view, or of none.
     """
@@ -190,7 +201,7 @@ def join(
             for v in range(members.shape[1]):
                 i, j = members[a, u], members[b, v]
                 if i >= 0 and j >= 0:
-                    found = blended_affinity(
+                    found = affinity(
                         i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight
                     )
                     if found >= 0:

@@ -12,18 +12,25 @@ from tests.support.clips import looking_at_origin, t_pose
 
 unit = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
 place = st.tuples(*[st.floats(-3, 3)] * 3)
-HALF = np.float32(0.1)
 
 
 def one(vector) -> np.ndarray:
     return np.array(vector) / np.linalg.norm(vector)
 
 
+def affinity_of(base, ray_a, ray_b, weights=((1,), (1,)), half=0.1) -> float:
+    """Affinity of two detections with rays (3,) to all their joints, the camera of the second `base` from the first."""
+    weights = np.array(weights, np.float32)
+    rays = np.stack([np.tile(np.array(ray, np.float32)[:, None], weights.shape[1]) for ray in (ray_a, ray_b)])
+    centers = np.array([(0, 0, 0), base], np.float32)
+    return affinity(
+        0, 1, np.arange(2), centers, rays, weights, np.zeros((2, 3), np.float32), np.float32(half), np.float32(1), 0
+    )
+
+
 def ray_distance(a, ray_a, b, ray_b) -> float:
     """Distance between rays from two places, m, from the affinity of detections of that single joint."""
-    rays = [np.array(ray, np.float32)[:, None] for ray in (ray_a, ray_b)]
-    base, weight = (np.array(b) - a).astype(np.float32), np.ones(1, np.float32)
-    found = affinity(base, rays[0], weight, rays[1], weight, np.float32(1))
+    found = affinity_of(np.array(b) - a, ray_a, ray_b, half=1)
     return np.sqrt(1 / (2 * found) - 1) if found < 0.5 else 0.0
 
 
@@ -50,16 +57,12 @@ def test_rays_behind_a_camera_are_not_near():
 
 
 def test_affinity_needs_shared_evidence():
-    towards, base = np.tile([[0], [0], [1]], 9).astype(np.float32), np.zeros(3, np.float32)
-    weights = np.ones((2, 9), np.float32)
-
-    def of(joints: int, base=base) -> float:
-        return affinity(base, towards[:, :joints], weights[0, :joints], towards[:, :joints], weights[1, :joints], HALF)
-
-    assert of(1) < of(9) < 1
-    np.testing.assert_allclose(of(9, np.array([0.1, 0, 0], np.float32)), of(9) / 2, rtol=1e-5)
+    forward, weights = (0, 0, 1), np.ones((2, 9))
+    assert affinity_of((0, 0, 0), forward, forward) < affinity_of((0, 0, 0), forward, forward, weights) < 1
+    half = affinity_of((0.1, 0, 0), forward, forward, weights)
+    np.testing.assert_allclose(half, affinity_of((0, 0, 0), forward, forward, weights) / 2, rtol=1e-5)
     weights[0, ::2], weights[1, 1::2] = 0, 0
-    assert of(9) == -1
+    assert affinity_of((0, 0, 0), forward, forward, weights) == -1
 
 
 def shuffled_detections(people: np.ndarray, seen: np.ndarray, rng: np.random.Generator):
