@@ -9,25 +9,30 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 
-.PHONY: demo measure twin weights ablations features test check lint format bench fuzz setup docs figures
+.PHONY: demo demo-video measure twin weights ablations features test check lint format bench fuzz setup docs figures
 
 # The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
 DEMO := runs/demo
 demo: setup
-	$(BIN)/synth generate out=$(DEMO)/train seed=1 clips=40 workers=2
-	$(BIN)/dmae capture data=$(DEMO)/train out=$(DEMO)/train_captured
-	$(BIN)/synth generate out=$(DEMO)/test seed=2 clips=2 workers=2 scene.seconds=4 images=rgb quality=draft
-	$(BIN)/dmae train data=$(DEMO)/train_captured out=$(DEMO)/model max_minutes=2
-	$(BIN)/dmae capture data=$(DEMO)/test out=$(DEMO)/captured
-	$(BIN)/dmae complete clip=$(DEMO)/captured weights=$(DEMO)/model out=$(DEMO)/completed
-	$(BIN)/dmae evaluate data=$(DEMO)/test methods=[measured,linear,dmae] weights=$(DEMO)/model out=$(DEMO)/scores
+	$(BIN)/dmae demo size=full out=$(DEMO) $(if $(DMAE_DATA),shelf=$(DMAE_DATA)/shelf)
+
+# From pixels alone: rendered cameras with truth, beside the simulated detector on the same clip; and with DMAE_DATA set,
+# real videos of four cameras.
+VIDEO := runs/demo_video
+PIXELS := methods=[measured,dmae] skeleton=body25 smooth=0
+demo-video: setup
+	$(BIN)/synth generate out=$(VIDEO)/clips seed=7 clips=1 scene.seconds=3 scene.persons=[2,2] rig=ring rig.ring.views=4 \
+	  images=rgb quality=draft workers=2
+	$(BIN)/dmae run clip=$(VIDEO)/clips/000000 out=$(VIDEO)/rendered workers=2
+	$(BIN)/dmae evaluate data=$(VIDEO)/rendered/detected $(PIXELS) out=$(VIDEO)/scores_pixels
+	$(BIN)/dmae evaluate data=$(VIDEO)/clips/000000 $(PIXELS) out=$(VIDEO)/scores_simulated
 ifdef DMAE_DATA
-	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[5,3] methods=[measured,linear,dmae] \
-	  weights=$(DEMO)/model out=$(DEMO)/scores_shelf
+	$(BIN)/dmae run videos=$(DMAE_DATA)/pose2sim/videos calibration=$(DMAE_DATA)/pose2sim/S00_Calibration \
+	  out=$(VIDEO)/real workers=2
 endif
-	$(BIN)/dmae report clip=$(DEMO)/completed scores=[$(DEMO)/scores$(if $(DMAE_DATA),$(comma)$(DEMO)/scores_shelf)] \
-	  out=$(DEMO)/report.html
-	@echo "Look at $(DEMO)/report.html"
+	$(BIN)/dmae report clip=$(VIDEO)/rendered/completed scores=[$(VIDEO)/scores_pixels,$(VIDEO)/scores_simulated] \
+	  out=$(VIDEO)/report.html
+	@echo "Look at $(VIDEO)/report.html$(if $(DMAE_DATA), and $(VIDEO)/real/report.html)"
 
 # The Shelf recording's digital twin, beside the recording: do detections fail alike, does capture do as well?
 TWIN := runs/twin

@@ -24,12 +24,13 @@ if TYPE_CHECKING:
     from dmae.online.capture import OnlineCapture as OnlineCapture
     from dmae.public.assessment import benchmark as benchmark
     from dmae.public.assessment import compare_scores as compare_scores
-    from dmae.public.assessment import doctor as doctor
     from dmae.public.assessment import draw as draw
     from dmae.public.assessment import evaluate as evaluate
     from dmae.public.assessment import regress as regress
     from dmae.public.assessment import report as report
     from dmae.public.assessment import show as show
+    from dmae.public.cameras import calibrate as calibrate
+    from dmae.public.cameras import doctor as doctor
     from dmae.public.motion import capture as capture
     from dmae.public.motion import card as card
     from dmae.public.motion import complete as complete
@@ -37,12 +38,15 @@ if TYPE_CHECKING:
     from dmae.public.motion import train as train
     from dmae.public.motion import triangulate as triangulate
     from dmae.public.recordings import convert as convert
+    from dmae.public.recordings import detect as detect
     from dmae.public.recordings import export as export
     from dmae.public.recordings import load as load
     from dmae.public.recordings import load_dataset as load_dataset
     from dmae.public.recordings import read as read
     from dmae.public.recordings import read_poses as read_poses
     from dmae.public.recordings import save as save
+    from dmae.public.reviewing import decide as decide
+    from dmae.public.reviewing import review as review
     from dmae.public.stress import corrupt as corrupt
     from dmae.public.stress import stress as stress
     from dmae.public.tables import table as table
@@ -56,15 +60,16 @@ _HOMES = {
     "dmae.public.assessment": [
         "benchmark",
         "compare_scores",
-        "doctor",
         "draw",
         "evaluate",
         "regress",
         "report",
         "show",
     ],
+    "dmae.public.cameras": ["calibrate", "doctor"],
     "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
-    "dmae.public.recordings": ["convert", "export", "load", "load_dataset", "read", "read_poses", "save"],
+    "dmae.public.recordings": ["convert", "detect", "export", "load", "load_dataset", "read", "read_poses", "save"],
+    "dmae.public.reviewing": ["decide", "review"],
     "dmae.public.stress": ["corrupt", "stress"],
     "dmae.public.tables": ["table"],
     "dmae.reconstruction.config": ["CaptureConfig"],

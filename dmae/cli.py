@@ -23,6 +23,7 @@ from dmae.command_line.spelling import (
     check,
     expand_data,
     expand_lists,
+    expand_names,
     flag_values,
     split_flags,
     suggestion,
@@ -105,7 +106,7 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
             _copy_presets(command, folders, Path(copy))
             flags = [*without_flags(flags, *PRESET_FLAGS), f"--config-dir={copy}"]
         options = command.options((Path(copy),) if folders else ())
-        overrides = expand_data(options, overrides)
+        overrides = expand_names(options, expand_data(options, overrides))
         check(options, overrides, flags)
         overrides = expand_lists(options, overrides)
         for override in overrides:
@@ -218,7 +219,7 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     overrides, notes = renamed(str(command), list(overrides))
     for note in notes:
         warnings.warn(note, FutureWarning, stacklevel=3)
-    overrides = expand_data(options, overrides)
+    overrides = expand_names(options, expand_data(options, overrides))
     check(options, overrides, [])
     overrides = expand_lists(options, overrides)
     _store(command, command.imported()[1])

@@ -1,5 +1,6 @@
-"""Tasks in several processes. Ctrl-C reaches the main process alone, which then ends the others."""
+"""Tasks in several processes, here or on a cluster. Ctrl-C reaches the main process alone, which ends the others."""
 
+import ctypes
 import os
 import signal
 import threading
@@ -7,10 +8,14 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from enum import StrEnum
 from functools import cache
 from multiprocessing import resource_tracker
 
-from joblib import Parallel, delayed
+from joblib import Parallel, cpu_count, delayed, effective_n_jobs
+
+from dmae.clusters import Cluster, connect, on_cluster
 
 # joblib replaces workers that have grown by 300 MB, as with many people in one clip; their tasks are not lost.
 warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
@@ -19,13 +24,71 @@ _CHECKED_EVERY = 0.5
 """s; a worker outlives a killed main process by no more than this."""
 
 
+class Backend(StrEnum):
+    """What runs the processes."""
+
+    loky = "loky"
+    """This machine."""
+    ray = "ray"
+    """The Ray cluster that RAY_ADDRESS names, or else a local one."""
+    dask = "dask"
+    """The Dask cluster that DASK_SCHEDULER_ADDRESS names, or else a local one."""
+
+
+_backend: ContextVar[Backend] = ContextVar("backend", default=Backend.loky)
+
+
+@contextmanager
+def running_on(backend: Backend | str) -> Iterator[None]:
+    """Have `in_parallel` use a backend, in the block."""
+    token = _backend.set(Backend(backend))
+    try:
+        yield
+    finally:
+        _backend.reset(token)
+
+
+def backend_in_use() -> Backend:
+    """Return the backend that `in_parallel` uses."""
+    return _backend.get()
+
+
 def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ordered: bool = True) -> Iterator:
-    """Yield `function(*task)` of each task. Workers end when the main process is killed.
+    """Yield `function(*task)` of each task, on the backend of `running_on`.
+
+    Workers end when the main process is killed. On a cluster, a task whose worker dies is given to another.
 
     Args:
-        workers: Processes; -1 for one a core. With 1 everything runs in this process.
+        workers: Processes; -1 for one a core, on a cluster of all its machines. With 1 everything runs in this process,
+            unless the backend is a cluster.
         ordered: In the order of the tasks, or else as they are ready.
     """
+    backend = backend_in_use()
+    if backend != Backend.loky:
+        cluster = _cluster(backend, workers)
+        return on_cluster(function, tasks, cluster, _processes(cluster, workers), ordered=ordered)
+    return _on_this_machine(function, tasks, workers, ordered)
+
+
+def process_count(workers: int) -> int:
+    """Return how many tasks `in_parallel` runs at a time."""
+    backend = backend_in_use()
+    if backend == Backend.loky:
+        return effective_n_jobs(workers)
+    return _processes(_cluster(backend, workers), workers)
+
+
+def _cluster(backend: Backend, workers: int) -> Cluster:
+    # Its processes and threads never get Ctrl-C.
+    with _interrupts_blocked(True):
+        return connect(backend, cpu_count() if workers < 1 else workers)
+
+
+def _processes(cluster: Cluster, workers: int) -> int:
+    return cluster.cores if workers < 1 else min(workers, cluster.cores)
+
+
+def _on_this_machine(function: Callable, tasks: Iterable[tuple], workers: int, ordered: bool) -> Iterator:
     how = "generator" if ordered else "generator_unordered"
     with _interrupts_blocked(workers != 1):
         results = Parallel(n_jobs=workers, return_as=how)(
@@ -37,7 +100,19 @@ def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ord
 def _in_worker(main: int, function: Callable, *task):
     if os.getpid() != main:
         _end_with(main)
-    return function(*task)
+    result = function(*task)
+    if os.getpid() != main:
+        _give_back()(0)
+    return result
+
+
+@cache
+def _give_back() -> Callable[[int], int]:
+    """Return glibc's function that gives freed memory back to the system: a worker would hold the most of any task."""
+    try:
+        return ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):
+        return lambda _: 0
 
 
 @cache

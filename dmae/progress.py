@@ -40,6 +40,13 @@ def progress_line(description: str, done: int, total: int | None, seconds: float
     return line + (f", about {seconds / done * (total - done) / 60:.1f} min left" if total else "")
 
 
+def duration(seconds: float) -> str:
+    """Return a time in words, as "40 s", "12 min" or "3.5 h"."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
 def counted_progress(items: Iterable, description: str, count: Callable[[], tuple[int, int]]) -> Iterator:
     """Yield the items, and show on stderr the progress of what goes on between them, and how long the rest takes.
 

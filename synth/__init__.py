@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from synth.public.generation import merge as merge
     from synth.public.generation import split as split
     from synth.public.generation import stats as stats
+    from synth.public.generation import takes as takes
     from synth.public.generation import verify as verify
     from synth.public.pictures import contact_sheet as contact_sheet
     from synth.public.pictures import show as show
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "dmae.public.recordings": ["load_dataset"],
     "synth.public.comparison": ["compare", "compare_motion", "fit_detector"],
-    "synth.public.generation": ["export", "generate", "merge", "split", "stats", "verify"],
+    "synth.public.generation": ["export", "generate", "merge", "split", "stats", "takes", "verify"],
     "synth.public.pictures": ["contact_sheet", "show"],
     "synth.public.rendering": ["body_state", "forecast", "render"],
 }

@@ -11,9 +11,20 @@ from tests.support.source_tree import ROOT, circles, imported_modules, imported_
 HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf"}
 
 LAYERS = (
-    ("dmae.data", "dmae.files", "dmae.numerics", "dmae.parallel", "dmae.plugins", "dmae.progress", "dmae.registry"),
+    (
+        "dmae.clusters",
+        "dmae.data",
+        "dmae.files",
+        "dmae.numerics",
+        "dmae.parallel",
+        "dmae.parts",
+        "dmae.plugins",
+        "dmae.progress",
+        "dmae.registry",
+    ),
     ("dmae.command_line", "dmae.formats", "dmae.reporting"),
-    ("dmae.reconstruction", "dmae.calibration", "dmae.datasets", "dmae.metrics", "dmae.viewing"),
+    ("dmae.reconstruction", "dmae.detection", "dmae.datasets", "dmae.metrics", "dmae.viewing"),
+    ("dmae.calibration",),
     ("dmae.completion",),
     ("dmae.online",),
     ("dmae.evaluation",),
@@ -34,6 +45,7 @@ LAYERS = (
     ("synth.commands",),
     ("synth.cli",),
     ("synth.public",),
+    ("dmae.__main__", "synth.__main__"),
 )
 """Rooms, lowest first. A room imports from rooms of lower layers; those of the lowest layer may import each other."""
 

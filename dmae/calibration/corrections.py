@@ -52,7 +52,9 @@ def binary_corrections(hypothesis: Hypothesis) -> Iterator[Correction]:
     for a, b in combinations(views, 2):
         order = views.copy()
         order[a], order[b] = b, a
-        exchanged = replace(hypothesis, xy=hypothesis.xy[:, order], offsets=hypothesis.offsets[order])
+        exchanged = replace(
+            hypothesis, xy=hypothesis.xy[:, order], score=hypothesis.score[:, order], offsets=hypothesis.offsets[order]
+        )
         yield Correction(Fault.order, (a, b), exchanged)
 
 
@@ -130,8 +132,9 @@ def _unmirrored_image(hypothesis: Hypothesis, views: list[int]) -> Hypothesis:
     """Undo mirroring of the images in which people were detected: left and right joints are exchanged too."""
     corrected = _CORRECTIONS[Fault.mirrored](hypothesis, views)
     xy = corrected.xy.copy()
-    xy[:, views] = xy[:, views][..., list(hypothesis.skeleton.mirror), :]
-    return replace(corrected, xy=xy)
+    score, mirror = corrected.score.copy(), list(hypothesis.skeleton.mirror)
+    xy[:, views], score[:, views] = xy[:, views][..., mirror, :], score[:, views][..., mirror]
+    return replace(corrected, xy=xy, score=score)
 
 
 _CORRECTIONS: dict[Fault, Correct] = {

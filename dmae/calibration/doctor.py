@@ -4,7 +4,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmae.calibration.agreement import Pairs, measure_agreement, pairs_to_compare, triangulate_matches
+from dmae.calibration.adjustment.examination import Examination
+from dmae.calibration.adjustment.image_tracks import ImageTracks
+from dmae.calibration.agreement import (
+    Pairs,
+    mean_agreement,
+    measure_agreement,
+    pairs_to_compare,
+    score_pairs,
+    triangulate_matches,
+)
+from dmae.calibration.camera_differences import (
+    CameraFit,
+    Named,
+    camera_fits,
+    examined,
+    lens_matters,
+    named_camera,
+    undetermined,
+)
+from dmae.calibration.corrections import Correction
 from dmae.calibration.epipolar import ViewSample
 from dmae.calibration.fault_search import find_fault
 from dmae.calibration.faults import Fault
@@ -17,12 +36,18 @@ from dmae.calibration.findings import (
     unexplained_fault,
     world_faults,
 )
+from dmae.calibration.gravity_and_scale import relative_size
 from dmae.calibration.hypothesis import CHECKED_FRAMES, Hypothesis
 from dmae.data.clip import Clip
 from dmae.formats.calibrations.conventions import Convention
 
 _MIN_SENSITIVITY = 0.08
 """Agreement that motion must cost at wrong offsets, to decide whether cameras are synchronised."""
+_SAME = 0.005
+"""CameraDifference in agreement of two explanations that are as good as each other."""
+_WITH_AMOUNT = (Fault.scale, Fault.distorted, Fault.delay)
+_LENSES = (Fault.distorted, Fault.undistorted, Fault.distortion_sign)
+_EXCLUSIVE = (Fault.inverse, Fault.centre, Fault.transposed_rotation, *_LENSES, Fault.focal, Fault.principal)
 
 
 @dataclass(frozen=True)
@@ -53,12 +78,14 @@ class Diagnosis:
         corrected: How they fit with the findings corrected.
         findings: Faults, in the order in which to correct them; empty for a sound recording.
         unknown: What could not be decided, and why.
+        cameras: How each camera fits with the findings corrected, and which differences would go unnoticed.
     """
 
     pairs: tuple[PairFit, ...]
     corrected: tuple[PairFit, ...]
     findings: tuple[Finding, ...]
     unknown: tuple[str, ...]
+    cameras: tuple[CameraFit, ...] = ()
 
 
 def diagnose(
@@ -90,11 +117,22 @@ def diagnose(
     fits = _pair_fits(hypothesis, pairs, frames)
     if sum(fit.detections for fit in fits) < MIN_DETECTIONS:
         return Diagnosis(fits, fits, (), (*unknown, "nothing can be compared: too few people are seen by two cameras"))
-    findings, sensitivity = [], 0.0
+    findings, sensitivity, named = [], 0.0, set()
     # A fault can hide another; every camera can have one.
     for _ in range(len(clip.rig) + 2):
         correction, sensitivity = find_fault(hypothesis, max_offset)
-        if correction is None:
+        examination = _examine(hypothesis, correction)
+        camera = None
+        if examination is not None:
+            camera = named_camera(hypothesis, *examination, offsets)
+            if camera is not None and (camera.view in named or not _explains(camera, correction, hypothesis, pairs)):
+                camera = None
+        if camera is not None:
+            findings.append(camera.finding)
+            named.add(camera.view)
+            hypothesis = camera.hypothesis
+            continue
+        if correction is None or not _confirmed(correction, hypothesis):
             break
         findings.append(corrected_fault(correction, hypothesis, convention, offsets, frames))
         hypothesis = correction.hypothesis
@@ -116,7 +154,45 @@ def diagnose(
         findings += more
         unknown += undecided
     findings += size_faults(hypothesis)
-    return Diagnosis(fits, _pair_fits(hypothesis, pairs, frames), tuple(findings), unknown)
+    if not disagreeing:
+        unknown += undetermined(hypothesis, examination and examination[0])
+    cameras = camera_fits(hypothesis, examination and examination[0])
+    return Diagnosis(fits, _pair_fits(hypothesis, pairs, frames), tuple(findings), unknown, cameras)
+
+
+def _examine(hypothesis: Hypothesis, correction: Correction | None) -> tuple[Examination, ImageTracks] | None:
+    """Examine single cameras, unless a fault of all of them explains why people cannot be measured."""
+    if correction is not None and len(correction.views) == len(hypothesis.rig) and correction.fault in _EXCLUSIVE:
+        return None
+    scale = _scale_to_metres(hypothesis)
+    if scale == 1:
+        return examined(hypothesis)
+    pose = hypothesis.rig.cam_from_world.copy()
+    pose[:, :3, 3] *= scale
+    return examined(replace(hypothesis, rig=replace(hypothesis.rig, cam_from_world=pose)))
+
+
+def _scale_to_metres(hypothesis: Hypothesis) -> float:
+    """Return what makes people as large as people are, where they are far from it; otherwise 1."""
+    pairs, frames = pairs_to_compare(len(hypothesis.rig)), hypothesis.sample_frames(CHECKED_FRAMES)
+    sample = ViewSample.of(hypothesis, frames)
+    people = triangulate_matches(sample, pairs, measure_agreement(sample, pairs))
+    ratio = relative_size(people, hypothesis.skeleton)
+    return 1.0 if ratio is None or 0.5 < ratio < 2 else 1 / ratio
+
+
+def _explains(camera: Named, correction: Correction | None, hypothesis: Hypothesis, pairs: Pairs) -> bool:
+    """Return whether a difference of one camera explains the recording better than the usual faults do."""
+    if correction is None:
+        return True
+    frames = hypothesis.sample_frames(CHECKED_FRAMES)
+    ours, other = (mean_agreement(score_pairs(each.hypothesis, frames, pairs)) for each in (camera, correction))
+    return ours > other + (-_SAME if correction.fault in _WITH_AMOUNT else _SAME)
+
+
+def _confirmed(correction: Correction, hypothesis: Hypothesis) -> bool:
+    """Return whether a fault of the lenses is more than a slightly wrong pose of the cameras, which it resembles."""
+    return correction.fault not in _LENSES or lens_matters(hypothesis, correction.hypothesis)
 
 
 def _pair_fits(hypothesis: Hypothesis, pairs: Pairs, frames: np.ndarray) -> tuple[PairFit, ...]:

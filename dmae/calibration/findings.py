@@ -30,12 +30,14 @@ class Finding:
         cameras: Names of the cameras that have it.
         evidence: Why it is believed to be there.
         remedy: What corrects it.
+        alternatives: Faults of which it is one, where the recording does not determine which.
     """
 
     fault: Fault
     cameras: tuple[str, ...]
     evidence: str
     remedy: str
+    alternatives: tuple[Fault, ...] = ()
 
 
 def corrected_fault(

@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dmae.calibration.adjustment.joints import coarse_skeleton
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip
+from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
 from dmae.formats.calibrations.conventions import Convention
+from dmae.formats.recordings.selection import shift_views
 
 CHECKED_FRAMES = 150
 """Frames sampled to check what fewer frames suggest."""
 _MIN_JOINTS = 6
 """Fewest joints of a detection that is compared."""
-_FINE = ("eye", "ear", "toe", "heel")
-"""Joints so near to others that they add no information."""
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,18 @@ class Hypothesis:
     Attributes:
         rig: V cameras.
         xy: (F, V, D, J, 2) px; NaN where absent.
+        score: (F, V, D, J) confidence; NaN where absent.
         skeleton: J joints.
+        fps: 1/s.
         offsets: (V,) frames by which the detections of each camera are delayed.
         convention: How the files are assumed to write the world and the extrinsics.
     """
 
     rig: CameraRig
     xy: np.ndarray
+    score: np.ndarray
     skeleton: Skeleton
+    fps: float
     offsets: np.ndarray
     convention: Convention
 
@@ -41,14 +45,20 @@ class Hypothesis:
     def of(cls, clip: Clip, convention: Convention) -> Hypothesis:
         """Return a clip as it was read, without detections of few joints and without small joints of face and feet."""
         skeleton, xy = clip.detections.skeleton, clip.detections.xy.astype(np.float64)
-        kept = [i for i, joint in enumerate(skeleton.joints) if not joint.endswith(_FINE)]
+        part, kept = coarse_skeleton(skeleton)
         joints = clip.detections.observed[..., kept].sum(-1)
         xy[joints < _MIN_JOINTS] = np.nan
         fullest_first = np.argsort(-joints, axis=-1, kind="stable")
         most = int((joints >= _MIN_JOINTS).sum(-1).max(initial=0))
         xy = np.take_along_axis(xy[..., kept, :], fullest_first[..., None, None], 2)[:, :, :most]
-        part = Skeleton(skeleton.name, tuple(skeleton.joints[i] for i in kept), (-1,) * len(kept))
-        return cls(clip.rig, xy, part, np.zeros(len(clip.rig), int), convention)
+        score = np.take_along_axis(clip.detections.score[..., kept], fullest_first[..., None], 2)[:, :, :most]
+        score = np.where(np.isnan(xy[..., 0]), np.nan, score)
+        return cls(clip.rig, xy, score, part, clip.fps, np.zeros(len(clip.rig), int), convention)
+
+    def clip(self) -> Clip:
+        """Return cameras and detections, synchronised, as a clip."""
+        found = Detections2D(self.skeleton, self.xy, np.where(np.isnan(self.xy[..., 0]), np.nan, self.score))
+        return shift_views(Clip("examined", self.fps, self.rig, found), self.offsets.tolist())
 
     def delayed(self, frames: np.ndarray) -> Hypothesis:
         """Return the hypothesis with the detections of each camera delayed by further frames (V,)."""

@@ -283,3 +283,10 @@ def expand_data(options: Group, overrides: list[str]) -> list[str]:
                 raise ValueError(f"data={folder}: neither a folder nor a format; {_choices(folder, data.presets)}")
         expanded += ["data=clip", "data.name=null", f"data.path={value}"]
     return expanded
+
+
+def expand_names(options: Group, overrides: list[str]) -> list[str]:
+    """`detector=onnx` is short for `detector.name=onnx`, where the group has a name and no presets."""
+    groups = {each.key for each in options.walk() if isinstance(each, Group) and not each.presets}
+    named = {key for key in groups if isinstance(options.find(f"{key}.name"), Option)}
+    return [re.sub("=", ".name=", each, count=1) if each.partition("=")[0] in named else each for each in overrides]

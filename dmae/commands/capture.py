@@ -1,31 +1,53 @@
 """`dmae capture`: detections of several cameras to 3D poses."""
 
+import sys
 import time
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from dmae.commands.data_sets import Manifest, describe_joints, each_clip, finished
+from dmae.commands.data_sets import Manifest, describe_joints, finished, part_of
 from dmae.completion.methods.registry import METHODS, completion_method
+from dmae.data.clip import Clip, Poses3D
 from dmae.data.rng import Stream, generator
 from dmae.data.store import save_clip
-from dmae.formats.reading import DataConfig, is_data_set
+from dmae.evaluation.report.pooled import pooled_groups
+from dmae.evaluation.report.reprojection import Reprojection, reprojection
+from dmae.evaluation.report.residual_tables import BREAKDOWNS, residual_tables
+from dmae.formats.reading import Clips, DataConfig, is_data_set, load
 from dmae.numerics.filling import smooth
-from dmae.reconstruction.config import CaptureConfig
+from dmae.parallel import Backend, in_parallel, process_count, running_on
+from dmae.parts import numbers_of
+from dmae.progress import duration, progress
+from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.people.diagnosis import explain_capture
+from dmae.reconstruction.people.sides import exchanged_detections
 from dmae.reconstruction.pipeline import capture
+from dmae.reporting.tables import print_tables
 
 WRITES = "folder"
 EXAMPLES = (
     "dmae capture data=runs/data out=runs/captured",
+    "dmae capture data=runs/data shard=3/16 workers=-1 out=runs/captured_shards/3",
     "dmae capture data=shelf data.path=$DMAE_DATA/shelf out=runs/shelf",
     "dmae capture data=openpose data.path=session data.fps=60 fill=linear smooth=0.1 out=runs/session",
 )
+_TRIED = 50
+"""Frames of a clip that a forecast captures."""
+_FEW = 0.4
+"""Share of the detected joints; where people explain fewer, something is wrong."""
+_FEW_EXCHANGES = 0.02
+"""Share of frames with exchanged sides below which a camera is not named."""
 _FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
 
 
 @dataclass(frozen=True)
 class CaptureCommand:
-    """Turn the detections of several cameras into 3D poses."""
+    """Turn the detections of several cameras into 3D poses, and print how far they reproject from the detections.
+
+    Exits with status 1 where no person is found, and prints what is left after each step and what to change.
+    """
 
     data: DataConfig = field(default_factory=DataConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
@@ -39,33 +61,134 @@ class CaptureCommand:
     learn what few cameras measure."""
     seed: int = 0
     """Seed of the cameras that are drawn."""
+    first: int = 0
+    """Number of the first clip of the data set, counted from 0."""
+    clips: int | None = None
+    """Number of clips, of all shards together; by default all from `first` on."""
+    shard: str | None = None
+    """Which piece of the clips: `shard=3/16` the third of sixteen, in a folder of its own; `dmae merge` joins them."""
+    workers: int = 1
+    """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    dry_run: bool = False
+    """Only print how many clips and frames are to be captured, and what time and disk that takes, as a piece of some of
+    them shows."""
     out: str = "runs/capture"
     """Folder of the captured clip; of a data set a folder for each clip is made in it."""
 
     def __post_init__(self):
         if not self.smooth >= 0:
             raise ValueError(f"smooth={self.smooth:g}: expected seconds, 0 (no smoothing) or more")
+        if self.workers == 0:
+            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+
+    def numbers(self, total: int) -> range:
+        """Return the numbers of the clips to capture, of all clips of the data set."""
+        return numbers_of(total, self.first, self.clips, self.shard)
 
 
 def run(config: CaptureCommand, out: Path) -> None:
-    frames, spent = 0, 0.0
-    with Manifest(out, is_data_set(config.data)) as manifest:
-        for number, (clip, name, folder) in enumerate(each_clip(config.data, out, "capturing")):
-            if config.draw:
-                clip = clip.select(views=_drawn(config, len(clip.rig), number))
-            for note in clip.provenance.get("notes", ()):
-                print(f"{clip.id}: {note}")
-            start = time.perf_counter()
-            poses = capture(clip, config.capture)
-            spent += time.perf_counter() - start
-            frames += len(clip)
-            if config.fill != "none":
-                poses = METHODS[config.fill](poses, clip.fps)
-            poses = smooth(poses, clip.fps, config.smooth)
-            captured = replace(clip, poses=poses)
-            manifest.write(name, partial(save_clip, captured, folder), persons=poses.xyz.shape[1])
-            print(f"{clip.id}: {len(clip)} frames, {poses.xyz.shape[1]} persons, {describe_joints(poses)}")
+    """Capture each clip, and print the reprojection errors of all; exits with status 1 if no person was found."""
+    clips, several = load(config.data), is_data_set(config.data)
+    part = clips.part(config.numbers(len(clips)))
+    if config.dry_run:
+        print(f"{out}: {_forecast(config, part)}")
+        return
+    frames, spent, persons = 0, 0.0, 0
+    errors: list[Reprojection] = []
+    tasks = ((config, part.part(range(number, number + 1))) for number in part.numbers)
+    with (
+        running_on(config.backend),
+        Manifest(out, several, part_of("dmae capture", config, clips, part.numbers)) as made,
+    ):
+        done = zip(in_parallel(_capture, tasks, config.workers), part.folders, strict=True)
+        for (captured, exchanges, seconds), folder in progress(done, "capturing", len(part)):
+            for note in [*captured.provenance.get("notes", ()), *exchanges]:
+                print(f"{captured.id}: {note}")
+            spent += seconds
+            frames += len(captured)
+            to, poses = out / folder.name if several else out, captured.poses
+            made.write(folder.name, partial(save_clip, captured, to), persons=poses.xyz.shape[1])
+            print(f"{captured.id}: {len(captured)} frames, {poses.xyz.shape[1]} persons, {describe_joints(poses)}")
+            persons += poses.xyz.shape[1]
+            errors.append(reprojection(captured))
+            _print_doubts(captured, config.capture, poses.xyz.shape[1], errors[-1])
+    _print_errors(errors)
     print(f"{out}: {frames / spent:.0f} frames/s")
+    if not persons:
+        sys.exit(1)
+
+
+def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Reprojection) -> None:
+    """Print why there is no person, or what is wrong where the people explain few of the detections."""
+    if not persons:
+        print(f"{clip.id}: no person was captured; {explain_capture(clip, config)}")
+        return
+    if (config.persons, config.volume, config.subject) != (None, None, SubjectConfig()):
+        return  # others were left out on purpose
+    detected = int((clip.detections.score >= config.th_p).sum())
+    explained = errors.measured["all"]["all"].compared / max(detected, 1)
+    if explained < _FEW:
+        print(f"{clip.id}: only {explained:.0%} of the detected joints are of captured people")
+        for suggestion in explain_capture(clip, config).suggestions:
+            print(f"  suggestion: {suggestion}")
+
+
+def _print_errors(errors: list[Reprojection]) -> None:
+    """Print reprojection errors by camera, person and joint; of several clips without people, as they are others."""
+    measured, completed = pooled_groups(errors, "measured"), pooled_groups(errors, "completed")
+    names = BREAKDOWNS if len(errors) == 1 else [name for name in BREAKDOWNS if name != "person"]
+    tables = residual_tables(measured, completed, names)
+    if tables:
+        print("Reprojection errors, px, of joints that a camera detected:")
+        print_tables(tables)
+
+
+def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, list[str], float]:
+    """Return the one clip, or its first frames, captured; notes on exchanged sides; and how long capture took, s."""
+    (clip,), (number,) = clips, clips.numbers
+    if frames is not None:
+        clip = clip.select(frames=range(min(frames, len(clip))))
+    if config.draw:
+        clip = clip.select(views=_drawn(config, len(clip.rig), number))
+    start = time.perf_counter()
+    poses = measured = capture(clip, config.capture)
+    spent = time.perf_counter() - start
+    if config.fill != "none":
+        poses = METHODS[config.fill](poses, clip.fps)
+    return replace(clip, poses=smooth(poses, clip.fps, config.smooth)), _exchanged_sides(clip, measured), spent
+
+
+def _forecast(config: CaptureCommand, clips: Clips) -> str:
+    """Return what clips take, as a short piece of some of them shows."""
+    chosen = sorted({clips.numbers[0], clips.numbers[len(clips) // 2], clips.numbers[-1]})
+    seconds, size, frames, lengths = 0.0, 0, 0, []
+    for number in chosen:
+        one = clips.part(range(number, number + 1))
+        start = time.perf_counter()
+        captured, *_ = _capture(config, one, _TRIED)
+        with TemporaryDirectory() as folder:
+            save_clip(captured, Path(folder))
+            size += sum(path.stat().st_size for path in Path(folder).iterdir())
+        seconds += time.perf_counter() - start
+        frames += len(captured)
+        lengths.append(len(one[0]))
+    total = len(clips) * sum(lengths) / len(lengths)
+    with running_on(config.backend):
+        took = seconds / frames * total / min(process_count(config.workers), len(clips))
+    return f"{len(clips)} clips, {total:.0f} frames: about {duration(took)}, {size / frames * total / 1e6:.0f} MB"
+
+
+def _exchanged_sides(clip: Clip, poses: Poses3D) -> list[str]:
+    """Say in which cameras the detector exchanged left and right, which capture has put right."""
+    counts = exchanged_detections(clip, poses).sum(0)
+    least = max(_FEW_EXCHANGES * len(clip), 2)
+    return [
+        f"{name}: left and right exchanged in {count} of {len(clip)} frames, put right by the other cameras"
+        for name, count in zip(clip.rig.names, counts, strict=True)
+        if count >= least
+    ]
 
 
 def interrupted(config: CaptureCommand, out: Path) -> str:

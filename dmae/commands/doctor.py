@@ -9,9 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from dmae.calibration.doctor import Diagnosis, PairFit, diagnose
+from dmae.calibration.epipolar_arrows import draw_arrows
+from dmae.calibration.hypothesis import Hypothesis
 from dmae.commands.data_sets import each_clip
 from dmae.data.clip import Clip
 from dmae.data.store import write_atomic
+from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.reading import DataConfig, written_convention
 from dmae.reporting.tables import Table, print_tables
 
@@ -26,7 +29,8 @@ EXAMPLES = (
 class DoctorCommand:
     """Find what is wrong with a calibration and its detections, and print how to correct it.
 
-    Exits with status 1 if anything is wrong. Writes `doctor.json` and `doctor.png`.
+    Exits with status 1 if anything is wrong. Writes `doctor.json`, `doctor.png`, and a picture of epipolar arrows for
+    each camera, `arrows_0.png` and so on.
     """
 
     data: DataConfig = field(default_factory=DataConfig)
@@ -46,6 +50,9 @@ def run(config: DoctorCommand, out: Path) -> None:
         write_atomic(to / "doctor.json", json.dumps({"clip": clip.id, **asdict(diagnosis)}, indent=1))
         if diagnosis.pairs:
             write_atomic(to / "doctor.png", _picture(clip, diagnosis))
+            hypothesis = Hypothesis.of(clip, written_convention(config.data) or Convention())
+            for view, picture in enumerate(draw_arrows(hypothesis, clip.id, _images(clip))):
+                write_atomic(to / f"arrows_{view}.png", picture)
         faulty += bool(diagnosis.findings)
     print(out)
     if faulty:
@@ -62,7 +69,10 @@ def _print(clip: Clip, diagnosis: Diagnosis) -> None:
         header += ("corrected: residual px", "agreeing", "agreement")
         rows = [(*row, *_row(fit)[1:4]) for row, fit in zip(rows, diagnosis.corrected, strict=True)]
     if rows:
-        print_tables([Table(f"{clip.id}: epipolar residuals", header, rows)])
+        worst_first = sorted(range(len(rows)), key=lambda row: diagnosis.pairs[row].agreement)
+        print_tables([Table(f"{clip.id}: pairs of cameras, worst first", header, [rows[row] for row in worst_first])])
+    if diagnosis.cameras:
+        print_tables([_cameras(clip, diagnosis)])
     for number, finding in enumerate(diagnosis.findings, 1):
         print(f"{number}. {finding.fault}: {', '.join(finding.cameras)}\n   because {finding.evidence}")
         print(f"   correction: {finding.remedy}")
@@ -70,6 +80,46 @@ def _print(clip: Clip, diagnosis: Diagnosis) -> None:
         print(f"not known: {unknown}")
     if diagnosis.pairs and not diagnosis.findings:
         print(f"{clip.id}: nothing found wrong")
+
+
+def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:
+    """Return how each camera agrees with the others, and what would go unnoticed in it, worst first."""
+    header = (
+        "camera",
+        "agreement",
+        "of others",
+        "residual px",
+        "moved cm",
+        "turned deg",
+        "focal %",
+        "k1",
+        "frames late",
+    )
+    scales = {"moved": 100, "turned": 1, "focal": 100, "lens": 1, "late": 1}
+    rows = []
+    for fit in diagnosis.cameras:
+        own = [pair.agreement for pair in diagnosis.pairs if fit.camera in pair.cameras]
+        others = [pair.agreement for pair in diagnosis.pairs if fit.camera not in pair.cameras]
+        limits = (fit.limits[kind] for kind in scales)
+        rows.append(
+            (
+                fit.camera,
+                f"{np.mean(own):.2f}" if own else "-",
+                f"{np.median(others):.2f}" if others else "-",
+                "-" if fit.residual is None else f"{fit.residual:.1f}",
+                *("-" if x is None else f"{scale * x:.2g}" for x, scale in zip(limits, scales.values(), strict=True)),
+            )
+        )
+    rows.sort(key=lambda row: row[1])
+    title = f"{clip.id}: cameras, worst first; on the right the smallest differences that are surely noticed"
+    return Table(title, header, rows)
+
+
+def _images(clip: Clip) -> list[np.ndarray | None]:
+    """Return the first image of each camera, where there is one."""
+    if clip.images is None or "rgb" not in clip.images.kinds:
+        return [None] * len(clip.rig)
+    return [next(iter(clip.images.select([0], (name,)).read("rgb", name)), None) for name in clip.rig.names]
 
 
 def _row(fit: PairFit) -> tuple[str, ...]:

@@ -3,18 +3,22 @@
 import sys
 from pathlib import Path
 
+from dmae.commands.data_sets import part_of
 from dmae.data.json_text import json_text
 from dmae.data.store import write_atomic
 from dmae.evaluation.evaluate import EvaluateConfig, evaluate
 from dmae.evaluation.gates import check_baseline, compare_scores
 from dmae.evaluation.scored_data import scored_options
 from dmae.evaluation.scores import read_scores
+from dmae.formats.reading import load
 from dmae.metrics.tables import score_tables
+from dmae.parts import write_part
 from dmae.reporting.tables import print_tables
 
 WRITES = "folder"
 EXAMPLES = (
     "dmae evaluate data=runs/test methods=[measured,linear,dmae] out=runs/scores",
+    "dmae evaluate data=runs/test methods=[linear,dmae] shard=1/4 out=runs/scores_shards/1",
     "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] out=runs/scores_shelf",
     "dmae evaluate data=runs/test poses=predictions out=runs/scores_mine",
     "dmae evaluate data=runs/test baseline=runs/scores out=runs/scores_now",
@@ -33,7 +37,11 @@ def run(config: EvaluateConfig, out: Path) -> None:
         check_baseline(baseline, scored_options(config), config.changed)
     scores = evaluate(config)
     path = out / "scores.json"
+    # Until all is written, a part of an earlier run is none of this one.
+    write_part(out, None)
     write_atomic(path, json_text(scores))
+    clips = load(config.data)
+    write_part(out, part_of("dmae evaluate", config, clips, config.numbers(len(clips))))
     print_tables(score_tables(scores))
     print(path)
     if baseline is not None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from socketserver import StreamRequestHandler, TCPServer
 
-from dmae.completion.pipeline import completers
+from dmae.completion.pipeline import SMOOTHING, completers
 from dmae.data.skeleton import get_skeleton
 from dmae.formats.calibrations.files import read_calibration
 from dmae.online.capture import OnlineCapture
@@ -44,7 +44,10 @@ class LiveCommand:
 
 def run(config: LiveCommand, out: None) -> None:
     rig, skeleton = read_calibration(Path(config.calibration)), get_skeleton(config.skeleton)
-    completer = completers(Path(config.weights) if config.weights else None)(skeleton) if config.complete else None
+    completer = None
+    if config.complete:
+        weights = Path(config.weights) if config.weights else None
+        completer = completers(weights, denoise=None, reject=True, smooth=SMOOTHING)(skeleton)
 
     def answers(lines: Iterable[str]) -> Iterable[str]:
         capture = OnlineCapture(rig, skeleton, config.fps, config.capture, completer)

@@ -29,7 +29,8 @@ class RegressCommand:
         K (V, 3, 3) px; dist (V, 5) or (V, 8), OpenCV's k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole;
         cam_from_world (V, 4, 4), OpenCV cameras (x right, y down, z forward), m; size (V, 2) width, height;
         xy (n, V, 2) pixels as detected, distorted, NaN where a view has none, (0, 0) the centre of the first pixel;
-        confidence (n, V) in [0, 1], larger is surer; xyz (n, 3) m, NaN where it refuses. Rows are independent.
+        confidence (n, V) in [0, 1], larger is surer, NaN where a view does not count; xyz (n, 3) m, NaN where it
+        refuses. Rows are independent.
 
     To start from: dmae.regression.solvers:ours, :dlt, :opencv. In pytest: the fixture check_triangulation.
     """

@@ -2,33 +2,44 @@
 
 from pathlib import Path
 
+from dmae.commands.data_sets import part_of
 from dmae.evaluation.stress.config import StressConfig
-from dmae.evaluation.stress.matrix import compute, prepare
+from dmae.evaluation.stress.matrix import CACHE, compute, prepare, time_of
 from dmae.evaluation.stress.page import write_result
 from dmae.evaluation.stress.words import breaking_tables, summary
 from dmae.formats.reading import load
+from dmae.parts import write_part
+from dmae.progress import duration
 from dmae.reporting.tables import print_tables
 
 WRITES = "folder"
 EXAMPLES = (
     "dmae stress data=runs/test out=runs/stress workers=2",
     "dmae stress data=runs/test axes=[objects,jitter] levels.jitter=[1,2,4] methods=[linear,dmae] out=runs/stress",
+    "dmae stress data=runs/test size=full shard=1/4 workers=-1 out=runs/stress_shards/1",
     "dmae stress data=shelf data.path=$DMAE_DATA/shelf size=full workers=-1 out=runs/stress_shelf",
 )
 
 
 def run(config: StressConfig, out: Path) -> None:
-    matrix = prepare(load(config.data), config, out / "cache")
+    clips = load(config.data)
+    matrix = prepare(clips, config, out / CACHE)
     for note in matrix.plan.notes:
         print(note)
+    if config.dry_run:
+        print(f"{matrix.forecast}: about {duration(time_of(matrix))}")
+        return
     print(matrix.forecast, flush=True)
+    # Until all is written, a part of an earlier run is none of this one.
+    write_part(out, None)
     result = compute(matrix)
     write_result(result, out)
+    write_part(out, part_of("dmae stress", config, clips, config.numbers(len(clips))))
     print("\n".join(summary(result)))
     print_tables(breaking_tables(result)[:1])
     print(f"{out / 'stress.json'}\n{out / 'stress.html'}")
 
 
 def interrupted(config: StressConfig, out: Path) -> str:
-    kept = len(list((out / "cache").glob("*/*.json")))
-    return f"{kept} results in {out / 'cache'} are kept; the same command computes the others"
+    kept = len(list((out / CACHE).glob("*/*.json")))
+    return f"{kept} results in {out / CACHE} are kept; the same command computes the others"

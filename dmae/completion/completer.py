@@ -1,19 +1,20 @@
 """The completer: a trained model applied to poses, with sources and covariances."""
 
 from dataclasses import dataclass, fields, replace
+from math import ceil
 
 import numpy as np
 
 from dmae.completion import fusion
 from dmae.completion.blending import near_measurement, noisiness
 from dmae.completion.network.paper import DMAE
-from dmae.completion.prediction import has_rate, predict, stride
+from dmae.completion.prediction import has_rate, one_thread, predict, stride
 from dmae.completion.rejection import contradicted
 from dmae.completion.uncertainty import Factors, calibrated
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeleton_conversion import convert
-from dmae.numerics.filling import present
+from dmae.numerics.filling import present, smooth
 from dmae.numerics.gaps import gap_lengths
 
 _ACCELERATION = 40.0
@@ -51,7 +52,9 @@ class Completer:
       all its joints, and return poses of the second, see `dmae.completion.fusion.fused`; none of their joints is
       `MEASURED`.
 
-    With `frames`, only those are completed and returned, using all frames.
+    With `smooth`, all joints are smoothed over so many seconds in the end: noise that measurements of two views have is
+    greater than what smoothing takes from fast motion. With `frames`, only those are completed and returned, using all
+    frames. The network runs on one thread of the CPU: it is so small that more threads take longer on a busy machine.
 
     Raises (when called):
         ValueError: the skeletons have no joint in common, or fps is not positive and finite.
@@ -64,10 +67,23 @@ class Completer:
     """See `dmae.completion.uncertainty.calibrated`; without them completed joints have no covariance."""
     reject: bool = False
     """Improves real recordings; does not improve people who jump and dance."""
+    smooth: float = 0.0
+    """s; light smoothing of the completed poses, see `dmae.numerics.filling.smooth`."""
 
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
         if not (np.isfinite(fps) and fps > 0):
             raise ValueError(f"fps must be positive, found {fps}")
+        with one_thread():
+            if not self.smooth:
+                return self._complete(poses, fps, frames)
+            # Frames beside those asked for take part in their smoothing.
+            asked, reach = range(len(poses.xyz))[frames], ceil(3 * self.smooth * fps)
+            first = max(asked.start - reach, 0)
+            done = smooth(self._complete(poses, fps, slice(first, asked.stop + reach)), fps, self.smooth)
+            return done.select(slice(asked.start - first, asked.stop - first))
+
+    def _complete(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+        """Return some frames of the poses, completed and not yet smoothed."""
         poses = poses.without(np.isinf(poses.xyz).any(-1))
         if poses.skeleton != self.skeleton.parts[0]:
             if not self.target:
@@ -152,7 +168,7 @@ class Completer:
         try:
             converted = convert(poses, self.skeleton)
             common = np.isin(poses.skeleton.joints, self.skeleton.joints)
-            done = convert(self(converted, fps, frames), poses.skeleton)
+            done = convert(self._complete(converted, fps, frames), poses.skeleton)
         except KeyError as error:
             raise ValueError(
                 f"the weights are for skeleton {self.skeleton.name!r}, the poses are {poses.skeleton.name!r}, and "

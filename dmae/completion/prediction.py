@@ -1,5 +1,7 @@
 """Prediction: a network's corrections of a whole recording, blended over overlapping windows."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import ceil
 
 import numpy as np
@@ -16,6 +18,17 @@ from dmae.numerics.resampling import resample
 _BATCH = 128
 _SAME_RATE = 0.01
 """Rates within this share of each other are taken as equal."""
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Have torch compute on one thread of the CPU."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def has_rate(model: DMAE, fps: float) -> bool:

@@ -198,12 +198,12 @@ def write_depth(path: Path, depth: np.ndarray) -> None:
 
 def write_ids(path: Path, ids: np.ndarray) -> None:
     """Write ids (H, W) as a 16-bit PNG."""
-    _write(path, ids.astype(np.uint16))
+    _write(path, ids.astype(np.uint16), flat=True)
 
 
 def write_parts(path: Path, parts: np.ndarray) -> None:
     """Write parts (H, W) as an 8-bit PNG."""
-    _write(path, parts.astype(np.uint8))
+    _write(path, parts.astype(np.uint8), flat=True)
 
 
 def write_rgb(path: Path, rgb: np.ndarray) -> None:
@@ -234,8 +234,11 @@ def write_amodal(path: Path, amodal: np.ndarray) -> None:
     _write(path, (np.dstack([0 * low, high, low]) if high.any() else low).astype(np.uint16))
 
 
-def _write(path: Path, image: np.ndarray) -> None:
+def _write(path: Path, image: np.ndarray, *, flat: bool = False) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     how = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY) if path.suffix == ".jpg" else (cv2.IMWRITE_PNG_COMPRESSION, 1)
+    if flat:
+        # A third of the time of the default for the same size.
+        how += (cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP)
     if not cv2.imwrite(str(path), image, how):
         raise OSError(f"{path}: could not write the image")

@@ -163,9 +163,20 @@ HALPE26 = _skeleton(
     "l_heel<l_ankle", "r_heel<r_ankle",
 )  # fmt: skip
 
+BLAZEPOSE33 = _skeleton(
+    "blazepose33", "nose", "l_eye_inner<nose", "l_eye<l_eye_inner", "l_eye_outer<l_eye",
+    "r_eye_inner<nose", "r_eye<r_eye_inner", "r_eye_outer<r_eye", "l_ear<l_eye_outer", "r_ear<r_eye_outer",
+    "l_mouth<nose", "r_mouth<nose", "l_shoulder<nose", "r_shoulder<nose", "l_elbow<l_shoulder", "r_elbow<r_shoulder",
+    "l_wrist<l_elbow", "r_wrist<r_elbow", "l_little_finger<l_wrist", "r_little_finger<r_wrist",
+    "l_index_finger<l_wrist", "r_index_finger<r_wrist", "l_thumb<l_wrist", "r_thumb<r_wrist",
+    "l_hip<l_shoulder", "r_hip<r_shoulder", "l_knee<l_hip", "r_knee<r_hip", "l_ankle<l_knee", "r_ankle<r_knee",
+    "l_heel<l_ankle", "r_heel<r_ankle", "l_big_toe<l_ankle", "r_big_toe<r_ankle",
+)  # fmt: skip
+"""The landmarks of MediaPipe's BlazePose."""
+
 SKELETONS = {
     skeleton.name: skeleton
-    for skeleton in (BODY25, BODY21, BODY25B, COCO17, COCO18, SHELF14, PANOPTIC19, HALPE26)
+    for skeleton in (BODY25, BODY21, BODY25B, COCO17, COCO18, SHELF14, PANOPTIC19, HALPE26, BLAZEPOSE33)
 }  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dmae.data.clip import Poses3D, Source
+from dmae.data.clip import Detections2D, Poses3D, Source
 from dmae.data.skeleton import Skeleton, get_skeleton
 
 _MIDPOINTS = {"neck": ("l_shoulder", "r_shoulder"), "mid_hip": ("l_hip", "r_hip")}
@@ -47,6 +47,31 @@ def convert(poses: Poses3D, target: Skeleton) -> Poses3D:
         for name, values in _derive(poses, joint).items():
             arrays[name][:, :, target.index(joint)[0]] = values
     return Poses3D(target, **arrays)
+
+
+def convert_detections(detections: Detections2D, target: Skeleton) -> Detections2D:
+    """Return the same detections on another skeleton.
+
+    Joints of the same name are copied. `neck` and `mid_hip` are midpoints where the source lacks them, with the lower
+    confidence of the two joints. All others are absent, the ends of the head among them: their formula needs 3D.
+
+    Raises:
+        KeyError: the skeletons have no joint in common.
+    """
+    source = detections.skeleton
+    if source.name == target.name:
+        return detections
+    if not set(target.joints) & set(source.joints):
+        raise KeyError(f"no way from skeleton {source.name!r} to {target.name!r}: they have no joint in common")
+    shape = (*detections.score.shape[:-1], len(target))
+    xy, score = np.full((*shape, 2), np.nan, np.float32), np.full(shape, np.nan, np.float32)
+    for number, joint in enumerate(target.joints):
+        names = (joint,) if joint in source.joints else _MIDPOINTS.get(joint, ())
+        if names and set(names) <= set(source.joints):
+            index = source.index(*names)
+            xy[..., number, :] = detections.xy[..., index, :].mean(-2)
+            score[..., number] = detections.score[..., index].min(-1)
+    return Detections2D(target, xy, score)
 
 
 def _take(poses: Poses3D, joints: Sequence[str]) -> dict[str, np.ndarray]:

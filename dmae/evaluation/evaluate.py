@@ -21,6 +21,7 @@ from dmae.formats.reading import DataConfig, load
 from dmae.formats.recordings.selection import camera_subsets
 from dmae.metrics.matching import match, take_matched
 from dmae.numerics.filling import smooth
+from dmae.parts import numbers_of
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
@@ -77,13 +78,24 @@ class EvaluateConfig:
     skeleton: str | None = None
     """Skeleton that poses are compared on; by default that of the truth."""
     smooth: float = 0.1
-    """s; smoothing after every method except `measured`."""
+    """s; smoothing after every method except `measured` and online ones, which smooth themselves. With it,
+    `methods=[dmae_denoise]` scores what `dmae complete` makes."""
     baseline: str | None = None
     """`scores.json` of an earlier run, or its folder: exit status 2 if a figure is worse by more than its interval."""
     changed: list[str] = field(default_factory=list)
     """Options that differ from those of the baseline on purpose; figures are compared all the same."""
+    first: int = 0
+    """Number of the first clip of the data set, counted from 0."""
+    clips: int | None = None
+    """Number of clips, of all shards together; by default all from `first` on."""
+    shard: str | None = None
+    """Which piece of the clips: `shard=3/16` the third of sixteen, in a folder of its own; `dmae merge` joins them."""
     out: str = "runs/evaluate"
     """Folder for `scores.json`."""
+
+    def numbers(self, total: int) -> range:
+        """Return the numbers of the clips to score, of all clips of the data set."""
+        return numbers_of(total, self.first, self.clips, self.shard)
 
 
 @dataclass(frozen=True)
@@ -134,6 +146,7 @@ def evaluate(config: EvaluateConfig) -> dict:
     clips = load(config.data)
     if not clips:
         raise ValueError(f"{config.data.path}: no clip of this data set is ok, nothing to score")
+    clips = clips.part(config.numbers(len(clips)))
     runs: dict[tuple[str, int], list[dict]] = {}
     scored: dict[str, dict] = {}
     for trial, filled in filled_trials(clips, config, methods):
@@ -146,7 +159,7 @@ def evaluate(config: EvaluateConfig) -> dict:
             entry |= score(poses, trial.given, trial.truth, trial.actors, trial.matches, fps=fps, compared=compared)
             runs.setdefault((name, len(trial.cameras)), []).append(entry)
     results = [{"method": name, "views": views, **summary(entries)} for (name, views), entries in runs.items()]
-    recording = trial.clip.id if len(clips) == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
+    recording = trial.clip.id if clips.total == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
     poses = f"poses of {Path(config.poses).name}" if config.poses else Input(config.input).value.replace("_", " ")
     return {
         "recording": recording,
@@ -164,12 +177,12 @@ def filled_trials(
     methods: dict[str, Callable[[Poses3D, float], Poses3D]],
     to_skeleton: Callable[[Poses3D, Skeleton], Poses3D] = convert,
 ) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
-    """Yield every trial, and what each method makes of it: on the skeleton of the truth, and smoothed.
+    """Yield every trial, and what each method makes of it: smoothed, and on the skeleton of the truth.
 
     Args:
         clips: At least one.
         config: Of its fields `data`, `methods` and `weights` are not read.
-        methods: Functions that fill poses, by name. What `measured` returns is not smoothed.
+        methods: Functions that fill poses, by name. What methods that smooth themselves return is not smoothed.
         to_skeleton: Brings filled poses to the skeleton of the truth.
     """
     captured = config.input == Input.captured_poses and not config.poses
@@ -177,8 +190,10 @@ def filled_trials(
     for trial in progress(_trials(clips, config), "evaluating", total):
         filled = {}
         for name, fill in methods.items():
-            poses = to_skeleton(fill(trial.given, trial.clip.fps), trial.truth.skeleton)
-            filled[name] = poses if name == "measured" else smooth(poses, trial.clip.fps, config.smooth)
+            poses = fill(trial.given, trial.clip.fps)
+            if not (name in completion_method and find_method(name).smooths):
+                poses = smooth(poses, trial.clip.fps, config.smooth)
+            filled[name] = to_skeleton(poses, trial.truth.skeleton)
         yield trial, filled | ({} if trial.filled is None else {HANDED_IN: trial.filled})
 
 
@@ -198,9 +213,9 @@ def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
             f"poses={config.poses}: poses made elsewhere are compared with the truth, whatever cameras they are of; "
             "leave out views, reference"
         )
-    ids = [folder.name for folder in clips.folders] if len(clips) > 1 else [clips[0].id]
-    paths = predictions_of(Path(config.poses), ids) if config.poses else {}
-    for number, (clip, name) in enumerate(zip(clips, ids, strict=True)):
+    ids = [folder.name for folder in clips.folders] if clips.total > 1 else [clips[0].id]
+    paths = predictions_of(Path(config.poses), clips.names if clips.total > 1 else ids) if config.poses else {}
+    for number, clip, name in zip(clips.numbers, clips, ids, strict=True):
         path = paths.get(name)
         if synthetic:
             yield _synthetic_trial(clip, number, config, path)

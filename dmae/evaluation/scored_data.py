@@ -13,7 +13,9 @@ _TOLERANCES = {"joints": 5e-3, "mean": 0.01, "detected": 5e-3, "pixels": 1.0, "s
 """Of simulated clips, which another processor makes with other rounding: counts, scores and offsets relative, places in
 m and px."""
 _RELATIVE = {"joints", "detected", "score", "offset_px"}
-_UNDER_TEST = ("data", "methods", "poses", "weights", "views", "baseline", "changed", "out")
+_UNDER_TEST = (
+    "data", "methods", "poses", "weights", "views", "baseline", "changed", "out", "first", "clips", "shard",
+)  # fmt: skip
 """Options of `dmae evaluate` that need not be equal: what is scored, and what clips and results show themselves."""
 
 

@@ -19,6 +19,7 @@ from dmae.formats.labelled_images.pictures import Picture, array_pictures, read_
 from dmae.formats.openpose import CALIBRATION
 from dmae.formats.recordings.camera_matching import frame_number, natural
 from dmae.formats.recordings.coco_categories import category_joints, recognise_skeleton
+from dmae.formats.recordings.confidences import Confidences
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.formats.writing import exported_poses
@@ -38,6 +39,7 @@ class _Found:
     fps: float | None = None
     names: list[str] | None = None
     joints: int | None = None
+    confidences: Confidences = field(default_factory=Confidences)
 
 
 @reader(
@@ -111,7 +113,7 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
         raise ValueError(f"{path}: expected {len(skeleton)} keypoints as of {skeleton.name}, found {found.joints}")
     empty = np.empty((0, len(skeleton), 3))
     views = {name: {n: np.array(people or empty) for n, people in view.items()} for name, view in found.views.items()}
-    return NumberedDetections(skeleton, views, found.fps, sizes=found.sizes)
+    return NumberedDetections(skeleton, views, found.fps, notes=found.confidences.notes, sizes=found.sizes)
 
 
 def _parts(file: Path, content) -> tuple[list | None, list]:
@@ -182,15 +184,15 @@ def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> 
             scores = _numbers(f"{here}.keypoint_scores", scores, 1)[:, 0]
             if len(scores) != len(values):
                 raise ValueError(f"{here}.keypoint_scores: expected {len(values)}, found {len(scores)}")
-            values[:, 2] = np.where(values[:, 2] > 0, scores, 0)
+            values[:, 2] = np.where(values[:, 2] == 0, 0, scores)
         scored.append(scores is not None)
-        people.append((places[annotation["image_id"]], values))
-    bare = [values[:, 2] for (_, values), known in zip(people, scored, strict=True) if not known]
+        people.append((f"{here}.keypoints", places[annotation["image_id"]], values))
+    bare = [values[:, 2] for (*_, values), known in zip(people, scored, strict=True) if not known]
     if bare and np.isin(bare, (0, 1, 2)).all():
         for third in bare:
             third[:] = np.choose(third.astype(int), (0, HIDDEN_SCORE, 1))
-    for place, values in people:
-        values[~(values[:, 2] > 0)] = np.nan
+    for here, place, values in people:
+        values = found.confidences.clean(here, values)
         if not np.isnan(values).all():
             place.append(values)
 

@@ -14,9 +14,11 @@ from dmae.files.names import child
 from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
-from dmae.formats.openpose import body25_or_body25b
+from dmae.formats.openpose import OF_25_JOINTS
 from dmae.formats.recordings.camera_matching import frame_number, natural
+from dmae.formats.recordings.confidences import Confidences
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.recordings.skeleton_guess import guess_skeleton
 from dmae.formats.registry import reader, recording_writer
 from dmae.progress import progress
 
@@ -49,7 +51,8 @@ def read_easymocap(
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{error}; name it by data.detections=...") from None
     if skeleton is None:
-        recognised, notes = body25_or_body25b(found.views)
+        everyone = (people for view in found.views.values() for people in view.values())
+        recognised, notes = guess_skeleton(path, OF_25_JOINTS, everyone)
         found = replace(found, skeleton=recognised, notes=(*found.notes, *notes))
     return with_cameras(found, path, calibration, fps)
 
@@ -72,6 +75,7 @@ def read_detections(path: Path, skeleton: Skeleton = BODY25) -> NumberedDetectio
     views: dict[str, dict[int, np.ndarray]] = {name: {} for name in folders}
     unreadable: dict[str, list[str]] = {}
     sizes: dict[str, tuple[int, int]] = {}
+    confidences = Confidences()
     todo = [(name, file) for name, folder in folders.items() for file in sorted(folder.glob("*.json"))]
     for name, file in progress(todo, "reading detections"):
         number = frame_number(file, file.stem)
@@ -82,12 +86,12 @@ def read_detections(path: Path, skeleton: Skeleton = BODY25) -> NumberedDetectio
         except ValueError as error:
             unreadable.setdefault(name, []).append(str(error))
             continue
-        size, views[name][number] = _size(file, content), _people(file, content, skeleton)
+        size, views[name][number] = _size(file, content), _people(file, content, skeleton, confidences)
         if size and sizes.setdefault(name, size) != size:
             raise ValueError(f"{file}: expected images of {sizes[name]} px as before of camera {name!r}, found {size}")
     if not any(views.values()):
         raise ValueError(f"{path}: not one file could be read; {next(iter(unreadable.values()))[0]}")
-    return NumberedDetections(skeleton, views, unreadable=unreadable, sizes=sizes)
+    return NumberedDetections(skeleton, views, unreadable=unreadable, sizes=sizes, notes=confidences.notes)
 
 
 def _camera_folders(path: Path) -> dict[str, Path]:
@@ -109,7 +113,7 @@ def _size(file: Path, content) -> tuple[int, int] | None:
     return size
 
 
-def _people(file: Path, content, skeleton: Skeleton) -> np.ndarray:
+def _people(file: Path, content, skeleton: Skeleton, confidences: Confidences) -> np.ndarray:
     """(D, J, 3)."""
     people = content.get("annots") if isinstance(content, dict) else None
     if not isinstance(people, list):
@@ -128,8 +132,7 @@ def _people(file: Path, content, skeleton: Skeleton) -> np.ndarray:
                 f"{skeleton.name}, found {keypoints!r:.60}{shape}; data.skeleton=... names another skeleton"
             )
         check_numbers(f"{file}: annots[{number}].keypoints", array, MOST_PIXELS)
-        found[number] = array
-    found[~(found[..., 2] > 0)] = np.nan
+        found[number] = confidences.clean(f"{file}: annots[{number}].keypoints", array)
     return found[~np.isnan(found).all((1, 2))]
 
 

@@ -7,14 +7,27 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D, Source
-from dmae.data.skeleton import BODY21, BODY25, BODY25B, COCO17, COCO18, HALPE26, PANOPTIC19, SHELF14, Skeleton
+from dmae.data.skeleton import (
+    BLAZEPOSE33,
+    BODY21,
+    BODY25,
+    BODY25B,
+    COCO17,
+    COCO18,
+    HALPE26,
+    PANOPTIC19,
+    SHELF14,
+    Skeleton,
+)
 from dmae.data.store import write_atomic
 from dmae.files.names import child
 from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
 from dmae.formats.recordings.camera_matching import frame_number, natural
+from dmae.formats.recordings.confidences import Confidences
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.recordings.skeleton_guess import guess_skeleton
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.progress import progress
 
@@ -25,8 +38,11 @@ FOLDERS = ("openpose", "keypoints", "pose", "json")
 _SUFFIXES = ("_keypoints", "_json")
 _PANOPTIC = "body3DScene"
 """Beginning of the names of Panoptic's files of poses, which are no detections."""
-BY_COUNT = {len(skeleton): skeleton for skeleton in (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14)}
+_OF_COUNT = (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14, BLAZEPOSE33)
+BY_COUNT = {len(skeleton): skeleton for skeleton in _OF_COUNT}
 """By number of joints, the skeleton that detections have by default."""
+OF_25_JOINTS = (BODY25, BODY25B)
+"""Skeletons that only the places of their joints distinguish."""
 COMPLETED_SCORE = 0.5
 """Confidence written for completed joints; measured ones have 1."""
 
@@ -59,8 +75,8 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
     """Read `<camera>/<anything><frame number>[_keypoints].json`, as OpenPose and Pose2Sim name them.
 
     A joint of confidence 0 is absent. A file that is not JSON, cut short for instance, makes its frame absent
-    and is recorded. The skeleton is known by the number of joints; BODY_25 and BODY_25B, which have as many,
-    by where the neck lies between the shoulders.
+    and is recorded; a person `{}`, as Pose2Sim writes, is absent. The skeleton is known by the number of joints;
+    BODY_25 and BODY_25B, which have as many, by `guess_skeleton`.
 
     Args:
         skeleton: Skeleton of the files; by default known by the number of joints.
@@ -68,12 +84,13 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
     Raises:
         FileNotFoundError: there are no such files.
         ValueError: a file is JSON but not OpenPose's, a frame is there twice, or people have other numbers of
-            joints than the skeleton; no file could be read.
+            joints than the skeleton; no file could be read; too few people tell the skeleton.
     """
     folders = camera_folders(Path(path))
     frames = {name: _frame_files(folder) for name, folder in folders.items()}
     views: dict[str, dict[int, list]] = {name: {} for name in frames}
     unreadable: dict[str, list[str]] = {}
+    confidences = Confidences()
     joints: tuple[int, Path] | None = None if skeleton is None else (len(skeleton), Path("data.skeleton"))
     todo = [(name, number, file) for name, files in frames.items() for number, file in files.items()]
     for name, number, file in progress(todo, "reading detections"):
@@ -82,7 +99,7 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
         except ValueError as error:
             unreadable.setdefault(name, []).append(str(error))
             continue
-        people = _people(file, content)
+        people = _people(file, content, confidences)
         for found in people:
             joints = joints or (len(found), file)
             if len(found) != joints[0]:
@@ -99,7 +116,7 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
     arrays = {name: {n: np.array([*found] or empty) for n, found in view.items()} for name, view in views.items()}
     _check_pixels(path, arrays)
     skeleton, note = (skeleton, ()) if skeleton else _recognise(path, arrays, *joints)
-    return NumberedDetections(skeleton, arrays, unreadable=unreadable, notes=note)
+    return NumberedDetections(skeleton, arrays, unreadable=unreadable, notes=(*note, *confidences.notes))
 
 
 def camera_folders(path: Path) -> dict[str, Path]:
@@ -145,12 +162,14 @@ def _frame_files(folder: Path) -> dict[int, Path]:
     return files
 
 
-def _people(file: Path, content) -> list[np.ndarray]:
+def _people(file: Path, content, confidences: Confidences) -> list[np.ndarray]:
     """Return (J, 3) arrays of the people that have any joint."""
     if not isinstance(content, dict) or not isinstance(content.get("people"), list):
         raise ValueError(f"{file}: expected an object with a list of people, found {content!r:.60}")
     people = []
     for number, person in enumerate(content["people"]):
+        if person == {}:
+            continue
         keypoints = person.get("pose_keypoints_2d", person.get("pose_keypoints")) if isinstance(person, dict) else None
         try:
             array = np.array(keypoints, np.float64)
@@ -162,8 +181,7 @@ def _people(file: Path, content) -> list[np.ndarray]:
                 f"found {keypoints!r:.60}"
             )
         check_numbers(f"{file}: people[{number}].pose_keypoints_2d", array, MOST_PIXELS)
-        array = array.reshape(-1, 3)
-        array[~(array[:, 2] > 0)] = np.nan
+        array = confidences.clean(f"{file}: people[{number}].pose_keypoints_2d", array.reshape(-1, 3))
         if not np.isnan(array).all():
             people.append(array)
     return people
@@ -185,27 +203,7 @@ def _recognise(path: Path, views: dict, joints: int, file: Path) -> tuple[Skelet
         raise ValueError(f"{file}: found people of {joints} joints, which is no skeleton known; there are {known}")
     if joints != len(BODY25):
         return BY_COUNT[joints], ()
-    return body25_or_body25b(views)
-
-
-def body25_or_body25b(views: dict[str, dict[int, np.ndarray]]) -> tuple[Skeleton, tuple[str, ...]]:
-    """Decide between BODY_25 and BODY_25B by the position of necks between shoulders; return a note of BODY_25B."""
-    people = [found for view in views.values() for found in view.values() if len(found)]
-    if not people or _neck_error(BODY25, np.concatenate(people)) <= _neck_error(BODY25B, np.concatenate(people)):
-        return BODY25, ()
-    return BODY25B, (
-        "people of 25 joints are taken for BODY_25B, not BODY_25, by where the neck is; data.skeleton overrides",
-    )
-
-
-def _neck_error(skeleton: Skeleton, people: np.ndarray) -> float:
-    """Return the median distance of necks from the middle of the shoulders, relative to the size of the person."""
-    neck, left, right = (people[:, skeleton.index(name)[0], :2] for name in ("neck", "l_shoulder", "r_shoulder"))
-    known = ~np.isnan(neck + left + right).any(-1)
-    if not known.any():
-        return np.inf
-    size = np.linalg.norm(np.nanstd(people[known, :, :2], 1), axis=-1)
-    return float(np.median(np.linalg.norm(neck - (left + right) / 2, axis=-1)[known] / np.maximum(size, 1e-9)))
+    return guess_skeleton(path, OF_25_JOINTS, (people for view in views.values() for people in view.values()))
 
 
 def write_detections(

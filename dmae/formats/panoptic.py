@@ -8,23 +8,26 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.skeleton import PANOPTIC19, Skeleton
+from dmae.data.skeleton import BODY25, PANOPTIC19, Skeleton
 from dmae.data.store import write_atomic
 from dmae.files.names import child
-from dmae.files.numbers import MOST_METRES, check_numbers
+from dmae.files.numbers import MOST_METRES, MOST_VARIANCE, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats import openpose
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
 from dmae.formats.calibrations.panoptic import CONVENTION
 from dmae.formats.recordings.camera_matching import frame_number
-from dmae.formats.recordings.numbered_detections import with_cameras
+from dmae.formats.recordings.numbered_detections import NumberedDetections, known_rate, to_clip, with_cameras
 from dmae.formats.recordings.pose_files import PoseFile
 from dmae.formats.registry import pose_reader, pose_writer, reader
 from dmae.progress import progress
 
 POSES = "hdPose3d_stage1_coco19"
 _SCENE = "body3DScene_"
+_VALUES = 10
+"""Of a joint: x, y, z, source, and six entries of the covariance."""
+_UPPER = np.triu_indices(3)
 
 
 @reader(
@@ -41,7 +44,8 @@ def read_panoptic(
 ) -> Clip:
     """A CMU Panoptic sequence: calibration_<sequence>.json, poses as truth, and OpenPose's JSON of the cameras in use.
 
-    Panoptic publishes cameras and poses; detections are OpenPose's.
+    Panoptic publishes cameras and poses; detections are OpenPose's. Where there are none, as in our own exports, the
+    clip has its truth and no detections.
 
     Args:
         path: The sequence.
@@ -53,7 +57,12 @@ def read_panoptic(
     Raises:
         FileNotFoundError, ValueError: as `dmae.formats.openpose.read_detections`, `read_poses` and `with_cameras`.
     """
-    found = openpose.read_detections(detections or path, skeleton)
+    try:
+        found = openpose.read_detections(detections or path, skeleton)
+    except FileNotFoundError:
+        if detections is not None:
+            raise
+        return _without_detections(path, calibration, fps, skeleton or BODY25)
     try:
         poses = read_poses(path, replace(calibration, inverse=None).convention(CONVENTION))
     except FileNotFoundError:
@@ -62,13 +71,34 @@ def read_panoptic(
     return with_cameras(found, path, calibration, fps, poses.xyz, PANOPTIC19)
 
 
+def _without_detections(path: Path, calibration: CalibrationSource, fps: float | None, skeleton: Skeleton) -> Clip:
+    try:
+        poses = read_poses(path, replace(calibration, inverse=None).convention(CONVENTION))
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            f"{error}; expected these or a folder for each camera that holds <name>_<frame number>_keypoints.json"
+        ) from None
+    rig = calibration.read(path)
+    nothing = np.empty((0, len(skeleton), 3))
+    notes = (*poses.notes, "there are no detections: the recording has its cameras and its truth alone")
+    views = {name: dict.fromkeys(poses.xyz, nothing) for name in rig.names}
+    found = NumberedDetections(skeleton, views, poses.fps, notes=notes)
+    return to_clip(found, rig, known_rate(fps, found, path), path, poses.xyz, PANOPTIC19)
+
+
 @pose_reader("panoptic", signs=["hdPose3d_stage1_coco19", "body3DScene_*.json"])
 def read_panoptic_poses(path: Path) -> PoseFile:
     """A folder of CMU Panoptic's poses; frames without a file between the first and the last are absent."""
-    found = read_poses(path)
+    found = read_poses(path, completed=True)
     numbers = range(min(found.xyz), max(found.xyz) + 1)
-    absent = np.full_like(next(iter(found.xyz.values())), np.nan)
-    return PoseFile(Poses3D(PANOPTIC19, np.array([found.xyz.get(number, absent) for number in numbers])), found.fps)
+
+    def stacked(frames: dict[int, np.ndarray], absent: float) -> np.ndarray:
+        empty = np.full_like(next(iter(frames.values())), absent)
+        return np.array([frames.get(number, empty) for number in numbers])
+
+    xyz, source, cov = stacked(found.xyz, np.nan), stacked(found.source, Source.ABSENT), stacked(found.cov, np.nan)
+    source = np.where(np.isnan(xyz).any(-1), Source.ABSENT, np.where(source == Source.ABSENT, Source.MEASURED, source))
+    return PoseFile(Poses3D(PANOPTIC19, xyz, source, cov), found.fps)
 
 
 @dataclass(frozen=True)
@@ -78,23 +108,29 @@ class PanopticPoses:
     Attributes:
         xyz: By frame number, (P, 19, 3) m, our world; NaN where absent. A person is a body's id: all frames have
             the same P, in the order of the ids.
+        source: Likewise (P, 19) `Source`; measured where the files do not say.
+        cov: Likewise (P, 19, 3, 3) m^2; NaN where the files do not say.
         fps: Frames per second.
         notes: Files that could not be read, and the ids of the persons if not 0 to P - 1.
     """
 
     xyz: dict[int, np.ndarray]
+    source: dict[int, np.ndarray]
+    cov: dict[int, np.ndarray]
     fps: float | None
     notes: tuple[str, ...]
 
 
-def read_poses(path: Path, convention: Convention = CONVENTION) -> PanopticPoses:
+def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bool = False) -> PanopticPoses:
     """Read `hdPose3d_stage1_coco19/body3DScene_<frame number>.json`: PANOPTIC19 joints, cm, y down.
 
-    Joints without positive confidence are absent, and so are those that `write_poses` marked as completed. A
-    file that is not JSON, cut short for instance, makes its frame absent and is noted.
+    Joints without positive confidence are absent, and so are, by default, those that `write_poses` marked as completed,
+    which are no truth. A file that is not JSON, cut short for instance, makes its frame absent and is noted.
 
     Args:
         path: The recording, or the folder of the files themselves.
+        convention: How the files write lengths and the world.
+        completed: Whether joints that are marked as completed are read.
 
     Raises:
         FileNotFoundError: there are no such files.
@@ -114,7 +150,7 @@ def read_poses(path: Path, convention: Convention = CONVENTION) -> PanopticPoses
         number = frame_number(file, file.stem)
         if number in frames:
             raise ValueError(f"{file}: expected frame {number} once, found it twice")
-        frames[number] = _bodies(file, content)
+        frames[number] = _bodies(file, content, completed)
         rate = re.fullmatch(r"[a-z]+_(\d+)(?:_(\d+))?", str(content.get("fpsType")))
         if rate:
             rates.setdefault(float(f"{rate[1]}.{rate[2] or 0}"), file)
@@ -123,17 +159,21 @@ def read_poses(path: Path, convention: Convention = CONVENTION) -> PanopticPoses
     if len(rates) > 1:
         raise ValueError(f"{path}: expected one fpsType, found {' and '.join(f'{r} in {f}' for r, f in rates.items())}")
     ids = sorted({body for bodies in frames.values() for body in bodies})
-    absent = np.full((len(PANOPTIC19), 3), np.nan)
-    xyz = {
-        number: convention.points(np.array([bodies.get(body, absent) for body in ids]).reshape(-1, *absent.shape))
+    absent = np.full((len(PANOPTIC19), _VALUES), np.nan)
+    rows = {
+        number: np.array([bodies.get(body, absent) for body in ids]).reshape(-1, *absent.shape)
         for number, bodies in frames.items()
     }
+    xyz = {number: convention.points(row[..., :3]) for number, row in rows.items()}
+    source = {number: np.nan_to_num(row[..., 3]).astype(np.uint8) for number, row in rows.items()}
+    turn = convention.points(np.eye(3))
+    cov = {number: turn.T @ _matrices(row[..., 4:]) @ turn for number, row in rows.items()}
     notes = []
     if unreadable:
         notes.append(f"{len(unreadable)} files of poses could not be read and are absent, first {unreadable[0]}")
     if ids != list(range(len(ids))):
         notes.append(f"persons 0 to {len(ids) - 1} of the truth are the bodies of ids {ids}")
-    return PanopticPoses(xyz, next(iter(rates), None), tuple(notes))
+    return PanopticPoses(xyz, source, cov, next(iter(rates), None), tuple(notes))
 
 
 def _pose_folder(path: Path) -> Path:
@@ -145,8 +185,13 @@ def _pose_folder(path: Path) -> Path:
     return found[0]
 
 
-def _bodies(file: Path, content) -> dict[int, np.ndarray]:
-    """By id, joints (19, 3) as written."""
+def _matrices(six: np.ndarray) -> np.ndarray:
+    """Return symmetric matrices (..., 3, 3) of their entries (..., 6), xx, xy, xz, yy, yz, zz."""
+    return six[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*six.shape[:-1], 3, 3)
+
+
+def _bodies(file: Path, content, completed: bool) -> dict[int, np.ndarray]:
+    """By id, joints (19, 10) as written: x, y, z, `Source`, and six entries of the covariance; NaN where unknown."""
     bodies = content.get("bodies") if isinstance(content, dict) else None
     if not isinstance(bodies, list):
         raise ValueError(f"{file}: expected an object with a list of bodies, found {content!r:.60}")
@@ -158,20 +203,32 @@ def _bodies(file: Path, content) -> dict[int, np.ndarray]:
             raise ValueError(f"{place}.id: expected a number that no other body has, found {name!r:.60}")
         joints = _flat(values.get("joints19"), f"{place}.joints19", 4 * len(PANOPTIC19)).reshape(-1, 4)
         known = joints[:, 3] > 0
+        source = np.full(len(PANOPTIC19), float(Source.MEASURED))
         if "joint_source" in values:
-            known &= _flat(values["joint_source"], f"{place}.joint_source", len(PANOPTIC19)) != Source.COMPLETED
-        found[name] = np.where(known[:, None], joints[:, :3], np.nan)
+            source = _flat(values["joint_source"], f"{place}.joint_source", len(PANOPTIC19))
+            if not np.isin(source, list(Source)).all():
+                raise ValueError(
+                    f"{place}.joint_source: expected {', '.join(f'{s:d} {s.name.lower()}' for s in Source)}"
+                )
+            known &= completed | (source != Source.COMPLETED)
+        cov = np.full((len(PANOPTIC19), 6), np.nan)
+        if "joint_covariance" in values:
+            cov = _flat(
+                values["joint_covariance"], f"{place}.joint_covariance", 6 * len(PANOPTIC19), 1e4 * MOST_VARIANCE
+            )
+            cov = cov.reshape(-1, 6)
+        found[name] = np.where(known[:, None], np.concatenate([joints[:, :3], source[:, None], cov], 1), np.nan)
     return found
 
 
-def _flat(found, place: str, count: int) -> np.ndarray:
+def _flat(found, place: str, count: int, most: float = 100 * MOST_METRES) -> np.ndarray:
     try:
         array = np.array(found, np.float64)
     except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
     if array.shape != (count,):
         raise ValueError(f"{place}: expected {count} numbers, found {found!r:.60}")
-    check_numbers(place, array, 100 * MOST_METRES)
+    check_numbers(place, array, most)
     return array
 
 
@@ -179,7 +236,8 @@ def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> Non
     """Write `hdPose3d_stage1_coco19/body3DScene_<frame number>.json` into the folder of a recording.
 
     Confidence is 1, of completed joints `COMPLETED_SCORE`, and -1 of absent ones, which are at 0, 0, 0. Bodies also
-    have `joint_source`, the `Source` of their joints.
+    have `joint_source`, the `Source` of their joints, and where it is known `joint_covariance`, six numbers a joint,
+    xx, xy, xz, yy, yz, zz in cm^2 and the axes of the file, null where unknown.
 
     Args:
         first: Number of the first frame.
@@ -196,6 +254,7 @@ def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> Non
     for frame, persons in enumerate(progress(np.round(joints, 4), "writing poses", len(joints))):
         bodies = [
             {"id": person, "joints19": persons[person].ravel().tolist(), "joint_source": source.tolist()}
+            | _covariances(poses.cov[frame, person])
             for person, source in enumerate(poses.source[frame])
             if (source != Source.ABSENT).any()
         ]
@@ -206,6 +265,15 @@ def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> Non
             "bodies": bodies,
         }
         write_atomic(Path(folder) / POSES / f"{_SCENE}{first + frame:08d}.json", json.dumps(content))
+
+
+def _covariances(cov: np.ndarray) -> dict[str, list]:
+    """Return the covariances (19, 3, 3) m^2 of a person as the file writes them; nothing where none is known."""
+    if np.isnan(cov).all():
+        return {}
+    turn = CONVENTION.written_points(np.eye(3))
+    entries = (turn.T @ cov.astype(np.float64) @ turn)[:, _UPPER[0], _UPPER[1]]
+    return {"joint_covariance": [None if np.isnan(value) else float(f"{value:.6g}") for value in entries.ravel()]}
 
 
 @pose_writer("panoptic", folder=True, skeleton="panoptic19")

@@ -5,12 +5,11 @@ from pathlib import Path
 
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25, BODY25B, COCO17, COCO18, HALPE26, Skeleton
-from dmae.files.numbers import check_rate
 from dmae.files.structured import read_toml
-from dmae.files.videos import open_video
 from dmae.formats import openpose
 from dmae.formats.calibrations.files import FOUND, CalibrationSource
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.recordings.video_rate import video_rate
 from dmae.formats.registry import reader
 from dmae.formats.trc import trc_rate
 
@@ -84,21 +83,11 @@ def _rate(path: Path) -> float | None:
     rate = _setting(path, "project", "frame_rate")
     if isinstance(rate, int | float) and rate > 0:
         return float(rate)
-    for video in sorted((path / "videos").glob("*")):
-        rate = _video_rate(video)
-        if rate:
-            return rate
+    rate = video_rate(path / "videos")
+    if rate:
+        return rate
     rates = {trc_rate(file) for file in sorted((path / "pose-3d").glob("*.trc"))}
     return rates.pop() if len(rates) == 1 else None
-
-
-def _video_rate(path: Path) -> float | None:
-    try:
-        with open_video(path) as video:
-            rate = video.streams.video[0].average_rate
-    except (ValueError, FileNotFoundError):
-        return None
-    return check_rate(f"{path}: frame rate", float(rate)) if rate else None
 
 
 def _setting(path: Path, table: str, key: str):

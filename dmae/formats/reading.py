@@ -1,6 +1,7 @@
 """Read recordings: recognise the format, call its reader, select frames and views."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import fields
 from fnmatch import fnmatch
 from pathlib import Path
@@ -24,12 +25,28 @@ _OPTIONS = {
 
 
 class Clips(Sequence):
-    """The clips of a data set, or of a single recording, each read when it is accessed."""
+    """The clips of a data set, or of a single recording, each read when it is accessed.
+
+    Attributes:
+        numbers: Of these clips in their data set.
+        folders: Of these clips.
+        total: Number of clips of the data set.
+        names: Names of the folders of all clips of the data set.
+    """
 
     def __init__(self, config: DataConfig):
         self.config = config
         self.reader = _reader(config)
         self.folders = _folders(config, self.reader)
+        self.total = len(self.folders)
+        self.names = [folder.name for folder in self.folders]
+        self.numbers = range(self.total)
+
+    def part(self, numbers: range) -> "Clips":
+        """Return those clips of the data set alone that have these numbers."""
+        part = copy(self)
+        part.numbers, part.folders = numbers, [self.folders[number - self.numbers.start] for number in numbers]
+        return part
 
     def __len__(self) -> int:
         return len(self.folders)

@@ -11,7 +11,13 @@ from dmae.data.store import write_atomic
 from dmae.files.contents import read_text
 from dmae.files.numbers import MOST_METRES, check_numbers, check_rate
 from dmae.formats.calibrations.conventions import METRES, LengthUnit
-from dmae.formats.motion_capture.source_table import person_paths, source_table, write_source_table
+from dmae.formats.motion_capture.source_table import (
+    person_paths,
+    read_covariance_table,
+    source_table,
+    write_covariance_table,
+    write_source_table,
+)
 from dmae.formats.recordings.pose_files import PoseFile
 from dmae.formats.registry import pose_reader, pose_writer
 
@@ -21,6 +27,9 @@ _TRC = (1, 2, 0)
 _SIDES = {"l_": "L", "r_": "R"}
 _ALIASES = {"Head": "head_top", "CHip": "mid_hip", "Hip": "mid_hip"}
 """Markers of Pose2Sim that are not called like our joints."""
+_OPENSIM = {"head_top": "Head", "mid_hip": "CHip"}
+_OPENSIM_HALPE26 = _OPENSIM | {"mid_hip": "Hip"}
+"""Markers that Pose2Sim's models for OpenSim call otherwise than `marker` does; in those of Halpe the hip differs."""
 _FIRST_ROW = 5
 """Lines of the header; OpenSim's own files have an empty one after it."""
 
@@ -33,11 +42,17 @@ def marker(joint: str) -> str:
     return part + "".join(word.capitalize() for word in bare.split("_"))
 
 
+def opensim_marker(joint: str, skeleton: Skeleton) -> str:
+    """Return the name of a joint's marker in Pose2Sim's models for OpenSim: mid_hip is CHip, or Hip in Halpe's."""
+    names = _OPENSIM_HALPE26 if skeleton.name == "halpe26" else _OPENSIM
+    return names.get(joint) or marker(joint)
+
+
 def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, float]:
     """Return the markers of a TRC, of one person, in our world, m, and the frame rate.
 
-    `source` is that of the second file that `write_trc` writes; without one all markers count as measured,
-    though some programs write interpolated ones.
+    `source` and `cov` are those of the files that `write_trc` writes beside it; without them all markers count as
+    measured, though some programs write interpolated ones.
 
     Args:
         skeleton: By default the smallest that has all markers; joints without one are absent.
@@ -58,7 +73,8 @@ def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, flo
     xyz[:, 0, joints] = rows[:, :, _WORLD] * METRES[header["Units"]]
     xyz[np.isnan(xyz).any(-1)] = np.nan
     try:
-        poses = Poses3D(skeleton, xyz, _read_source(path, xyz, names, joints))
+        source = _read_source(path, xyz, names, joints)
+        poses = Poses3D(skeleton, xyz, source, _read_cov(path, xyz, joints, METRES[header["Units"]]))
         poses.check_numbers()
         return poses, check_rate("DataRate", header["DataRate"])
     except ValueError as error:
@@ -139,8 +155,8 @@ def read_trc_poses(path: Path) -> PoseFile:
                 f"{file}: expected {len(first.xyz)} frames at {rate:g}/s of {first.skeleton.name} as in "
                 f"{files[0].name}, found {len(poses.xyz)} at {other:g}/s of {poses.skeleton.name}"
             )
-    xyz, source = (np.concatenate([getattr(poses, name) for poses, _ in read], 1) for name in ("xyz", "source"))
-    return PoseFile(Poses3D(first.skeleton, xyz, source), rate)
+    arrays = [np.concatenate([getattr(poses, name) for poses, _ in read], 1) for name in ("xyz", "source", "cov")]
+    return PoseFile(Poses3D(first.skeleton, *arrays), rate)
 
 
 def _person_files(path: Path) -> list[Path]:
@@ -157,45 +173,66 @@ def _person_files(path: Path) -> list[Path]:
 
 @pose_writer("trc")
 def write_trc_poses(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = LengthUnit.m) -> None:
-    """OpenSim's markers, a file for each person, with the sources of joints in a second file."""
-    write_trc(poses, clip.fps, path, unit)
+    """OpenSim's markers, a file for each person, with the sources and covariances of joints in further files."""
+    write_trc(poses, clip.fps, path, unit, clip.provenance.get("first_frame"))
 
 
-def write_trc(poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthUnit.m) -> list[Path]:
-    """Write a file for each person, at the `person_paths`, to a micrometre; frame 1 is at time 0.
+def write_trc(
+    poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthUnit.m, first: int | None = None
+) -> list[Path]:
+    """Write a file for each person, at the `person_paths`, to a micrometre.
 
     A TRC cannot say that a joint is not measured, so a second file, `<name>.source.csv`, does: measured, denoised,
-    completed or absent for each frame and marker.
+    completed or absent for each frame and marker. A third, `<name>.covariance.csv`, has the covariances of the joints
+    in the axes and the unit of the TRC, where they are known.
+
+    Args:
+        first: Number of the first frame in the recording, of which number 0 is at time 0; by default frames count from
+            1 on, at time 0.
 
     Returns:
         The TRC files.
     """
-    names = [marker(joint) for joint in poses.skeleton.joints]
+    names = [opensim_marker(joint, poses.skeleton) for joint in poses.skeleton.joints]
+    number, start = (1, 0) if first is None else (first, first)
     paths = person_paths(path, poses.xyz.shape[1])
     digits = {LengthUnit.m: 6, LengthUnit.cm: 4, LengthUnit.mm: 3}[unit]
     for person, file in enumerate(paths):
         xyz = poses.xyz[:, person][..., _TRC].astype(np.float64) / METRES[unit]
         write_atomic(
-            file, "\n".join([*_written_header(file, names, len(xyz), fps, unit), *_written(xyz, fps, digits)]) + "\n"
+            file,
+            "\n".join(
+                [
+                    *_written_header(file, names, len(xyz), fps, unit, number),
+                    *_written(xyz, fps, digits, number, start),
+                ]
+            )
+            + "\n",
         )
-        write_source_table(file, names, poses.source[:, person])
+        write_source_table(file, names, poses.source[:, person], number)
+        cov = poses.cov[:, person].astype(np.float64)[..., _TRC, :][..., _TRC] / METRES[unit] ** 2
+        write_covariance_table(file, names, cov, number)
     return paths
 
 
-def _written_header(path: Path, names: list[str], frames: int, fps: float, unit: LengthUnit) -> list[str]:
+def _written_header(path: Path, names: list[str], frames: int, fps: float, unit: LengthUnit, first: int) -> list[str]:
     return [
         f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-        f"{fps:.10g}\t{fps:.10g}\t{frames}\t{len(names)}\t{unit}\t{fps:.10g}\t1\t{frames}",
+        f"{fps:.10g}\t{fps:.10g}\t{frames}\t{len(names)}\t{unit}\t{fps:.10g}\t{first}\t{frames}",
         "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{number}" for number in range(1, len(names) + 1) for axis in "XYZ"),
     ]
 
 
-def _written(xyz: np.ndarray, fps: float, digits: int) -> list[str]:
+def _written(xyz: np.ndarray, fps: float, digits: int, number: int, start: int) -> list[str]:
     return [
         "\t".join(
-            [str(frame + 1), f"{frame / fps:.6f}", *("" if np.isnan(v) else f"{v:.{digits}f}" for v in row.ravel())]
+            [
+                str(frame + number),
+                f"{(frame + start) / fps:.6f}",
+                *("" if np.isnan(v) else f"{v:.{digits}f}" for v in row.ravel()),
+            ]
         )
         for frame, row in enumerate(xyz)
     ]
@@ -221,3 +258,13 @@ def _read_source(path: Path, xyz: np.ndarray, names: list[str], joints: list[int
     except KeyError as error:
         raise ValueError(f"{beside}: expected {[s.name.lower() for s in Source]}, found {error}") from None
     return source
+
+
+def _read_cov(path: Path, xyz: np.ndarray, joints: list[int], metre: float) -> np.ndarray | None:
+    found = read_covariance_table(path, len(xyz), len(joints))
+    if found is None:
+        return None
+    cov = np.full((*xyz.shape, 3), np.nan)
+    cov[:, 0, joints] = found[..., _WORLD, :][..., _WORLD] * metre**2
+    cov[np.isnan(xyz).any(-1)] = np.nan
+    return cov

@@ -10,33 +10,53 @@ from dmae.data.store import check_vacant
 from dmae.files.names import child
 from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
+from dmae.numerics.likely_error import without_unlikely
+
+_SUFFIXES = {"coco": ".json"}
+"""Of files that are not called like their format."""
+
+
+def export_path(path: Path, format: str) -> Path:
+    """Return the path that `write_poses` writes: with the suffix of the format, where it has none and is a file."""
+    writer, path = pose_writer.find(format), Path(path)
+    if writer.folder or path.suffix or writer.name not in pose_writer:
+        return path
+    return path.with_suffix(_SUFFIXES.get(writer.name, f".{writer.name}"))
 
 
 def write_poses(
-    clip: Clip, path: Path, format: str = "npz", *, skeleton: str | None = None, unit: LengthUnit = LengthUnit.m
+    clip: Clip,
+    path: Path,
+    format: str = "npz",
+    *,
+    skeleton: str | None = None,
+    unit: LengthUnit = LengthUnit.m,
+    keep_mm: float | None = None,
 ) -> Poses3D:
     """Write the captured or completed poses of a clip, or its truth where it has none.
 
     Args:
         clip: Has poses or truth.
-        path: File to write; for some formats a folder, which must be empty or not exist.
+        path: File to write, see `export_path`; for some formats a folder, which must be empty or not exist.
         format: Name of a pose writer, or `package.module:function`.
         skeleton: Skeleton to write; by default that of the poses, of two fused the first unless the format has both.
         unit: Unit of lengths, for formats that have one.
+        keep_mm: Leave out joints that are likely farther than this from the truth, by their covariances, see
+            `dmae.numerics.likely_error.without_unlikely`; by default none.
 
     Returns:
         The poses on the skeleton that was written.
 
     Raises:
         ValueError: there are neither poses nor truth, no such format, the format does not have the skeleton or units,
-            or the folder is not empty.
+            the folder is not empty, or `keep_mm` is not a positive number.
         KeyError: there is no such skeleton.
     """
-    writer, path = pose_writer.find(format), Path(path)
+    writer, path = pose_writer.find(format), export_path(path, format)
     poses = exported_poses(clip)
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has neither poses nor truth to export; run dmae capture on it first")
-    written = convert(poses, _skeleton(writer, poses, skeleton))
+    written = convert(without_unlikely(poses, keep_mm), _skeleton(writer, poses, skeleton))
     options = {}
     if "unit" in writer.options:
         options["unit"] = LengthUnit(unit)

@@ -1,6 +1,7 @@
 """Scores as tables: PCP, the columns of all metrics, errors by length of gap, and regions."""
 
 from dmae.metrics.registry import metrics
+from dmae.metrics.uncertainty import COVERAGES, LARGE
 from dmae.reporting.tables import Table
 
 _COLUMN_TABLES = {"joints": "Joints within 0.2 m", "identities": "Identities"}
@@ -41,7 +42,27 @@ def score_tables(scores: dict) -> list[Table]:
     if regions:
         caption = "True joints within the 90 % regions that methods state, %, by how long they were hidden"
         tables.append(Table(caption, ("method", "views", *lengths), regions))
+    ranked = [(first, mean["ranking"]) for first, mean in rows if (mean.get("ranking") or {}).get("risk_100")]
+    if ranked:
+        tables.append(_ranking_table(ranked))
     return tables
+
+
+def _ranking_table(ranked: list[tuple[tuple[str, str], dict]]) -> Table:
+    """How stated uncertainty ranks hidden joints."""
+    return Table(
+        "Hidden joints ranked by stated uncertainty: rank correlation with the error, area under the curve for errors "
+        f"over {LARGE:.0f} mm, and mm over the surest share of them",
+        ("method", "views", "Spearman", "AUC", *(f"{share} %" for share in COVERAGES)),
+        [
+            (
+                *first,
+                *(_text(score[name], 2) for name in ("spearman", "auc")),
+                *(_text(score[f"risk_{share}"]) for share in COVERAGES),
+            )
+            for first, score in ranked
+        ],
+    )
 
 
 def _pcp_table(scores: dict, firsts: list[tuple[str, str]]) -> Table:
@@ -86,5 +107,5 @@ def _gap_rows(gaps: list[tuple[tuple[str, str], list[dict]]]) -> list[tuple[str,
     ]
 
 
-def _text(value: float | None) -> str:
-    return "not measured" if value is None else f"{value:.1f}"
+def _text(value: float | None, digits: int = 1) -> str:
+    return "not measured" if value is None else f"{value:.{digits}f}"

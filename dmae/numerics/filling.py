@@ -64,7 +64,12 @@ def smooth(poses: Poses3D, fps: float, seconds: float) -> Poses3D:
     Args:
         fps: Frames per second of the poses.
         seconds: Standard deviation of the weights; 0 leaves the poses as they are.
+
+    Raises:
+        ValueError: a negative or infinite number of seconds.
     """
+    if not 0 <= seconds < np.inf:
+        raise ValueError(f"smooth={seconds:g}: expected seconds, 0 (no smoothing) or more")
     if seconds == 0:
         return poses
     return replace(

@@ -11,10 +11,11 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
 from dmae.online.completion import BATCH, FinishedFrame, OnlineCompleter, split_frames
-from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
+from dmae.reconstruction.people.subjects import inside_volume
 from dmae.reconstruction.pipeline import measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
 from dmae.reconstruction.tracking import Tracker
@@ -58,10 +59,15 @@ class OnlineCapture:
             complete: Completes captured poses, see `dmae.completion.pipeline.completers`; None for none.
 
         Raises:
-            ValueError: fewer than two cameras.
+            ValueError: fewer than two cameras, or people are asked for that only a whole recording tells.
         """
         if len(rig) < 2:
             raise ValueError(f"capture needs at least 2 cameras, found {len(rig)}")
+        if config.persons is not None or config.subject != SubjectConfig():
+            raise ValueError(
+                "capture.persons and capture.subject are decided over a whole recording, which is not known while "
+                "cameras run; give capture.volume, or leave them out"
+            )
         self._rig, self._skeleton, self._fps, self._config = rig, skeleton, fps, config
         self._tracker = Tracker(skeleton, fps, config)
         self._batch = max(round(BATCH * fps), 1)
@@ -146,6 +152,7 @@ class OnlineCapture:
         first = np.unique(label)
         settled = np.array([track in self._person_of for track in index.tolist()], bool)[first]
         number = person[first]
+        tracks = inside_volume(tracks, config.volume)
         same = same_person(tracks.xyz, self._skeleton, fps, config.tracking.reentry_s)
         for i in np.flatnonzero(~settled):
             group = np.flatnonzero(same == same[i])

@@ -103,12 +103,12 @@ class OnlineCompleter:
         return done
 
 
-@completion_method("dmae_online", learned=True)
+@completion_method("dmae_online", learned=True, smooths=True)
 def dmae_online(weights: Path | None) -> Fill:
-    """As dmae, each frame by what is known 0.28 s after it."""
-    from dmae.completion.pipeline import completers
+    """As dmae_denoise and smoothed, each frame by what is known 0.28 s after it."""
+    from dmae.completion.pipeline import SMOOTHING, completers
 
-    completer_for = completers(weights)
+    completer_for = completers(weights, denoise=None, reject=True, smooth=SMOOTHING)
     return lambda poses, fps: complete_online(completer_for(poses.skeleton), poses, fps)
 
 

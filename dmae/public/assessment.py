@@ -1,4 +1,4 @@
-"""Assessment: evaluate poses, draw and report them, examine a calibration, check a solver."""
+"""Assessment: evaluate poses, draw and report them, check a solver."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from dmae.data.skeleton_conversion import convert
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from dmae.calibration.doctor import Diagnosis
     from dmae.evaluation.gates import Gate
     from dmae.regression import Verdict
     from dmae.viewing.layers import LayersConfig
@@ -140,30 +139,6 @@ def report(
     from dmae.evaluation.report.page import write_clips_report
 
     write_clips_report(Path(out), [clip] if isinstance(clip, Clip) else clip, scores, title=title)
-
-
-def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
-    """Find what is wrong with a calibration, by comparing what its cameras detect.
-
-    Args:
-        clip: F frames of V cameras; only cameras and detections are read.
-        max_offset: Largest time offset between two cameras that is tried, in frames, either way.
-
-    Returns:
-        `findings`, each with fault, cameras, evidence and remedy, in the order to correct them; none where nothing is
-        wrong. `pairs` says how every two cameras fit.
-
-    Raises:
-        ValueError: `max_offset` is negative.
-
-    Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
-        >>> dmae.doctor(clip).findings
-        ()
-    """
-    from dmae.calibration.doctor import diagnose
-
-    return diagnose(clip, max_offset=max_offset)
 
 
 def benchmark(

@@ -64,8 +64,9 @@ def complete(
     fps: float,
     *,
     weights: str | Path | None = None,
-    denoise: bool = False,
-    reject: bool = False,
+    denoise: bool | None = None,
+    reject: bool = True,
+    smooth: float = 0.1,
     online: bool = False,
     delay: float = 0.28,
 ) -> Poses3D:
@@ -75,8 +76,10 @@ def complete(
         poses: Captured poses (F, P, J).
         fps: Their frames per second; another rate than the model's is resampled.
         weights: Folder that `dmae train` wrote; by default the weights that come with the package.
-        denoise: Also move joints that fewer than three views measured; they become `Source.DENOISED`.
+        denoise: Also move joints that fewer than three views measured; they become `Source.DENOISED`. By default
+            where the weights were trained for it.
         reject: First drop joints of fewer than three views that the frames around them contradict.
+        smooth: Length of a light smoothing at the end, s; 0 for none. What it moves becomes `Source.DENOISED`.
         online: Complete each frame from what is known `delay` seconds after it, as while cameras run.
         delay: s.
 
@@ -86,7 +89,7 @@ def complete(
 
     Raises:
         FileNotFoundError: there are no such weights, or none for this skeleton.
-        ValueError: the skeletons have no joint in common, or fps is not positive.
+        ValueError: the skeletons have no joint in common, fps is not positive, or `smooth` is negative.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -94,17 +97,23 @@ def complete(
         >>> full = dmae.complete(captured, fps=clip.fps)
         >>> bool((full.source == dmae.Source.ABSENT).sum() < (captured.source == dmae.Source.ABSENT).sum())
         True
-        >>> bool(np.array_equal(full.xyz[captured.measured], captured.xyz[captured.measured]))
+        >>> filled = dmae.complete(captured, fps=clip.fps, denoise=False, reject=False, smooth=0)
+        >>> bool(np.array_equal(filled.xyz[captured.measured], captured.xyz[captured.measured]))
         True
     """
     from dmae.online.completion import complete_online
 
-    completer_for = completer(poses.skeleton, weights=weights, denoise=denoise, reject=reject)
+    completer_for = completer(poses.skeleton, weights=weights, denoise=denoise, reject=reject, smooth=smooth)
     return complete_online(completer_for, poses, fps, delay) if online else completer_for(poses, fps)
 
 
 def completer(
-    skeleton: Skeleton, *, weights: str | Path | None = None, denoise: bool = False, reject: bool = False
+    skeleton: Skeleton,
+    *,
+    weights: str | Path | None = None,
+    denoise: bool | None = None,
+    reject: bool = True,
+    smooth: float = 0.1,
 ) -> Completer:
     """Load a model once, to complete many clips with it, or the frames of `OnlineCapture`.
 
@@ -113,6 +122,7 @@ def completer(
         weights: As for `complete`.
         denoise: As for `complete`.
         reject: As for `complete`.
+        smooth: As for `complete`.
 
     Returns:
         A function of poses and frames per second that completes the poses.
@@ -127,14 +137,14 @@ def completer(
         >>> complete(dmae.capture(clip), clip.fps).skeleton.name
         'body25'
     """
-    return _loaded(weights and str(weights), denoise, reject)(skeleton)
+    return _loaded(weights and str(weights), denoise, reject, smooth)(skeleton)
 
 
 @lru_cache(maxsize=4)
-def _loaded(weights: str | None, denoise: bool, reject: bool):
+def _loaded(weights: str | None, denoise: bool | None, reject: bool, smooth: float):
     from dmae.completion.pipeline import completers
 
-    return completers(weights and Path(weights), denoise=denoise, reject=reject)
+    return completers(weights and Path(weights), denoise=denoise, reject=reject, smooth=smooth)
 
 
 def train(

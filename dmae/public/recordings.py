@@ -1,13 +1,18 @@
-"""Recordings, poses and clips: read, load, save, export."""
+"""Recordings, poses and clips: read, detect, load, save, export."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.store import load_clip, save_clip
+from dmae.detection.recording import detect_clip, detect_recording, make_clip, open_recording
+from dmae.detection.registry import PoseDetectorConfig
+from dmae.formats.calibrations.files import read_calibration
 from dmae.formats.reading import Clips
 from dmae.formats.recordings import pose_files
 from dmae.formats.recordings.data_config import DataConfig
@@ -47,6 +52,58 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
     if len(clips) != 1:
         raise ValueError(f"{path}: expected one recording, found a data set of {len(clips)}; use dmae.load_dataset")
     return clips[0]
+
+
+def detect(
+    source: str | Path | Clip,
+    calibration: str | Path | CameraRig | None = None,
+    *,
+    detector: str = "blazepose",
+    fps: float | None = None,
+    offsets: Sequence[int] | None = None,
+    skeleton: str | None = None,
+    workers: int = 1,
+) -> Clip:
+    """Detect people in the videos of calibrated cameras, or in the images of a clip.
+
+        clip = dmae.detect("session/videos", "session/calibration.toml", workers=4)
+
+    Args:
+        source: Folder of a video, or a folder of pictures, for each camera, named as in the calibration; or a clip with
+            colour images, of which truth and occlusion labels stay.
+        calibration: Cameras, or their file; None for a clip, which has its own.
+        detector: `blazepose`, or `package.module:function`.
+        fps: Frames per second of the videos, where they do not say.
+        offsets: Frames by which each camera started late; by default what the videos say.
+        skeleton: Skeleton to convert to; by default that of the detector.
+        workers: Processes; -1 for one a core.
+
+    Returns:
+        A clip of F frames and V views, of videos without images. What was decided is in `clip.provenance["notes"]`.
+
+    Raises:
+        FileNotFoundError: there are no videos.
+        ValueError: a video cannot be read, has no calibration, or is of another size; the clip has no colour images.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=0.2", clips=1, seed=7, out="walks"))
+        >>> seen = next(synth.render("walks", "quality=draft", "images=[rgb]", out="seen"))
+        >>> found = dmae.detect(seen, skeleton="body25")
+        >>> found.detections.xy.shape[:2] == (len(seen), len(seen.rig))
+        True
+    """
+    config = PoseDetectorConfig(name=detector)
+    with TemporaryDirectory() as pieces:
+        if isinstance(source, Clip):
+            if calibration is not None or fps is not None or offsets is not None:
+                raise ValueError("a clip holds its calibration, fps and offsets; leave them out")
+            return detect_clip(source, config, Path(pieces), skeleton, workers)
+        if calibration is None:
+            raise ValueError("expected a calibration; without one, dmae detect writes files of 2D keypoints")
+        rig = calibration if isinstance(calibration, CameraRig) else read_calibration(Path(calibration))
+        recording = open_recording(Path(source), rig, fps, offsets)
+        detections, notes = detect_recording(recording, config, Path(pieces), skeleton, workers)
+        return make_clip(Path(source).name, recording, detections, notes, detector)
 
 
 def read_poses(path: str | Path) -> PoseFile:
@@ -133,6 +190,7 @@ def export(
     poses: Poses3D | None = None,
     skeleton: str | None = None,
     unit: str = "m",
+    keep_mm: float | None = None,
 ) -> None:
     """Write poses to a file that other programs read.
 
@@ -143,9 +201,11 @@ def export(
         poses: Export these instead.
         skeleton: Convert to this skeleton first.
         unit: `m`, `cm` or `mm`, of a TRC.
+        keep_mm: Leave out joints that are likely farther than this from the truth, by the uncertainty that they
+            state, and completed ones that state none.
 
     Raises:
-        ValueError: there are no poses, or the folder is not empty.
+        ValueError: there are no poses, the folder is not empty, or `keep_mm` is not a positive number.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -154,7 +214,7 @@ def export(
         (14, 3)
     """
     given = clip if poses is None else replace(clip, poses=poses)
-    write_poses(given, Path(out), format, skeleton=skeleton, unit=unit)
+    write_poses(given, Path(out), format, skeleton=skeleton, unit=unit, keep_mm=keep_mm)
 
 
 def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:

@@ -55,10 +55,10 @@ def stress(clips: Sequence[Clip], out: str | Path | None = None, *overrides: str
         >>> [point["level"] for point in result["axes"][0]["methods"]["linear"]["points"]]
         [0.0, 1.0, 2.0, 3.0]
     """
-    from dmae.evaluation.stress.matrix import compute, prepare
+    from dmae.evaluation.stress.matrix import CACHE, compute, prepare
     from dmae.evaluation.stress.page import write_result
 
-    matrix = prepare(clips, composed("stress", *overrides), out and Path(out) / "cache")
+    matrix = prepare(clips, composed("stress", *overrides), out and Path(out) / CACHE)
     result = compute(matrix)
     if out:
         write_result(result, Path(out))

@@ -132,6 +132,22 @@ def highest_affinity(candidates: Candidates, config: AssociationConfig) -> float
     return float(affinities.max(initial=0))
 
 
+def count_pairs(candidates: Candidates, config: AssociationConfig) -> tuple[int, int]:
+    """Return the number of pairs of detections of different views that share a joint, and of those that agree by rays.
+
+    Of many that agree with a detection, the 16 best of each view count.
+    """
+    view, known = candidates.view, (candidates.weights > 0).astype(np.float32)
+    shared = (known @ known.T > 0) & (view[:, None] < view)
+    partners = np.full((len(view), len(candidates.centers), _PARTNERS), NONE, np.int32)
+    affinities = np.zeros(partners.shape, np.float32)
+    lengths = np.array([config.ray_distance_m, 1, 0], np.float32)
+    c = candidates
+    least = np.float32(config.min_affinity)
+    find_partners(c.view, c.centers, c.rays, c.weights, c.colours, *lengths, least, partners, affinities)
+    return int(shared.sum()), len(_pairs(view, partners, affinities)[0])
+
+
 def _pairs(view: np.ndarray, partners: np.ndarray, affinities: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return pairs that are partners of each other, each once: detections (m,) of the lower view, of the higher, and
     their affinities."""

@@ -103,6 +103,26 @@ class ReassignmentConfig:
 
 
 @dataclass(frozen=True)
+class SubjectConfig:
+    """The one person that is wanted, or what the wanted people have in common; everyone else is left out."""
+
+    at: list[float] | None = None
+    """[frame, x, y]: the subject is the person there in that frame; x, y on the floor in m, or in `camera` in px."""
+    camera: str | None = None
+    """Name of the camera that `at` is a pixel of; by default `at` is on the floor."""
+    leg_m: list[float] | None = None
+    """[least, most] length from hip to knee to ankle, m: adults have 0.7 to 1.0, children less."""
+
+    def __post_init__(self):
+        if self.at is not None and len(self.at) != 3:
+            raise ValueError(f"subject.at={self.at}: expected [frame, x, y]")
+        if self.camera is not None and self.at is None:
+            raise ValueError(f"subject.camera={self.camera}: expected subject.at=[frame,x,y] too, a pixel of it")
+        if self.leg_m is not None and not (len(self.leg_m) == 2 and 0 <= self.leg_m[0] < self.leg_m[1]):
+            raise ValueError(f"subject.leg_m={self.leg_m}: expected [least, most] in m")
+
+
+@dataclass(frozen=True)
 class CaptureConfig:
     """How people are reconstructed. Lengths are on the person and durations in seconds: nothing depends on the rig."""
 
@@ -120,8 +140,23 @@ class CaptureConfig:
     noise: NoiseModel = field(default_factory=NoiseModel)
     prune: bool = True
     """Drop joints that break bones, or that jump away and return."""
+    persons: int | None = None
+    """Largest number of people, those measured most in the whole recording; by default all."""
+    volume: list[float] | None = None
+    """m; box in which people are captured, x, y, z of one corner and of the opposite one; by default everywhere."""
+    subject: SubjectConfig = field(default_factory=SubjectConfig)
 
     def __post_init__(self):
+        if self.persons is not None and self.persons < 1:
+            raise ValueError(f"persons={self.persons}: expected 1 or more; leave it out for all people")
+        if self.persons is not None and self.persons > 1 and self.subject.at is not None:
+            raise ValueError(f"persons={self.persons}: subject.at names one person; leave one of them out")
+        if self.volume is not None and (
+            len(self.volume) != 6 or not all(a != b for a, b in zip(self.volume[:3], self.volume[3:], strict=True))
+        ):
+            raise ValueError(
+                f"volume={self.volume}: expected six numbers, x, y, z of one corner and of the opposite one, m"
+            )
         if self.th_v < 2:
             raise ValueError(f"th_v={self.th_v}: expected 2 or more, as a point needs at least 2 views")
         _check_positive("", self, "th_d")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,13 +37,20 @@ class Evidence:
         xy = clip.rig.undistort(np.where(confident[..., None], xy, np.nan))
         return cls(clip.rig.undistorted, xy, np.where(confident, np.clip(score, 0, 1), np.nan), config)
 
-    def triangulate(self, frame: int | np.ndarray, assigned: np.ndarray, iterations: int = 8) -> Points:
+    def at(self, frame: int) -> Evidence:
+        """Return the evidence of one frame."""
+        one = slice(frame, frame + 1)
+        return replace(self, xy=self.xy[one], confidence=self.confidence[one])
+
+    def triangulate(
+        self, frame: int | np.ndarray, assigned: np.ndarray, iterations: int = 8, selective: bool = False
+    ) -> Points:
         """Triangulate joints (..., J) from the detections assigned to them.
 
         Args:
             frame: Index of the frame, or indices (..., 1, 1).
             assigned: (..., V, J) index of the detection that shows the joint in each view, or `NONE`.
-            iterations: Largest number of iterations, see `dmae.reconstruction.triangulation.triangulate`.
+            iterations, selective: See `dmae.reconstruction.triangulation.triangulate`.
 
         Returns:
             Points (..., J), with xyz NaN where fewer than `th_v` views agree.
@@ -52,7 +59,8 @@ class Evidence:
         absent = assigned == NONE
         xy = np.where(absent[..., None], np.nan, self.xy[frame, view, assigned, joint])
         confidence = np.where(absent, np.nan, self.confidence[frame, view, assigned, joint])
-        points = triangulate(self.rig, xy.swapaxes(-3, -2), confidence.swapaxes(-2, -1), self.config.noise, iterations)
+        xy, confidence = xy.swapaxes(-3, -2), confidence.swapaxes(-2, -1)
+        points = triangulate(self.rig, xy, confidence, self.config.noise, iterations, selective=selective)
         points.xyz[points.views < self.config.th_v] = np.nan
         return points
 

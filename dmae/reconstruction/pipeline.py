@@ -13,6 +13,9 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
+from dmae.reconstruction.people.disagreement import settle_disagreement
+from dmae.reconstruction.people.sides import exchange, find_exchanged, pairs_of
+from dmae.reconstruction.people.subjects import inside_volume, wanted_people
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.rays import most_confident_rays
 from dmae.reconstruction.reassignment import expected_paths, reassign
@@ -26,8 +29,10 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     1. Frame by frame, detections near the reprojection of a tracked person are assigned to that person (identity
        propagation). The others are matched between views by rays and clothes; they start a track or re-enter one
        (identity matching). Joints are triangulated from the views that agree.
-    2. Tracks of one person are merged and false positives dropped.
-    3. With the whole path of each person known, each joint is assigned to detections again, triangulated and pruned.
+    2. Tracks of one person are merged, false positives dropped, and the people chosen that are asked for.
+    3. With the whole path of each person known, joints with left and right exchanged are put right, and each joint is
+       assigned to detections again, triangulated and pruned. Where cameras disagree on a person by a constant, as
+       after an inexact calibration, joints that four cameras or more see are made of those that agree.
 
     `dmae.online.capture` runs the same steps on frames as they come.
 
@@ -46,7 +51,7 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
         confident camera saw each joint.
 
     Raises:
-        ValueError: the clip has a single camera.
+        ValueError: the clip has a single camera, or the subject that is asked for cannot be found.
     """
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: capture needs at least 2 cameras, found {len(clip.rig)}")
@@ -57,17 +62,25 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     if has_appearance(clip, config):
         differs = partial(appearance_differs, clip, tracks.assigned, tracking.reentry_colour_difference)
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s, differs))
+    tracks = inside_volume(tracks, config.volume)
     measured = well_measured(tracks, tracking.birth_joints).sum(0)
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
+    tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
     if config.reassignment.distance_m > 0:
         evidence = Evidence.of(clip, config.reassignment.th_p, config)
     before = np.empty((0, *tracks.xyz.shape[1:]))
-    poses, _ = measure(evidence, tracks, slice(0, len(clip)), before, skeleton, fps)
+    poses, _ = measure(evidence, tracks, slice(0, len(clip)), before, skeleton, fps, settle=True)
     return poses
 
 
 def measure(
-    evidence: Evidence, tracks: Tracks, window: slice, before: np.ndarray, skeleton: Skeleton, fps: float
+    evidence: Evidence,
+    tracks: Tracks,
+    window: slice,
+    before: np.ndarray,
+    skeleton: Skeleton,
+    fps: float,
+    settle: bool = False,
 ) -> tuple[Poses3D, np.ndarray]:
     """Measure the joints of known people in a window of frames: reassign, triangulate, prune, and select rays.
 
@@ -76,17 +89,23 @@ def measure(
         tracks: P people over N frames, from before the window to after it.
         window: The F frames among the N.
         before: (window.start, P, J, 3) m, joints triangulated in the frames before the window.
+        settle: Triangulate people on which cameras disagree from those that agree, see `settle_disagreement`; for
+            windows of whole recordings.
 
     Returns:
         poses: (F, P, J) of the window.
         xyz: (F, P, J, 3) m, joints of the window before pruning, as `before` of a later one.
     """
     config, first_pass = evidence.config, tracks.assigned[window]
-    assigned = first_pass
+    assigned, pairs = first_pass, pairs_of(skeleton)
+    paths = expected_paths(tracks.xyz, skeleton, fps, config.reassignment.max_gap_s)[window]
+    wrong = find_exchanged(evidence, slice(0, len(assigned)), assigned, paths, pairs)
+    evidence = exchange(evidence, 0, *wrong, pairs)
     if config.reassignment.distance_m > 0:
-        paths = expected_paths(tracks.xyz, skeleton, fps, config.reassignment.max_gap_s)[window]
         assigned = reassign(evidence, first_pass, paths, config.reassignment.distance_m)
     points = evidence.triangulate(np.arange(len(assigned))[:, None, None, None], assigned)
+    if settle:
+        settle_disagreement(evidence, assigned, points)
     xyz = np.concatenate([before, points.xyz])
     if config.prune:
         xyz = prune(xyz, skeleton, fps)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -14,8 +16,9 @@ from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
 from dmae.reconstruction.compiled.chance import beyond_chance
-from dmae.reconstruction.config import CaptureConfig, ComparedJoints
+from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit
 from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.people.sides import exchange, find_exchanged, nearer_side, pairs_of
 from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
 
 _MIN_JOINTS = 3
@@ -36,6 +39,7 @@ class Tracker:
     def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig):
         self._config, self._dt = config, 1 / fps
         self._compared = _compared_joints(skeleton, config.association.joints)
+        self._pairs, self._mirror = pairs_of(skeleton), list(skeleton.mirror)
         self._bones = np.array(skeleton.bones).reshape(-1, 2)
         self._state = TrackState.birth(0, np.empty((0, len(skeleton), 3)))
         self._births = 0
@@ -43,14 +47,18 @@ class Tracker:
     def step(self, evidence: Evidence, frame: int, colours: TorsoColours | None = None) -> TrackedFrame:
         """Track people into the next frame, which has index `frame` in the evidence."""
         config, bones = self._config, self._bones
+        colours_here = None if colours is None else partial(colours, frame)
         state = self._state.predicted(self._dt)
-        assigned, owner = _propagate(evidence, frame, state)
+        assigned, owner = _propagate(evidence, frame, state, self._pairs, self._mirror)
+        wrong = find_exchanged(evidence, slice(frame, frame + 1), assigned[None], state.xyz[None], self._pairs)
+        if wrong[0].any():
+            evidence, frame = exchange(evidence.at(frame), 0, *wrong, self._pairs), 0
         points = evidence.triangulate(frame, assigned, _ITERATIONS)
         xyz, used = points.xyz, points.used
         plausible = _plausible(xyz, assigned, bones, _MIN_JOINTS, config.th_v)
         xyz[~plausible] = np.nan
         free = (owner == NONE) | ~np.append(plausible, False)[owner]
-        groups = _match(evidence, frame, free, colours, self._compared)
+        groups = _match(evidence, frame, free, colours_here, self._compared)
         if len(groups):
             points = evidence.triangulate(frame, groups, _ITERATIONS)
             plausible = _plausible(points.xyz, groups, bones, config.tracking.birth_joints, config.th_v)
@@ -93,8 +101,14 @@ def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
     return skeleton.index("mid_hip") if "mid_hip" in skeleton.joints else skeleton.index("l_hip", "r_hip")
 
 
-def _propagate(evidence: Evidence, frame: int, state: TrackState) -> tuple[np.ndarray, np.ndarray]:
-    """Identity propagation: assign detections to the T tracks.
+def _propagate(
+    evidence: Evidence, frame: int, state: TrackState, pairs: np.ndarray, mirror: list[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Identity propagation: assign detections to the T tracks, those with left and right exchanged as well.
+
+    Args:
+        pairs: (n, 2) indices of left and right joints.
+        mirror: (J,) index of the partner of each joint.
 
     Returns:
         assigned: (T, V, J) detections, or `NONE`.
@@ -102,7 +116,11 @@ def _propagate(evidence: Evidence, frame: int, state: TrackState) -> tuple[np.nd
     """
     config, confidence = evidence.config, evidence.confidence[frame]
     present = ~np.isnan(confidence)
-    distance = evidence.distances(slice(frame, frame + 1), state.xyz[None], config.th_d_unit)[0]
+    here, unit = slice(frame, frame + 1), config.th_d_unit
+    distance = evidence.distances(here, state.xyz[None], unit)[0]
+    if unit == DistanceUnit.metres:
+        exchanged = evidence.distances(here, state.xyz[None][:, :, mirror], unit)[0]
+        distance = nearer_side(distance, exchanged, pairs)
     closeness = confidence[:, None] * np.maximum(1 - distance / config.th_d, -1)
     owner, primary = propagate(closeness, state.age > config.tracking.confirmation_s)
     view = np.arange(len(primary))[:, None]
@@ -117,7 +135,7 @@ def _propagate(evidence: Evidence, frame: int, state: TrackState) -> tuple[np.nd
 
 
 def _match(
-    evidence: Evidence, frame: int, free: np.ndarray, colours: TorsoColours | None, compared: list[int]
+    evidence: Evidence, frame: int, free: np.ndarray, colours: Callable[[], np.ndarray] | None, compared: list[int]
 ) -> np.ndarray:
     """Identity matching: group free detections (V, D) by rays and clothes; return (G, V, J) detections, or `NONE`."""
     config, confidence = evidence.config.association, evidence.confidence[frame]
@@ -131,7 +149,7 @@ def _match(
         # Images are decoded only if clothes of the same colour could make a pair.
         highest = highest_affinity(candidates, config)
         if highest + config.colour_weight * (1 - highest) >= config.min_affinity:
-            colour = colours(frame)[view, detection].astype(np.float32)
+            colour = colours()[view, detection].astype(np.float32)
             candidates = replace(candidates, colours=colour)
     members = find_groups(candidates, config)
     found = np.where(members == NONE, NONE, detection[members])

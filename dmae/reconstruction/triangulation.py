@@ -16,6 +16,12 @@ _CONVERGED = 1e-6
 """m; shorter steps end the refinement of a point."""
 _HUBER = 2.0
 """Sigmas; residuals beyond them count linearly."""
+_CONTRADICTING, _CONTRADICTED = 1.0, 3.0
+"""Sigmas; with `selective`, a view counts less from the first on, and from the second on not at all."""
+_SELECTED_VIEWS = 4
+"""Fewest views of a point of which some can be left out: with three, the one that errs cannot be told."""
+_AGREEING = 3
+"""Views that a point is made of where as many agree, before it is made of two that agree more closely."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,13 @@ class Points:
 
 
 def triangulate(
-    rig: CameraRig, xy: np.ndarray, confidence: np.ndarray, noise: NoiseModel = DEFAULT_NOISE, iterations: int = 8
+    rig: CameraRig,
+    xy: np.ndarray,
+    confidence: np.ndarray,
+    noise: NoiseModel = DEFAULT_NOISE,
+    iterations: int = 8,
+    *,
+    selective: bool = False,
 ) -> Points:
     """Triangulate points robustly, weighted by confidence.
 
@@ -61,6 +73,8 @@ def triangulate(
         confidence: (..., V) in [0, 1]; NaN where a view does not see the point.
         noise: Expected error of detections.
         iterations: Largest number of Gauss-Newton steps; two leave an error of some millimetres. Steps end below 1 um.
+        selective: Leave out views that contradict the others by sigmas, where at least four see the point, instead of
+            averaging them: for cameras that are centimetres off (`dmae.reconstruction.people.disagreement`).
 
     Returns:
         Points (...) in the world of the rig, m, with covariance (J^T W J)^-1, which is scaled up where residuals exceed
@@ -94,7 +108,9 @@ def triangulate(
         np.where(observed, noise.sigma(confidence), np.nan),
         noise.min_sigma_px,
         noise.gate_sigmas,
-        np.array([_MIN_DEPTH, _CONVERGED, _HUBER, noise.max_error_m]),
+        np.array([_MIN_DEPTH, _CONVERGED, _HUBER, noise.max_error_m, _CONTRADICTING, _CONTRADICTED]),
+        _AGREEING,
+        _SELECTED_VIEWS if selective else views + 1,
         iterations,
         points.xyz,
         points.cov,

@@ -11,7 +11,7 @@ import numpy as np
 from dmae.data.store import write_atomic
 
 _FILE = resources.files("dmae.regression") / "pack.npz"
-_SHA256 = "65cbda4622427e2844cfc640e477bdc4851cc8fabffb635244330b4a542e6990"
+_SHA256 = "42feb6110e7ad3e8e577e0fbb0602fdb21054738e1c3a4b1081517aa215020a5"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -25,7 +25,8 @@ class Case:
         cam_from_world: (V, 4, 4) rigid transforms, m.
         size: (V, 2) image width and height, px.
         xy: (n, V, 2) pixels as detected, distorted; NaN where a view does not see the point.
-        confidence: (n, V) in [0, 1], larger is surer; NaN where `xy` is.
+        confidence: (n, V) in [0, 1], larger is surer; NaN where `xy` is, and where a view gave pixels without one,
+            which do not count.
         xyz: (n, 3) the true points, m, world; NaN where no view can have seen the point, and none must be given.
         usable: (n, V) True for the views with a detection that is not a gross error.
         sigma: Standard deviation of the usable pixels along one axis, px; 0 if they are exact.
@@ -58,7 +59,8 @@ class Case:
     @property
     def unknowable(self) -> np.ndarray:
         """(n,) True for the points that cannot be known: one view or none, or rays that meet behind the cameras."""
-        return np.isnan(self.xyz[:, 0]) | (np.isfinite(self.xy[..., 0]).sum(-1) < 2)
+        seen = np.isfinite(self.xy[..., 0]) & np.isfinite(self.confidence)
+        return np.isnan(self.xyz[:, 0]) | (seen.sum(-1) < 2)
 
 
 @cache

@@ -37,7 +37,7 @@ _CROWD_JOINTS = (
 
 def seeded_cases() -> list[Case]:
     """Return the pack without the crowd."""
-    return [*_exact_cases(), *_noisy_cases(), *_gross_cases()]
+    return [*_exact_cases(), *_input_cases(), *_noisy_cases(), *_gross_cases()]
 
 
 def _exact_cases() -> list[Case]:
@@ -65,6 +65,46 @@ def _exact_cases() -> list[Case]:
         absent,
         _behind(rng=rng),
     ]
+
+
+def _input_cases() -> list[Case]:
+    """Return exact cases of what detectors and calibrations hand over, and what solvers change before they solve."""
+    rng = np.random.default_rng(4)
+    rig = _ring(5, rng=rng)
+    unsure = _project("unsure", rig, _room(rig, 150, rng=rng))
+    unsure.confidence[:] = rng.uniform(0.1, 0.45, unsure.confidence.shape)
+    skewed = _ring(5, rng=rng)
+    skewed.K[:, 0, 1] = rng.uniform(20, 60, 5) * rng.choice((-1, 1), 5)
+    return [unsure, _unrated(rig, rng=rng), _project("skewed", skewed, _room(skewed, 150, rng=rng)), _outside(rng=rng)]
+
+
+def _unrated(rig: CameraRig, *, rng: np.random.Generator) -> Case:
+    """Return a case where three of five views show other points, which they agree on, without a confidence."""
+    points = _room(rig, 150, rng=rng)
+    case, other = _project("unrated", rig, points), _project("", rig, rng.permutation(points))
+    point = np.arange(150)[:, None]
+    order = rng.permuted(np.tile(np.arange(5), (150, 1)), axis=1)
+    without, alone = order[:, :3], order[:30, 3]
+    case.confidence[:] = rng.uniform(0.3, 0.7, case.confidence.shape)
+    case.xy[point, without] = other.xy[point, without]
+    case.confidence[point, without] = np.nan
+    # A fifth of the points are left with a single view.
+    case.confidence[np.arange(30), alone] = np.nan
+    case.usable[:] = np.isfinite(case.confidence)
+    return case
+
+
+def _outside(*, rng: np.random.Generator) -> Case:
+    """Return a case of points up to 150 px outside the images of most views, as detectors complete people there."""
+    rig = _ring(5, focal=2000, rng=rng)
+    found = np.empty((0, 3))
+    while len(found) < 150:
+        offered = rng.uniform(*_ROOM * 1.2, (4000, 3))
+        xy, depth = rig.project(offered)
+        beyond = np.maximum(-0.5 - xy, xy - rig.size + 0.5).max(-1)
+        fits = ((beyond < 150) & (depth > 1)).all(-1) & ((beyond > 10).sum(-1) >= 4)
+        found = np.concatenate([found, offered[fits]])
+    return _project("outside", rig, found[:150])
 
 
 def _noisy_cases() -> list[Case]:

@@ -21,7 +21,7 @@ def dlt(*, K, dist, cam_from_world, size, xy, confidence) -> np.ndarray:
 
     It fails on gross errors, on points that would lie behind the cameras, and far from the origin of the world.
     """
-    xy, P = _undistort(K, dist, xy), K @ cam_from_world[:, :3]
+    xy, P = _undistort(K, dist, _rated(xy, confidence)), K @ cam_from_world[:, :3]
     rows = xy[..., None] * P[:, None, 2] - P[:, :2]
     observed = np.isfinite(xy)
     rows = np.where(observed[..., None], rows, 0).reshape(len(xy), -1, 4)
@@ -34,7 +34,7 @@ def opencv(*, K, dist, cam_from_world, size, xy, confidence) -> np.ndarray:
 
     It fails as `dlt` does, and does not use the other views.
     """
-    xy, P = _undistort(K, dist, xy), K @ cam_from_world[:, :3]
+    xy, P = _undistort(K, dist, _rated(xy, confidence)), K @ cam_from_world[:, :3]
     observed = np.isfinite(xy[..., 0])
     pairs = np.argsort(~observed, axis=-1, kind="stable")[:, :2]
     xyz = np.full((len(xy), 3), np.nan)
@@ -45,7 +45,18 @@ def opencv(*, K, dist, cam_from_world, size, xy, confidence) -> np.ndarray:
     return xyz
 
 
+def _rated(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray:
+    """Return (n, V, 2) pixels, NaN where a view gave them without a confidence."""
+    return np.where(np.isfinite(confidence)[..., None], xy, np.nan)
+
+
 def _undistort(K: np.ndarray, dist: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Return (n, V, 2) pixels of pinhole cameras of the same K, undistorted by OpenCV's defaults."""
-    views = [cv2.undistortPoints(xy[:, v, None], K[v], dist[v], P=K[v])[:, 0] for v in range(len(K))]
-    return np.stack(views, 1)
+    """Return (n, V, 2) pixels of pinhole cameras of the same K, undistorted by OpenCV's defaults.
+
+    OpenCV ignores the skew of K, so it is given normalised points.
+    """
+    undistorted = np.empty_like(xy)
+    for v, (axes, centre) in enumerate(zip(K[:, :2, :2], K[:, :2, 2], strict=True)):
+        points = np.linalg.solve(axes, (xy[:, v] - centre).T).T
+        undistorted[:, v] = cv2.undistortPoints(points[:, None], np.eye(3), dist[v])[:, 0] @ axes.T + centre
+    return undistorted

@@ -47,6 +47,10 @@ PURPOSES = {
     "far-world": "a room 5400 km from the origin (UTM): enough digits, or coordinates relative to the cameras",
     "moving": "15 joints over 20 frames at 1.5 m/s: every point in its own frame and its own place",
     "absent": "views missing: two are enough, with fewer the point is NaN",
+    "unsure": "exact pixels of confidences from 0.1 to 0.45: a low confidence weighs less, it removes nothing",
+    "unrated": "pixels without a confidence (NaN), which agree on another point: they do not count",
+    "skewed": "axes of pixels that are not at right angles: K[0, 1] of 20 to 60 px",
+    "outside": "points 10 to 150 px outside the images of most views: they are used as they are, not clipped",
     "behind": "half the points lie behind the cameras, where the lines of sight meet: NaN",
     "views-2": "two views, 1 px of noise",
     "views-3": "three views, 1 px of noise",
@@ -116,8 +120,9 @@ def check(solver: Callable, skip: Sequence[str] = (), seconds: float = SECONDS) 
 
     Args:
         solver: Takes keywords `K` (V, 3, 3), `dist` (V, 5) or (V, 8), `cam_from_world` (V, 4, 4) m, `size` (V, 2) px,
-            `xy` (n, V, 2) px, distorted, NaN where absent, and `confidence` (n, V); returns (n, 3) m, NaN where it
-            refuses. Cameras are OpenCV's, none a fisheye; pixel (0, 0) is the centre of the first pixel.
+            `xy` (n, V, 2) px, distorted, NaN where absent, and `confidence` (n, V), NaN where a view does not count;
+            returns (n, 3) m, NaN where it refuses. Cameras are OpenCV's, none a fisheye; pixel (0, 0) is the centre of
+            the first pixel.
         skip: Names of cases.
         seconds: Time limit for one case.
 

@@ -18,7 +18,7 @@ from dmae.data.store import write_atomic
 from dmae.reporting.tables import Table
 
 _ASSETS = resources.files("dmae.reporting") / "assets"
-_SCRIPTS = ("page.js", "player_data.js", "player_drawing.js", "player.js")
+_SCRIPTS = ("page.js", "decisions.js", "player_data.js", "player_drawing.js", "player.js")
 _LARGEST_SVG = 300_000
 _WIDE = 6.5
 """Inches; a wider figure stands alone, a narrower one beside a table."""
@@ -84,7 +84,7 @@ def write_report(
         summary: Paragraphs under the title.
         players: Clips of the player, see `dmae.reporting.player.player_data`; without any there is no player.
     """
-    script = "\n".join((_ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS[: None if players else 1])
+    script = "\n".join((_ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS[: None if players else 2])
     template = jinja2.Template(
         (_ASSETS / "page.html").read_text(encoding="utf-8"),
         autoescape=True,

@@ -18,12 +18,30 @@ class Moment:
 
 
 @dataclass(frozen=True)
+class Choices:
+    """What a reader of the page may decide on each row of a table, and the JSON file that the page saves of it.
+
+    Attributes:
+        name: Of the file.
+        options: Values that a row can be given; without one it is left out of the file.
+        rows: One for each row of the table: what the file says of it, with the value added as `verdict`.
+        file: What the file says beside its list of `decisions`.
+    """
+
+    name: str
+    options: Sequence[str]
+    rows: Sequence[dict]
+    file: dict
+
+
+@dataclass(frozen=True)
 class Table:
     """A caption, a header, and rows of cells, which are written as they are; format numbers first.
 
     Attributes:
         bars: Columns, by index, that a page draws with a bar behind each number, in proportion to the largest.
         moments: What the first cell of each row opens in the player of a page; none, or one a row.
+        choices: What may be decided on each row; by default nothing.
     """
 
     caption: str
@@ -31,10 +49,13 @@ class Table:
     rows: Sequence[Sequence[str]]
     bars: Sequence[int] = ()
     moments: Sequence[Moment | None] = ()
+    choices: Choices | None = None
 
     def __post_init__(self):
         if self.moments and len(self.moments) != len(self.rows):
             raise ValueError(f"table {self.caption!r}: {len(self.rows)} rows, but {len(self.moments)} moments")
+        if self.choices and len(self.choices.rows) != len(self.rows):
+            raise ValueError(f"table {self.caption!r}: {len(self.rows)} rows, but {len(self.choices.rows)} choices")
 
 
 def print_tables(tables: Sequence[Table]) -> None:

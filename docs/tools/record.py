@@ -27,6 +27,8 @@ _INTERACTIONS = (
 )
 _TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
 
+_TOUCHING = ("fight", "handshake", "hug", "pass_box")
+
 RECORDED = {
     "shelf": (
         f"dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] "
@@ -75,6 +77,17 @@ RECORDED = {
         "methods=[measured,linear,gaussian_process,dmae,paper]",
         "2 minutes",
     ),
+    "contacts": (
+        f"synth generate -m interaction={','.join(_TOUCHING)} clips=6 seed=7 scene.seconds=7 "
+        f"rig=ring rig.ring.views=2 out=touching && "
+        f"synth stats data=touching/0 extra_data=[{','.join(f'touching/{k}' for k in range(1, len(_TOUCHING)))}]",
+        "4 minutes",
+    ),
+    "motion": (
+        "synth generate clips=16 seed=1 rig=ring rig.ring.views=2 out=made && "
+        "synth compare-motion real=$DMAE_DATA/cmu sim=made",
+        "5 minutes",
+    ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
 }
 """Results to the commands that make them, joined by &&, and about how long that takes on two cores. What the last one
@@ -116,6 +129,10 @@ def _found(out: Path) -> dict:
         return {"table": json.loads(tables[0].read_text())}
     if (out / "stress.json").is_file():
         return {"stress": json.loads((out / "stress.json").read_text())}
+    if (out / "statistics.json").is_file():
+        return {"contacts": json.loads((out / "statistics.json").read_text())["contacts"]}
+    if (out / "motion.json").is_file():
+        return {"differences": json.loads((out / "motion.json").read_text())["differences"]}
     scores = out / "scores.json"
     return {"scores": _less_runs(json.loads(scores.read_text()))} if scores.is_file() else {}
 

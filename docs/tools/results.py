@@ -100,6 +100,23 @@ def kept_table(name: str, table: str) -> str:
     return _table(kept["columns"], kept["rows"])
 
 
+def contacts_table(name: str) -> str:
+    """A row for each interaction: how often and how hard its people touch, from what `synth stats` counts."""
+    from synth.datasets.statistics.page import CONTACT_HEAD, contact_rows
+
+    return _table(list(CONTACT_HEAD), [list(row) for row in contact_rows(load(name))])
+
+
+def motion_table(names: dict[str, str]) -> str:
+    """A row for each of several comparisons: how far generated motion is from recorded, by `synth compare-motion`."""
+    rows = []
+    for name, words in names.items():
+        ratios = [each["wasserstein"] / each["halves_wasserstein"] for each in load(name)["differences"]]
+        far = sum(ratio > 2 for ratio in ratios)
+        rows.append([words, f"{far} of {len(ratios)}", f"{sorted(ratios)[len(ratios) // 2]:.1f}", f"{max(ratios):.1f}"])
+    return _table(["motion", "distances over 2", "median", "greatest"], rows)
+
+
 def paper_table(name: str) -> str:
     """A table of the paper with its notes, as `dmae table` writes it."""
     from dmae.evaluation.paper_tables.rendering import markdown
@@ -147,6 +164,7 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
 
 _FUNCTIONS = {
     "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
+    "contacts_table": contacts_table, "motion_table": motion_table,
     "paper_table": paper_table, "benchmark_table": benchmark_table, "protocols": protocols,
     "stress_table": stress_table,
 }  # fmt: skip

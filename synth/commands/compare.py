@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from dmae.formats.reading import DataConfig, load
+from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables
 from synth.detector.comparison import Limits, compare, table
 from synth.detector.comparison_page import write_page
@@ -32,6 +33,8 @@ class CompareCommand:
     limits: Limits = field(default_factory=Limits)
     workers: int = 1
     """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
     out: str = "runs/compare"
     """Folder of the page, `compare.html`."""
 
@@ -44,7 +47,8 @@ def run(config: CompareCommand, out: Path) -> None:
     """
     real = measure(read_recording(Path(config.real), config.frames))
     clips = load(DataConfig("clip", config.sim))
-    sim = replace(measure_all(clips, len(clips), config.workers), name=Path(config.sim).name)
+    with running_on(config.backend):
+        sim = replace(measure_all(clips, len(clips), config.workers), name=Path(config.sim).name)
     rows = compare(real, sim, config.limits)
     print_tables([table(rows)])
     write_page(out / "compare.html", real, sim, rows)

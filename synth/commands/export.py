@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dmae.parallel import Backend, running_on
 from synth.datasets.exporters.export import export
 from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import PictureFormat
@@ -33,6 +34,8 @@ class ExportDataCommand:
     """Files of pictures."""
     workers: int = 1
     """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
     damaged: bool = False
     """Export even if files are missing or not as they were written."""
     out: str = "???"
@@ -40,17 +43,18 @@ class ExportDataCommand:
 
 
 def run(config: ExportDataCommand, out: Path) -> None:
-    summary = export(
-        Path(config.data),
-        out,
-        config.format,
-        splits=None if config.splits is None else Path(config.splits),
-        skeleton=config.skeleton,
-        every=config.every,
-        pictures=config.pictures,
-        workers=config.workers,
-        damaged=config.damaged,
-    )
+    with running_on(config.backend):
+        summary = export(
+            Path(config.data),
+            out,
+            config.format,
+            splits=None if config.splits is None else Path(config.splits),
+            skeleton=config.skeleton,
+            every=config.every,
+            pictures=config.pictures,
+            workers=config.workers,
+            damaged=config.damaged,
+        )
     for split, counts in summary["splits"].items():
         shown = ", ".join(f"{counts.get(key, 0)} {key}" for key in ("clips", "pictures", "persons", "masks"))
         print(f"{out}: {split}: {shown}")

@@ -8,6 +8,7 @@ from dmae.data.clip import Clip
 from dmae.data.store import write_atomic
 from dmae.files.names import child
 from dmae.formats.reading import DataConfig, load
+from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
@@ -56,6 +57,8 @@ class FitDetectorCommand:
     """Simulations."""
     workers: int = 1
     """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
     seed: int = 0
     """Seed of the clips and of the detector."""
     name: str = "fitted"
@@ -69,7 +72,8 @@ def run(config: FitDetectorCommand, out: Path) -> None:
     recording = read_recording(Path(config.detections), config.frames)
     real = measure(recording, config.truth)
     clips = _clips(config, recording, out)
-    fitted = fit(real, clips, config.detector, rounds=config.rounds, seed=config.seed, workers=config.workers)
+    with running_on(config.backend):
+        fitted = fit(real, clips, config.detector, rounds=config.rounds, seed=config.seed, workers=config.workers)
     rows = compare(real, fitted.statistics, Limits())
     print_tables([table(rows)])
     for name, why in fitted.undetermined.items():
@@ -98,6 +102,7 @@ def _clips(config: FitDetectorCommand, recording: Clip, out: Path) -> list[Clip]
                 seed=config.seed,
                 clips=config.count,
                 workers=config.workers,
+                backend=config.backend,
                 scene=scene,
                 motion=config.motion,
                 interaction=config.interaction,

@@ -1,22 +1,27 @@
 """`synth stats`: what is in a data set, as a page and a picture."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from dmae.parallel import Backend, running_on
 from synth.datasets.statistics.page import PAGE, PICTURE, describe
 
 WRITES = "folder"
-EXAMPLES = ("synth stats data=runs/data", "synth stats data=runs/data workers=4 out=runs/card")
+EXAMPLES = ("synth stats data=runs/data", "synth stats data=runs/hug extra_data=[runs/fight,runs/dance] out=runs/card")
 
 
 @dataclass(frozen=True)
 class StatsCommand:
-    """Describe a data set: occlusion by joint and cause, people, distances, angles, motion."""
+    """Describe a data set: occlusion by joint and cause, contacts, people, distances, angles, motion."""
 
     data: str = "???"
     """Folder of a data set, or of a clip."""
+    extra_data: list[str] = field(default_factory=list)
+    """More data sets that count on the same page."""
     workers: int = 1
     """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
     out: str | None = None
     """Folder of the page, its picture and the numbers of both; by default `statistics` in the data set."""
 
@@ -26,6 +31,8 @@ def default_out(config: StatsCommand) -> Path:
 
 
 def run(config: StatsCommand, out: Path) -> None:
-    found = describe(Path(config.data), out, workers=config.workers)
+    data = [Path(path) for path in (config.data, *config.extra_data)]
+    with running_on(config.backend):
+        found = describe(data, out, workers=config.workers)
     print(f"{out / PAGE}: {found.counts['clips']} clips, {found.counts['frames']} frames")
     print(out / PICTURE)

@@ -10,11 +10,12 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
+from dmae.parallel import Backend
+from dmae.parts import clip_numbers
 from synth.datasets.images.clip_images import IMAGE_CHOICES, ImageOptions, RgbFormat, check_images, image_kinds
 from synth.datasets.labelling import label_clip
 from synth.datasets.occlusion import OcclusionConfig
 from synth.datasets.occlusion_target import sample_hidden_scene
-from synth.datasets.parts.shards import clip_numbers
 from synth.detector.config import DetectorConfig
 from synth.errors import FailedSimulation
 from synth.interactions import InteractionConfig
@@ -50,6 +51,8 @@ class GenerateConfig:
     """Compare the contents of images that exist with their checksums, not their sizes alone."""
     workers: int = 1
     """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
     """Only print how many clips, frames and pictures are to be made, and what time and disk that takes, as a few short
     clips show that are made and thrown away."""

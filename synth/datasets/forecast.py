@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from joblib import effective_n_jobs
 
 from dmae.data.images import Images
 from dmae.data.store import save_clip
 from dmae.files.structured import read_json
-from dmae.parallel import in_parallel
+from dmae.parallel import in_parallel, process_count, running_on
+from dmae.progress import duration
 from synth.datasets.clip import GenerateConfig, check, clip_id, simulate_clip
 from synth.datasets.generate import limit_threads
 from synth.errors import FailedSimulation
@@ -54,9 +54,8 @@ class Forecast:
     megabytes: float
 
     def __str__(self) -> str:
-        took = f"{self.seconds:.0f} s" if self.seconds < 120 else f"{self.seconds / 60:.0f} min"
-        took = took if self.seconds < 7200 else f"{self.seconds / 3600:.1f} h"
         pictures = f", {self.pictures} pictures" if self.pictures else ""
+        took = duration(self.seconds)
         return f"{self.clips} clips, {self.frames} frames{pictures}: about {took}, {self.megabytes:.0f} MB"
 
 
@@ -87,6 +86,11 @@ def forecast(config: GenerateConfig) -> Forecast:
     Raises:
         ValueError, FileNotFoundError, FailedSimulation: as `synth.datasets.generate.generate`.
     """
+    with running_on(config.backend):
+        return _forecast(config)
+
+
+def _forecast(config: GenerateConfig) -> Forecast:
     rig = check(config)
     to_make, to_render = _missing(config)
     counts = {
@@ -96,7 +100,7 @@ def forecast(config: GenerateConfig) -> Forecast:
     frames = config.scene.frames
     pictures = (len(to_make) + len(to_render)) * frames * len(rig) if config.image_options.kinds else 0
     costs = _costs(config, counts) if counts else {}
-    workers, known = effective_n_jobs(config.workers), sorted(costs)
+    workers, known = process_count(config.workers), sorted(costs)
 
     def cost(people: int) -> _Cost:
         return _Cost(*(float(np.interp(people, known, values)) for values in zip(*map(costs.get, known), strict=True)))
@@ -142,7 +146,7 @@ def _costs(config: GenerateConfig, counts: dict[int, int]) -> dict[int, _Cost]:
     tasks = [(config, [index for index in counts if counts[index] == number]) for number in chosen]
     limit_threads(config.workers)
     # As many at a time as later: processes share memory and caches. The first of each process is not measured.
-    while len(tasks) < min(effective_n_jobs(config.workers), len(counts)):
+    while len(tasks) < min(process_count(config.workers), len(counts)):
         tasks.append(tasks[len(tasks) % len(chosen)])
     list(in_parallel(_warm_up, [(config, task[1]) for task in tasks], config.workers))
     found = list(in_parallel(_measure, tasks, config.workers))

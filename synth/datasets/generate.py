@@ -7,20 +7,20 @@ from pathlib import Path
 
 from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, whole_folder, write_manifest
 from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
-from dmae.parallel import in_parallel
+from dmae.parallel import in_parallel, running_on
+from dmae.parts import SHARD, claim_shard
 from dmae.progress import counted_progress, progress
 from synth.datasets.clip import GenerateConfig, attempt_seed, check, clip_id, simulate_clip
 from synth.datasets.images.clip_images import add_images, missing_kinds
 from synth.datasets.images.image_checks import missing_files
 from synth.datasets.images.tally import FILE as TALLY
 from synth.datasets.images.tally import PixelTally
-from synth.datasets.parts.shards import SHARD, claim_shard
 from synth.datasets.set_folder import CONFIG, as_settings, claim
 from synth.errors import FailedSimulation
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import load_state, save_state
 
-_NOT_KEPT = ("out", "first", "clips", "shard", "recheck", "workers", "dry_run")
+_NOT_KEPT = ("out", "first", "clips", "shard", "recheck", "workers", "backend", "dry_run")
 """Options that may differ when a data set is continued, and are not kept."""
 
 
@@ -85,7 +85,8 @@ def _make_all(config: GenerateConfig, checksums: dict[str, Checksum | None]) -> 
     """Yield manifest lines in the order in which clips are finished."""
     limit_threads(config.workers)
     tasks = ((config, index, checksums.get(clip_id(index, config.prefix))) for index in config.numbers)
-    return in_parallel(_make, tasks, config.workers, ordered=False)
+    with running_on(config.backend):
+        return in_parallel(_make, tasks, config.workers, ordered=False)
 
 
 def _make(config: GenerateConfig, index: int, expected: Checksum | None) -> dict:

@@ -13,15 +13,15 @@ from dmae.data.skeleton_conversion import convert
 from dmae.formats.reading import DataConfig, load
 from dmae.progress import progress
 from synth.motion.body_fit import fit_to_body
-from synth.motion.readers import reader
+from synth.motion.readers import format_of, reader, take_name
 from synth.motion.readers.cmu import subject_and_trial
 from synth.motion.source import UpAxis, cut, read_take
 from synth.people.body import Body
 from synth.people.landmarks import SKELETON
 from synth.physics.joint_positions import reference_joints
 
-_SUFFIXES = tuple(f".{name}" for name in sorted(reader, key=lambda name: (reader[name].markers, name)))
-"""Extensions of takes, joints before markers; of a take in several formats, the first of these counts."""
+_FORMATS = sorted(reader, key=lambda name: (reader[name].markers, name))
+"""Formats of takes, joints before markers; of a take in several formats, the first of these counts."""
 _PERFORMER = Body(1.70)
 """The body of average proportions to which takes are fitted: every format places its joints differently."""
 
@@ -84,17 +84,19 @@ def take_tracks(
     """
     reading = reading or ReadingConfig()
     found = sorted(path.rglob("*")) if path.is_dir() else [path]
-    files = [file for file in found if file.suffix.lower() in _SUFFIXES and file.is_file()]
+    files = [file for file in found if format_of(file) and file.is_file()]
     if not files:
-        raise FileNotFoundError(f"{path}: expected takes ({', '.join(_SUFFIXES)}) or clips, found neither")
-    chosen = [file for file in files if any(fnmatch(file.stem, name) for name in names)]
+        raise FileNotFoundError(
+            f"{path}: expected takes ({', '.join(f'.{name}' for name in _FORMATS)}) or clips, found neither"
+        )
+    chosen = [file for file in files if any(fnmatch(take_name(file), name) for name in names)]
     if not chosen:
-        there = ", ".join(sorted({file.stem for file in files}))
+        there = ", ".join(sorted({take_name(file) for file in files}))
         raise ValueError(f"{path}: no take is called {' or '.join(names)}; there are {there}")
     firsts: dict[tuple[int, int], Path] = {}
     kept, again = [], []
-    for file in sorted(chosen, key=lambda file: _SUFFIXES.index(file.suffix.lower())):
-        take = subject_and_trial(file.stem)
+    for file in sorted(chosen, key=lambda file: _FORMATS.index(format_of(file))):
+        take = subject_and_trial(take_name(file))
         first = firsts.setdefault(take, file) if any(take) else file
         # Conversions of a take are in other folders.
         if first.parent == file.parent:

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from dmae.data.store import clip_folders, write_atomic
 from dmae.files.structured import read_json
 from dmae.progress import progress
+from synth.motion.readers.cmu import subject
 
 FORMAT = 1
 _STRETCH = re.compile(r" (?:-?\d+\.\d\d--?\d+\.\d\d s|to and fro from -?\d+\.\d\d s)")
@@ -32,6 +33,8 @@ class SplitBy(Enum):
     """A person: the proportions of a body, whatever the clothes."""
     motion = "motion"
     """A recorded take, by the name of its file; of procedural motion, what one seed draws for one clip."""
+    subject = "subject"
+    """A person who was recorded, by the name of the file in the CMU database; of other takes as `motion`."""
     rig = "rig"
     """Cameras: their lenses and places, whatever their names."""
 
@@ -54,7 +57,7 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
 
     A person is a `Body`: all of its numbers. A motion is a take, by the stem of its file, whatever stretch of it was
     cut; procedural motion is drawn anew for each seed, clip and person, and is named by these. A rig is K, distortion
-    and pose of all true cameras, to 1e-6.
+    and pose of all true cameras, to 1e-6. A subject is as `synth.motion.readers.cmu.subject` has it.
 
     Raises:
         FileNotFoundError: there is no clip in the folder.
@@ -71,8 +74,9 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
     persons = spec["persons"]
     if by is SplitBy.person:
         return {_digest(json.dumps(person["body"], sort_keys=True).encode()) for person in persons}
+    named = (lambda take: subject(Path(take))) if by is SplitBy.subject else str
     return {
-        person["motion"][: cut.start()].split(_RECORDED_ABOUT)[0]
+        named(person["motion"][: cut.start()].split(_RECORDED_ABOUT)[0])
         if (cut := _STRETCH.search(person["motion"]))
         else f"drawn for person {number} by {spec['seed']}/{spec['clip']}"
         for number, person in enumerate(persons)

@@ -13,6 +13,8 @@ from synth.rooms.props import prop_size
 
 _CLOTH = 0.012
 """Distance from a seat at which contact begins, m."""
+_SQUARE, _SHIRT = 2.3, 0.005
+"""Exponent of the superellipse across a trunk, and thickness of cloth on it, m."""
 _STRETCH = 0.94
 """Greatest extension of an arm at ease, as a share of its length."""
 
@@ -31,6 +33,31 @@ def arm_length(body: Body) -> float:
 def thickness(body: Body) -> float:
     """Half the greatest depth of the trunk, at the belly or at the chest, m."""
     return float(trunk_sections(body, np.array((0.105, 0.21)))[:, 2].max())
+
+
+def on_trunk(body: Body, height: float, angle: float, press: float) -> tuple[str, np.ndarray, np.ndarray]:
+    """Return a point on the clothed skin of the trunk, and the direction out of it there.
+
+    Args:
+        body: The body.
+        height: Height above the hip joints, as a fraction of stature, of a person with an average trunk.
+        angle: Direction from the middle of the trunk: 0 to the front, pi / 2 to the left, rad.
+        press: Depth of the point below the skin, m.
+
+    Returns:
+        The segment that the point moves with, the point (3,) in its frame, m, and the unit normal (3,).
+    """
+    ahead, up, depth, breadth = trunk_sections(body, np.array([height]))[0]
+    segment = "pelvis" if height < 0.05 else "spine" if height < 0.13 else "chest"
+    origin = np.cumsum(body.offsets[: SEGMENTS.index(segment) + 1], axis=0)[-1]
+    cos, sin = np.cos(angle), np.sin(angle)
+    # A superellipse, as the surface is drawn.
+    far = (np.abs(cos) ** _SQUARE + np.abs(sin) ** _SQUARE) ** (-1 / _SQUARE)
+    normal = np.array((np.sign(cos) * np.abs(far * cos) ** (_SQUARE - 1) / depth,
+                       np.sign(sin) * np.abs(far * sin) ** (_SQUARE - 1) / breadth, 0.0))  # fmt: skip
+    normal /= np.linalg.norm(normal)
+    point = np.array((ahead + far * cos * (depth + _SHIRT), far * sin * (breadth + _SHIRT), up))
+    return segment, point - origin - press * normal, normal
 
 
 def within_reach(bodies: Sequence[Body], away: Sequence[float]) -> tuple[float, float]:

@@ -26,7 +26,7 @@ def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
     yaw = rng.uniform(0, 2 * np.pi)
     ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
     held, _ = holding_place(cast.bodies)
-    when = min(1.9, 0.36 * last)
+    when = min(rng.uniform(1.3, 2.4), 0.36 * last)
     start = np.array((*(-(held[0] + min(1.1, 0.6 * when)) * ahead), yaw))
     there = np.array((*(-held[0] * ahead), yaw))
     bringing = approach(cast, start, there, begin=0.0, speed=(there - start)[:2] @ ahead / max(when, 0.6))
@@ -44,7 +44,7 @@ def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
     load, hold = hand_over(cast, (0, 1), paths, taken)
     gazes = [np.full(len(seconds), 1 - person) for person in range(2)]
     gazes[1][seconds > taken + 0.9] = -1
-    roles = tuple(Role(path, gaze=gaze) for path, gaze in zip(paths, gazes, strict=True))
+    roles = tuple(Role(path, gaze=gaze, hands=("open", "open")) for path, gaze in zip(paths, gazes, strict=True))
     return Script(roles, clearance=0.5, loads=(load,), reaches=hold)
 
 

@@ -14,7 +14,7 @@ from synth.interactions.script import Cast, Role, Script, poses_of
 from synth.motion.body_fit import fit_to_body
 from synth.motion.motion import Motion
 from synth.motion.readers.cmu import partner
-from synth.motion.source import PROCEDURAL, MotionConfig, cut, load_motion, read_take, takes
+from synth.motion.source import PROCEDURAL, MotionConfig, cut, draw_takes, load_motion, takes
 from synth.people.body import Body
 from synth.people.segments import SEGMENTS
 
@@ -114,11 +114,8 @@ def _recorded_pair(cast: Cast, config: MotionConfig, *, rng: np.random.Generator
     pairs = [(path, other) for path in takes(config) if (other := partner(path))]
     if not pairs:
         return None
-    pair, start = pairs[rng.integers(len(pairs))], rng.uniform()
-    how = {"unit": config.unit, "up": config.up, "mapping": config.mapping}
-    read = [read_take(path, config.fps, **how) for path in pair]
-    shortest = min(len(take) for take in read)
-    read = [replace(take, root=take.root[:shortest], rotations=take.rotations[:shortest]) for take in read]
+    read = _together(draw_takes(config, pairs, rng=rng))
+    start = rng.uniform()
     span = {"start": start, "seconds": len(cast.seconds) / cast.fps, "fps": cast.fps}
     motions = [fit_to_body(cut(take, **span), body) for take, body in zip(read, cast.bodies, strict=True)]
     # One factor for both, so that hands still meet.
@@ -128,6 +125,19 @@ def _recorded_pair(cast: Cast, config: MotionConfig, *, rng: np.random.Generator
     for motion, place in zip(motions, places, strict=True):
         motion.root[:, :2] = place - middle
     return motions
+
+
+def _together(pair: tuple[Motion, ...]) -> list[Motion]:
+    """Return the frames that both takes of a pair have."""
+    first = max(take.first for take in pair)
+    end = min(take.first + len(take) for take in pair)
+    if end <= first:
+        raise ValueError(f"{' and '.join(take.name for take in pair)}: no frame is sound in both takes")
+    frames = [slice(first - take.first, end - take.first) for take in pair]
+    return [
+        replace(take, root=take.root[part], rotations=take.rotations[part], first=first)
+        for take, part in zip(pair, frames, strict=True)
+    ]
 
 
 def _draw(role: Role, body: Body, cast: Cast, config: MotionConfig, *, rng: np.random.Generator) -> tuple[Motion, bool]:

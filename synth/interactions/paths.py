@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from synth.interactions.script import Cast
+from synth.interactions.script import Cast, Role
 from synth.motion.easing import minimum_jerk
 
 
@@ -49,3 +49,44 @@ def during(seconds: np.ndarray, begin: float, end: float, move: float = 0.7) -> 
 def wrapped(angle: np.ndarray | float) -> np.ndarray | float:
     """The same angle from -pi to pi, rad."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def step_back(path: np.ndarray, cast: Cast, begin: float, far: float) -> np.ndarray:
+    """(F, 3) path that goes back a distance, m, from the time `begin`, s, on, facing ahead."""
+    share = far * ease((cast.seconds - begin) / max(0.8, far / 0.5))
+    ahead = np.stack([np.cos(path[:, 2]), np.sin(path[:, 2])], 1)
+    return np.column_stack([path[:, :2] - share[:, None] * ahead, path[:, 2]])
+
+
+def meeting(cast: Cast, longest: float, *, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Distance that each person walks, m, and the times at which they meet and part, s, for clips of any length."""
+    last = cast.seconds[-1]
+    when = min(rng.uniform(1.2, 2.4), 0.36 * last)
+    return min(longest, 0.55 * when), when, max(last - 1.0, 0.75 * last)
+
+
+def face_to_face(
+    cast: Cast, apart: float, aside: float, *, come: float, when: float, rng: np.random.Generator
+) -> tuple[tuple[Role, ...], np.ndarray]:
+    """Two people who walk up to each other.
+
+    Args:
+        cast: The two people.
+        apart, aside: Distance between them at the end, along and across their way, m.
+        come: Distance that each of them walks, m.
+        when: Time at which they arrive, s.
+        rng: Draws the direction.
+
+    Returns:
+        Their roles, in which they look at each other, and the direction (2,) from the first to the second.
+    """
+    yaw = rng.uniform(0, 2 * np.pi)
+    ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
+    roles = []
+    for person, sign in enumerate((-1, 1)):
+        place = sign * (ahead * apart / 2 + left * aside / 2)
+        facing = yaw if sign < 0 else yaw + np.pi
+        start = np.array((*(place + sign * come * ahead), facing))
+        path = approach(cast, start, np.array((*place, facing)), begin=0.0, speed=come / max(when, 0.6))
+        roles.append(Role(path, gaze=np.full(len(path), 1 - person)))
+    return tuple(roles), ahead

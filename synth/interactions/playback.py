@@ -130,7 +130,8 @@ def reach_for(motion: Motion, body: Body, reach: Reach) -> Motion:
     poses = poses_of((body,), [motion])
     segments = _ARMS[reach.side]
     chest, shoulder = motion.rotations[:, _CHEST], poses.origins[:, 0, segments[0]]
-    arm = reach_with_arm(body, reach.side, chest, shoulder, reach.palm, reach.normal, reach.elbow)
+    target = (reach.palm, reach.normal, reach.elbow)
+    arm = reach_with_arm(body, reach.side, chest, shoulder, *target, straight=reach.straight)
     rotations = motion.rotations.copy()
     away = np.einsum("fsji,fsjk->fsik", rotations[:, segments], arm)
     vectors = Rotation.from_matrix(away.reshape(-1, 3, 3)).as_rotvec().reshape(-1, 3, 3)

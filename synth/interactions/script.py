@@ -43,6 +43,7 @@ class Role:
         ahead: Distance of the feet ahead of the hips in sitting, m.
         gaze: (F,) index of the person looked at; -1 leaves the head to the motion.
         lean: (F,) angle by which the trunk is bent forward, rad.
+        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; None draws them.
     """
 
     path: np.ndarray
@@ -51,6 +52,7 @@ class Role:
     ahead: float = 0.0
     gaze: np.ndarray | None = None
     lean: np.ndarray | None = None
+    hands: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class Reach:
         palm: (F, 3) target of the skin of the palm, m.
         normal: (F, 3) direction that the palm faces at the target.
         elbow: Direction of the elbow in the chest's frame, y outward.
+        straight: Whether the wrist stays straight; otherwise it bends so that the palm lies on what it touches.
     """
 
     person: int
@@ -72,6 +75,7 @@ class Reach:
     palm: np.ndarray
     normal: np.ndarray
     elbow: tuple[float, float, float] = (-0.35, 0.45, -1.0)
+    straight: bool = False
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,11 @@ _STANDING_SPEED = 0.15
 """Greatest speed of the ankle of a standing foot, m/s."""
 _STANDING_TIME = 0.1
 """Least time for which a foot stands to show where the floor is, s."""
+_LEVEL = 0.12
+"""Greatest height of standing feet over the lowest ones that is due to the tilt and noise of a floor, m; those above
+stand on something else."""
+_LOWEST = 0.05
+"""Share of the standing feet, at least two, that the lowest level has; fewer are errors of recording."""
 
 
 def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np.ndarray, float]:
@@ -17,7 +22,8 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
 
     Recorded floors lie up to 7 cm from zero and tilt by up to 2 cm a metre, which is calibration error, not a slope.
     The floor is fitted robustly as the plane `ankle_height` below the ankles, wherever an ankle stood for 0.1 s as the
-    lower of the two. A prior of one degree limits the tilt, which a person who stays on one spot does not determine.
+    lower of the two. Only the lowest level counts: feet that stand higher are on steps, platforms or bars. A prior of
+    one degree limits the tilt, which a person who stays on one spot does not determine.
 
     Args:
         ankles: (F, 2, 3) m, z roughly up.
@@ -38,6 +44,7 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
     if not spots:
         return np.eye(3), float(np.percentile(ankles[..., 2].min(1), 5)) - ankle_height
     spots = np.array(spots)
+    spots = spots[_on_lowest_level(spots[:, 2])]
     centre = spots.mean(0)
 
     def residuals(plane: np.ndarray) -> np.ndarray:
@@ -48,6 +55,16 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
     height, *slope = least_squares(residuals, (np.median(spots[:, 2]), 0, 0), loss="soft_l1").x
     level = Rotation.align_vectors([(0, 0, 1)], [(-slope[0], -slope[1], 1)])[0].as_matrix()
     return level, float((level @ (*centre[:2], height))[2]) - ankle_height
+
+
+def _on_lowest_level(heights: np.ndarray) -> np.ndarray:
+    """Return which of the heights (K,) of standing ankles are on the lowest level that enough of them share."""
+    ordered = np.sort(heights)
+    enough = min(max(2, _LOWEST * len(ordered)), len(ordered))
+    shared = np.searchsorted(ordered, ordered + _LEVEL, side="right") - np.arange(len(ordered)) >= enough
+    # Far apart, no two share a level: the lowest stands for itself.
+    lowest = ordered[shared.argmax()] if shared.any() else ordered[0]
+    return (heights >= lowest) & (heights <= lowest + _LEVEL)
 
 
 def flatten_soles(feet: np.ndarray, heights: np.ndarray, ankle_height: float) -> np.ndarray:

@@ -2,12 +2,14 @@
 
 import numpy as np
 
-from synth.motion.rotations import aligned
+from synth.motion.rotations import about, aligned
 from synth.people.body import SIDES, Body
 from synth.people.segments import SEGMENTS
 
 PALM = np.array((0.0, 0.050, -0.013))
 """(3,) point on the skin of the left palm, whose normal is -z, in the hand's frame; fractions of stature."""
+_WRIST = 1.0
+"""Greatest bend of a wrist by which a palm comes to lie on what it touches, rad."""
 _BENT, _STRAIGHT = 0.35, 0.995
 """Least and greatest distance that a limb spans, as fractions of both bones."""
 
@@ -44,8 +46,10 @@ def reach_with_arm(
     palm: np.ndarray,
     normal: np.ndarray,
     elbow: tuple[float, float, float],
+    *,
+    straight: bool = False,
 ) -> np.ndarray:
-    """Return an arm that puts its palm at a point, the wrist straight.
+    """Return an arm that puts its palm at a point. The wrist bends so that the palm lies on what it touches.
 
     Args:
         body: The body.
@@ -55,6 +59,7 @@ def reach_with_arm(
         palm: (F, 3) target of the skin of the palm, m.
         normal: (F, 3) direction in which the palm faces, as far as the direction of the forearm allows.
         elbow: Direction to which the elbow bends, in the chest's frame, y outward; not towards the palm.
+        straight: Whether the wrist stays straight, as that of a fist that hits.
 
     Returns:
         (F, 3, 3, 3) orientations of upper arm, forearm and hand.
@@ -65,15 +70,22 @@ def reach_with_arm(
     )
     offset = PALM * (1, sign * body.arms, 1) * body.stature
     outward = chest @ (np.array(elbow) * (1, sign, 1))
-    along, wrist = palm - shoulder, palm
-    for _ in range(4):
+    along = palm - shoulder
+    for _ in range(6):
         forearm = _with_palm(along, normal, sign)
-        wrist = palm - forearm @ offset
-        joint, tip = np.swapaxes(two_bone_ik(shoulder, wrist, lengths, outward), 0, 1)
+        hand = forearm if straight else _flexed(forearm, normal)
+        joint, tip = np.swapaxes(two_bone_ik(shoulder, palm - hand @ offset, lengths, outward), 0, 1)
         along = tip - joint
     forearm = _with_palm(along, normal, sign)
+    hand = forearm if straight else _flexed(forearm, normal)
     upper = aligned(joint - shoulder, along, (0, sign, 0))
-    return np.stack([upper, forearm, forearm], axis=1)
+    return np.stack([upper, forearm, hand], axis=1)
+
+
+def _flexed(forearm: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return hands (F, 3, 3), bent at the wrist from forearms (F, 3, 3) so that the palm, -z, faces a direction."""
+    ahead, back = (-(normal * forearm[:, :, axis]).sum(1) for axis in (1, 2))
+    return forearm @ about("x", np.clip(np.arctan2(-ahead, np.maximum(back, 1e-6)), -_WRIST, _WRIST))
 
 
 def _with_palm(along: np.ndarray, normal: np.ndarray, sign: float) -> np.ndarray:

@@ -24,6 +24,7 @@ class Motion:
             proportions scales `root` by the ratio of the two.
         seats: Frames in which the person begins to sit on a stool.
         actions: Frames in which actions begin, with their names; without any the motion is one action, `name`.
+        first: Frame of a recording with which it begins, by which takes of people recorded together are aligned.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Motion:
     hip_height: float
     seats: tuple[int, ...] = ()
     actions: tuple[tuple[int, str], ...] = ()
+    first: int = 0
 
     def __post_init__(self):
         for field, shape in (("root", (3,)), ("rotations", (len(SEGMENTS), 3, 3))):

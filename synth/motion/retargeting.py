@@ -8,12 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from synth.motion.floor import flatten_soles, level_floor
 from synth.motion.motion import Motion
-from synth.motion.readers import ReadOptions
+from synth.motion.readers import ReadOptions, take_name
 from synth.motion.readers.cmu import true_fps
 from synth.motion.readers.dialects import OWN, Dialect, at_rest, known_joints, recognise
 from synth.motion.readers.joint_names import renamed
 from synth.motion.readers.skeleton_recording import SkeletonRecording
 from synth.motion.rotations import UPRIGHT, aligned
+from synth.motion.soundness import correct_rate, repair
 from synth.people.body import ANKLE_HEIGHT, LEG_LENGTH
 from synth.people.segments import SEGMENTS
 
@@ -37,15 +38,18 @@ _LIMBS = {"upper_arm": "forearm", "forearm": "wrist", "hand": "knuckle", "thigh"
 def retarget_take(recording: SkeletonRecording, options: ReadOptions) -> Motion:
     """Retarget a recording with the rate, the names of joints, the unit and the axes that the user gives.
 
+    Without a rate a stated one is corrected by what is known of the take, or by how fast it falls.
+
     Raises:
         ValueError: as `retarget` and `synth.motion.readers.joint_names.renamed`.
     """
     recording = replace(
         recording,
-        fps=options.fps or true_fps(recording.path.stem, recording.fps),
+        fps=options.fps or true_fps(take_name(recording.path), recording.fps),
         joints=renamed(recording.joints, options.mapping, known_joints(), recording.path),
     )
-    return retarget(recording, unit=options.unit, up=options.up)
+    motion = retarget(recording, unit=options.unit, up=options.up)
+    return motion if options.fps else correct_rate(motion)
 
 
 def retarget(
@@ -89,8 +93,9 @@ def retarget(
         raise ValueError(f"{recording.path}: expected frames after the T-pose it begins with, found none")
     positions = positions[start:] @ _CANONICAL_FROM_FILE.T * metres
     hips, ankles = (positions[:, [joint[f"l_{part}"], joint[f"r_{part}"]]] for part in ("thigh", "foot"))
+    about = ", ".join((dialect.name, name, f"{recording.fps:.4g} fps", *recording.notes))
     motion = Motion(
-        name=f"{recording.path.stem} ({', '.join((dialect.name, name, f'{recording.fps:.4g} fps', *recording.notes))})",
+        name=f"{take_name(recording.path)} ({about})",
         fps=recording.fps,
         root=hips.mean(1),
         rotations=rotations[start:],
@@ -100,7 +105,7 @@ def retarget(
 
 
 def put_on_floor(motion: Motion, ankles: np.ndarray, path: Path, *, lies: bool = False) -> Motion:
-    """Put a motion on a level floor at z = 0, and lay soles near the floor flat on it.
+    """Put a motion on a level floor at z = 0, lay soles near the floor flat on it, and repair frames that jump.
 
     The floor is placed so that ankles stand as high as those of an adult with these legs, whatever the file's feet.
 
@@ -111,7 +116,8 @@ def put_on_floor(motion: Motion, ankles: np.ndarray, path: Path, *, lies: bool =
         lies: Whether a person who is not upright is known to lie.
 
     Raises:
-        ValueError: the motion is too fast for a person, or the body lies along an axis, as with axes in another order.
+        ValueError: the motion is too fast for a person, or the body lies along an axis, as with axes in another order;
+            or as `synth.motion.soundness.repair`.
     """
     _check_axes(motion, path, lies)
     _check_speed(motion, path)
@@ -121,7 +127,7 @@ def put_on_floor(motion: Motion, ankles: np.ndarray, path: Path, *, lies: bool =
     for foot, ankle in zip(("l_foot", "r_foot"), (ankles @ turn.T).swapaxes(0, 1), strict=True):
         segment = SEGMENTS.index(foot)
         rotations[:, segment] = flatten_soles(rotations[:, segment], ankle[:, 2] - height, ankle_height)
-    return replace(motion, root=motion.root @ turn.T - (0, 0, height), rotations=rotations)
+    return repair(replace(motion, root=motion.root @ turn.T - (0, 0, height), rotations=rotations), path)
 
 
 def check_rate(fps: float, path: Path) -> None:
@@ -158,6 +164,8 @@ def _limb_lengths(recording: SkeletonRecording, positions: np.ndarray, joint: di
     """Return the length of each limb segment, in the file's unit; ValueError if one has none."""
     lengths = {}
     for start, end in ((f"{side}_{part}", f"{side}_{end}") for side in "lr" for part, end in _LIMBS.items()):
+        if end not in joint:
+            continue
         lengths[start] = float(np.median(np.linalg.norm(positions[:, joint[end]] - positions[:, joint[start]], axis=1)))
     short = [part for part, length in lengths.items() if not length > 0.02 * max(lengths.values())]
     if short:
@@ -178,16 +186,36 @@ def _segments(
         for part in SEGMENTS
     }
     rotations = np.stack(list(since_rest.values()), axis=1)
-    elbow_bends_to = np.array((np.cos(np.radians(dialect.elbow)), 0, np.sin(np.radians(dialect.elbow))))
     for side, outward in (("l", 1.0), ("r", -1.0)):
         for part, end in _LIMBS.items():
             segment = f"{side}_{part}"
+            if f"{side}_{end}" not in joint:
+                continue
             along = (positions[:, joint[f"{side}_{end}"]] - positions[:, joint[segment]]) @ _CANONICAL_FROM_FILE.T
             turns_with = f"{side}_hand" if part == "forearm" and not from_motion else segment
-            forward = since_rest[turns_with] @ (elbow_bends_to if part == "upper_arm" else _FORWARD)
+            forward = since_rest[turns_with] @ _FORWARD
+            if part == "upper_arm":
+                forearm = positions[:, joint[f"{side}_wrist"]] - positions[:, joint[f"{side}_forearm"]]
+                bends = _elbow_angle(dialect, since_rest[segment], forearm @ _CANONICAL_FROM_FILE.T)
+                forward = since_rest[segment] @ (np.cos(bends), 0, np.sin(bends))
             axis = (0, 0, -1) if part in ("thigh", "shin") else (0, outward, 0)
             rotations[:, SEGMENTS.index(segment)] = aligned(along, forward, axis)
     return rotations
+
+
+def _elbow_angle(dialect: Dialect, arm: np.ndarray, forearm: np.ndarray) -> float:
+    """Return the angle above forward to which an elbow bends in the T-pose, rad.
+
+    Args:
+        dialect: Where it states none, the angle is the median of the frames in which the elbow is bent.
+        arm: (F, 3, 3) orientations of the upper arm since the T-pose.
+        forearm: (F, 3) along the forearm.
+    """
+    if dialect.elbow is not None:
+        return np.radians(dialect.elbow)
+    forward, _, up = (arm.swapaxes(-1, -2) @ forearm[..., None])[..., 0].T
+    bent = np.hypot(forward, up) > 0.3 * np.linalg.norm(forearm, axis=1)
+    return float(np.median(np.arctan2(up, forward)[bent])) if bent.any() else 0.0
 
 
 def _check_speed(motion: Motion, path: Path) -> None:

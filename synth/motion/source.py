@@ -1,5 +1,7 @@
 """The motion of a clip: draw a take or a procedural recipe, cut a stretch of it, and place it on the floor."""
 
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import lru_cache
@@ -15,6 +17,7 @@ from synth.motion.procedural.sequence import SEATED, WEIGHTS, check_actions, mak
 from synth.motion.procedural.walking import ProceduralConfig, make_motion
 from synth.motion.readers import ReadOptions, reader, reader_of
 from synth.motion.readers.joint_names import read_mapping
+from synth.motion.readers.take_lists import find_takes
 from synth.motion.rotations import about
 
 _TURN_TIME = 0.3
@@ -23,6 +26,8 @@ _FARTHEST = 10_000.0
 """Greatest coordinate of a take, m."""
 PROCEDURAL = "procedural"
 """The choice of motion that is made, not read from files."""
+RECORDED = "recorded"
+"""The choice of recorded motion of all formats."""
 
 
 class UpAxis(Enum):
@@ -40,8 +45,12 @@ class MotionConfig:
     """Motion of one person.
 
     Attributes:
-        kind: `procedural`, or the format of recordings, or `<module>:<function>`, a reader of your own.
-        path: File, or folder whose files of the format, at any depth, are drawn from; for recorded motion.
+        kind: `procedural`; or the format of recordings, `recorded` for all formats, or `<module>:<function>`, a reader
+            of your own.
+        path: For recorded motion: a file; a folder whose files of the format, at any depth, are drawn from; or a list
+            of takes, `<name>.tsv`, as `synth takes` writes it. Of folders and lists takes that cannot be read are left
+            out with a warning.
+        sets: Of a list, the sets that are drawn from, as [train]; all if empty.
         fps: Frames per second of the recordings, where files state a wrong rate. Known wrong rates of takes of the CMU
             database are corrected without it.
         unit: Metres per unit of length in the recordings, where the length of the legs does not show it.
@@ -57,6 +66,7 @@ class MotionConfig:
 
     kind: str = PROCEDURAL
     path: str | None = None
+    sets: list[str] = field(default_factory=list)
     fps: float | None = None
     unit: float | None = None
     up: UpAxis = UpAxis.auto
@@ -66,7 +76,7 @@ class MotionConfig:
     procedural: ProceduralConfig = field(default_factory=ProceduralConfig)
 
     def __post_init__(self):
-        reader.check(self.kind, PROCEDURAL)
+        reader.check(self.kind, PROCEDURAL, RECORDED)
         check_actions(self.actions, self.weights)
         for name in ("fps", "unit"):
             value = getattr(self, name)
@@ -100,10 +110,33 @@ def load_motion(
         if not config.actions:
             return make_motion(config.procedural, **span)
         return make_sequence(config.actions, config.weights, speed=config.procedural.speed, seated=seated, **span)
-    paths = takes(config)
-    path = paths[rng.integers(len(paths))]
-    take = read_take(path, config.fps, unit=config.unit, up=config.up, mapping=config.mapping)
+    (take,) = draw_takes(config, [(path,) for path in takes(config)], rng=rng)
     return cut(take, start=rng.uniform(), seconds=seconds, fps=fps)
+
+
+def draw_takes(
+    config: MotionConfig, choices: Sequence[tuple[Path, ...]], *, rng: np.random.Generator
+) -> tuple[Motion, ...]:
+    """Draw one of some takes, or of pairs of takes, each as likely. What cannot be read is left out with a warning.
+
+    Raises:
+        ValueError: the only one, or each of several, is malformed.
+    """
+    left = list(choices)
+    while True:
+        chosen = left.pop(rng.integers(len(left)))
+        try:
+            return tuple(
+                read_take(path, config.fps, unit=config.unit, up=config.up, mapping=config.mapping) for path in chosen
+            )
+        except (ValueError, FileNotFoundError) as error:
+            if len(choices) == 1:
+                raise
+            if not left:
+                raise ValueError(
+                    f"{config.path}: none of {len(choices)} takes can be read; the last: {error}"
+                ) from None
+            warnings.warn(f"left out: {error}; `synth takes path={config.path}` lists all", stacklevel=2)
 
 
 def takes(config: MotionConfig) -> list[Path]:
@@ -116,17 +149,10 @@ def takes(config: MotionConfig) -> list[Path]:
     if config.kind == PROCEDURAL or not config.path:
         raise ValueError(
             f"motion of kind {config.kind!r} with path {config.path!r} has no takes; "
-            f"expected motion={'|'.join(reader)} and motion.path=<file or folder>"
+            f"expected motion={'|'.join((RECORDED, *reader))} and motion.path=<file, folder or list>"
         )
-    path, suffix = Path(config.path), f".{reader.find(config.kind).name}"
-    if not path.exists():
-        raise FileNotFoundError(f"motion path {path}: no such file or folder")
-    found = sorted(path.rglob("*")) if path.is_dir() else [path]
-    fitting = [file for file in found if file.suffix.lower() == suffix and file.is_file()]
-    if not fitting:
-        there = sorted({file.suffix for file in found if file.is_file()})
-        raise FileNotFoundError(f"motion path {path}: expected {suffix} files, found {there or 'no files'}")
-    return fitting
+    kind = None if config.kind == RECORDED else reader.find(config.kind).name
+    return find_takes(Path(config.path), kind, config.sets)
 
 
 def read_take(

@@ -22,13 +22,19 @@ _CAPSULES = {
         ((-0.022, 0.008, -0.021), (0.080, 0.014, -0.021), 0.018),
     ],
 }
+_FIST = ((0, 0.008, 0), (0, 0.050, -0.008), 0.021)
+"""The capsule of a hand that is closed to a fist."""
 _STOUT = ("upper_arm", "forearm", "thigh", "shin")
 _SKULL = ("head", 1)
 """The capsule that scales with the head; the one before it is the neck."""
 
 
-def capsules(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def capsules(body: Body, hands: tuple[str, str] = ("relaxed", "relaxed")) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the solid parts of a body.
+
+    Args:
+        body: Proportions.
+        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; a fist is shorter.
 
     Returns:
         segments: (C,) index into `SEGMENTS`.
@@ -53,7 +59,10 @@ def capsules(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         elif name == "head":
             stretch *= body.head
         stretch[1] *= SIDES.get(side, 1.0)
-        for number, (start, stop, radius) in enumerate(_CAPSULES.get(name, ())):
+        solids = _CAPSULES.get(name, ())
+        if name == "hand" and hands["lr".index(side)] == "fist":
+            solids = [_FIST]
+        for number, (start, stop, radius) in enumerate(solids):
             segments.append(i)
             ends.append(np.array((start, stop)) * stretch)
             wide = body.girth if name in _STOUT else body.head if (name, number) == _SKULL else 1.0

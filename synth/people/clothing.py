@@ -7,6 +7,7 @@ import numpy as np
 from dmae.files.numbers import check_numbers
 
 HAIRSTYLES = ("short", "bald", "bob", "long", "bun")
+HANDS = ("relaxed", "open", "grip", "fist", "point")
 PATTERNS = ("plain", "stripes", "checks", "melange", "camouflage")
 
 
@@ -43,6 +44,7 @@ class PersonLooks:
         shoes: Colour of the shoes.
         sole: Colour of their soles.
         untucked: Whether the shirt hangs over the trousers.
+        hands: Shapes of the left and the right hand, of `HANDS`.
     """
 
     skin: tuple[float, float, float]
@@ -53,8 +55,11 @@ class PersonLooks:
     shoes: tuple[float, float, float]
     sole: tuple[float, float, float]
     untucked: bool
+    hands: tuple[str, str] = ("relaxed", "relaxed")
 
     def __post_init__(self):
+        if len(self.hands) != 2 or set(self.hands) - set(HANDS):
+            raise ValueError(f"hands {self.hands!r}: expected two of {', '.join(HANDS)}")
         if self.hair not in HAIRSTYLES:
             raise ValueError(f"no hairstyle {self.hair!r}; expected one of {', '.join(HAIRSTYLES)}")
         check_numbers("colours of a person", (self.skin, self.hair_colour, self.shoes, self.sole), 1, 0)
@@ -102,6 +107,11 @@ def sample_looks(feminine: float, *, child: bool = False, rng: np.random.Generat
         sole=(0.9, 0.9, 0.88) if rng.random() < 0.5 else (0.13, 0.12, 0.11),
         untucked=bool(rng.random() < 0.75),
     )
+
+
+def sample_hands(*, rng: np.random.Generator) -> tuple[str, str]:
+    """Draw the shapes of both hands of a person."""
+    return tuple(str(hand) for hand in rng.choice(HANDS, 2, p=(0.62, 0.16, 0.1, 0.06, 0.06)))
 
 
 def _darker(colour: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -63,10 +63,20 @@ _SHELF14 = _LIMBS | {
 _HEADS = ("bottom_head", "top_head")
 # From MPII's annotators, and so in BODY_25B and Halpe: the crown, and where the neck meets the head.
 _CROWN = {"head_top": _Landmark("head", "head", 0.005, 0, HEAD_HEIGHT)}
+# BlazePose's: corners of the eyes and of the mouth, and knuckles.
+_FACE_AND_HANDS = {
+    "eye_inner": _Landmark("head", "head", 0.062, 0.009, 0.091),
+    "eye_outer": _Landmark("head", "head", 0.055, 0.027, 0.091),
+    "mouth": _Landmark("head", "head", 0.066, 0.014, 0.044),
+    "little_finger": _Landmark("hand", "hand", -0.018, 0.047, -0.002, 0.014),
+    "index_finger": _Landmark("hand", "hand", 0.018, 0.053, -0.002, 0.014),
+    "thumb": _Landmark("hand", "hand", 0.030, 0.033, -0.004, 0.014),
+}
 _PLACES = {
     "shelf14": _SHELF14,
     "body25b": _BODY25 | _CROWN | {"neck": _Landmark("head", "head", 0.006, 0, 0.022, 0.060)},
     "halpe26": _BODY25 | _CROWN,
+    "blazepose33": _BODY25 | _FACE_AND_HANDS,
 }
 """Landmarks of skeletons with joints in other places than those of the same name in BODY_25."""
 _SKIN = 0.025

@@ -21,12 +21,15 @@ class Mesh:
         faces: (T, 3) vertex indices, counter-clockwise seen from outside.
         swept: (N, 4) number of the surface of a vertex, and its position when swept, for shading that does not change
             as the mesh moves.
+        share: How much of the rotation of its segment's joint the mesh takes part in: 1 with the segment, less for
+            a piece of cloth between the segment and its parent.
     """
 
     vertices: np.ndarray
     uv: np.ndarray
     faces: np.ndarray
     swept: np.ndarray
+    share: float = 1.0
 
     @cached_property
     def normals(self) -> np.ndarray:
@@ -69,6 +72,7 @@ def loft(
     sides: int = 16,
     squareness: float = 2.0,
     phase: float = 0.0,
+    repeats: int | None = None,
 ) -> Mesh:
     """Sweep an ellipse along an axis.
 
@@ -82,6 +86,7 @@ def loft(
         sides: Vertices around.
         squareness: Exponent of the superellipse, 2 for an ellipse.
         phase: Texture coordinate along the axis at t = 0.
+        repeats: Repeats of the texture around; by default as many as fit.
     """
     t = stations[:, 0]
     grid = np.linspace(t[0], t[-1], rings)
@@ -96,7 +101,7 @@ def loft(
     local = np.stack(
         np.broadcast_arrays(centre_p + half_p * around[0], centre_q + half_q * around[1], height), -1
     )  # (R, sides + 1, 3)
-    repeats = max(1, round(2 * np.pi * float(max(a.max(), b.max())) / TILE))
+    repeats = repeats or max(1, round(2 * np.pi * float(max(a.max(), b.max())) / TILE))
     uv = np.stack(np.broadcast_arrays(angle / (2 * np.pi) * repeats, (height + phase) / TILE), -1)
     return _surface(local @ np.asarray(axes).T, uv, inverted=bool(np.linalg.det(axes) < 0))
 

@@ -50,9 +50,10 @@ def add_person(
             `person<p>/<skeleton>.<joint>` for every known skeleton.
     """
     prefix = f"person{person}/"
+    spec.nuser_geom = 1
     _add_materials(spec, prefix, looks, rng=rng)
     bodies = _add_segments(spec, prefix, body, position)
-    _add_capsules(bodies, prefix, person, body)
+    _add_capsules(bodies, prefix, person, body, looks.hands)
     _add_touch(spec, prefix)
     if rng:
         _add_joints(bodies, prefix, body)
@@ -67,6 +68,7 @@ def add_person(
             contype=0,
             conaffinity=0,
             mass=0,
+            userdata=surface.share,
         )
 
 
@@ -81,8 +83,8 @@ def _add_segments(spec: mujoco.MjSpec, prefix: str, body: Body, position) -> lis
     return bodies
 
 
-def _add_capsules(bodies: list, prefix: str, person: int, body: Body) -> None:
-    segments, ends, radii = capsules(body)
+def _add_capsules(bodies: list, prefix: str, person: int, body: Body, hands: tuple[str, str]) -> None:
+    segments, ends, radii = capsules(body, hands)
     volume = np.pi * radii**2 * (np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) + 4 / 3 * radii)
     share = volume / np.bincount(segments, volume)[segments]
     masses = share * body.masses[segments]

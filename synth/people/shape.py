@@ -1,6 +1,8 @@
 """Surfaces of a body's segments in skin, hair and clothes."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,7 +18,8 @@ from synth.people.body import (
     side_and_name,
 )
 from synth.people.clothing import PersonLooks
-from synth.people.mesh import Mesh, dome, loft, merge
+from synth.people.hands import hand
+from synth.people.mesh import TILE, Mesh, dome, loft, merge
 from synth.people.segments import SEGMENTS
 
 SurfacePart = tuple[str, str, Mesh]
@@ -38,10 +41,6 @@ _SHIN = [(0, 0, 0, 0.033, 0.033), (0.03, -0.002, 0, 0.0315, 0.032), (0.075, -0.0
 _SHOE = [(-0.032, -0.020, 0, 0.016, 0.016), (-0.015, -0.013, 0, 0.025, 0.0205), (0.008, -0.013, 0, 0.026, 0.021),
          (0.035, -0.019, 0, 0.019, 0.022), (0.07, -0.0245, 0.002, 0.0135, 0.0265),
          (0.098, -0.0275, 0, 0.0105, 0.024)]  # fmt: skip
-_PALM = [(-0.004, 0, 0, 0.0155, 0.0115), (0.015, 0.002, 0, 0.021, 0.0105), (0.04, 0.002, 0, 0.0235, 0.009),
-         (0.056, 0.001, 0, 0.022, 0.0075)]  # fmt: skip
-_FINGERS = [(0.0165, 0.038), (0.006, 0.046), (-0.0045, 0.042), (-0.0145, 0.033)]
-"""Position across the palm, and length, from the index finger."""
 # Height above the hip joints, p, depth and breadth of a masculine trunk, depth and breadth of a feminine one.
 _TRUNK = [(-0.062, -0.004, 0.040, 0.052, 0.042, 0.054), (-0.035, -0.006, 0.058, 0.086, 0.061, 0.089),
           (0.0, -0.009, 0.065, 0.097, 0.069, 0.102), (0.045, -0.010, 0.066, 0.094, 0.067, 0.098),
@@ -64,6 +63,11 @@ _ALONG = {
     "up": np.eye(3),
     "forward": np.array([(0, 0, 1), (0, 1, 0), (1, 0, 0)]).T,
 }
+_BEND, _PIECES, _OVER = 0.030, 5, 0.006
+"""The trunk bends from this far below to this far above each of its joints, in so many pieces, which overlap by this:
+fractions of stature."""
+_BELT = (0.060, 0.076)
+"""Heights of both edges of the belt of a tucked shirt above the hip joints, fractions of stature."""
 _CLOTH = 0.005
 """Thickness of cloth, m."""
 
@@ -77,7 +81,7 @@ def parts(body: Body, looks: PersonLooks) -> Iterator[SurfacePart]:
         if name in ("upper_arm", "forearm", "thigh", "shin"):
             yield from _limb(body, looks, segment, side, name)
         elif name == "hand":
-            yield segment, "skin", _hand(body, side)
+            yield segment, "skin", hand(body, looks.hands["lr".index(side)], _ALONG[side])
         elif name == "foot":
             yield from _foot(body, segment)
 
@@ -114,21 +118,6 @@ def _cloth(stations: np.ndarray, stop: float, *, loose: bool) -> np.ndarray:
         widest = np.maximum.accumulate(clothed[:, 3:], axis=0)
         clothed[:, 3:] = 0.45 * clothed[:, 3:] + 0.55 * widest
     return clothed
-
-
-def _hand(body: Body, side: str) -> Mesh:
-    size = body.stature * body.arms * (1 - 0.05 * body.figure)
-    axes = _ALONG[side]
-    fingers = [loft(np.array(_PALM) * size, axes, ends=(0.6, 0.6), rings=5, sides=12, squareness=2.6)]
-    for across, length in _FINGERS:
-        # Relaxed fingers curl towards the palm.
-        t = np.linspace(0, 1, 4)
-        rows = np.stack(
-            [0.05 + length * t, across * (1 + 0.1 * t), -0.012 * t**2, 0.0053 - 0.001 * t, 0.0053 - 0.001 * t], -1
-        )
-        fingers.append(loft(rows * size, axes, ends=(None, 1), rings=4, sides=6))
-    thumb = [(0.0, 0.014, 0, 0.008, 0.008), (0.025, 0.028, -0.004, 0.007, 0.007), (0.052, 0.033, -0.009, 0.005, 0.005)]
-    return merge(*fingers, loft(np.array(thumb) * size, axes, ends=(None, 1), rings=4, sides=6))
 
 
 def _foot(body: Body, segment: str) -> Iterator[SurfacePart]:
@@ -176,27 +165,48 @@ def _trunk(body: Body, looks: PersonLooks) -> Iterator[SurfacePart]:
     ahead, up, depth, breadth = trunk_sections(body, grid).T
     dense = np.stack([up, ahead, 0 * up, depth, breadth], -1)
     heights = np.cumsum(body.offsets[:4], axis=0)[:, [2, 0]]
+    around = max(1, round(2 * np.pi * float(breadth.max()) / TILE))
 
-    def piece(segment: str, start: float, stop: float, cloth, *, hem: bool = False) -> Mesh:
+    def piece(segment: str, start: float, stop: float, cloth, ends=(None, None), share: float = 1.0) -> Mesh:
+        """Return the trunk between two heights with cloth of a thickness by height, (height, m) in pairs."""
         z, x = heights[SEGMENTS.index(segment)]
-        rows = dense[(up >= start * body.stature) & (up <= stop * body.stature)]
-        rows = rows - np.array((z, x, 0, 0, 0))
-        rows[:, 3:] += np.linspace(*cloth, len(rows))[:, None]
-        return loft(rows, _ALONG["up"], ends=(0 if hem else None, None), rings=12, sides=32, squareness=2.3, phase=z)
+        rows = np.linspace(start, stop, max(3, round(80 * (stop - start)))) * body.stature
+        rows = np.stack([rows, *(np.interp(rows, up, column) for column in dense[:, 1:].T)], -1)
+        rows[:, 3:] += np.interp(rows[:, 0] / body.stature, *np.array(cloth).T)[:, None]
+        if 0 < share < 1:
+            # Edges lie below the pieces beside them.
+            rows[:, 3:] -= 0.001 * np.linspace(-1, 1, len(rows))[:, None] ** 8
+        rows -= np.array((z, x, 0, 0, 0))
+        rings = max(3, round(50 * (stop - start)))
+        return replace(
+            loft(rows, _ALONG["up"], ends=ends, rings=rings, sides=32, squareness=2.3, phase=z, repeats=around),
+            share=share,
+        )
 
+    spine, chest = heights[1:3, 0] / body.stature
+    shirt = [(-0.022, 0.020), (0.035, 0.008), (0.12, 0.006), (0.3, 0.005)]
     if looks.untucked:
-        yield "pelvis", "bottom", piece("pelvis", -0.06, 0.04, (_CLOTH, _CLOTH), hem=True)
-        yield "pelvis", "top", piece("pelvis", -0.022, 0.12, (0.020, 0.003), hem=True)
-        yield "spine", "top", piece("spine", 0.05, 0.21, (0.007, 0.002))
+        yield "pelvis", "bottom", piece("pelvis", -0.06, 0.04, [(-0.06, _CLOTH), (0.04, 0.003)], (0, None))
+        yield "pelvis", "top", piece("pelvis", -0.022, spine - _BEND + _OVER, shirt, (0, None))
     else:
-        yield "pelvis", "bottom", piece("pelvis", -0.06, 0.075, (_CLOTH, 0.007), hem=True)
-        yield "pelvis", "shoe", piece("pelvis", 0.058, 0.074, (0.010, 0.010), hem=True)
-        yield "pelvis", "top", piece("pelvis", 0.06, 0.12, (0.007, 0.001))
-        yield "spine", "top", piece("spine", 0.06, 0.21, (0.006, 0.002))
-    chest = piece("chest", 0.13, 0.33, (0.008, 0.004))
+        shirt = [(-0.06, _CLOTH), (_BELT[1], 0.0075), *shirt[2:]]
+        yield "pelvis", "bottom", piece("pelvis", -0.06, spine - _BEND + _OVER, shirt, (0, None))
+        at = (np.mean(_BELT) - spine + _BEND) / (2 * _BEND)
+        yield "spine", "shoe", piece("spine", *_BELT, [(0, 0.011), (1, 0.011)], (0, 0), at)
+    # The trunk bends in many small steps: cloth neither tears in front nor opens at the back.
+    for segment, joint, stop in (("spine", spine, chest - _BEND), ("chest", chest, None)):
+        edges = np.linspace(joint - _BEND, joint + _BEND, _PIECES + 1)
+        for number, (low, high) in enumerate(pairwise(edges)):
+            share, belted = (number + 0.5) / _PIECES, segment == "spine" and not looks.untucked
+            material = "bottom" if belted and high < _BELT[1] else "top"
+            yield segment, material, piece(segment, low - _OVER, high + _OVER, shirt, share=share)
+        if stop:
+            yield segment, "top", piece(segment, joint + _BEND - _OVER, stop + _OVER, shirt)
+    # The collar is closed around the neck.
+    ribs = piece("chest", chest + _BEND - _OVER, 0.33, shirt, (None, 0.25))
     if body.figure > CHILD_FIGURE:
-        chest = chest.pushed(_bust(body, chest.vertices, heights[2, 0]))
-    yield "chest", "top", chest
+        ribs = ribs.pushed(_bust(body, ribs.vertices, heights[2, 0]))
+    yield "chest", "top", ribs
 
 
 def _bust(body: Body, points: np.ndarray, origin: float) -> np.ndarray:

@@ -15,6 +15,7 @@ from safetensors.numpy import load, save
 
 from dmae.data.store import write_atomic
 from synth.people import body as bodies
+from synth.people import hands
 from synth.people import mesh as meshes
 from synth.people import shape as shapes
 from synth.people.body import Body
@@ -35,6 +36,7 @@ class Surface(NamedTuple):
         faces: (T, 3) vertex indices, counter-clockwise seen from outside.
         normals: (N, 3) float32, unit; None without shading.
         uv: (N, 2) float32 texture coordinates, 1 per repeat; None without shading.
+        share: (1,) how much of the rotation of the segment's joint it takes part in, see `mesh.Mesh`.
     """
 
     segment: str
@@ -43,6 +45,7 @@ class Surface(NamedTuple):
     faces: np.ndarray
     normals: np.ndarray | None
     uv: np.ndarray | None
+    share: np.ndarray
 
 
 def surfaces(body: Body, looks: PersonLooks, *, shaded: bool) -> list[Surface]:
@@ -54,10 +57,10 @@ def surfaces(body: Body, looks: PersonLooks, *, shaded: bool) -> list[Surface]:
 
     Args:
         body: Proportions.
-        looks: Hair and cut of the clothes.
+        looks: Hair, cut of the clothes, and shapes of the hands.
         shaded: Whether to add normals and texture coordinates.
     """
-    cut = (looks.hair, looks.top.long, looks.bottom.long, looks.untucked)
+    cut = (looks.hair, looks.top.long, looks.bottom.long, looks.untucked, looks.hands)
     key = hashlib.sha256(repr((_made_by(), body, cut, shaded)).encode()).digest()
     return _cached(key, lambda: _make(body, looks, shaded))
 
@@ -74,6 +77,7 @@ def _make(body: Body, looks: PersonLooks, shaded: bool) -> list[Surface]:
             mesh.faces.astype(np.int32),
             light(mesh.normals) if shaded else None,
             light(mesh.uv) if shaded else None,
+            np.array([mesh.share]),
         )
         for segment, material, mesh in shapes.parts(body, looks)
     ]
@@ -82,7 +86,7 @@ def _make(body: Body, looks: PersonLooks, shaded: bool) -> list[Surface]:
 @cache
 def _made_by() -> str:
     """Return a hash of the code that makes surfaces, and the versions of its libraries."""
-    source = b"".join(Path(module.__file__).read_bytes() for module in (bodies, meshes, shapes))
+    source = b"".join(Path(module.__file__).read_bytes() for module in (bodies, hands, meshes, shapes))
     libraries = [f"{name} {metadata.version(name)}" for name in ("numpy", "scipy", "trimesh")]
     return " ".join([hashlib.sha256(source).hexdigest(), *libraries])
 

@@ -11,7 +11,7 @@ from dmae.cli import compose
 from dmae.data.clip import Clip
 from dmae.data.store import clip_folders, load_clip
 from dmae.files.structured import read_json
-from dmae.parallel import in_parallel
+from dmae.parallel import in_parallel, running_on
 from synth.cli import SYNTH
 from synth.datasets import generate as datasets
 from synth.datasets import splits as datasets_splits
@@ -20,6 +20,7 @@ from synth.datasets.clip import GenerateConfig, check, clip_id, generate_clip
 from synth.datasets.exporters import export as datasets_export
 from synth.datasets.exporters.selection import PictureFormat
 from synth.datasets.parts import merge as datasets_merge
+from synth.datasets.parts.take_list import Take, list_takes
 from synth.datasets.splits import SplitBy
 from synth.datasets.statistics.page import NUMBERS, describe
 from synth.datasets.verify import Problem
@@ -86,7 +87,8 @@ def generate(
 
 
 def _in_memory(config: GenerateConfig) -> Iterator[Clip]:
-    made = in_parallel(_clip_or_failure, ((config, index) for index in config.numbers), config.workers)
+    with running_on(config.backend):
+        made = in_parallel(_clip_or_failure, ((config, index) for index in config.numbers), config.workers)
     failed = 0
     for index, result in zip(config.numbers, made, strict=True):
         if isinstance(result, Clip):
@@ -164,7 +166,7 @@ def split(
 
     Args:
         path: The data set.
-        by: `person`, `motion` or `rig`.
+        by: `person`, `motion`, `subject` or `rig`.
         train: Share of the clips.
         validation: Share of the clips; 0 for no such split.
         test: Share of the clips; 0 for no such split.
@@ -193,12 +195,44 @@ def split(
     return made
 
 
-def stats(path: str | Path, out: str | Path, *, workers: int = 1) -> dict:
-    """Describe a data set: occlusion by joint and cause, people, distances, angles, motion.
+def takes(
+    path: str | Path, *, train: float = 0.0, validation: float = 0.0, test: float = 0.0, seed: int = 0
+) -> list[Take]:
+    """List takes of recorded motion, and divide them such that no subject is in two sets.
+
+    Args:
+        path: A folder of takes, or a list (TSV) of them, which keeps its subjects and sets.
+        train: Share of the seconds; all 0 for no sets.
+        validation: Share of the seconds.
+        test: Share of the seconds.
+        seed: Of the order in which subjects are drawn.
+
+    Returns:
+        The takes: `listed` (file, subject, set), `seconds`, `fps`, `readable`, and `notes`, of those that cannot be
+        read the reason.
+
+    Raises:
+        FileNotFoundError: there is no take.
+        ValueError: the shares do not add up to 1, or there are fewer subjects than sets.
+
+    Examples:
+        >>> from synth.motion.readers.smpl import write_npz
+        >>> from synth.motion.source import MotionConfig, load_motion
+        >>> write_npz(Path("2_1.npz"), load_motion(MotionConfig(), seconds=2, fps=30, rng=np.random.default_rng(0)))
+        >>> [(take.listed.subject, take.seconds) for take in synth.takes("2_1.npz")]
+        [('2', 2.0)]
+    """
+    shares = {"train": train, "validation": validation, "test": test}
+    return list_takes(Path(path), shares, seed=seed)
+
+
+def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path] = (), workers: int = 1) -> dict:
+    """Describe a data set: occlusion by joint and cause, contacts, people, distances, angles, motion.
 
     Args:
         path: The data set, or a clip.
         out: Folder of the page, `README.md`, its picture, and the numbers of both.
+        extra_data: More data sets that count on the same page.
         workers: Processes; -1 for one a core.
 
     Returns:
@@ -212,7 +246,7 @@ def stats(path: str | Path, out: str | Path, *, workers: int = 1) -> dict:
         >>> synth.stats("walks", "card")["counts"]["frames"]
         50
     """
-    describe(Path(path), Path(out), workers=workers)
+    describe([Path(each) for each in (path, *extra_data)], Path(out), workers=workers)
     return read_json(Path(out) / NUMBERS)
 
 

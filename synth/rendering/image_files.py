@@ -72,24 +72,20 @@ def render_images(
     images = Images(folder, rig.names, tuple(range(len(qpos))), kinds, SEGMENTS if "parts" in kinds else (), rgb)
     counted = "ids" in kinds
     visible, amodal = (np.zeros((len(qpos), len(rig), renderer.persons), np.int32) for _ in range(2))
-    painted = (*kinds, "amodal") if counted and "amodal" not in kinds else kinds
 
     def pictures(view: int) -> Iterator[np.ndarray | None]:
         """Render the pictures of a view, write those that are no video, and yield the colours."""
         for frame, state in enumerate(qpos):
             following = qpos[frame + 1] if frame + 1 < len(qpos) else None
-            picture = renderer.picture(state, view, painted, following)
+            picture = renderer.picture(state, view, kinds, following)
             for kind in kinds:
                 path = images.path(kind, rig.names[view], frame)
                 if path.suffix != ".mp4":
                     _WRITERS[kind](path, getattr(picture, kind))
             if counted:
-                visible[frame, view] = np.bincount(picture.ids.ravel(), minlength=1 + renderer.persons)[
-                    1 : 1 + renderer.persons
-                ]
-                amodal[frame, view] = [
-                    np.count_nonzero(picture.amodal >> person & 1) for person in range(renderer.persons)
-                ]
+                for person in range(renderer.persons):
+                    visible[frame, view, person] = np.count_nonzero(picture.ids == 1 + person)
+                    amodal[frame, view, person] = np.count_nonzero(renderer.alone(state, view, person))
             seen()
             yield picture.rgb
 

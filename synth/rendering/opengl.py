@@ -5,11 +5,12 @@ import copy
 import mujoco
 import numpy as np
 
+from dmae.data.images import FIRST_OBJECT_ID
 from synth.rendering.backend import make_context
 from synth.rigs.lenses import camera_name
 
-_UNDRAWN = 5
-"""A group of geoms that MuJoCo does not draw."""
+_UNDRAWN, _DRAWN = 5, 3
+"""A group of geoms that MuJoCo does not draw, and the first of such groups."""
 _PLAIN = (
     mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION, mujoco.mjtRndFlag.mjRND_SKYBOX,
     mujoco.mjtRndFlag.mjRND_FOG, mujoco.mjtRndFlag.mjRND_HAZE,
@@ -32,7 +33,16 @@ class OpenGLPainter:
         self._model = copy.copy(model)
         quality = self._model.vis.quality
         quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads = settings
-        self._ids = geom_ids
+        self._lenses, self._poses = rig.K, rig.cam_from_world
+        self._moving = model.body_weldid[model.geom_bodyid] != 0
+        # Persons one by one, then all objects that move.
+        owners = np.where(geom_ids < FIRST_OBJECT_ID, geom_ids, FIRST_OBJECT_ID)
+        self._movers = {
+            int(owner): self._moving & (owners == owner) & (model.geom_group < _DRAWN)
+            for owner in np.unique(owners[self._moving & (model.geom_group < _DRAWN)])
+        }
+        self._still = self._known = None
+        self._alone: dict[int, tuple] = {}
         self._planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
         self._cameras = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera_name(name)) for name in rig.names]
         if -1 in self._cameras:
@@ -58,29 +68,84 @@ class OpenGLPainter:
         return drawing
 
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
-        self._look(data, view)
         rgb = depth = geoms = normals = None
+        if {"rgb", "normals"} & set(kinds):
+            self._look(data, view)
         if "rgb" in kinds:
             rgb, _ = self._read(view, self._colouring)
-        if set(kinds) - {"rgb"}:
-            deep = bool({"depth", "flow"} & set(kinds))
-            colours, nearness = self._read(view, self._identifying, identify=True, deep=deep)
-            geoms, depth = self._geoms(colours), self._metres(nearness) if deep else None
         if "normals" in kinds:
             normals = self._normals(view)
+        if set(kinds) - {"rgb"}:
+            geoms, nearness = self._identify(data, view)
+            depth = self._metres(nearness) if {"depth", "flow"} & set(kinds) else None
+        if "normals" in kinds:
             normals[geoms == 0] = np.nan
         return rgb, depth, geoms, normals
 
     def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
-        groups = self._model.geom_group.copy()
-        self._model.geom_group = np.where(self._ids == owner, groups, _UNDRAWN)
-        self._look(data, view)
-        self._model.geom_group = groups
-        # Every geom drawn is the owner's.
-        red, green, blue = np.moveaxis(self._read(view, self._identifying, identify=True)[0], -1, 0)
-        return (red | green | blue) > 0
+        self._identify(data, view)
+        alone = np.zeros((self._rects[view].height, self._rects[view].width), bool)
+        if owner in self._alone:
+            part, covered = self._alone[owner]
+            alone[part] = covered
+        return alone
 
-    def _look(self, data: mujoco.MjData, view: int) -> None:
+    def _identify(self, data: mujoco.MjData, view: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return (H, W) 1 + index of the geom at each pixel, 0 for none, and nearness as OpenGL's depth buffer has it.
+
+        What stands still is drawn once for a view. What moves is drawn on its own, person by person, and only the part
+        of the picture around it is read: that also shows what each person would cover alone.
+        """
+        if self._known is not None and self._known[0] == view and np.array_equal(self._known[1], data.qpos):
+            return self._known[2:]
+        if self._still is None or self._still[0] != view:
+            still = self._drawn(data, view, ~self._moving, (slice(None), slice(None)))
+            self._still = (view, *(layer.copy() for layer in still))
+        geoms, nearness = self._still[1].copy(), self._still[2].copy()
+        parts = {owner: self._around(data, view, mask) for owner, mask in self._movers.items()}
+        self._alone = {}
+        for together in _apart({owner: part for owner, part in parts.items() if part}):
+            mask = np.any([self._movers[owner] for owner in together], axis=0)
+            whole = _hull([parts[owner] for owner in together])
+            found, near = self._drawn(data, view, mask, whole)
+            for owner in together:
+                part = parts[owner]
+                rows, columns = (slice(p.start - w.start, p.stop - w.start) for p, w in zip(part, whole, strict=True))
+                one, its = found[rows, columns], near[rows, columns]
+                self._alone[owner] = part, one > 0
+                nearer = (one > 0) & (its >= nearness[part])
+                np.copyto(geoms[part], one, where=nearer)
+                np.copyto(nearness[part], its, where=nearer)
+        self._known = (view, data.qpos.copy(), geoms, nearness)
+        return geoms, nearness
+
+    def _drawn(self, data: mujoco.MjData, view: int, mask: np.ndarray, part) -> tuple[np.ndarray, np.ndarray]:
+        """Draw the geoms of a mask (ngeom,) alone; return indices and nearness as `_identify`, of a part."""
+        self._look(data, view, mask)
+        colours, nearness = self._read(view, self._identifying, identify=True, deep=True, part=part)
+        return self._geoms(colours), nearness
+
+    def _around(self, data: mujoco.MjData, view: int, mask: np.ndarray) -> tuple[slice, slice] | None:
+        """Return rows and columns of the part of the picture that geoms of a mask (ngeom,) may cover, None for none."""
+        rect, lens, pose = self._rects[view], self._lenses[view], self._poses[view]
+        centre = data.geom_xpos[mask] @ pose[:3, :3].T + pose[:3, 3]
+        radius = self._model.geom_rbound[mask]
+        if (radius <= 0).any() or (centre[:, 2] - radius < 1e-2).any():
+            return slice(0, rect.height), slice(0, rect.width)
+        ends = []
+        for axis in range(2):
+            low, high = centre[:, axis] - radius, centre[:, axis] + radius
+            near, far = centre[:, 2] - radius, centre[:, 2] + radius
+            focal, middle = lens[axis, axis], lens[axis, 2]
+            first = (focal * low / np.where(low < 0, near, far)).min() + middle
+            last = (focal * high / np.where(high > 0, near, far)).max() + middle
+            most = (rect.width, rect.height)[axis]
+            ends.append((max(0, int(first) - 3), min(most, int(last) + 4)))
+        (left, right), (top, bottom) = ends
+        return (slice(top, bottom), slice(left, right)) if left < right and top < bottom else None
+
+    def _look(self, data: mujoco.MjData, view: int, mask: np.ndarray | None = None) -> None:
+        """Point the camera of a view at the geoms of a mask (ngeom,), or at all."""
         camera = mujoco.MjvCamera()
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, self._cameras[view]
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
@@ -89,21 +154,33 @@ class OpenGLPainter:
         behind = ((data.cam_xpos[camera.fixedcamid] - data.geom_xpos[self._planes]) * outward).sum(1) < 0
         groups = self._model.geom_group.copy()
         self._model.geom_group[self._planes[behind]] = _UNDRAWN
+        if mask is not None:
+            self._model.geom_group[~mask] = _UNDRAWN
         mujoco.mjv_updateScene(self._model, data, self._options, None, camera, everything, self._scene)
         self._model.geom_group = groups
         self._gl.make_current()
 
-    def _read(self, view: int, drawing: mujoco.MjrContext, *, identify: bool = False, deep: bool = False):
-        """Draw the scene; return colours (H, W, 3), or the numbers of segments in their place, and nearness (H, W)."""
+    def _read(
+        self, view: int, drawing: mujoco.MjrContext, *, identify: bool = False, deep: bool = False, part=None
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Draw the scene; return colours (H, W, 3), or the numbers of segments in their place, and nearness (H, W).
+
+        Only rows and columns of a `part` are read.
+        """
         rect = self._rects[view]
-        colours = np.empty((rect.height, rect.width, 3), np.uint8)
-        nearness = np.empty((rect.height, rect.width), np.float32) if deep else None
+        rows, columns = (
+            each.indices(size)[:2]
+            for each, size in zip(part or (slice(None),) * 2, (rect.height, rect.width), strict=True)
+        )
+        # OpenGL's first row is the lowest.
+        read = mujoco.MjrRect(columns[0], rect.height - rows[1], columns[1] - columns[0], rows[1] - rows[0])
+        colours = np.empty((read.height, read.width, 3), np.uint8)
+        nearness = np.empty((read.height, read.width), np.float32) if deep else None
         for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
             self._scene.flags[flag] = identify
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, drawing)
         mujoco.mjr_render(rect, self._scene, drawing)
-        # OpenGL's first row is the lowest.
-        mujoco.mjr_readPixels(colours, nearness, rect, drawing)
+        mujoco.mjr_readPixels(colours, nearness, read, drawing)
         return colours[::-1], nearness[::-1] if deep else None
 
     def _geoms(self, colours: np.ndarray) -> np.ndarray:
@@ -154,3 +231,24 @@ class OpenGLPainter:
         for drawing in {self._colouring, self._identifying}:
             drawing.free()
         self._gl.free()
+
+
+def _apart(parts: dict[int, tuple[slice, slice]]) -> list[list[int]]:
+    """Return owners in groups in which no two parts of the picture overlap; each group is drawn at once."""
+    groups: list[list[int]] = []
+    for owner, part in parts.items():
+        for group in groups:
+            if not any(_overlap(part, parts[other]) for other in group):
+                group.append(owner)
+                break
+        else:
+            groups.append([owner])
+    return groups
+
+
+def _overlap(one: tuple[slice, slice], other: tuple[slice, slice]) -> bool:
+    return all(a.start < b.stop and b.start < a.stop for a, b in zip(one, other, strict=True))
+
+
+def _hull(parts: list[tuple[slice, slice]]) -> tuple[slice, ...]:
+    return tuple(slice(min(e.start for e in each), max(e.stop for e in each)) for each in zip(*parts, strict=True))

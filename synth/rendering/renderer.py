@@ -8,6 +8,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID, KINDS
+from synth.people.bending import Bending
 from synth.people.mjcf import geom_parts
 from synth.rendering.backend import find_backend
 from synth.rendering.lens_warp import LensPainter
@@ -81,6 +82,7 @@ class Renderer:
         else:
             self._painter = RayPainter(model, geom_ids, rig, step)
         self._model, self._data = model, mujoco.MjData(model)
+        self._moved, self._bending = False, Bending(model)
         # 0 stands for no geom.
         self._ids = np.concatenate([[0], geom_ids]).astype(np.uint16)
         self._parts = np.concatenate([[0], geom_parts(model)]).astype(np.uint8)
@@ -125,8 +127,12 @@ class Renderer:
         return self._painter.paint_alone(self._data, view, 1 + person)
 
     def _move(self, qpos: np.ndarray) -> None:
+        if self._moved and np.array_equal(self._data.qpos, qpos):
+            return
+        self._moved = True
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
+        self._bending.apply(self._data)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
 

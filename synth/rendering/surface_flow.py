@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from dmae.data.cameras import CameraRig
+from synth.people.bending import Bending
 
 
 class SurfaceFlow:
@@ -16,6 +17,7 @@ class SurfaceFlow:
 
     def __init__(self, model: mujoco.MjModel, rig: CameraRig):
         self._model, self._rig, self._next = model, rig, mujoco.MjData(model)
+        self._bending = Bending(model)
         self._moves = np.concatenate([[False], model.body_weldid[model.geom_bodyid] > 0])
         self._view, self._rays = None, np.empty(0)
 
@@ -40,6 +42,7 @@ class SurfaceFlow:
             return flow
         self._next.qpos[:] = following
         mujoco.mj_kinematics(self._model, self._next)
+        self._bending.apply(self._next)
         camera = self._rig[view : view + 1]
         pose, pixels = camera.cam_from_world[0], np.stack([column, row], -1).astype(float)
         rays = self._rays_of(camera, view, depth.shape)[row, column]

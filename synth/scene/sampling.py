@@ -1,7 +1,7 @@
 """Draw a clip's scene from a configuration and a seed: people, clothes, motions, placement, props."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from synth.motion.path_planning import redirect, redirected_path
 from synth.motion.source import MotionConfig
 from synth.people.anthropometry import sample_body
 from synth.people.body import ADULT_AGE, Body
-from synth.people.clothing import PersonLooks, sample_looks
+from synth.people.clothing import PersonLooks, sample_hands, sample_looks
 from synth.people.mjcf import MOST_PERSONS
 from synth.rooms.catalogue import arena_file
 from synth.rooms.decor import sample_decor, sample_tint
@@ -35,8 +35,8 @@ from synth.scene.spec import (
     planned_frames,
 )
 
-_BYSTANDERS, _PLACES = 2, 3
-"""Children of the scene's stream that draw bystanders and their places, after those of textures and of colours."""
+_BYSTANDERS, _PLACES, _HANDS = 2, 3, 4
+"""Children of the scene's stream that draw bystanders, their places, and hands, after those of textures and colours."""
 _ASIDE = 0.65
 """Least distance of bystanders' hips from other people's, m."""
 
@@ -133,6 +133,7 @@ def sample_people(
         bodies, looks = bodies + others[0], looks + others[1]
     frames = planned_frames(config.seconds)
     motions, script = draw_motions(motion, interaction, bodies, frames, PLAN_FPS, config.radius, seed, clip)
+    looks = _with_hands(looks, script, rng=generator(seed, clip, Stream.SCENE).spawn(_HANDS + 1)[_HANDS])
     return People(bodies, looks, motions, script, clearance, frames, motion, interaction, seed, clip)
 
 
@@ -157,6 +158,14 @@ def _count_participants(config: SceneConfig, interaction: InteractionConfig, *, 
 def _draw_people(count: int, children: float, *, rng: np.random.Generator) -> tuple[list[Body], list[PersonLooks]]:
     bodies = [sample_body(children, rng=rng) for _ in range(count)]
     return bodies, [sample_looks(body.feminine, child=body.age < ADULT_AGE, rng=rng) for body in bodies]
+
+
+def _with_hands(looks: list[PersonLooks], script: Script | None, *, rng: np.random.Generator) -> list[PersonLooks]:
+    """Give people the hands that their roles ask for, or any."""
+    drawn = [sample_hands(rng=rng) for _ in looks]
+    asked = [role.hands for role in script.roles] if script else []
+    asked += [None] * (len(looks) - len(asked))
+    return [replace(each, hands=a or d) for each, a, d in zip(looks, asked, drawn, strict=True)]
 
 
 def lay_out(

@@ -1,6 +1,7 @@
 """Small files that ask for large machines, and things that are no files, by reader."""
 
 import io
+import lzma
 import os
 import shutil
 import struct
@@ -10,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.fuzz.readers import CUBE, Reader
+from tests.fuzz.readers import Reader
+from tests.fuzz.seed_files import CUBE
 
 ALIASES = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 40)
@@ -82,6 +84,8 @@ BOMBS: dict[str, list[tuple[str, object]]] = {
     "motion/bvh": [("take.bvh", many_joints), ("take.bvh", "HIERARCHY\n" + "ROOT a\n{\n" + "JOINT a\n{\n" * 50_000)],
     "motion/npz": [("take.npz", lambda: zeros_npz("poses")), ("take.npz", lambda: stated_npz("trans"))],
     "motion/amc": [("99.asf", lambda: _crowded_asf(5000)), ("99_01.amc", ":DEGREES\n" + "1\n" * 100_000)],
+    "motion/compressed": [("take.bvh.xz", lambda: lzma.compress(bytes(1 << 30), preset=0))],
+    "motion/list": [("takes.tsv", "file\tsubject\tset\n" + '"' * 200_000), ("takes.tsv", "\t" * 200_000)],
     "motion/mapping": [("names.yaml", ALIASES), ("names.yaml", DEEP_YAML)],
     "mesh/ply": [("box.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 2000000000\nproperty float x\n"
                              "property float y\nproperty float z\nend_header\n")],

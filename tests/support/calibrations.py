@@ -21,6 +21,15 @@ def pose2sim_text() -> str:
     )
 
 
+def caliscope_text() -> str:
+    return (
+        "[cameras.left]\ncam_id = 0\nrotation_count = 0\nerror = 0.2\nignore = false\nsize = [1000, 600]\n"
+        f"matrix = {K.tolist()}\ndistortions = [-0.2, 0.05, 0.01, -0.02, -0.1]\n"
+        f"translation = {T.tolist()}\nrotation = {R.tolist()}\n"
+        "\n[cameras.spare]\ncam_id = 1\nignore = true\n"
+    )
+
+
 def voxelpose_text() -> str:
     camera = {
         "R": R.tolist(), "T": (1000 * CENTRE)[:, None].tolist(), "fx": 900.0, "fy": 880.0, "cx": 500.0, "cy": 300.0,
@@ -68,6 +77,7 @@ TEXTS = {
     "panoptic": {"calibration_x.json": panoptic_text},
     "shelf": {"calibration.json": shelf_text},
     "easymocap": {"intri.yml": intrinsics_text, "extri.yml": extrinsics_text},
+    "caliscope": {"camera_array.toml": caliscope_text},
 }
 
 

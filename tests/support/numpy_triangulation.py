@@ -16,6 +16,12 @@ _CONVERGED = 1e-6
 """m; shorter steps end the refinement of a point."""
 _HUBER = 2.0
 """Sigmas; residuals beyond them count linearly."""
+_CONTRADICTING, _CONTRADICTED = 1.0, 3.0
+"""Sigmas; with `selective`, a view counts less from the first on, and from the second on not at all."""
+_SELECTED_VIEWS = 4
+"""Fewest views of a point of which some can be left out: with three, the one that errs cannot be told."""
+_AGREEING = 3
+"""Views that a point is made of where as many agree, before it is made of two that agree more closely."""
 _PAIRED_VIEWS = 4
 """Largest number of views from which pairs are made."""
 _CHUNK = 60_000
@@ -23,7 +29,13 @@ _CHUNK = 60_000
 
 
 def triangulate(
-    rig: CameraRig, xy: np.ndarray, confidence: np.ndarray, noise: NoiseModel = DEFAULT_NOISE, iterations: int = 8
+    rig: CameraRig,
+    xy: np.ndarray,
+    confidence: np.ndarray,
+    noise: NoiseModel = DEFAULT_NOISE,
+    iterations: int = 8,
+    *,
+    selective: bool = False,
 ) -> Points:
     """Triangulate points as `dmae.reconstruction.triangulation.triangulate`."""
     xy, confidence = np.asarray(xy, np.float64), np.asarray(confidence, np.float64)
@@ -40,7 +52,7 @@ def triangulate(
     enough = np.flatnonzero(observed.sum(-1) >= 2)
     pairs = min(views, _PAIRED_VIEWS) * (min(views, _PAIRED_VIEWS) - 1) // 2
     for chunk in np.array_split(enough, len(enough) * pairs * views // _CHUNK + 1):
-        observations = _Observations(rig, xy[chunk], observed[chunk], noise.sigma(confidence[chunk]), noise)
+        observations = _Observations(rig, xy[chunk], observed[chunk], noise.sigma(confidence[chunk]), noise, selective)
         start = observations.best_midpoints()
         known = np.isfinite(start[:, 0])
         xyz, cov, used, residual = observations[known].refine(start[known], iterations)
@@ -59,8 +71,16 @@ def triangulate(
 class _Observations:
     """Observations of n points by V views: xy (n, V, 2) px, observed (n, V), sigma (n, V) m."""
 
-    def __init__(self, rig: CameraRig, xy: np.ndarray, observed: np.ndarray, sigma: np.ndarray, noise: NoiseModel):
-        self.pinhole = rig.undistorted
+    def __init__(
+        self,
+        rig: CameraRig,
+        xy: np.ndarray,
+        observed: np.ndarray,
+        sigma: np.ndarray,
+        noise: NoiseModel,
+        selective: bool = False,
+    ):
+        self.pinhole, self.selective = rig.undistorted, selective
         self.noise, self.observed = noise, observed
         self.xy, self.sigma = np.where(observed[..., None], xy, 0), np.where(observed, sigma, 1)
         self.projections, self.focal = rig.projections, np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
@@ -90,7 +110,8 @@ class _Observations:
     def best_midpoints(self) -> np.ndarray:
         """Return the points (n, 3) of the pairs of rays with the smallest truncated error over all views.
 
-        The most confident views form the pairs; all views enter the error.
+        The most confident views form the pairs; all views enter the error. A point on which three views agree comes
+        before one of two.
         """
         rays, centers = self.pinhole.rays(self.xy.swapaxes(0, 1)[None])[0], self.pinhole.centers
         best = np.argsort(np.where(self.observed, self.sigma, np.inf), -1)[:, :_PAIRED_VIEWS]
@@ -103,7 +124,9 @@ class _Observations:
         with np.errstate(invalid="ignore"):
             error = (offset[..., 0] ** 2 + offset[..., 1] ** 2) * scale**2
             error = np.where(depth > _MIN_DEPTH, np.minimum(error, limit), limit)
-        error = np.where(self.observed[:, None], error, 0).sum(-1)
+        error = np.where(self.observed[:, None], error, 0)
+        agreeing = (self.observed[:, None] & (error < limit)).sum(-1)
+        error = error.sum(-1) + np.where(agreeing < _AGREEING, limit * error.shape[-1], 0)
         error[np.isnan(midpoints[..., 0])] = np.inf
         return midpoints[point[:, 0], error.argmin(-1)]
 
@@ -142,7 +165,14 @@ class _Observations:
         # With few views the point follows each of them: with two, a residual shows half the disagreement.
         count = np.maximum(used.sum(-1, keepdims=True), 2)
         used &= error <= self.noise.gate_sigmas * np.sqrt(1 - 1.5 / count)
-        weight = np.where(used, np.minimum(1, _HUBER / np.maximum(error, 1e-9)) * scale**2, 0)
+        down = np.minimum(1, _HUBER / np.maximum(error, 1e-9))
+        if self.selective:
+            # Redescending weights (Huber & Ronchetti, Robust Statistics, 2nd ed., 4.8).
+            fading = (_CONTRADICTED - error) / (_CONTRADICTED - _CONTRADICTING)
+            fallen = np.minimum(1, _CONTRADICTING / np.maximum(error, 1e-9)) * np.clip(fading, 0, 1)
+            down = np.where(used.sum(-1, keepdims=True) >= _SELECTED_VIEWS, fallen, down)
+            used &= down > 0
+        weight = np.where(used, down * scale**2, 0)
         pixels = offset + self.xy
         M = self.projections[:, :, :3]
         jacobian = (M[:, :2] - pixels[..., None] * M[:, None, 2]) / np.maximum(depth, _MIN_DEPTH)[..., None, None]

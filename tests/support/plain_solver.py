@@ -16,8 +16,12 @@ _NEAR = 30.0
 
 def plain(*, K, dist, cam_from_world, size, xy, confidence, bug=""):
     """All pairs of views propose points, the one that most views agree with is solved again from those."""
-    xy = np.stack([cv2.undistortPoints(xy[:, v, None], K[v], dist[v], P=K[v])[:, 0] for v in range(len(K))], 1)
-    seen = np.isfinite(xy[..., 0])
+    # OpenCV ignores the skew of K, so it is given normalised points.
+    axes, centre = K[:, :2, :2], K[:, :2, 2]
+    xy = np.einsum("vij,nvj->nvi", np.linalg.inv(axes), xy - centre)
+    xy = np.stack([cv2.undistortPoints(xy[:, v, None], np.eye(3), dist[v])[:, 0] for v in range(len(K))], 1)
+    xy = np.einsum("vij,nvj->nvi", axes, xy) + centre
+    seen = np.isfinite(xy[..., 0]) & np.isfinite(confidence)
     xy, weight = np.where(seen[..., None], xy, 0), np.where(seen, confidence, 0)
     R, t = cam_from_world[:, :3, :3], cam_from_world[:, :3, 3]
     middle = -np.einsum("vji,vj->vi", R, t).mean(0)

@@ -27,9 +27,11 @@ class CompletionMethod(Entry):
     Attributes:
         learned: The function takes the folder of trained weights, or None for those that come with the package, and
             returns what fills poses. Other functions fill poses themselves.
+        smooths: What it returns is not to be smoothed: it was, or it is what was measured.
     """
 
     learned: bool = False
+    smooths: bool = False
 
     def load(self, weights: Path | None = None) -> Fill:
         """Return what fills poses: a function of poses and their frames per second.

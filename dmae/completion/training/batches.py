@@ -36,11 +36,14 @@ class TrainingBatches(Dataset):
         extra: list[PosePair] | None = None,
         replay: float = 0.0,
         until: float = float("inf"),
+        rank: int = 0,
+        ranks: int = 1,
     ):
         """
         Args:
             extra: Pairs that a share `replay` of the windows is drawn from.
             until: Time, by `time.monotonic`, after which no more recordings are made.
+            rank, ranks: Which of the processes that share each batch this is.
         """
         self.recipe, self.seed, self.first, self.steps, self.batch = recipe, seed, epoch * steps, steps, batch
         rng = generator(seed, epoch, Stream.MASKING)
@@ -58,7 +61,7 @@ class TrainingBatches(Dataset):
                 size += max(len(pool[-1].starts), 1)
                 if time.monotonic() > until:
                     break
-        self.rows = join_rows(pool)
+        self.rows, self.share = join_rows(pool), slice(rank, None, ranks)
 
     def __len__(self) -> int:
         return self.steps
@@ -67,7 +70,8 @@ class TrainingBatches(Dataset):
         if not 0 <= step < self.steps:
             raise IndexError(step)
         rng = generator(self.seed, self.first + step, Stream.WINDOWS)
-        return cut_examples(self.rows, rng.choice(self.rows.starts, self.batch), self.recipe.model)
+        starts = rng.choice(self.rows.starts, self.batch)
+        return cut_examples(self.rows, starts[self.share], self.recipe.model)
 
 
 def validation_batches(pairs: list[PosePair], recipe: Recipe, *, seed: int, batch: int) -> list[Examples]:

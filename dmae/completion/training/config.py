@@ -22,6 +22,15 @@ class Loss(StrEnum):
     for long, where it can be off by decimetres."""
 
 
+class Precision(StrEnum):
+    """Numbers that the network computes with."""
+
+    single = "single"
+    """32 bits."""
+    bf16 = "bf16"
+    """16 bits in products of matrices, where a processor or GPU is faster with them; weights have 32."""
+
+
 @dataclass(frozen=True)
 class ExamplesConfig:
     """What examples are made of."""
@@ -73,11 +82,17 @@ class LearningConfig:
     """Norm to which gradients are clipped."""
     average: float = 0.99
     """Decay of the moving average of the weights, which is what is kept."""
+    devices: int = 1
+    """GPUs that share each batch, or processes where there is no GPU; the result is the same up to rounding."""
+    precision: Precision = Precision.single
+    """Numbers that the network computes with."""
 
     def __post_init__(self):
-        for name in ("steps", "epoch", "batch"):
+        for name in ("steps", "epoch", "batch", "devices"):
             if getattr(self, name) < 1:
                 raise ValueError(f"learning.{name}: expected at least 1, found {getattr(self, name)}")
+        if self.devices > self.batch:
+            raise ValueError(f"learning.devices={self.devices}: expected at most learning.batch, {self.batch}")
         if not 0 <= self.average < 1:
             raise ValueError(f"learning.average: expected a decay in [0, 1), found {self.average}")
 

@@ -70,6 +70,9 @@ class Learner(lightning.LightningModule):
 
     def _rate(self, _: int) -> float:
         done, warmup = self.fraction(), max(self.train_config.learning.warmup, 1e-3)
+        if self.limit.limited:
+            # Clocks of processes differ, and their weights must not.
+            done = self.trainer.strategy.broadcast(done)
         return min(1.0, (done + 1e-3) / warmup) * 0.5 * (1 + math.cos(math.pi * done))
 
     def configure_optimizers(self):
@@ -96,6 +99,8 @@ class Learner(lightning.LightningModule):
             extra=self.extra,
             replay=config.examples.replay or 0.0,
             until=self.limit.until(),
+            rank=self.trainer.global_rank,
+            ranks=self.trainer.world_size,
         )
         self.limit.preparing = time.monotonic() - begun
         return DataLoader(batches, batch_size=None, num_workers=config.examples.workers)
@@ -104,14 +109,18 @@ class Learner(lightning.LightningModule):
         return DataLoader(self.validation, batch_size=None)
 
     def training_step(self, batch: Examples, _: int) -> Tensor:
-        predicted, weight = self.model(*batch.windows), self.train_config.learning.observed_weight
+        predicted, weight = self._predict(batch), self.train_config.learning.observed_weight
         loss = self._loss(predicted, batch.truth, batch.hidden)
         if weight:
             loss = loss + weight * self._loss(predicted, batch.truth, batch.observed)
         if not torch.isfinite(loss):
             raise ValueError(self._not_finite(batch, float(loss.detach())))
-        self.log("train_loss", loss)
+        self.log("train_loss", loss, sync_dist=True)
         return loss
+
+    def _predict(self, batch: Examples) -> Prediction:
+        """Return what the network predicts, in single precision whatever it computes with."""
+        return Prediction(*(part.float() for part in self.model(*batch.windows)))
 
     def _not_finite(self, batch: Examples, loss: float) -> str:
         """Save the batch of a loss that is not finite; return what happened and what to do."""
@@ -132,10 +141,12 @@ class Learner(lightning.LightningModule):
         # The negative log likelihood of the scale; its weight is small beside the norm that gradients are clipped to.
         likelihood = distance * (-predicted.log_scale).exp() + 3 * predicted.log_scale
         value = value + _SCALE_WEIGHT * likelihood
-        return (value * counted).sum() / counted.sum().clamp(min=1)
+        # The mean over the joints of all processes: their gradients are averaged.
+        total = self.trainer.strategy.reduce(counted.sum().float(), reduce_op="sum").clamp(min=1)
+        return (value * counted).sum() * self.trainer.world_size / total
 
     def validation_step(self, batch: Examples, _: int) -> None:
-        for name, predicted in (("model", self.model(*batch.windows).xyz), ("interpolation", batch.windows.base)):
+        for name, predicted in (("model", self._predict(batch).xyz), ("interpolation", batch.windows.base)):
             distance = torch.linalg.norm(predicted - batch.truth, dim=-1)[batch.hidden]
             if len(distance):
                 self.log(f"hidden_{name}_mm", 1000 * distance.mean(), batch_size=len(distance), sync_dist=True)

@@ -17,9 +17,18 @@ from dmae.completion.network.build import build_network
 from dmae.completion.network.paper import DMAE
 from dmae.completion.normalisation import rest_pose
 from dmae.completion.training.batches import calibration_poses, validation_batches
-from dmae.completion.training.callbacks import AverageWeights, ShowProgress, StopInTime, quiet_lightning
+from dmae.completion.training.callbacks import (
+    STEPS,
+    AverageWeights,
+    ReportSteps,
+    ShowProgress,
+    StopInTime,
+    errors_of_processes,
+    quiet_lightning,
+    strategy_of,
+)
 from dmae.completion.training.checkpoints import CHECKPOINT, CheckedCheckpoints, newest_checkpoint
-from dmae.completion.training.config import TrainConfig
+from dmae.completion.training.config import Precision, TrainConfig
 from dmae.completion.training.examples import Examples, Recipe
 from dmae.completion.training.learner import Learner
 from dmae.completion.training.pose_pairs import PosePair
@@ -32,6 +41,8 @@ from dmae.data.clip import Clip
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import BODY25, Skeleton, get_skeleton
 
+_PRECISION = {Precision.single: "32-true", Precision.bf16: "bf16-mixed"}
+_QUIET = {"enable_progress_bar": False, "enable_model_summary": False}
 _ONES = ((1.0,) * CLASSES,) * 2
 """Factors of uncertainty that change nothing."""
 
@@ -120,6 +131,10 @@ def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, dict[st
     learning, checkpoint = config.learning, newest_checkpoint(out)
     with quiet_lightning():
         trainer = lightning.Trainer(
+            devices=learning.devices,
+            strategy=strategy_of(learning.devices),
+            precision=_PRECISION[learning.precision],
+            use_distributed_sampler=False,
             max_steps=learning.steps,
             max_epochs=-1,
             gradient_clip_val=learning.max_gradient,
@@ -129,6 +144,7 @@ def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, dict[st
                 ModelCheckpoint(out, Path(CHECKPOINT).stem, every_n_epochs=1, enable_version_counter=False),
                 AverageWeights(learning.average),
                 ShowProgress(),
+                ReportSteps(),
             ],
             plugins=[CheckedCheckpoints()],
             logger=TensorBoardLogger(out, name="", version="tensorboard"),
@@ -137,12 +153,16 @@ def _fit(learner: Learner, config: TrainConfig, out: Path) -> tuple[int, dict[st
             num_sanity_val_steps=0,
             limit_val_batches=1.0 if learner.validation else 0,
             reload_dataloaders_every_n_epochs=1,
-            enable_progress_bar=False,
-            enable_model_summary=False,
+            **_QUIET,
         )
-        trainer.fit(learner, ckpt_path=checkpoint, weights_only=True)
+        with errors_of_processes():
+            trainer.fit(learner, ckpt_path=checkpoint, weights_only=True)
+        steps = int(trainer.callback_metrics[STEPS])
+        if learning.devices > 1 or learning.precision != Precision.single:
+            # The weights are used by one process, in single precision.
+            trainer = lightning.Trainer(devices=1, logger=False, **_QUIET)
         scores = trainer.validate(learner, verbose=False)[0] if learner.validation else {}
-    return trainer.global_step, scores
+    return steps, scores
 
 
 def _reserve_time(
@@ -210,6 +230,10 @@ def _claim(out: Path, config: TrainConfig, skeleton: Skeleton, init: dict | None
     for name in ("workers", "views", "damaged"):
         del wanted["examples"][name]
     wanted["learning"]["lr"] = config.peak_lr
+    del wanted["learning"]["devices"]
+    if config.learning.precision == Precision.single:
+        # As models made before there was a choice.
+        del wanted["learning"]["precision"]
     wanted |= {"skeleton": skeleton.name, "init": init and init["sha256"]}
     wanted["clips"] = {name: _digest(pair) for name, pair in pairs.items()}
     claim_folder(out / "training.json", wanted, "a model")

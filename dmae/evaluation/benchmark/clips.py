@@ -11,7 +11,7 @@ from dmae.data.resume import claim_folder
 from dmae.data.store import load_clip, read_manifest, save_clip
 from dmae.evaluation.benchmark.checksums import FrozenMatch, check_clip
 from dmae.evaluation.benchmark.definition import BenchmarkSize, ClipSet, Definition
-from dmae.parallel import in_parallel
+from dmae.parallel import backend_in_use, in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
@@ -68,7 +68,7 @@ def _generate(each: ClipSet, data: Path, workers: int) -> None:
         return
     command = [
         sys.executable, "-m", "synth.cli", "generate", f"out='{folder}'", f"seed={each.seed}", f"clips={each.clips}",
-        f"workers={workers}", *each.options,
+        f"workers={workers}", f"backend={backend_in_use()}", *each.options,
     ]  # fmt: skip
     if "'" in str(folder):
         raise ValueError(f"out: expected a path without quotes, found {folder}")

@@ -15,7 +15,7 @@ from dmae.evaluation.benchmark.hand_in import OURS, HandIn, Task, find_hand_in
 from dmae.evaluation.benchmark.holes import holes_of_capture, holes_of_sight
 from dmae.evaluation.benchmark.summary import capture_summary, completion_summary
 from dmae.files.structured import read_json
-from dmae.parallel import in_parallel
+from dmae.parallel import Backend, in_parallel, running_on
 from dmae.progress import progress
 
 
@@ -44,6 +44,8 @@ class BenchmarkConfig:
     """Folder of the clips, which runs can share; by default `data` in `out`."""
     workers: int = 1
     """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
     out: str = "runs/benchmark"
     """Folder for `scores.json`, `benchmark.html` and the clips."""
 
@@ -83,10 +85,12 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
     if earlier:
         check_same(earlier, definition.name, config.size)
     data = Path(config.data_folder) if config.data_folder else Path(config.out) / "data"
-    agreement = make_clips(definition, config.size, data, config.workers)
+    with running_on(config.backend):
+        agreement = make_clips(definition, config.size, data, config.workers)
     level_of = {name: each.level for each in sets for name in each.ids}
     tasks = [(data, name, hand_ins) for name in ids]
-    scored = list(progress(in_parallel(score_clip, tasks, config.workers), "scoring clips", len(ids)))
+    with running_on(config.backend):
+        scored = list(progress(in_parallel(score_clip, tasks, config.workers), "scoring clips", len(ids)))
     scores = {
         "benchmark": definition.name,
         "size": BenchmarkSize(config.size).value,

@@ -12,7 +12,12 @@ from dmae.evaluation.report.joints import joints_of
 from dmae.evaluation.report.moments import WorstMoment, worst_moments
 from dmae.evaluation.report.reprojection import reprojection
 from dmae.evaluation.report.stated_uncertainty import counts_in_regions
+from dmae.evaluation.review.decisions import checksum
+from dmae.evaluation.review.ranking import Doubt, rank_doubts
 from dmae.numerics.robust import mean_known
+
+_DOUBTS = 40
+"""Doubtful joints that the page lists of a clip."""
 
 
 class State(StrEnum):
@@ -46,6 +51,8 @@ class Findings:
         residuals_completed: Likewise of completed joints.
         moments: The worst ones.
         error: (F,) mean error of each frame, mm; None without truth.
+        doubts: The joints that are likeliest to be off, by signs that need no truth.
+        poses_checksum: Of the poses, which decisions on them name.
     """
 
     id: str
@@ -64,6 +71,8 @@ class Findings:
     residuals_completed: dict[str, dict[str, JointGroup]] = field(default_factory=dict)
     moments: list[WorstMoment] = field(default_factory=list)
     error: np.ndarray | None = None
+    doubts: list[Doubt] = field(default_factory=list)
+    poses_checksum: str = ""
 
     def share(self, *sources: Source) -> float | None:
         """Return the share of the joints that have one of these sources; None of no joints."""
@@ -100,6 +109,8 @@ def examine(clip: Clip) -> Findings:
         residuals_completed=reprojected.completed,
         moments=worst_moments(clip, joints, reprojected),
         error=mean_known(error, (1, 2)) if facts["has_truth"] else None,
+        doubts=rank_doubts(clip)[:_DOUBTS],
+        poses_checksum=checksum(clip.poses),
     )
 
 

@@ -10,6 +10,7 @@ from dmae.evaluation.report.findings import Findings, State, examine
 from dmae.evaluation.report.sections import (
     breakdown_sections,
     clips_section,
+    doubts_section,
     moments_section,
     residuals_section,
     uncertainty_section,
@@ -51,6 +52,7 @@ def write_clips_report(
     sections = [
         *clips_section(findings, ranges),
         *moments_section(findings, ranges),
+        *doubts_section(findings, ranges),
         *breakdown_sections(findings),
         *uncertainty_section(findings),
         *residuals_section(findings),

@@ -41,7 +41,7 @@ def reprojection(clip: Clip) -> Reprojection:
     worst, where = np.full((frames, persons), np.nan), np.zeros((frames, persons, 2), int)
     for start in range(0, frames if persons else 0, _CHUNK):
         part = slice(start, start + _CHUNK)
-        error = _errors(clip.select(frames=part), poses.select(part))
+        error = reprojection_errors(clip.select(frames=part), poses.select(part))
         source = np.broadcast_to(poses.source[part][:, None], error.shape)
         is_completed = source == Source.COMPLETED
         for kept, into in ((~is_completed, measured), (is_completed, completed)):
@@ -54,7 +54,7 @@ def reprojection(clip: Clip) -> Reprojection:
     return Reprojection(measured, completed, worst, where)
 
 
-def _errors(clip: Clip, poses: Poses3D) -> np.ndarray:
+def reprojection_errors(clip: Clip, poses: Poses3D) -> np.ndarray:
     """Return the distances (F, V, P, J) between reprojected joints and those of the matched detection, px."""
     pixels, depth = clip.rig.project(poses.xyz)
     errors = np.full(pixels.shape[:-1], np.nan)

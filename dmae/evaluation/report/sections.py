@@ -11,10 +11,12 @@ from dmae.evaluation.report.findings import Findings
 from dmae.evaluation.report.joint_groups import JointGroup
 from dmae.evaluation.report.moments import WorstMoment
 from dmae.evaluation.report.pooled import pooled_groups, pooled_regions, pooled_truth
+from dmae.evaluation.report.residual_tables import residual_tables
 from dmae.evaluation.report.stated_uncertainty import PROBABILITIES
+from dmae.evaluation.review.decisions import DECISIONS, FORMAT, ReviewVerdict
 from dmae.reporting.figures import COMPLETED, PERSONS
 from dmae.reporting.page import CaptionedFigure, Section
-from dmae.reporting.tables import Moment, Table
+from dmae.reporting.tables import Choices, Moment, Table
 
 _KINDS = {
     "error": "Largest errors of a joint",
@@ -92,6 +94,38 @@ def _moments_table(caption: str, found: Sequence[tuple[Findings, WorstMoment]], 
     return Table(caption, header, rows, moments=places)
 
 
+def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> list[Section]:
+    """Return the joints of the clips that the player holds that are likeliest to be off, for a reader to decide on."""
+    tables = [_doubts_table(each, played[each.id]) for each in findings if each.id in played and each.doubts]
+    text = (
+        "The joints that are likeliest to be off, by signs that need no truth: stated error, bones that change their "
+        "length, jumps, distance from detections. Choose one to see it in the player, and decide: accept, blank, or "
+        "hand back to completion. Put the saved file into the folder of the clip: dmae export and dmae complete "
+        "follow it."
+    )
+    return [Section("Doubtful joints", text, tables)] if tables else []
+
+
+def _doubts_table(found: Findings, played: range) -> Table:
+    rows, places, choices = [], [], []
+    for entry, doubt in enumerate(found.doubts, 1):
+        inside = doubt.worst in played
+        rows.append(
+            (str(entry), str(doubt.person), doubt.joint, f"{doubt.worst}", f"{1000 * doubt.doubt:.0f}", doubt.reason,
+             doubt.source.name.lower(), str(doubt.views))
+        )  # fmt: skip
+        places.append(Moment(found.id, doubt.worst, doubt.person) if inside else None)
+        choices.append({"person": doubt.person, "joint": doubt.joint, "first": doubt.first, "last": doubt.last})
+    return Table(
+        f"Doubtful joints of {found.id}",
+        ("entry", "person", "joint", "frame", "doubt mm", "largest sign", "source", "cameras"),
+        rows,
+        bars=(4,),
+        moments=places,
+        choices=Choices(DECISIONS, [*ReviewVerdict], choices, {"format": FORMAT, "poses": found.poses_checksum}),
+    )
+
+
 def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:
     """Return errors, or counts where there is no truth, by gap, joint, cause of occlusion and number of cameras."""
     groups = pooled_groups(findings, "breakdowns")
@@ -139,19 +173,7 @@ def residuals_section(findings: Sequence[Findings]) -> list[Section]:
     """Return reprojection errors by camera, person and joint; people of one clip only, as they are its own."""
     measured, completed = (pooled_groups(findings, name) for name in ("residuals", "residuals_completed"))
     names = ("camera", "person", "joint") if len(findings) == 1 else ("camera", "joint")
-    tables = []
-    for name in (name for name in names if name in measured):
-        rows = []
-        for group, each in measured[name].items():
-            other: JointGroup | None = completed.get(name, {}).get(group)
-            if each.compared or (other and other.compared):
-                rows.append(
-                    (group, f"{each.compared:,}", text(each.mean, 1), text(each.quantile(0.9), 1),
-                     f"{other.compared:,}" if other else "0", text(other and other.mean, 1))
-                )  # fmt: skip
-        header = (name, "measured", "measured px", "90 % under", "completed", "completed px")
-        if rows:
-            tables.append(Table(f"By {name}", header, rows, bars=(2, 5)))
+    tables = residual_tables(measured, completed, names)
     if not tables:
         return []
     words = (

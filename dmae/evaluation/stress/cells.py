@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dmae.completion.methods.registry import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.corruption.corrupt import corrupt
@@ -20,7 +21,7 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
 SMOOTHING = 0.1
-"""s; smoothing after every method except `measured`, as by `dmae evaluate`."""
+"""s; smoothing after every method except those that smooth themselves, as by `dmae evaluate`."""
 KEPT = ("pcp", "pck", "mpjpe", "shares", "hidden", "idf1", "blocks")
 """Scores that are kept."""
 
@@ -83,9 +84,9 @@ def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> d
                 f"method {contender.name}: expected poses of {given.xyz.shape[1]} persons in {len(given.xyz)} frames "
                 f"back, found {filled.xyz.shape[1]} in {len(filled.xyz)}"
             )
-        filled = convert(filled, clip.truth.skeleton)
-        if contender.method != "measured":
+        if not (contender.method in completion_method and find_method(contender.method).smooths):
             filled = smooth(filled, clip.fps, SMOOTHING)
+        filled = convert(filled, clip.truth.skeleton)
         found = score(filled, given, clip.truth, subject.actors, fps=clip.fps)
         scores[contender.name] = {name: found[name] for name in KEPT}
     return scores

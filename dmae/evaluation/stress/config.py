@@ -6,6 +6,8 @@ from enum import StrEnum
 from dmae.completion.methods.registry import completion_method
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.reading import DataConfig
+from dmae.parallel import Backend
+from dmae.parts import numbers_of
 from dmae.reconstruction.config import CaptureConfig
 
 PAPER = "paper"
@@ -48,8 +50,22 @@ class StressConfig:
     """Seed of what is drawn at random."""
     workers: int = 1
     """Processes; -1 for one a core. The results are the same."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    first: int = 0
+    """Number of the first clip of the data set, counted from 0."""
+    clips: int | None = None
+    """Number of clips, of all shards together; by default all from `first` on."""
+    shard: str | None = None
+    """Which piece of the clips: `shard=3/16` the third of sixteen, in a folder of its own; `dmae merge` joins them."""
+    dry_run: bool = False
+    """Only print how many cells are to be computed, and what time that takes, as a few of them show."""
     out: str = "runs/stress"
     """Folder of `stress.json` and `stress.html`, and of `cache`, from which later runs take what they share."""
+
+    def numbers(self, total: int) -> range:
+        """Return the numbers of the clips to stress, of all clips of the data set."""
+        return numbers_of(total, self.first, self.clips, self.shard)
 
     def __post_init__(self):
         if not self.methods:

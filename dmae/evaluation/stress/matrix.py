@@ -1,5 +1,6 @@
 """The stress matrix: every cell of every clip, from the cache or computed, and what comes of it."""
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +13,14 @@ from dmae.evaluation.stress.contenders import Contender, contenders
 from dmae.evaluation.stress.curves import Runs, curves
 from dmae.evaluation.stress.plan import Cell, Plan, allowed, plan
 from dmae.evaluation.stress.words import counted
-from dmae.parallel import in_parallel
+from dmae.formats.reading import Clips
+from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import progress
+
+CACHE = "cache"
+"""Folder of results, in that of a stress test."""
+_TRIED = 3
+"""Cells that a forecast computes."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +89,8 @@ def prepare(clips: Sequence[Clip], config: StressConfig, cache: Path | None = No
     """
     if not len(clips):
         raise ValueError("no clip to stress: expected one or more")
+    numbers = config.numbers(len(clips))
+    clips = clips.part(numbers) if isinstance(clips, Clips) else [clips[number] for number in numbers]
     planned, compared = plan(config), contenders(config)
     hashes, ids, known = [], [], []
     for clip in clips:
@@ -104,11 +113,31 @@ def compute(matrix: Matrix) -> dict:
     Each cell is kept as soon as it is computed, so that a run can be interrupted at any time and continued.
     """
     missing = matrix.missing()
-    done = in_parallel(_run, _tasks(matrix, missing), matrix.config.workers, ordered=False)
+    with running_on(matrix.config.backend):
+        done = in_parallel(_run, _tasks(matrix, missing), matrix.config.workers, ordered=False)
     for clip, cell, scores in progress(done, "stressing", len(missing)):
         for contender in missing[clip, cell]:
             matrix.cache.put(matrix.key(clip, cell, contender), scores[contender.name])
     return curves(matrix.plan, matrix.contenders, _runs(matrix), matrix.ids, matrix.reference)
+
+
+def time_of(matrix: Matrix) -> float:
+    """Return about how long `compute` takes, s, as a few of the cells show; nothing of them is kept on disk."""
+    missing = matrix.missing()
+    if not missing:
+        return 0.0
+    places = list(missing)
+    # The first cell also loads what methods need.
+    chosen = [places[0], *(places[number * len(places) // _TRIED] for number in range(_TRIED))]
+    spent = []
+    for clip, cell in chosen:
+        subject = subject_of(matrix.clips[clip], matrix.config.capture)
+        start = time.perf_counter()
+        run_cell(subject, cell, missing[clip, cell])
+        spent.append(time.perf_counter() - start)
+    with running_on(matrix.config.backend):
+        processes = min(process_count(matrix.config.workers), len(places))
+    return sum(spent[1:]) / len(spent[1:]) * len(places) / processes
 
 
 def _tasks(matrix: Matrix, missing: dict[tuple[int, Cell], list[Contender]]) -> Iterator[tuple]:

@@ -1,4 +1,4 @@
-"""A table of the source of each joint, for files in formats that have no place for it."""
+"""Tables of the source and of the covariance of each joint, for files in formats that have no place for them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,25 +7,76 @@ import numpy as np
 
 from dmae.data.clip import Source
 from dmae.data.store import write_atomic
+from dmae.files.contents import read_text
+
+_AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
+_ROWS, _COLUMNS = np.triu_indices(3)
 
 
-def write_source_table(path: Path, names: Sequence[str], source: np.ndarray) -> None:
-    """Write `<name>.source.csv`: measured, denoised, completed or absent, a row a frame from 1 on, a column a joint.
+def write_source_table(path: Path, names: Sequence[str], source: np.ndarray, first: int = 1) -> None:
+    """Write `<name>.source.csv`: measured, denoised, completed or absent, a row a frame, a column a joint.
 
     Args:
         path: The file that the table is about.
         names: J names of joints, as in that file.
         source: (F, J) `Source`.
+        first: Number of the first frame.
     """
     words = np.array([kind.name.lower() for kind in Source])[source]
     rows = [",".join(["Frame#", *names])]
-    rows += [",".join([str(frame), *row]) for frame, row in enumerate(words, 1)]
+    rows += [",".join([str(frame), *row]) for frame, row in enumerate(words, first)]
     write_atomic(source_table(path), "\n".join(rows) + "\n")
 
 
 def source_table(path: Path) -> Path:
     """Return the path of the table about a file."""
     return Path(path).with_suffix(".source.csv")
+
+
+def write_covariance_table(path: Path, names: Sequence[str], cov: np.ndarray, first: int = 1) -> None:
+    """Write `<name>.covariance.csv`: six columns a joint, xx to zz, in the axes and the unit of the file, squared.
+
+    Without any covariance no table is written, and one of earlier poses is removed.
+
+    Args:
+        cov: (F, J, 3, 3); NaN, an empty cell, where unknown.
+        path, names, first: As in `write_source_table`.
+    """
+    if np.isnan(cov).all():
+        covariance_table(path).unlink(missing_ok=True)
+        return
+    rows = [",".join(["Frame#", *(f"{name}_{axes}" for name in names for axes in _AXES)])]
+    for frame, values in enumerate(cov[:, :, _ROWS, _COLUMNS].reshape(len(cov), -1), first):
+        rows.append(",".join([str(frame), *("" if np.isnan(value) else f"{value:.6g}" for value in values)]))
+    write_atomic(covariance_table(path), "\n".join(rows) + "\n")
+
+
+def read_covariance_table(path: Path, frames: int, joints: int) -> np.ndarray | None:
+    """Return what `write_covariance_table` wrote about a file, (F, J, 3, 3); None where there is no table.
+
+    Raises:
+        ValueError: it is malformed, or of other frames or joints.
+    """
+    beside = covariance_table(path)
+    if not beside.is_file():
+        return None
+    lines = [line.split(",") for line in read_text(beside).splitlines()[1:]]
+    if len(lines) != frames or any(len(line) != 1 + len(_AXES) * joints for line in lines):
+        raise ValueError(
+            f"{beside}: expected {frames} frames of {joints} markers as in {path.name}; delete it if it is not its"
+        )
+    try:
+        values = np.array([[float(cell) if cell.strip() else np.nan for cell in line[1:]] for line in lines])
+    except ValueError as error:
+        raise ValueError(f"{beside}: expected numbers, {error}") from None
+    cov = np.empty((frames, joints, 3, 3))
+    cov[..., _ROWS, _COLUMNS] = cov[..., _COLUMNS, _ROWS] = values.reshape(frames, joints, len(_AXES))
+    return cov
+
+
+def covariance_table(path: Path) -> Path:
+    """Return the path of the table of covariances about a file."""
+    return Path(path).with_suffix(".covariance.csv")
 
 
 def person_paths(path: Path, persons: int) -> list[Path]:

@@ -6,8 +6,12 @@ from pathlib import Path
 
 from dmae.data.cameras import CameraRig
 
+_OPTIONS = "data.calibration=... or data.detections=..."
 
-def match_cameras(names: Sequence[str], rig: CameraRig, path: Path) -> tuple[list[int], str | None]:
+
+def match_cameras(
+    names: Sequence[str], rig: CameraRig, path: Path, what: str = "detections", options: str = _OPTIONS
+) -> tuple[list[int], str | None]:
     """Match the cameras of detections to those of a rig.
 
     Cameras match by name, ignoring case and punctuation; or by the last number in it; or, where there are no numbers,
@@ -17,6 +21,8 @@ def match_cameras(names: Sequence[str], rig: CameraRig, path: Path) -> tuple[lis
         names: Of the cameras of the detections.
         rig: Calibrated cameras.
         path: Of the recording, for messages.
+        what: What the cameras with these names hold, for messages.
+        options: That name other files, for messages.
 
     Returns:
         index: Into the rig, one for each name.
@@ -26,18 +32,18 @@ def match_cameras(names: Sequence[str], rig: CameraRig, path: Path) -> tuple[lis
         ValueError: they do not match; the message has both lists.
     """
     calibrated, found = [_plain(name) for name in rig.names], [_plain(name) for name in names]
-    both = f"detections of {', '.join(names)} and calibration of {', '.join(rig.names)}"
+    both = f"{what} of {', '.join(names)} and calibration of {', '.join(rig.names)}"
     if len(set(found)) < len(found) or len(set(calibrated)) < len(calibrated):
         raise ValueError(f"{path}: expected different cameras, found {both}")
     if set(found) <= set(calibrated):
         spare = [name for name, plain in zip(rig.names, calibrated, strict=True) if plain not in found]
-        note = f"{len(spare)} calibrated cameras have no detections and are left out: {', '.join(spare[:5])}"
+        note = f"{len(spare)} calibrated cameras have no {what} and are left out: {', '.join(spare[:5])}"
         return [calibrated.index(name) for name in found], note if spare else None
     if set(found) & set(calibrated) or len(names) != len(rig):
         lacking = [name for name, plain in zip(names, found, strict=True) if plain not in calibrated]
         raise ValueError(
-            f"{path}: expected a calibration of each camera that has detections, found {both}: {', '.join(lacking)} "
-            "has none; name the cameras alike, or name other files by data.calibration=... or data.detections=..."
+            f"{path}: expected a calibration of each camera that has {what}, found {both}: {', '.join(lacking)} "
+            f"has none; name the cameras alike, or name other files by {options}"
         )
     numbers = [[_number(name) for name in part] for part in (names, rig.names)]
     ranks, how = [_ranks([natural(name) for name in part]) for part in (names, rig.names)], "in order of their names"
@@ -48,7 +54,7 @@ def match_cameras(names: Sequence[str], rig: CameraRig, path: Path) -> tuple[lis
         ranks, how = [_ranks(part) for part in numbers], "by number" if steps == {0} else "in order of their numbers"
     index = [ranks[1].index(rank) for rank in ranks[0]]
     pairs = ", ".join(f"{name} = {rig.names[i]}" for name, i in zip(names, index, strict=True))
-    return index, f"cameras of detections and calibration are matched {how}: {pairs}"
+    return index, f"cameras of {what} and calibration are matched {how}: {pairs}"
 
 
 def _plain(name: str) -> str:

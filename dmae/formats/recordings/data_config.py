@@ -14,8 +14,8 @@ class DataConfig:
     """Format; by default recognised by the files in `path`."""
     path: str = "???"
     """Folder of the recording, of a clip, or of a data set of clips."""
-    cameras: list[int] | None = None
-    """Views to use, counted from 0; by default all."""
+    cameras: list[int | str] | None = None
+    """Cameras to use, by name or counted from 0; by default all."""
     frames: list[int] | None = None
     """First frame to use, and the one after the last; by default all."""
     calibration: str | None = None

@@ -64,19 +64,28 @@ def select_frames(clip: Clip, frames: list[int] | None) -> Clip:
     return replace(selected, provenance=clip.provenance | {"first_frame": first, "frames": list(frames)})
 
 
-def select_views(clip: Clip, cameras: list[int] | None) -> Clip:
-    """Return the clip of some cameras, counted from 0; None selects all.
+def select_views(clip: Clip, cameras: Sequence[int | str] | None) -> Clip:
+    """Return the clip of some cameras, by name or counted from 0; None selects all.
+
+    A whole number counts cameras, unless one has it as its name and all of `cameras` are names.
 
     Raises:
         ValueError: the clip lacks one of the cameras, or one is named twice.
     """
     if cameras is None:
         return clip
-    unknown = [camera for camera in cameras if not 0 <= camera < len(clip.rig)]
-    if unknown or not cameras or len(set(cameras)) != len(cameras):
-        there = ", ".join(f"{i} ({name})" for i, name in enumerate(clip.rig.names))
-        raise ValueError(f"data.cameras={cameras}: expected different cameras of clip {clip.id!r}, which has {there}")
-    return clip.select(views=list(cameras))
+    names = clip.rig.names
+    if all(str(camera) in names for camera in cameras) and any(isinstance(camera, str) for camera in cameras):
+        index = [names.index(str(camera)) for camera in cameras]
+    else:
+        index = [names.index(camera) if camera in names else camera for camera in cameras]
+    unknown = [camera for camera in index if not isinstance(camera, int) or not 0 <= camera < len(names)]
+    if unknown or not index or len(set(index)) != len(index):
+        there = ", ".join(f"{i} ({name})" for i, name in enumerate(names))
+        raise ValueError(
+            f"data.cameras={list(cameras)}: expected different cameras of clip {clip.id!r}, which has {there}"
+        )
+    return clip.select(views=index)
 
 
 def camera_subsets(clip: Clip, sizes: Sequence[int]) -> list[list[int]]:

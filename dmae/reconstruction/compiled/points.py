@@ -10,7 +10,22 @@ _PAIRED_VIEWS = 4
 
 @compiled()
 def triangulate_points(
-    projections, rays, centers, focal, xy, sigma, min_sigma_px, gate, limits, iterations, xyz, cov, used, residual
+    projections,
+    rays,
+    centers,
+    focal,
+    xy,
+    sigma,
+    min_sigma_px,
+    gate,
+    limits,
+    agreeing,
+    selected,
+    iterations,
+    xyz,
+    cov,
+    used,
+    residual,
 ):
     """Triangulate n points, each on its own, and write those that are found into the last four arrays.
 
@@ -23,8 +38,10 @@ def triangulate_points(
         sigma: (n, V) m at the depth of the point; NaN where a view does not see it.
         min_sigma_px: Smallest sigma in the image, px.
         gate: Sigmas; residuals beyond them are not used.
-        limits: (4,) least depth, m; length of the last step, m; sigmas up to which errors are squared; largest standard
-            error, m.
+        limits: (6,) least depth, m; length of the last step, m; sigmas up to which errors are squared; largest standard
+            error, m; sigmas from which a view counts less, and from which not at all, where views are selected.
+        agreeing: Points on which so many views agree come before others.
+        selected: Fewest views of a point of which those that contradict the others are left out.
         iterations: Largest number of Gauss-Newton steps.
         xyz: (n, 3) m, filled with NaN by the caller.
         cov: (n, 3, 3) m^2, filled with NaN by the caller.
@@ -32,7 +49,7 @@ def triangulate_points(
         residual: (n,) px, filled with NaN by the caller.
     """
     views = xy.shape[1]
-    min_depth, converged, huber, max_error = limits
+    min_depth, converged, max_error = limits[0], limits[1], limits[3]
     seen, best = np.empty(views, np.int64), np.empty(_PAIRED_VIEWS, np.int64)
     direction, point, proposal = np.empty((_PAIRED_VIEWS, 3)), np.empty(3), np.empty(3)
     information, factor, gradient = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
@@ -53,7 +70,7 @@ def triangulate_points(
             for b in range(a + 1, pairs):
                 if not _midpoint(centers[best[a]], direction[a], centers[best[b]], direction[b], proposal):
                     continue
-                error = 0.0
+                error, near_views = 0.0, 0
                 for k in range(count):
                     v = seen[k]
                     x, y, depth = _project(projections[v], proposal)
@@ -63,6 +80,9 @@ def triangulate_points(
                     near = focal[v] * sigma[i, v] / depth
                     square = ((x - xy[i, v, 0]) ** 2 + (y - xy[i, v, 1]) ** 2) / (min_sigma_px**2 + near**2)
                     error += min(square, gate**2)
+                    near_views += square < gate**2
+                if near_views < agreeing:
+                    error += gate**2 * views
                 if error < least:
                     least = error
                     point[0], point[1], point[2] = proposal[0], proposal[1], proposal[2]
@@ -70,7 +90,7 @@ def triangulate_points(
             continue
         for _ in range(iterations):
             _normal_equations(
-                projections, focal, xy[i], sigma[i], seen, count, point, min_sigma_px, gate, min_depth, huber,
+                projections, focal, xy[i], sigma[i], seen, count, point, min_sigma_px, gate, limits, selected,
                 information, gradient, errors, scales, kept,
             )  # fmt: skip
             _cholesky(information, factor)
@@ -80,7 +100,7 @@ def triangulate_points(
             if max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) < converged:
                 break
         _normal_equations(
-            projections, focal, xy[i], sigma[i], seen, count, point, min_sigma_px, gate, min_depth, huber,
+            projections, focal, xy[i], sigma[i], seen, count, point, min_sigma_px, gate, limits, selected,
             information, gradient, errors, scales, kept,
         )  # fmt: skip
         number, weighted, pixels = 0, 0.0, 0.0
@@ -172,10 +192,11 @@ def _project(projection, point):
 
 @compiled()
 def _normal_equations(
-    projections, focal, xy, sigma, seen, count, point, min_sigma_px, gate, min_depth, huber,
+    projections, focal, xy, sigma, seen, count, point, min_sigma_px, gate, limits, selected,
     information, gradient, errors, scales, kept,
 ):  # fmt: skip
     """Write J^T W J and J^T W r at a point, and each view's error in sigmas, 1 / sigma in 1/px, and use."""
+    min_depth, huber, contradicting, contradicted = limits[0], limits[2], limits[4], limits[5]
     for row in range(3):
         gradient[row] = 0.0
         for column in range(3):
@@ -187,20 +208,32 @@ def _normal_equations(
         kept[v] = depth > min_depth
         ahead += kept[v]
     # With few views the point follows each of them: with two, a residual shows half the disagreement.
-    limit = gate * np.sqrt(1 - 1.5 / max(ahead, 2))
+    limit, within = gate * np.sqrt(1 - 1.5 / max(ahead, 2)), 0
     for k in range(count):
         v = seen[k]
         if not kept[v]:
             continue
         x, y, depth = _project(projections[v], point)
         dx, dy = x - xy[v, 0], y - xy[v, 1]
-        scale = 1 / np.sqrt(min_sigma_px**2 + (focal[v] * sigma[v] / depth) ** 2)
-        error = np.sqrt(dx * dx + dy * dy) * scale
-        errors[v], scales[v] = error, scale
-        if error > limit:
+        scales[v] = 1 / np.sqrt(min_sigma_px**2 + (focal[v] * sigma[v] / depth) ** 2)
+        errors[v] = np.sqrt(dx * dx + dy * dy) * scales[v]
+        kept[v] = errors[v] <= limit
+        within += kept[v]
+    for k in range(count):
+        v = seen[k]
+        if not kept[v]:
+            continue
+        down = min(1.0, huber / max(errors[v], 1e-9))
+        if within >= selected:
+            # Redescending weights (Huber & Ronchetti, Robust Statistics, 2nd ed., 4.8).
+            fading = (contradicted - errors[v]) / (contradicted - contradicting)
+            down = min(1.0, contradicting / max(errors[v], 1e-9)) * min(max(fading, 0.0), 1.0)
+        if down <= 0:
             kept[v] = False
             continue
-        weight = scale**2 * min(1.0, huber / max(error, 1e-9))
+        x, y, depth = _project(projections[v], point)
+        dx, dy = x - xy[v, 0], y - xy[v, 1]
+        weight = scales[v] ** 2 * down
         P = projections[v]
         for row in range(3):
             u, w = (P[0, row] - x * P[2, row]) / depth, (P[1, row] - y * P[2, row]) / depth

@@ -15,7 +15,7 @@ from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip, whole_folder, write_manifest
 from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
 from dmae.files.structured import read_json
-from dmae.parallel import in_parallel
+from dmae.parallel import Backend, in_parallel, running_on
 from dmae.progress import counted_progress
 from synth.datasets.generate import limit_threads
 from synth.datasets.images.clip_images import (
@@ -65,6 +65,8 @@ class RenderConfig:
     """Files of colour images: a video of each camera, or a file of each picture."""
     workers: int = 1
     """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
     rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
     """Other cameras than those of the clips."""
 
@@ -110,7 +112,8 @@ def render(config: RenderConfig) -> list[dict]:
     made: list[dict] = []
     tasks = ((config, settings, folder, number, len(folders)) for number, folder in enumerate(folders))
     try:
-        made += counted_progress(in_parallel(_render, tasks, config.workers), "rendering pictures", tally.count)
+        with running_on(config.backend):
+            made += counted_progress(in_parallel(_render, tasks, config.workers), "rendering pictures", tally.count)
     finally:
         for leftover in out.glob(".*.partial"):
             shutil.rmtree(leftover, ignore_errors=True)
@@ -132,7 +135,7 @@ def _settings(config: RenderConfig, folder: Path) -> dict:
         raise FileNotFoundError(
             f"{path}: no such file; expected a data set that `synth generate` made, or a clip in it"
         )
-    settings = read_json(path) | as_settings(config, leave=("data", "out", "workers", "rig"))
+    settings = read_json(path) | as_settings(config, leave=("data", "out", "workers", "backend", "rig"))
     if config.rig != _OWN:
         settings["rig"] = as_settings(config)["rig"]
     return settings | {"rendered_from": str(Path(config.data).resolve())}

@@ -7,9 +7,9 @@ from pathlib import Path
 from dmae.data.store import CHECKSUMS, MANIFEST, check_vacant, read_manifest, whole_folder, write_manifest
 from dmae.files.checksums import clip_checksum, end_data_set, refuse_damaged
 from dmae.files.structured import read_json
+from dmae.parts import SHARD
 from dmae.progress import progress
 from synth.datasets.clip import clip_id
-from synth.datasets.parts.shards import SHARD
 from synth.datasets.set_folder import CONFIG
 
 _SHOWN = 3

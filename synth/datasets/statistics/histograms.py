@@ -14,6 +14,9 @@ from dmae.numerics.heading import body_heading
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.datasets.splits import SplitBy, identities
+from synth.datasets.statistics.contacts import ClipContacts, clip_contacts
+from synth.physics.body_state import FILE as STATE
+from synth.physics.body_state import load_state
 
 MOST_CAMERAS = 32
 """Counts of cameras end here."""
@@ -67,6 +70,7 @@ class Statistics:
         histograms: By name of `QUANTITIES`, counts in its bins.
         occluders: How often each kind of thing hides a joint: `self`, `person`, or the name of an object.
         scenes: Clips by arena, interaction, and kind of motion: `arena=office`.
+        contacts: Of each clip with the state of its bodies, by interaction: `ClipContacts`.
         persons: Names of persons, and `takes` of takes, as `synth.datasets.splits` has them.
         takes: See `persons`.
         rigs: Names of rigs.
@@ -78,6 +82,7 @@ class Statistics:
     histograms: dict[str, np.ndarray] = field(default_factory=dict)
     occluders: Counter = field(default_factory=Counter)
     scenes: Counter = field(default_factory=Counter)
+    contacts: dict[str, tuple[ClipContacts, ...]] = field(default_factory=dict)
     persons: set[str] = field(default_factory=set)
     takes: set[str] = field(default_factory=set)
     rigs: set[str] = field(default_factory=set)
@@ -91,10 +96,11 @@ class Statistics:
         if self.joints and other.joints and self.joints != other.joints:
             raise ValueError(f"expected clips of one skeleton, found joints {self.joints} and {other.joints}")
         together = {each.name: (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)}
-        names = self.histograms | other.histograms
+        names, kinds = self.histograms | other.histograms, self.contacts | other.contacts
         return Statistics(
             joints=self.joints or other.joints,
             causes=_sum(*together["causes"]),
+            contacts={kind: self.contacts.get(kind, ()) + other.contacts.get(kind, ()) for kind in kinds},
             histograms={name: _sum(self.histograms.get(name), other.histograms.get(name)) for name in names},
             **{name: one + two for name, (one, two) in together.items() if isinstance(one, Counter)},
             **{name: one | two for name, (one, two) in together.items() if isinstance(one, set)},
@@ -105,18 +111,19 @@ def _sum(one: np.ndarray | None, two: np.ndarray | None) -> np.ndarray | None:
     return two if one is None else one if two is None else one + two
 
 
-def measure(data: Path, *, workers: int = 1) -> Statistics:
-    """Return the statistics of a data set, or of a clip.
+def measure(data: Path | list[Path], *, workers: int = 1) -> Statistics:
+    """Return the statistics of data sets, or of clips.
 
     Args:
-        data: Its folder.
+        data: The folder, or several.
         workers: Processes; -1 for one a core.
 
     Raises:
         FileNotFoundError: neither a clip nor a data set is there.
         ValueError: a clip is damaged, or clips are of different skeletons.
     """
-    folders = clip_folders(Path(data))
+    each = data if isinstance(data, list) else [data]
+    folders = [folder for path in each for folder in clip_folders(Path(path))]
     found = in_parallel(_measure_clip, ((folder,) for folder in folders), workers)
     return reduce(Statistics.__add__, progress(found, "reading clips", len(folders)), Statistics())
 
@@ -129,6 +136,9 @@ def _measure_clip(folder: Path) -> Statistics:
     if spec:
         found.persons |= identities(folder, SplitBy.person)
         found.takes |= identities(folder, SplitBy.motion)
+    if spec and (folder / STATE).is_file():
+        kind = spec.get("interaction", {}).get("kind", "none")
+        found.contacts[kind] = (clip_contacts(load_state(folder)),)
     return found
 
 

@@ -7,8 +7,10 @@ import numpy as np
 
 from dmae.data.labels import Visibility
 from dmae.data.store import MANIFEST, read_manifest, write_atomic
+from synth.datasets.statistics.contacts import spread
 from synth.datasets.statistics.histograms import QUANTITIES, Statistics, measure
 from synth.datasets.statistics.picture import draw
+from synth.datasets.statistics.terms import terms
 
 PAGE, PICTURE, NUMBERS = "README.md", "statistics.png", "statistics.json"
 FORMAT = 1
@@ -17,11 +19,11 @@ _OCCLUDERS = 12
 """So many occluders are listed."""
 
 
-def describe(data: Path, out: Path, *, workers: int = 1) -> Statistics:
-    """Write the page of a data set, its picture, and the numbers of both.
+def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statistics:
+    """Write the page of data sets, its picture, and the numbers of both.
 
     Args:
-        data: The data set, or a clip.
+        data: The data set or clip, or several.
         out: Folder to write; it does not exist, is empty, or holds an earlier page.
         workers: Processes; -1 for one a core.
 
@@ -29,7 +31,7 @@ def describe(data: Path, out: Path, *, workers: int = 1) -> Statistics:
         FileNotFoundError: neither a clip nor a data set is there.
         ValueError: the folder holds something else, or a clip is damaged.
     """
-    data, out = Path(data), Path(out)
+    data, out = [Path(path) for path in (data if isinstance(data, list) else [data])], Path(out)
     if workers == 0:
         raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
     if out.is_dir() and any(out.iterdir()) and not (out / NUMBERS).is_file():
@@ -37,11 +39,11 @@ def describe(data: Path, out: Path, *, workers: int = 1) -> Statistics:
             f"{out}: expected no such folder, an empty one, or one with an earlier {NUMBERS}; choose another out"
         )
     found = measure(data, workers=workers)
-    lines = read_manifest(data) if (data / MANIFEST).is_file() else []
+    lines = [line for path in data if (path / MANIFEST).is_file() for line in read_manifest(path)]
     failed = sum(line["status"] != "ok" for line in lines)
     picture = draw(found)
     write_atomic(out / PICTURE, picture)
-    write_atomic(out / PAGE, page(found, data.resolve().name, failed))
+    write_atomic(out / PAGE, page(found, ", ".join(path.resolve().name for path in data), failed))
     write_atomic(out / NUMBERS, json.dumps(numbers(found, failed), indent=1))
     return found
 
@@ -61,6 +63,7 @@ def numbers(found: Statistics, failed: int) -> dict:
         "counts": dict(found.counts) | {"clips_failed": failed},
         "different": {"persons": len(found.persons), "takes": len(found.takes), "rigs": len(found.rigs)},
         "scenes": dict(found.scenes),
+        "contacts": {kind: spread(clips) for kind, clips in sorted(found.contacts.items())},
         "occlusion": causes,
         "occluders": dict(found.occluders),
         "histograms": histograms,
@@ -86,7 +89,9 @@ def page(found: Statistics, name: str, failed: int) -> str:
         f"![Histograms]({PICTURE})",
         _table(("", ""), rows),
         "## Occlusion\n\n" + _occlusion(found),
+        "## Contacts between people\n\n" + _contacts(found),
         "## Quantities\n\n" + _quantities(found),
+        "## Rights\n\n" + terms(found),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -123,6 +128,31 @@ def _occlusion(found: Statistics) -> str:
         + f"\n\nWhat hides the {hidden} hidden joints:\n\n"
         + _table(("occluder", "of the hidden joints"), by)
     )
+
+
+def _contacts(found: Statistics) -> str:
+    """Return a table of contacts by interaction."""
+    if not found.contacts:
+        return "Not measured: no clip has the state of its bodies."
+    return (
+        "Share of frames in which a person touches another, number of touches, and greatest force in such a frame; of "
+        "clips the least, the median and the greatest.\n\n" + _table(CONTACT_HEAD, contact_rows(numbers(found, 0)))
+    )
+
+
+CONTACT_HEAD = ("interaction", "clips", "frames in contact", "touches", "force, N")
+
+
+def contact_rows(kept: dict) -> list[tuple[str, ...]]:
+    """Return the rows of the table of contacts, from what `statistics.json` holds."""
+
+    def three(row: dict, name: str, style: str) -> str:
+        return " / ".join(format(row[f"{name}_{which}"], style) for which in ("least", "median", "most"))
+
+    return [
+        (kind, str(row["clips"]), three(row, "share", ".0%"), three(row, "touches", ".0f"), three(row, "force", ".0f"))
+        for kind, row in kept["contacts"].items()
+    ]
 
 
 def _quantities(found: Statistics) -> str:

@@ -10,12 +10,15 @@ from synth.motion.motion import Motion
 from synth.motion.procedural.actions import Style
 from synth.motion.procedural.agenda import ACTIONS, draw_agenda
 from synth.motion.procedural.balance import perform_on_the_spot
+from synth.motion.procedural.carriage import carried, draw_carriage
 from synth.motion.procedural.legs import HIP_HEIGHT, SIDES, knee_directions
 from synth.motion.procedural.pose_offsets import Action
 from synth.motion.procedural.trajectory import BodyTrajectory, LowerBody, concatenate, reachable_root
 from synth.motion.procedural.upper_body import hang, random_drift, swing_width
 
-WEIGHTS = dict.fromkeys(ACTIONS, 1.0) | {"walk": 8.0, "stand": 2.0, "crouch": 0.5}
+WEIGHTS = dict.fromkeys(ACTIONS, 1.0) | {
+    "walk": 14.0, "stand": 1.0, "crouch": 0.5, "kick": 2.0, "punch": 2.5, "dance": 3.0
+}  # fmt: skip
 """Default relative frequency of each action."""
 SEATED = 0.64
 """Default height of the hips in sitting, as a fraction of that in standing: an average adult on a stool of 0.45 m."""
@@ -77,6 +80,7 @@ def make_sequence(
     ease = np.stack([hang(rng, times, np.zeros(len(times))) for _ in SIDES], axis=1)
     trajectories, actions, seats = [], [], []
     walking, swing, swing_share = np.zeros(len(times)), np.zeros(len(times)), np.ones((len(times), 2))
+    raised = np.zeros((len(times), 2))
     for item in items:
         frames = np.flatnonzero((times + start >= item.begin) & (times + start < item.end))
         if not len(frames):
@@ -85,6 +89,7 @@ def make_sequence(
         since = times[frames] + start - item.begin
         if isinstance(item.doing, Action):
             trajectories.append(perform_on_the_spot(item.doing, since, item.stance, ease[frames], fps))
+            raised[frames] = item.doing.offsets(since).raised
             seats += frames[item.doing.seated(since)][:1].tolist()
         else:
             lower_body = item.doing.lower_body(since)
@@ -92,10 +97,11 @@ def make_sequence(
             if item.gesture:
                 offsets = item.gesture.offsets(since - item.late)
                 arms = arms + offsets.raised[..., None] * (offsets.arms - arms)
-                swing_share[frames] = 1 - offsets.raised
+                raised[frames], swing_share[frames] = offsets.raised, 1 - offsets.raised
             trajectories.append(_upright(lower_body, arms, style))
             walking[frames], swing[frames] = lower_body.walking, style.swing * lower_body.swing
     trajectory = _with_sway(concatenate(trajectories), walking, swing, swing_share, times, fps, rng=rng)
+    trajectory = carried(trajectory, draw_carriage(rng=rng), walking, raised, times, fps, rng=rng)
     motion = replace(trajectory, root=reachable_root(trajectory, fps)).motion(
         ", ".join(name for _, name in actions), fps
     )

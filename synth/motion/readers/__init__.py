@@ -9,6 +9,7 @@ choices of `motion=`, its help, and the tests over all readers follow. A reader 
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dmae.files.compressed import without_compression
 from dmae.registry import Entry, Registry
 
 
@@ -35,9 +36,11 @@ class MotionReader(Entry):
 
     Attributes:
         markers: Whether files hold markers, to which a skeleton is yet to be fitted, rather than joints.
+        text: Whether files hold text, and may be compressed: `.bvh.xz`, `.bvh.gz`.
     """
 
     markers: bool = False
+    text: bool = False
 
 
 reader = Registry("reader", MotionReader, __package__, kind="motion", option="motion.kind", plain=False)
@@ -49,8 +52,25 @@ def reader_of(path: Path) -> MotionReader:
     Raises:
         ValueError: no reader has this extension.
     """
-    extension = path.suffix.lower().removeprefix(".")
-    if extension not in reader:
+    name = format_of(path)
+    if name is None:
         known = ", ".join(f".{each}" for each in reader)
-        raise ValueError(f"{path}: expected a motion file of one of the formats {known}, found {path.suffix!r}")
-    return reader[extension]
+        packed = ", ".join(f".{each}" for each in reader if reader[each].text)
+        found = path.name.removeprefix(take_name(path)) or path.suffix
+        raise ValueError(
+            f"{path}: expected a motion file of one of the formats {known}, found {found!r}; of these "
+            f"{packed} may be compressed, with .xz or .gz at the end"
+        )
+    return reader[name]
+
+
+def format_of(path: Path) -> str | None:
+    """Return the name of the reader of a file, by its extension; None if none has it."""
+    plain = Path(without_compression(path.name))
+    name = plain.suffix.lower().removeprefix(".")
+    return name if name in reader and (reader[name].text or plain.name == path.name) else None
+
+
+def take_name(path: Path) -> str:
+    """Return the name of a take: that of its file without the extensions of format and compression."""
+    return Path(without_compression(path.name)).stem

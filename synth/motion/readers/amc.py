@@ -7,9 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from synth.motion.motion import Motion
-from synth.motion.readers import ReadOptions, reader
+from synth.motion.readers import ReadOptions, reader, take_name
 from synth.motion.readers.skeleton_recording import SkeletonRecording
-from synth.motion.readers.text import LARGEST, check_size, malformed, numbers, read_lines
+from synth.motion.readers.text import LARGEST, check_size, find_text, malformed, numbers, read_lines
 from synth.motion.retargeting import retarget_take
 
 _FPS = 120.0
@@ -35,7 +35,7 @@ class Bone:
     dof: tuple[str, ...] = ()
 
 
-@reader("amc")
+@reader("amc", text=True)
 def read_motion(path: Path, options: ReadOptions) -> Motion:
     """Acclaim AMC; the skeleton <subject>.asf lies beside <subject>_<trial>.amc."""
     return retarget_take(read_amc(path), options)
@@ -56,10 +56,11 @@ def read_amc(path: Path) -> SkeletonRecording:
         ValueError: a file is malformed; the message gives the line, what was expected and what was found.
     """
     lines = read_lines(path)
-    skeleton = path.with_name(path.stem.rpartition("_")[0] + ".asf")
-    if not skeleton.is_file():
-        there = sorted(other.name for other in path.parent.glob("*.asf"))
-        raise FileNotFoundError(f"{path}: expected its skeleton at {skeleton}, found {there or 'no .asf file'}")
+    wanted = path.with_name(take_name(path).rpartition("_")[0] + ".asf")
+    skeleton = find_text(wanted)
+    if skeleton is None:
+        there = sorted(other.name for other in path.parent.glob("*.asf*"))
+        raise FileNotFoundError(f"{path}: expected its skeleton at {wanted}, found {there or 'no .asf file'}")
     bones = read_asf(skeleton)
     values = _parse_frames(path, lines, bones)
     names = tuple(bones)

@@ -28,7 +28,7 @@ class _Hierarchy:
     channels: list[list[str]] = field(default_factory=list)
 
 
-@reader("bvh")
+@reader("bvh", text=True)
 def read_motion(path: Path, options: ReadOptions) -> Motion:
     """Biovision BVH of any known skeleton, or with motion.mapping of any other."""
     return retarget_take(read_bvh(path), options)
@@ -124,9 +124,19 @@ def _parse_frames(path: Path, lines: list[str], first: int, frames: int, channel
     return values
 
 
+def _root_offset(offset: list[float], channels: list[str], values: np.ndarray) -> np.ndarray:
+    """Return what is added to the root's position channels (F, channels): its offset (3,), or nothing.
+
+    Some programs write as the offset where the body was in one of the frames, and channels that include it.
+    """
+    columns = [channels.index(f"{axis}position") for axis in "XYZ" if f"{axis}position" in channels]
+    repeats = len(columns) == 3 and all(offset) and np.isclose(values[:, columns], offset, rtol=1e-4).all(1).any()
+    return np.zeros(3) if repeats else np.array(offset)
+
+
 def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return root positions (F, 3) and local rotations (F, J, 3, 3) from channel values."""
-    root = np.tile(tree.offsets[0], (len(values), 1))
+    root = np.tile(_root_offset(tree.offsets[0], tree.channels[0], values), (len(values), 1))
     rotations = np.broadcast_to(np.eye(3), (len(values), len(tree.joints), 3, 3)).copy()
     # Joints with the same order of axes are converted together.
     same_order: dict[str, list[tuple[int, list[int]]]] = {}

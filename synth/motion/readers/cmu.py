@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+from synth.motion.readers import take_name
+
 # From the database's index: these takes, and all of these subjects, were captured at 60 Hz, all others at 120.
 _SIXTY_HZ = frozenset({33, 34, 42, 60, 61, 62, 74, 75, 77, 79, 80, 87, 88, 89})
 _SIXTY_HZ_TAKES = frozenset({(136, 19)})
@@ -23,14 +25,25 @@ def true_fps(stem: str, stated: float) -> float:
 
 def partner(path: Path) -> Path | None:
     """Return the take of the other person in a two-person take, in the same frames and world, if it lies beside it."""
-    subject, trial = subject_and_trial(path.stem)
-    if path.stem.startswith("salsa_"):
+    name = take_name(path)
+    subject, trial = subject_and_trial(name)
+    if name.startswith("salsa_"):
         stems = [f"salsa_{trial + 15:02}" if subject == 60 else f"salsa_{trial:02}"]
     else:
         others = _PARTNER_SUBJECTS | {b: a for a, b in _PARTNER_SUBJECTS.items()}
         stems = [f"{others[subject]:0{digits}}_{trial:02}" for digits in (2, 3) if subject in others]
-    there = [path.with_stem(stem) for stem in stems if path.with_stem(stem).is_file()]
+    places = [path.with_name(stem + path.name[len(name) :]) for stem in stems]
+    there = [place for place in places if place.is_file()]
     return there[0] if there else None
+
+
+def subject(path: Path) -> str:
+    """Return the subject of a take by its name; partners, who share their takes, are one, as `60+61`; else its name."""
+    number = subject_and_trial(take_name(path))[0]
+    for one, other in _PARTNER_SUBJECTS.items():
+        if number in (one, other):
+            return f"{one}+{other}"
+    return str(number) if number else take_name(path)
 
 
 def subject_and_trial(stem: str) -> tuple[int, int]:

@@ -34,11 +34,12 @@ class Dialect:
         sides: What the names of left and of right joints contain.
         joints: For each of `_PARTS`, the joint that drives the segment, or that lies at the wrist or the knuckles;
             joints lie where their segment starts. `{side}` stands for one of `sides`; `|` separates names of which a
-            file has one.
+            file has one. Empty for knuckles that files do not have: hands turn with their joint.
         rest: Orientations of driving joints in the T-pose, file's world from joint, as angles about x, y and z,
             degrees, in that order; zero if not listed. Those of the right side are the mirror image.
         blend: Number of frames that a synthetic T-pose at the start of a file spoils, itself included.
-        elbow: Angle above forward to which elbows bend in the T-pose, degrees.
+        elbow: Angle above forward to which elbows bend in the T-pose, degrees; None where files differ, and the motion
+            shows it.
     """
 
     name: str
@@ -46,12 +47,14 @@ class Dialect:
     joints: tuple[str, ...]
     rest: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     blend: int = 1
-    elbow: float = 30.0
+    elbow: float | None = 30.0
 
     def names(self) -> dict[str, tuple[str, ...]]:
         """Return the possible names of the joint of each part, sides as `l_*` and `r_*`."""
         names = {}
         for part, pattern in zip(_PARTS, self.joints, strict=True):
+            if not pattern:
+                continue
             both = {f"{prefix}_{part}": side for prefix, side in zip("lr", self.sides, strict=True)}
             for key, side in both.items() if "{" in pattern else ((part, ""),):
                 names[key] = tuple(pattern.format(side=side).split("|"))
@@ -108,6 +111,17 @@ DIALECTS = (
             "upper_arm": (0.5, 0, -92.5), "forearm": (0.7, 0, -91.2), "hand": (-2.4, 0, -95.7),
             "thigh": (4.5, 0, 180), "shin": (-4.4, 0, 180), "foot": (77.1, -6.3, 180),
         },
+    ),
+    # The end sites of its hands have no length, or one of 1.6 m. Its other joints, of a model of muscles, hang beside
+    # the limbs.
+    Dialect(
+        "MotionBuilder's Character1",
+        ("Left", "Right"),
+        ("Character1_Hips", "Character1_Spine", "Character1_Spine1", "Character1_Head", "Character1_{side}Arm",
+         "Character1_{side}ForeArm", "Character1_{side}Hand", "Character1_{side}Hand", "", "Character1_{side}UpLeg",
+         "Character1_{side}Leg", "Character1_{side}Foot"),
+        blend=0,
+        elbow=None,
     ),
     # Feet rest with toes out, elbows bend about the vertical.
     Dialect(

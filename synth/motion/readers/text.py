@@ -4,25 +4,31 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.files.contents import read_bytes
+from dmae.files.compressed import COMPRESSED, read_unpacked, without_compression
 
-_MOST_BYTES = 1 << 30
+_MOST_BYTES, _MOST_UNPACKED = 1 << 30, 1 << 28
 _CELLS = 200_000
 LARGEST = 1e9
 """Of any number, in any unit."""
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file.
+    """Return the lines of a text file, which may be compressed.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: the file is empty or binary.
+        ValueError: the file is empty or binary, or its compression is damaged.
     """
-    data = read_bytes(path, _MOST_BYTES)
+    data = read_unpacked(path, _MOST_BYTES if without_compression(path.name) == path.name else _MOST_UNPACKED)
     if not data.strip() or b"\0" in data:
         raise ValueError(f"{path}: expected a text file, found {'binary data' if data.strip() else 'an empty one'}")
     return data.decode("latin-1").splitlines()
+
+
+def find_text(path: Path) -> Path | None:
+    """Return a text file that may have the extension of a compression as well; None if there is none."""
+    there = [found for end in ("", *COMPRESSED) if (found := path.with_name(path.name + end)).is_file()]
+    return there[0] if there else None
 
 
 def check_size(path: Path, lines: list[str], frames: int, joints: int) -> None:

@@ -5,6 +5,7 @@ rigs, and two real recordings.
 """
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -119,14 +120,17 @@ def test_the_remedy_is_a_change_to_the_file_if_the_format_has_no_options():
     assert "replace R by R Q^T, where Q = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]" in found[1].remedy
 
 
-def test_a_camera_with_an_unexplained_fault_is_named():
+def test_a_camera_that_was_turned_is_named():
     clip = sound("shelf")
     pose = clip.rig.cam_from_world.copy()
     tilt = np.deg2rad(8)
     pose[2, :3] = [[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]] @ pose[2, :3]
     moved = replace(clip, rig=replace(clip.rig, cam_from_world=pose))
     (finding,) = diagnose(moved, max_offset=5).findings
-    assert (finding.fault.name, finding.cameras) == ("unexplained", ("2",))
+    # Three seconds do not always tell a turned camera from one that also stands elsewhere.
+    assert finding.fault.name in ("turned", "differs")
+    assert finding.cameras == ("2",)
+    assert re.search(r"turned by [78]\.\d\d degrees", finding.evidence)
     assert "calibrate camera 2 again" in finding.remedy
 
 

@@ -1,6 +1,7 @@
 """The commands as users type them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -174,3 +175,27 @@ def test_bad_input_is_one_clear_error_and_leaves_nothing_behind(folder, argument
     assert done.returncode == 1
     assert said in done.stderr
     assert not (folder / "bad").exists()
+
+
+def test_reprojection_errors_are_printed_after_every_capture(folder):
+    done = dmae(folder, "capture", "data=one", "out=tables")
+    assert done.returncode == 0, done.stderr
+    for table in ("By camera", "By person", "By joint"):
+        assert table in done.stdout
+    (row,) = [line.split() for line in done.stdout.splitlines() if line.strip().startswith("person 0")]
+    assert float(row[3]) < 10
+    # People of different clips are different people.
+    assert "By person" not in dmae(folder, "capture", "data=set", "out=tables_of_set").stdout
+
+
+def test_a_capture_of_no_person_says_why_and_its_exit_status_tells(folder):
+    clip = load_clip(folder / "one")
+    poses = clip.rig.cam_from_world.copy()
+    poses[:, :3, 3] *= 1000
+    save_clip(replace(clip, rig=replace(clip.rig, cam_from_world=poses), poses=None), folder / "millimetres")
+    done = dmae(folder, "capture", "data=millimetres", "out=no_person")
+    assert done.returncode == 1
+    assert "no person was captured; of the recording there are" in done.stdout
+    assert "suggestion: lengths of the calibration are in mm: data.unit=mm" in done.stdout
+    assert load_clip(folder / "no_person").poses.xyz.shape[1] == 0
+    assert dmae(folder, "report", "clip=no_person").returncode == 0

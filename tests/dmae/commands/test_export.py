@@ -199,3 +199,11 @@ def test_the_calibration_goes_along(tmp_path):
     out = tmp_path / "out"
     convert_command.run(ConvertCommand(DataConfig(path=str(tmp_path / "clip")), "openpose"), out)
     np.testing.assert_allclose(read_calibration(out / CALIBRATION).projections, clip.rig.projections, atol=1e-6)
+
+
+@pytest.mark.parametrize(("format", "file"), [("glb", "walk.glb"), ("npz", "walk.npz"), ("coco", "walk.json")])
+def test_a_file_without_a_suffix_gets_that_of_its_format(captured, tmp_path, format, file, capsys):
+    save_clip(captured, tmp_path / "clip")
+    export_command.run(ExportCommand(str(tmp_path / "clip"), format), tmp_path / "walk")
+    assert (tmp_path / file).is_file()
+    assert str(tmp_path / file) in capsys.readouterr().out

@@ -1,17 +1,20 @@
 """3D poses as CMU Panoptic publishes them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import dmae
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, PANOPTIC19
+from dmae.data.skeleton_conversion import convert
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.calibrations.files import read_calibration, write_calibration
 from dmae.formats.panoptic import POSES, read_poses, write_poses
-from tests.support.clips import looking_at_origin, walkers
+from tests.support.clips import full_clip, looking_at_origin, walkers
 
 STANDING = {"neck": (10.0, -145.0, 20.0), "nose": (0.0, -160.0, 20.0), "l_ankle": (12.0, -8.0, 30.0)}
 """cm, y down, of somebody who faces -x."""
@@ -151,3 +154,24 @@ def test_cameras_and_poses_of_a_recording_fit_together(tmp_path):
     ours, depth = read_calibration(tmp_path).project(read_poses(tmp_path).xyz[0][None])
     np.testing.assert_allclose(ours[0, 1, 0], xy, atol=1e-3)
     np.testing.assert_allclose(100 * depth[0, 1, 0], points[:, 2], atol=1e-3)
+
+
+def test_our_own_export_is_read_back_with_source_and_covariance(tmp_path):
+    clip = full_clip(frames=6)
+    poses = convert(walkers(6), PANOPTIC19)
+    source = poses.source.copy()
+    source[2, 0, 3], source[3, 1, 4] = Source.COMPLETED, Source.DENOISED
+    root = np.random.default_rng(0).normal(0, 0.02, (*poses.xyz.shape, 3))
+    cov = root @ root.swapaxes(-1, -2)
+    cov[1, 0, 2] = np.nan
+    dmae.export(replace(clip, poses=Poses3D(PANOPTIC19, poses.xyz, source, cov)), tmp_path / "out", "panoptic")
+    read = dmae.read_poses(tmp_path / "out")
+    assert read.fps == clip.fps
+    np.testing.assert_allclose(read.poses.xyz, poses.xyz, atol=1e-5)
+    np.testing.assert_array_equal(read.poses.source, source)
+    np.testing.assert_allclose(read.poses.cov, cov, rtol=1e-4, atol=1e-9)
+    # As a recording it has cameras and truth; what was completed is no truth.
+    again = dmae.read(tmp_path / "out")
+    assert again.rig.names == clip.rig.names and not again.detections.observed.any()
+    assert np.isnan(again.truth.xyz[2, 0, 3]).all() and np.isfinite(again.truth.xyz).sum() == 3 * (source.size - 1)
+    assert any("there are no detections" in note for note in again.provenance["notes"])

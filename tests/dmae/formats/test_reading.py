@@ -15,6 +15,7 @@ from dmae.formats.calibrations.conventions import Convention, LengthUnit, UpDire
 from dmae.formats.calibrations.files import write_calibration
 from dmae.formats.coco import write_annotations
 from dmae.formats.reading import DataConfig, is_data_set, load
+from dmae.formats.recordings.selection import select_views
 from tests.support.clips import full_clip, walkers
 from tests.support.recordings import recording, same_detections, write_frames, write_openpose_recording
 
@@ -178,8 +179,12 @@ def test_panoptic_has_cameras_truth_and_rate_but_no_detections_of_its_own(walk, 
     truth = convert(walkers(), PANOPTIC19)
     panoptic.write_poses(truth, 29.97, tmp_path, first=100)
     write_calibration(walk.rig, tmp_path / "calibration_walk.json", "panoptic")
+    (tmp_path / "empty").mkdir()
     with pytest.raises(FileNotFoundError, match=r"data\.detections=\.\.\."):
-        read("panoptic", tmp_path)
+        read("panoptic", tmp_path, detections=str(tmp_path / "empty"))
+    alone = read("panoptic", tmp_path)
+    assert not alone.detections.observed.any()
+    np.testing.assert_allclose(alone.truth.xyz, truth.xyz, atol=1e-5)
     write_frames(walk, tmp_path / "elsewhere", first=100)
     clip = read("panoptic", tmp_path, detections=str(tmp_path / "elsewhere"))
     same(clip, walk)
@@ -240,3 +245,25 @@ def test_cameras_that_started_late_are_moved_and_blind_where_they_were_not_on(tm
         ValueError, match=r"data\.offsets=\[1\]: expected a number of frames for each camera.*cam0, cam1"
     ):
         read("clip", tmp_path, offsets=[1])
+
+
+def test_cameras_are_chosen_by_name_or_number(tmp_path):
+    clip = recording(BODY25, 2)
+    write_openpose_recording(clip, tmp_path)
+
+    def names(cameras):
+        return load(DataConfig("openpose", str(tmp_path), fps=25.0, cameras=cameras))[0].rig.names
+
+    assert names(["cam2", "cam0"]) == ("cam2", "cam0")
+    assert names([2, 0]) == ("cam2", "cam0")
+    assert names(["cam1", 3]) == ("cam1", "cam3")
+    for wrong in (["left"], ["cam1", "cam1"], [1, "cam1"], [4], []):
+        with pytest.raises(ValueError, match=r"expected different cameras .* which has 0 \(cam0\)"):
+            names(wrong)
+
+
+def test_a_name_that_is_a_number_is_a_name_where_it_is_written_as_one():
+    clip = recording(BODY25, 2)
+    clip = replace(clip, rig=replace(clip.rig, names=("1", "2", "3", "4")))
+    assert select_views(clip, [1]).rig.names == ("2",)
+    assert select_views(clip, ["1", "4"]).rig.names == ("1", "4")

@@ -78,7 +78,8 @@ def test_every_format_has_one_line_of_help_and_the_declared_function(kind, name)
     entry = REGISTRIES[kind].find(name)
     assert entry.help.endswith(".") and len(entry.help) <= 120
     homes = [
-        f"{package}.{name}:{entry.function.__name__}" for package in ("dmae.formats", "dmae.formats.motion_capture")
+        f"{package}.{name}:{entry.function.__name__}"
+        for package in ("dmae.formats", "dmae.formats.motion_capture", "dmae.formats.trackers")
     ]
     assert entry.home in homes
     assert REGISTRIES[kind]._imported[entry.home] == entry

@@ -7,7 +7,8 @@ from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, BODY25B, HALPE26, SHELF14
 from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.motion_capture.source_table import person_paths
-from dmae.formats.trc import marker, read_trc, write_trc
+from dmae.formats.recordings.pose_files import read_poses
+from dmae.formats.trc import marker, opensim_marker, read_trc, write_trc
 from tests.support.clips import walkers
 from tests.support.trc_files import read_independently
 
@@ -28,7 +29,7 @@ def test_an_independent_reader_finds_the_same_y_up(tmp_path, unit, metre):
     write_trc(poses, 25.0, tmp_path / "walk.trc", unit)
     names, xyz = read_independently(tmp_path / "walk.trc")
     assert names[:3] == ["Nose", "Neck", "RShoulder"]
-    assert names[8] == "MidHip"
+    assert names[8] == "CHip"
     assert names[20] == "LSmallToe"
     np.testing.assert_allclose(xyz[..., [2, 0, 1]] / metre, poses.xyz[:, 0], atol=1e-6)
     # They stand upright.
@@ -46,6 +47,38 @@ def test_read_after_write_is_equal(tmp_path, unit):
     assert fps == 29.97
     np.testing.assert_allclose(found.xyz, poses.xyz, atol=1e-6)
     np.testing.assert_array_equal(found.source, poses.source)
+
+
+@pytest.mark.parametrize("unit", list(LengthUnit))
+def test_covariances_are_kept_in_a_file_beside_it_in_the_axes_of_the_trc(tmp_path, unit):
+    poses = holed(2)
+    root = np.random.default_rng(0).normal(0, 0.02, (*poses.xyz.shape, 3))
+    cov = np.where((poses.source == Source.ABSENT)[..., None, None], np.nan, root @ root.swapaxes(-1, -2))
+    write_trc(Poses3D(BODY25, poses.xyz, poses.source, cov), 25.0, tmp_path / "walk.trc", unit)
+    read = read_poses(tmp_path / "walk.trc").poses
+    np.testing.assert_allclose(read.cov, cov, rtol=1e-4, atol=1e-9)
+    np.testing.assert_array_equal(read.source, poses.source)
+    table = (tmp_path / "walk_P1.covariance.csv").read_text().splitlines()
+    header, first = (table[i].split(",") for i in (0, 1))
+    # The vertical of the file is y: our z.
+    metre = {LengthUnit.m: 1, LengthUnit.cm: 100, LengthUnit.mm: 1000}[unit]
+    assert float(first[header.index("Nose_yy")]) == pytest.approx(cov[0, 0, 0, 2, 2] * metre**2, rel=1e-4)
+    (tmp_path / "walk_P1.covariance.csv").write_text("\n".join(table[:-1]))
+    with pytest.raises(ValueError, match="expected 12 frames of 25 markers"):
+        read_poses(tmp_path / "walk.trc")
+
+
+def test_frames_have_the_numbers_of_the_recording(tmp_path):
+    write_trc(holed(), 25.0, tmp_path / "walk.trc", first=100)
+    lines = [line.split("\t") for line in (tmp_path / "walk.trc").read_text().splitlines()]
+    assert lines[2][6] == "100"
+    assert [line[:2] for line in lines[5:7]] == [["100", "4.000000"], ["101", "4.040000"]]
+    assert (tmp_path / "walk.source.csv").read_text().splitlines()[1].startswith("100,")
+
+
+def test_markers_are_called_as_in_the_models_for_opensim():
+    assert opensim_marker("mid_hip", BODY25) == "CHip" and opensim_marker("mid_hip", HALPE26) == "Hip"
+    assert opensim_marker("head_top", BODY25B) == "Head" and opensim_marker("l_big_toe", BODY25) == "LBigToe"
 
 
 def test_completed_joints_are_listed_in_a_file_beside_it(tmp_path):

@@ -1,4 +1,4 @@
-"""Ten bugs that triangulations have, planted in two that have none: each is caught, by the cases made for it."""
+"""Fourteen bugs that triangulations have, planted in two that have none: each is caught, by the cases made for it."""
 
 from functools import partial
 
@@ -57,6 +57,25 @@ def dropped_joint_others_move_up(solver, **given):
     return np.concatenate([left, np.full((len(xyz) - len(left), 3), np.nan)])
 
 
+def dropped_below_a_half(solver, *, xy, confidence, **given):
+    sure = confidence >= 0.5
+    return solver(xy=np.where(sure[..., None], xy, np.nan), confidence=np.where(sure, confidence, np.nan), **given)
+
+
+def nan_confidence_taken_for_sure(solver, *, confidence, **given):
+    return solver(confidence=np.where(np.isnan(confidence), 1, confidence), **given)
+
+
+def ignored_skew(solver, *, K, **given):
+    straight = K.copy()
+    straight[:, 0, 1] = 0
+    return solver(K=straight, **given)
+
+
+def clipped_to_the_image(solver, *, xy, size, **given):
+    return solver(xy=np.clip(xy, 0, size - 1), size=size, **given)
+
+
 @pytest.mark.parametrize("solver", [plain, solvers.ours], ids=["plain", "ours"])
 @pytest.mark.parametrize(
     ("bug", "at_least", "at_most"),
@@ -69,6 +88,10 @@ def dropped_joint_others_move_up(solver, **given):
         (one_camera_a_frame_late, {"moving"}, EVERY),
         (dropped_joint, {"moving"}, EVERY),
         (dropped_joint_others_move_up, {"moving"}, EVERY),
+        (dropped_below_a_half, {"unsure", "unrated"}, {"unsure", "unrated", "crowd-5", "crowd-3"}),
+        (nan_confidence_taken_for_sure, {"unrated"}, {"unrated"}),
+        (ignored_skew, {"skewed"}, {"skewed"}),
+        (clipped_to_the_image, {"outside"}, {"outside", "crowd-5", "crowd-3"}),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )

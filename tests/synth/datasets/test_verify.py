@@ -4,79 +4,21 @@ import json
 import re
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from dmae.data.clip import Detections2D, Poses3D
-from dmae.data.images import write_ids, write_parts, write_video
 from dmae.data.labels import DetectionLabels, JointError, Visibility
-from dmae.data.store import CHECKSUMS, load_clip, read_manifest, save_clip, write_manifest
+from dmae.data.store import load_clip, read_manifest, save_clip, write_manifest
 from dmae.files.checksums import number_of
 from dmae.files.structured import read_json
 from synth.commands import verify as command
 from synth.commands.verify import VerifyCommand
-from synth.datasets.clip import GenerateConfig
-from synth.datasets.generate import generate
 from synth.datasets.verify import CHECKS, verify
-from synth.rendering.renderer import ImageQuality
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig
-from synth.scene.spec import SceneConfig
+from tests.support.verified_sets import CLIP, changed, found, only
 
 pytestmark = pytest.mark.filterwarnings("ignore:no OpenGL")
-CLIP = "000000"
-
-
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory) -> Path:
-    """Make two clips of two people in five frames of two cameras, with all images; every person is detected."""
-    out = tmp_path_factory.mktemp("sound") / "data"
-    generate(
-        GenerateConfig(
-            out=str(out),
-            seed=3,
-            clips=2,
-            images=["all"],
-            quality=ImageQuality.draft,
-            scene=SceneConfig(persons=[2, 2], seconds=0.2),
-            rig=RigConfig(ring=RingConfig(views=2, focal=180, size=[192, 144])),
-        )
-    )
-    return out
-
-
-@pytest.fixture
-def sealed(sound, tmp_path) -> Path:
-    """Return a copy of it, to be damaged."""
-    return Path(shutil.copytree(sound, tmp_path / "data"))
-
-
-@pytest.fixture
-def data(sealed) -> Path:
-    """Return a copy without checksums: what is wrong has to be found in the contents."""
-    for path in sealed.rglob(CHECKSUMS):
-        path.unlink()
-    return sealed
-
-
-def changed(data: Path, **fields) -> None:
-    """Save the first clip with other fields, checksum and all."""
-    save_clip(replace(load_clip(data / CLIP), **fields), data / CLIP)
-
-
-def found(data: Path) -> list[tuple[str, str, str]]:
-    return [tuple(problem) for problem in verify(data)[1]]
-
-
-def only(data: Path, check: str, *words: str) -> None:
-    """Assert that the first clip fails this check and no other, and that the problems contain these words."""
-    problems = found(data)
-    assert {(clip, name) for clip, name, _ in problems} == {(CLIP, check)}, problems
-    for word in words:
-        assert any(word in what for _, _, what in problems), (word, problems)
 
 
 def test_a_new_data_set_has_no_problems(sound):
@@ -214,70 +156,6 @@ def test_detections_of_another_person_or_outside_the_image_are_found(data):
     only(data, "detections", "1 detected joints lie outside")
 
 
-def test_missing_broken_and_wrongly_sized_images_are_found(data):
-    ids = data / CLIP / "images" / "ids" / "ring0" / "000002.png"
-    depth = data / CLIP / "images" / "depth" / "ring1" / "000001.png"
-    rgb = data / CLIP / "images" / "rgb" / "ring1.mp4"
-    whole = ids.read_bytes()
-    for broken in (None, b"", whole[: len(whole) // 2]):
-        ids.unlink() if broken is None else ids.write_bytes(broken)
-        # What is left of a PNG may still be decoded; then its pixels are not those that were counted.
-        only(data, "images", "ring0")
-    ids.write_bytes(whole)
-    cv2.imwrite(str(depth), np.zeros((10, 20), np.uint16))
-    only(data, "images", "depth of camera ring1: expected 192 x 144 px, found 20 x 10")
-    write_video(rgb, np.zeros((3, 144, 192, 3), np.uint8), 25)
-    only(data, "images", "expected 5 frames", "found 3")
-    rgb.write_bytes(b"no video")
-    only(data, "images", "rgb of camera ring1")
-
-
-def test_ids_inconsistent_with_the_labels_are_found(data):
-    clip = load_clip(data / CLIP)
-    path = data / CLIP / "images" / "ids" / "ring0" / "000002.png"
-    ids = list(clip.images.read("ids", "ring0"))[2]
-    for wrong, word in ((77, "stand for no person"), (0, "pixels show the persons")):
-        write_ids(path, np.where(ids == 1, wrong, ids))
-        only(data, "images", word)
-    write_ids(path, ids)
-    # A wall that no label knows, and no counts of pixels.
-    for view in clip.rig.names:
-        for frame in range(5):
-            write_ids(data / CLIP / "images" / "ids" / view / f"{frame:06d}.png", np.full_like(ids, 256))
-            write_parts(data / CLIP / "images" / "parts" / view / f"{frame:06d}.png", np.zeros_like(ids))
-    bare = replace(load_clip(data / CLIP).occlusion, visible_pixels=None, amodal_pixels=None)
-    changed(data, occlusion=bare)
-    only(data, "images", "less than 99%")
-
-
-def test_parts_without_a_person_or_a_name_are_found(data):
-    clip = load_clip(data / CLIP)
-    path = data / CLIP / "images" / "parts" / "ring0" / "000002.png"
-    parts = list(clip.images.read("parts", "ring0"))[2]
-    for wrong, word in (
-        (np.where(parts == 3, 99, parts), "99 is none of the 16 parts"),
-        (np.where(parts == 3, 0, parts), f"{np.count_nonzero(parts == 3)} pixels have a part but no person"),
-        (np.maximum(parts, 1), "or a person but no part"),
-    ):
-        write_parts(path, wrong)
-        only(data, "images", "parts of camera ring0, frame 2", word)
-
-
-def test_surplus_images_are_found_unless_they_belong_to_another_clip(data, tmp_path):
-    whole, images = load_clip(data / CLIP), data / CLIP / "images"
-    some = whole.select([1, 3])
-    save_clip(some, tmp_path / "some")
-    assert verify(tmp_path / "some")[1] == []
-    shutil.copy(images / "ids" / "ring0" / "000004.png", images / "ids" / "ring0" / "000005.png")
-    only(data, "images", "image files that do not belong to the clip: 1, first ids/ring0/000005.png")
-    (images / "ids" / "ring0" / "000005.png").unlink()
-    shutil.copytree(images / "parts" / "ring0", images / "parts" / "ring7")
-    only(data, "images", "image files that do not belong to the clip: 5, first parts/ring7/000000.png")
-    shutil.rmtree(images / "parts" / "ring7")
-    write_video(images / "rgb" / "ring1.mp4", np.zeros((7, 144, 192, 3), np.uint8), 25)
-    only(data, "images", "rgb/ring1.mp4: expected 5 frames, found 7")
-
-
 def test_a_manifest_inconsistent_with_the_folders_is_found(data):
     lines = read_manifest(data)
     shutil.copytree(data / CLIP, data / "000007")
@@ -306,11 +184,6 @@ def test_a_clip_of_another_seed_is_found(data):
     config = read_json(data / "config.json")
     (data / "config.json").write_text(json.dumps(config | {"seed": 4}))
     assert {what.partition(":")[0] for _, check, what in found(data) if check == "manifest"} == {"seed"}
-
-
-def test_frames_of_one_colour_are_found(data):
-    write_video(data / CLIP / "images/rgb/ring1.mp4", np.zeros((5, 144, 192, 3), np.uint8), 25)
-    only(data, "images", "rgb of camera ring1: 5 frames of one colour, first 0")
 
 
 @pytest.mark.parametrize("sort", ["clip.json", "config.json", "manifest.jsonl"])

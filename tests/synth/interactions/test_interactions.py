@@ -158,7 +158,8 @@ def test_sparring_partners_punch_at_arms_length():
     reach = np.min(
         [np.linalg.norm(palms(spec, simulation, side) - noses[:, ::-1], axis=-1) for side in "lr"], axis=(0, 2)
     )
-    assert 0.1 < reach.min() < 0.45 < reach.max()
+    # Knuckles are 50 mm beyond the palm: a blow that lands on the face leaves that.
+    assert 0.03 < reach.min() < 0.45 < reach.max()
 
 
 def test_the_counter_is_between_its_two_sides():

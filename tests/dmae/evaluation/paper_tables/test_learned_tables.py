@@ -68,7 +68,7 @@ def test_codes_have_recall_and_error_of_the_same_masked_joints(clips, tmp_path, 
     assert list(rows) == [*codes.VARIANTS, codes.INTERPOLATED]
     for row in rows.values():
         assert 0 <= row["cells"]["recall"]["value"] <= 100
-        assert row["cells"]["mpjpe"]["value"] >= 0
+    assert all(rows[name]["cells"]["mpjpe"]["value"] > 1 for name in codes.VARIANTS)
     # Walkers glide: interpolation is right where two steps of training are not.
     assert rows[codes.INTERPOLATED]["cells"]["recall"]["value"] > 99
     assert rows[codes.BOTH]["cells"]["recall"]["value"] < 90

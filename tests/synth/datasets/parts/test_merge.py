@@ -9,11 +9,11 @@ import pytest
 
 from dmae.data.store import read_manifest
 from dmae.files.checksums import number_of
+from dmae.parts import SHARD, clip_numbers
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
 from synth.datasets.parts import merge as module
 from synth.datasets.parts.merge import merge
-from synth.datasets.parts.shards import SHARD, clip_numbers
 from synth.datasets.verify import verify
 from synth.rendering.renderer import ImageQuality
 from synth.rigs.placement import RingConfig

@@ -154,7 +154,7 @@ def test_people_sit_on_seats_and_walk_around_them():
 def test_people_too_small_for_a_stool_stand():
     motion = make_sequence(["sit"], {}, speed=(1, 1), seconds=6, fps=25, rng=np.random.default_rng(0), seated=0.95)
     assert not motion.seats
-    assert motion.root[:, 2].min() > 0.95 * HIP_HEIGHT
+    assert motion.root[:, 2].min() > (SEATED + 0.15) * HIP_HEIGHT, "knees bend a little in standing"
 
 
 def test_scenes_have_stools_where_people_sit():

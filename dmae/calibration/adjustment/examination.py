@@ -1,0 +1,279 @@
+"""Examination: which camera differs from its calibration, in which way, and which differences would go unnoticed.
+
+A difference is judged by how much better it makes the detections fit in frames that it was not fitted on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from scipy.stats import t as student_t
+from scipy.stats import ttest_1samp
+
+from dmae.calibration.adjustment.bundle import Adjusted, adjust
+from dmae.calibration.adjustment.freedom import Freedom
+from dmae.calibration.adjustment.image_tracks import ImageTracks
+from dmae.calibration.adjustment.observations import Observations
+from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
+
+BODIES = 200
+"""Most bodies that are compared."""
+_BLOCK_S, _MOST_BLOCKS, _FEWEST_BLOCKS = 0.4, 16, 4
+"""s and numbers of the stretches of time that are compared. The errors of detectors last some tenths of a second."""
+_CHANCE = 0.001
+"""Probability at which a gain is no coincidence (t test over the stretches of time, one-sided)."""
+_CHANCE_OF_KIND = 0.01
+"""The same for telling two kinds of one camera apart."""
+_REFERENCE = 4.0
+"""How many times the gain must be that which the other cameras would have from such a change."""
+_NEAR = 0.04
+"""Share of the gain by which two kinds may differ and yet not be told apart."""
+_RIVAL = 0.7
+"""Share of the gain that a change of another camera may have."""
+_SURE = 0.1
+"""Share of the cost that a difference surely noticed saves: in some stretches of time it hardly shows."""
+_EXAMINED = 2
+"""Cameras that are examined for every kind."""
+_OFFSETS = (0, *(sign * frames for frames in (2, 4, 7, 10, 14, 18) for sign in (-1, 1)))
+"""Frames at which the search of a time offset starts; larger ones are found before, without tracks."""
+
+
+class Kind(StrEnum):
+    """A way in which one camera differs from its calibration."""
+
+    moved = "camera moved"
+    turned = "camera turned"
+    focal = "focal length differs"
+    lens = "distortion differs"
+    late = "camera is not synchronised"
+    displaced = "camera moved and turned"
+
+
+PARAMETERS = {
+    Kind.moved: tuple(range(*CENTRE.indices(Q))),
+    Kind.turned: tuple(range(*ROTATION.indices(Q))),
+    Kind.focal: (FOCAL,),
+    Kind.lens: (K1,),
+    Kind.late: (OFFSET,),
+    Kind.displaced: (*range(*ROTATION.indices(Q)), *range(*CENTRE.indices(Q))),
+}
+"""The parameters of each kind."""
+CERTAIN = {Kind.moved: 0.02, Kind.turned: 0.0035, Kind.focal: 0.01, Kind.lens: 0.05, Kind.late: 0.0}
+"""Differences that no calibration is expected to be without: 2 cm, 0.2 degrees, 1 %, k1 of 0.05."""
+
+
+@dataclass(frozen=True)
+class CameraDifference:
+    """A difference of one camera that was tried.
+
+    Attributes:
+        view: The camera.
+        kind: What differs.
+        step: (Q,) from the calibration to the camera, see `Calibration.changed`.
+        gain: Cost per body that it saves in frames that it was not fitted on.
+        cost: (B,) cost per body in each stretch of time, in frames that it was not fitted on.
+        before: (B,) the same without the difference.
+    """
+
+    view: int
+    kind: Kind
+    step: np.ndarray
+    gain: float
+    cost: np.ndarray
+    before: np.ndarray
+
+    @property
+    def chance(self) -> float:
+        """Probability that a difference that is none saves as much."""
+        return _chance(self.before, self.cost)
+
+    def beats(self, other: CameraDifference, chance: float = _CHANCE) -> bool:
+        """Return whether it clearly explains more than another difference."""
+        return _chance(other.cost, self.cost) < chance
+
+
+def _chance(worse: np.ndarray, better: np.ndarray) -> float:
+    """Return the probability of a decrease of costs (B,) by coincidence."""
+    ratio = np.log(worse / better)
+    if len(ratio) < _FEWEST_BLOCKS or not ratio.any():
+        return 1.0
+    return float(ttest_1samp(ratio, 0, alternative="greater").pvalue)
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What an examination found.
+
+    Attributes:
+        kinds: Differences of the named camera that explain it equally well, the best first; empty if none is named.
+        suspects: Cameras of which one differs, where it is not determined which; empty otherwise.
+        tried: All differences that were tried.
+        base: The fit of the calibration as it is.
+        limits: By kind, (V,) smallest amount that would be named: m, rad, relative, k1, s; inf where any would not.
+        reference: By kind, cost per body that a change of a sound camera saves.
+    """
+
+    kinds: tuple[CameraDifference, ...]
+    suspects: tuple[int, ...]
+    tried: tuple[CameraDifference, ...]
+    base: Adjusted
+    limits: dict[Kind, np.ndarray]
+    reference: dict[Kind, float]
+
+
+def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None:
+    """Examine each camera against the others; None if they see too few people together."""
+    observations = Observations.of(tracks, calibration, BODIES)
+    blocks = _blocks(observations)
+    if blocks.max(initial=0) + 1 < _FEWEST_BLOCKS:
+        return None
+    views = len(calibration.rig)
+    base = adjust(observations, calibration)
+    screened = {view: _fit(observations, calibration, base, view, Kind.displaced) for view in range(views)}
+    gains = {view: base.cost.sum() - fit.cost.sum() for view, fit in screened.items()}
+    late = {}
+    for view in range(views):
+        late[view] = base.cost.sum() - _fit(observations, calibration, base, view, Kind.late).cost.sum()
+    likely = sorted(range(views), key=lambda view: -max(gains[view], late[view]))[:_EXAMINED]
+    tried = [_tried(observations, calibration, base, blocks, view, kind) for view in likely for kind in Kind]
+    best = max(tried, key=lambda each: each.gain)
+    corrected = adjust(
+        observations,
+        calibration.changed(_only(best, views)),
+        _everything(views),
+        iterations=0,
+        xyz=_refit(observations, calibration.changed(_only(best, views)), base).xyz,
+    )
+    reference = {kind: _reference(corrected, kind, best.view, len(observations)) for kind in Kind}
+    limits = {kind: _limits(corrected, kind, _least_gain(tried, kind, best.view, reference[kind])) for kind in Kind}
+    named, suspects = _judge(tried, reference, views)
+    return Examination(named, suspects, tuple(tried), base, limits, reference)
+
+
+def _everything(views: int) -> Freedom:
+    return Freedom.of(views, rotation=True, centre=True, focal=True, k1=True, offset=True)
+
+
+def _only(difference: CameraDifference, views: int) -> np.ndarray:
+    step = np.zeros((views, Q))
+    step[difference.view] = difference.step
+    return step
+
+
+def _freedom(views: int, view: int, kind: Kind) -> Freedom:
+    free = np.zeros((views, Q), bool)
+    free[view, list(PARAMETERS[kind])] = True
+    return Freedom(free, np.full((views, Q), np.inf))
+
+
+def _fit(
+    observations: Observations, calibration: Calibration, base: Adjusted, view: int, kind: Kind, iterations: int = 10
+) -> Adjusted:
+    freedom = _freedom(len(calibration.rig), view, kind)
+    xyz = np.where(np.isfinite(base.xyz), base.xyz, observations.start)
+    if kind == Kind.late:
+        calibration = _nearest_offset(observations, calibration, view, xyz)
+    return adjust(observations, calibration, freedom, iterations=iterations, xyz=xyz, tolerance=1e-4)
+
+
+def _nearest_offset(observations: Observations, calibration: Calibration, view: int, xyz: np.ndarray) -> Calibration:
+    """Return the calibration with the offset of a view at which its detections are nearest to the bodies."""
+    step = np.zeros((len(calibration.rig), Q))
+    tried = []
+    for frames in _OFFSETS:
+        step[view, OFFSET] = frames / observations.tracks.fps
+        tried.append(calibration.changed(step))
+    costs = [adjust(observations, each, iterations=0, xyz=xyz).cost.sum() for each in tried]
+    return tried[int(np.argmin(costs))]
+
+
+def _refit(observations: Observations, calibration: Calibration, base: Adjusted) -> Adjusted:
+    xyz = np.where(np.isfinite(base.xyz), base.xyz, observations.start)
+    return adjust(observations, calibration, iterations=10, xyz=xyz, tolerance=1e-4)
+
+
+def _tried(
+    observations: Observations, calibration: Calibration, base: Adjusted, block: np.ndarray, view: int, kind: Kind
+) -> CameraDifference:
+    """Fit a difference on every other block, and measure its gain on the rest; then the other way round."""
+    cost, steps = np.zeros(len(observations)), []
+    for half in (0, 1):
+        train, test = np.flatnonzero(block % 2 == half), np.flatnonzero(block % 2 != half)
+        fitted = _fit(observations.at(train), calibration, _part(base, train), view, kind)
+        found = _refit(observations.at(test), fitted.calibration, _part(base, test))
+        cost[test] = found.cost
+        steps.append(calibration.difference(fitted.calibration)[view])
+    by_block = (np.array([each[block == k].mean() for k in range(block.max() + 1)]) for each in (cost, base.cost))
+    return CameraDifference(view, kind, np.mean(steps, 0), float((base.cost - cost).mean()), *by_block)
+
+
+def _blocks(observations: Observations) -> np.ndarray:
+    """Return the stretch of time (M,) of each body, counted without gaps."""
+    seconds = (observations.frame - observations.frame.min(initial=0)) / observations.tracks.fps
+    duration = seconds.max(initial=0)
+    count = int(np.clip(duration / _BLOCK_S, 1, _MOST_BLOCKS))
+    block = np.minimum((seconds / max(duration, 1e-9) * count).astype(int), count - 1)
+    return np.unique(block, return_inverse=True)[1]
+
+
+def _part(base: Adjusted, bodies: np.ndarray) -> Adjusted:
+    return replace(base, xyz=base.xyz[bodies])
+
+
+def _linear(state: Adjusted, view: int, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
+    index = [view * Q + parameter for parameter in PARAMETERS[kind]]
+    return state.information[np.ix_(index, index)], state.gradient[index]
+
+
+def _reference(state: Adjusted, kind: Kind, without: int, bodies: int) -> float:
+    """Return the cost per body that a change of the other cameras would save, to first order."""
+    views = len(state.calibration.rig)
+    saved = []
+    for view in range(views):
+        if view != without:
+            S, g = _linear(state, view, kind)
+            saved.append(g @ np.linalg.lstsq(S, g, rcond=1e-9)[0] / bodies)
+    return float(np.max(saved))
+
+
+def _least_gain(tried: list[CameraDifference], kind: Kind, without: int, reference: float) -> float:
+    """Return the cost per body that a difference must save to be named."""
+    gains = [each.before - each.cost for each in tried if each.kind == kind and each.view != without]
+    noise = max((np.std(gain, ddof=1) / np.sqrt(len(gain)) for gain in gains), default=0.0)
+    significant = student_t.isf(_CHANCE, len(tried[0].cost) - 1) * noise
+    return max(_REFERENCE * reference, significant, _SURE * tried[0].before.mean())
+
+
+def _limits(state: Adjusted, kind: Kind, least: float) -> np.ndarray:
+    """Return the amount (V,) of a difference that would save so much cost per body, in its weakest direction."""
+    limits = []
+    for view in range(len(state.calibration.rig)):
+        information = _linear(state, view, kind)[0] / len(state.cost)
+        weakest = np.linalg.eigvalsh(information)[0]
+        limits.append(np.sqrt(least / weakest) if weakest > 0 else np.inf)
+    return np.array(limits)
+
+
+def _judge(
+    tried: list[CameraDifference], reference: dict[Kind, float], views: int
+) -> tuple[tuple[CameraDifference, ...], tuple[int, ...]]:
+    """Return the kinds that explain the recording, and the cameras of which one differs if it is not known which."""
+    clear = [each for each in tried if each.chance < _CHANCE and each.gain > _REFERENCE * reference[each.kind]]
+    if not clear:
+        return (), ()
+    best = max(clear, key=lambda each: each.gain)
+    rival = max((each for each in tried if each.view != best.view), key=lambda each: each.gain)
+    if views < 3 or not best.beats(rival) or rival.gain > _RIVAL * best.gain:
+        return (), (best.view, rival.view)
+    # Sound calibrations, too, are off by a little: it takes more than that to tell two kinds apart.
+    least = max(_NEAR * best.gain, _REFERENCE * max(reference.values()))
+    near = [
+        each
+        for each in tried
+        if each.view == best.view and (each.gain > best.gain - least or not best.beats(each, _CHANCE_OF_KIND))
+    ]
+    near.sort(key=lambda each: -each.gain)
+    simple = [each for each in near if each.kind != Kind.displaced]
+    return tuple(simple or near), ()

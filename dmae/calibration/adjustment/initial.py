@@ -1,0 +1,91 @@
+"""Initial extrinsics: where cameras stand, from nothing but their intrinsics and one person who walks about."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import cv2
+import numpy as np
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+
+from dmae.calibration.adjustment.joints import coarse_skeleton
+from dmae.calibration.gravity_and_scale import relative_size
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+from dmae.numerics.closest_approach import closest_approach
+
+_MIN_SCORE, _MIN_JOINTS, _MIN_FRAMES = 0.4, 6, 15
+_MOST_POINTS = 4000
+_THRESHOLD_PX = 4.0
+"""px from an epipolar line up to which a joint supports a pose."""
+_MIN_INLIERS = 0.5
+"""Share of the joints that must support the pose of a pair of cameras."""
+
+
+def initial_rig(clip: Clip) -> CameraRig:
+    """Return the cameras of a clip at positions found from their detections; those of its rig are not read.
+
+    Pairs of cameras get their relative pose from the essential matrix of the joints of the one person that both see
+    (Nister, PAMI 2004), its scale from the length of the limbs. Pairs that agree best are chained. The first camera
+    stays at the origin and looks along y, upright.
+
+    Raises:
+        ValueError: too few frames show one person alone in two cameras, or cameras cannot be connected.
+    """
+    skeleton, kept = coarse_skeleton(clip.detections.skeleton)
+    rig, found = clip.rig, clip.detections
+    xy = np.where((found.score >= _MIN_SCORE)[..., None], found.xy, np.nan)[..., kept, :].astype(np.float64)
+    present = np.isfinite(xy[..., 0]).sum(-1) >= _MIN_JOINTS
+    alone = present.sum(2) == 1
+    frame, view = np.indices(alone.shape)
+    one = np.where(alone[..., None, None], xy[frame, view, present.argmax(2)], np.nan)
+    ideal = rig.undistort(one)
+    points = (ideal - rig.K[:, None, :2, 2]) @ np.linalg.inv(rig.K[:, :2, :2]).swapaxes(-1, -2)
+    views, edges, support = len(rig), {}, np.zeros((len(rig),) * 2)
+    for a, b in combinations(range(views), 2):
+        pose = _relative_pose(points[:, a], points[:, b], float(rig.K[[a, b], 0, 0].mean()), skeleton)
+        if pose is not None:
+            edges[a, b], support[a, b] = pose
+            edges[b, a] = np.linalg.inv(pose[0])
+    order, parent = breadth_first_order(minimum_spanning_tree(np.where(support > 0, 1 / (1e-9 + support), 0)), 0, False)
+    if len(order) < views:
+        lost = ", ".join(name for view, name in enumerate(rig.names) if view not in order)
+        raise ValueError(
+            f"clip {clip.id!r}: cameras {lost} cannot be connected to camera {rig.names[0]}: too few frames show one "
+            f"person alone in both of two cameras ({_MIN_FRAMES} are needed, some seconds are better); record "
+            "one person who walks through the whole volume"
+        )
+    # Camera 0 looks along y of the world, its image upright: z is up.
+    poses = np.tile(np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]), (views, 1, 1))
+    for view in order[1:]:
+        poses[view] = edges[int(parent[view]), int(view)] @ poses[parent[view]]
+    return replace(rig, cam_from_world=poses)
+
+
+def _relative_pose(a: np.ndarray, b: np.ndarray, focal: float, skeleton) -> tuple[np.ndarray, float] | None:
+    """Return b_from_a (4, 4), m, from normalised joints (F, J, 2) of one person, and how many joints support it."""
+    both = np.isfinite(a).all(-1) & np.isfinite(b).all(-1)
+    if (both.sum(-1) >= _MIN_JOINTS).sum() < _MIN_FRAMES:
+        return None
+    step = both.sum() // _MOST_POINTS + 1
+    first, second = a[both][::step], b[both][::step]
+    cv2.setRNGSeed(0)
+    E, _ = cv2.findEssentialMat(first, second, np.eye(3), cv2.RANSAC, 0.9999, _THRESHOLD_PX / focal)
+    if E is None or E.shape != (3, 3):
+        return None
+    count, R, t, _ = cv2.recoverPose(E, first, second, np.eye(3))
+    if count < _MIN_INLIERS * len(first):
+        return None
+    # People have a size, which gives the distance between the cameras.
+    rays_a = np.concatenate([a, np.ones_like(a[..., :1])], -1)
+    rays_b = np.concatenate([b, np.ones_like(b[..., :1])], -1) @ R
+    rays_a, rays_b = (rays / np.linalg.norm(rays, axis=-1, keepdims=True) for rays in (rays_a, rays_b))
+    depth, other, sine2 = closest_approach(-(R.T @ t)[:, 0], rays_a, rays_b)
+    people = np.where(((depth > 0) & (other > 0) & (sine2 > 0.01))[..., None], depth[..., None] * rays_a, np.nan)
+    size = relative_size(people, skeleton)
+    if size is None:
+        return None
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R, t[:, 0] / size
+    return pose, float(count)

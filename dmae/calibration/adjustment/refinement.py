@@ -1,0 +1,261 @@
+"""Refinement: the cameras of a recording, calibrated anew by the people in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dmae.calibration.adjustment.bundle import Adjusted, adjust
+from dmae.calibration.adjustment.examination import examine
+from dmae.calibration.adjustment.freedom import Freedom
+from dmae.calibration.adjustment.initial import initial_rig
+from dmae.calibration.adjustment.matching import match_tracks
+from dmae.calibration.adjustment.observations import Observations
+from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
+from dmae.calibration.adjustment.world import place_world
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+
+AUTO = "auto"
+"""The cameras that differ from their calibration."""
+ALL = "all"
+_ROUNDS = 3
+"""How often people are captured with the cameras found so far."""
+_BLOCKS = 20
+"""Stretches of time between which the errors of detections are taken to be independent."""
+_PRIOR = ((ROTATION, np.radians(3)), (CENTRE, 0.3), (FOCAL, 0.1), (K1, 0.3), (OFFSET, 0.5))
+"""Standard deviations of what is expected to differ: rad, m, relative, k1, s."""
+
+
+@dataclass(frozen=True)
+class RefineConfig:
+    """What is calibrated anew."""
+
+    cameras: list[str] = field(default_factory=lambda: [AUTO])
+    """Names of the cameras that may change; `auto`: those that clearly differ from their calibration; `all`."""
+    known: bool = True
+    """Whether extrinsics are roughly right. Otherwise they are found from intrinsics alone, which takes frames in which
+    one person is seen by two cameras; the world is then level."""
+    extrinsics: bool = True
+    """Refine where these cameras stand and look."""
+    focal: bool = False
+    """Refine their focal lengths; fx / fy stays."""
+    distortion: bool = False
+    """Refine k1."""
+    offsets: bool = False
+    """Refine the time offset of each camera, to a fraction of a frame."""
+    drift: bool = False
+    """Refine how fast that offset grows."""
+    bones: bool = True
+    """Expect bones of constant length."""
+    bodies: int = 1000
+    """Most bodies, each a person in a frame, that are compared."""
+    stature: float | None = None
+    """m; scale the world so that the people, on average, are so tall."""
+    level: bool = False
+    """Turn the world so that people stand along z, and move the floor to z = 0."""
+
+    def __post_init__(self):
+        if self.bodies < 20:
+            raise ValueError(f"bodies={self.bodies}: expected 20 or more")
+        if self.stature is not None and not 0.5 <= self.stature <= 2.5:
+            raise ValueError(f"stature={self.stature:g}: expected metres, 0.5 to 2.5")
+        if not any((self.extrinsics, self.focal, self.distortion, self.offsets, self.drift)):
+            raise ValueError("nothing to refine: set extrinsics, focal, distortion, offsets or drift")
+
+
+@dataclass(frozen=True)
+class CameraChange:
+    """What refinement changed of a camera.
+
+    Attributes:
+        camera: Its name.
+        refined: Whether it was free to change.
+        moved_cm: Distance between its centres before and after, in the world before.
+        turned_deg: Angle between its directions.
+        focal: Focal length after, relative to before.
+        k1: k1 after.
+        offset_frames: Frames by which its pictures are later than its frame numbers say, at the start.
+        drift_frames_a_minute: Growth of that.
+        error_cm: Standard error of its centre, root mean square of its axes.
+        error_deg: The same of its direction.
+        residual_before, residual_after: Median reprojection error, px.
+    """
+
+    camera: str
+    refined: bool
+    moved_cm: float
+    turned_deg: float
+    focal: float
+    k1: float
+    offset_frames: float
+    drift_frames_a_minute: float
+    error_cm: float | None
+    error_deg: float | None
+    residual_before: float | None
+    residual_after: float | None
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A refined calibration.
+
+    Attributes:
+        rig: The cameras.
+        offset, drift: (V,) s and s/s, as in `Calibration`.
+        covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment.parameters`); from the
+            scatter over stretches of time, as detectors err alike for some tenths of a second. 0 where not refined.
+        changes: What changed, a camera each.
+    """
+
+    rig: CameraRig
+    offset: np.ndarray
+    drift: np.ndarray
+    covariance: np.ndarray
+    changes: tuple[CameraChange, ...]
+
+
+def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
+    """Return cameras that fit the detections of the people better.
+
+    Args:
+        clip: F frames of V cameras, two or more, whose calibration is roughly right.
+        config: What may change.
+
+    Raises:
+        ValueError: there are too few cameras or people, or no camera of a name.
+    """
+    config = config or RefineConfig()
+    if len(clip.rig) < 2:
+        raise ValueError(f"clip {clip.id!r}: calibrating needs at least 2 cameras, found {len(clip.rig)}")
+    if not config.known:
+        clip = replace(clip, rig=initial_rig(clip))
+        config = replace(config, known=True, cameras=[ALL], extrinsics=True, level=True)
+    origin = calibration = Calibration.of(clip.rig)
+    views = _named_views(clip.rig, config)
+    if views is None:
+        calibration, views = _differing(clip)
+    before = None
+    for _ in range(_ROUNDS):
+        tracks = match_tracks(replace(clip, rig=calibration.rig))
+        observations = Observations.of(tracks, calibration, config.bodies)
+        if len(observations) < 20:
+            raise ValueError(
+                f"clip {clip.id!r}: {len(observations)} bodies (a person in a frame) are seen by two cameras; "
+                "calibrating needs 20 or more: record people who walk about, or correct what `dmae doctor` finds"
+            )
+        before = before or adjust(observations, origin, iterations=10, tolerance=1e-4)
+        freedom = _freedom(len(clip.rig), views, config)
+        adjusted = adjust(observations, calibration, freedom, bones=config.bones, tolerance=1e-6, iterations=30)
+        calibration = adjusted.calibration
+        if not views:
+            break
+    covariance = _covariance(observations, adjusted, freedom)
+    after = adjust(observations, calibration, iterations=5, tolerance=1e-4)
+    changes = _changes(origin, calibration, covariance, views, before, after, clip.fps)
+    rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, config.level)
+    return Refined(rig, calibration.offset, calibration.drift, covariance, changes)
+
+
+def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:
+    """Return the indices of the cameras that may change; None to find them."""
+    if config.cameras == [AUTO]:
+        return list(range(len(rig))) if config.offsets or config.drift else None
+    if config.cameras == [ALL]:
+        return list(range(len(rig)))
+    unknown = [name for name in config.cameras if name not in rig.names]
+    if unknown:
+        raise ValueError(f"cameras={config.cameras}: expected auto, all or some of {', '.join(rig.names)}")
+    return [rig.names.index(name) for name in config.cameras]
+
+
+def _differing(clip: Clip) -> tuple[Calibration, list[int]]:
+    """Return the cameras that clearly differ from their calibration, and the calibration with that undone."""
+    calibration, views = Calibration.of(clip.rig), []
+    for _ in range(max(len(clip.rig) - 2, 0)):
+        tracks = match_tracks(replace(clip, rig=calibration.rig))
+        found = examine(tracks, calibration) if tracks.xy.shape[1] else None
+        if found is None or not found.kinds or found.kinds[0].view in views:
+            break
+        best = found.kinds[0]
+        step = np.zeros((len(clip.rig), Q))
+        step[best.view] = best.step
+        step[:, OFFSET] = 0
+        calibration, views = calibration.changed(step), [*views, best.view]
+    return calibration, sorted(views)
+
+
+def _freedom(count: int, views: list[int], config: RefineConfig) -> Freedom:
+    freedom = Freedom.of(
+        count,
+        views,
+        rotation=config.extrinsics,
+        centre=config.extrinsics,
+        focal=config.focal,
+        k1=config.distortion,
+        offset=config.offsets,
+        drift=config.drift,
+    )
+    for parameter, deviation in _PRIOR:
+        freedom.prior[:, parameter] = deviation
+    return freedom
+
+
+def _covariance(observations: Observations, adjusted: Adjusted, freedom: Freedom) -> np.ndarray:
+    """Return the covariance (V, Q, Q) of each camera: H^-1 G H^-1, G from the gradients of stretches of time."""
+    views, free = len(adjusted.calibration.rig), np.flatnonzero(freedom.free)
+    covariance = np.zeros((views * Q, views * Q))
+    if len(free):
+        block = np.arange(len(observations)) * _BLOCKS // len(observations)
+        xyz = np.where(np.isfinite(adjusted.xyz), adjusted.xyz, observations.start)
+        # The prior, which is not of the data, is left out.
+        loose = replace(freedom, prior=np.full_like(freedom.prior, np.inf))
+        G = np.zeros((len(free), len(free)))
+        for each in np.unique(block):
+            rows = np.flatnonzero(block == each)
+            part = adjust(observations.at(rows), adjusted.calibration, loose, iterations=0, xyz=xyz[rows])
+            gradient = part.gradient[free]
+            G += np.outer(gradient, gradient)
+        H = np.linalg.pinv(adjusted.information[np.ix_(free, free)])
+        covariance[np.ix_(free, free)] = H @ G @ H
+    blocks = covariance.reshape(views, Q, views, Q)
+    return blocks[np.arange(views), :, np.arange(views)]
+
+
+def _changes(
+    origin: Calibration,
+    calibration: Calibration,
+    covariance: np.ndarray,
+    views: list[int],
+    before: Adjusted,
+    after: Adjusted,
+    fps: float,
+) -> tuple[CameraChange, ...]:
+    step = origin.difference(calibration)
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    changes = []
+    for view, name in enumerate(origin.rig.names):
+        free = view in views
+        residuals = [_median(each.error_px[:, view]) for each in (before, after)]
+        changes.append(
+            CameraChange(
+                name,
+                free,
+                float(100 * np.linalg.norm(step[view, CENTRE])),
+                float(np.degrees(np.linalg.norm(step[view, ROTATION]))),
+                float(np.exp(step[view, FOCAL])),
+                float(calibration.rig.dist[view, 0]),
+                float(calibration.offset[view] * fps),
+                float(calibration.drift[view] * fps * 60),
+                float(100 * np.sqrt(variance[view, CENTRE].mean())) if free else None,
+                float(np.degrees(np.sqrt(variance[view, ROTATION].mean()))) if free else None,
+                *residuals,
+            )
+        )
+    return tuple(changes)
+
+
+def _median(values: np.ndarray) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None

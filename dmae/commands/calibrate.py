@@ -1,0 +1,72 @@
+"""`dmae calibrate`: refine a calibration by the people in a recording."""
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from dmae.calibration.adjustment.refinement import RefineConfig, Refined, refine
+from dmae.data.store import write_atomic
+from dmae.formats.calibrations.pose2sim import write_cameras
+from dmae.formats.reading import DataConfig, is_data_set, load
+from dmae.reporting.tables import Table, print_tables
+
+WRITES = "file"
+EXAMPLES = (
+    "dmae calibrate data=pose2sim data.path=session/trial out=runs/rig.toml",
+    "dmae calibrate data=openpose data.path=session refine.cameras=[all] refine.focal=true out=runs/rig.toml",
+    "dmae calibrate data=runs/data/000000 refine.offsets=true refine.drift=true out=runs/rig.toml",
+)
+
+
+@dataclass(frozen=True)
+class CalibrateCommand:
+    """Refine a calibration by the people in a recording.
+
+    Writes the cameras as TOML, which every command takes as data.calibration, and beside them, as JSON, what changed,
+    with its covariance.
+    """
+
+    data: DataConfig = field(default_factory=DataConfig)
+    refine: RefineConfig = field(default_factory=RefineConfig)
+    out: str = "runs/rig.toml"
+    """Calibration file to write."""
+
+
+def run(config: CalibrateCommand, out: Path) -> None:
+    if is_data_set(config.data):
+        raise ValueError(f"{config.data.path}: expected a recording or a single clip, found a data set of clips")
+    clip = load(config.data)[0]
+    refined = refine(clip, config.refine)
+    write_cameras(refined.rig, out)
+    facts = {
+        "clip": clip.id,
+        "changes": [asdict(change) for change in refined.changes],
+        "offset_s": refined.offset.tolist(),
+        "drift": refined.drift.tolist(),
+        "covariance": refined.covariance.tolist(),
+    }
+    write_atomic(out.with_suffix(".json"), json.dumps(facts, indent=1) + "\n")
+    _print(refined)
+    print(out)
+
+
+def _print(refined: Refined) -> None:
+    header = ("camera", "moved cm", "turned deg", "focal %", "k1", "late frames", "px before", "px after")
+    rows = []
+    for each in refined.changes:
+        error = ("", "") if each.error_cm is None else (f" +- {each.error_cm:.1f}", f" +- {each.error_deg:.2f}")
+        rows.append(
+            (
+                each.camera,
+                f"{each.moved_cm:.1f}{error[0]}" if each.refined else "stays",
+                f"{each.turned_deg:.2f}{error[1]}" if each.refined else "stays",
+                f"{100 * (each.focal - 1):+.2f}",
+                f"{each.k1:.3f}",
+                f"{each.offset_frames:+.2f}",
+                "-" if each.residual_before is None else f"{each.residual_before:.1f}",
+                "-" if each.residual_after is None else f"{each.residual_after:.1f}",
+            )
+        )
+    print_tables([Table("what changed; reprojection errors are medians", header, rows)])
+    if not any(each.refined for each in refined.changes):
+        print("no camera clearly differs from its calibration; refine.cameras=[all] refines all the same")

@@ -1,0 +1,145 @@
+"""`dmae detect`: videos of cameras, or a clip with images, to 2D detections."""
+
+import shutil
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+from dmae.commands.data_sets import Manifest, finished
+from dmae.data.clip import Detections2D
+from dmae.data.resume import claim_folder
+from dmae.data.store import clip_folders, load_clip, save_clip
+from dmae.detection.output import OutputConfig, write_flat
+from dmae.detection.recording import Recording, detect_clip, detect_recording, make_clip, open_recording, write_images
+from dmae.detection.registry import PoseDetectorConfig
+from dmae.formats.calibrations.conventions import LengthUnit, UpDirection
+from dmae.formats.calibrations.files import read_calibration
+
+WRITES = "folder"
+EXAMPLES = (
+    "dmae detect videos=session/videos calibration=session/calibration.toml out=runs/detected",
+    "dmae detect clip=runs/data out=runs/detected workers=2",
+    "dmae detect videos=session/videos output.format=coco out=runs/keypoints",
+)
+_PIECES = "pieces"
+_CLAIM = "detect.json"
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """What the calibration does not say of itself; by default as is usual in its format."""
+
+    unit: LengthUnit | None = None
+    """Unit of lengths."""
+    up: UpDirection | None = None
+    """Axis that points up."""
+    inverse: bool | None = None
+    """Whether extrinsics are world_from_cam."""
+
+
+@dataclass(frozen=True)
+class DetectCommand:
+    """Detect people in the videos of cameras, or in the images of clips.
+
+    The same command continues one that was interrupted.
+    """
+
+    videos: str | None = None
+    """Folder of a video, or a folder of pictures, for each camera, named as in the calibration."""
+    calibration: str | None = None
+    """Calibration file, or folder of them; without one, detections are written as files of 2D keypoints."""
+    clip: str | None = None
+    """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
+    detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
+    output: OutputConfig = field(default_factory=OutputConfig)
+    fps: float | None = None
+    """1/s; frame rate, by default that of the videos. Folders of pictures do not say it."""
+    offsets: list[int] | None = None
+    """Frames by which each camera started late, in the order of the calibration; by default what the videos say."""
+    world: WorldConfig = field(default_factory=WorldConfig)
+    workers: int = 1
+    """Processes; -1 for one a core."""
+    out: str = "runs/detect"
+    """Folder of the clip, or of the files of keypoints; of a data set a folder for each clip is made in it."""
+
+    def __post_init__(self):
+        if (self.videos is None) == (self.clip is None):
+            raise ValueError("expected videos=<folder of videos> or clip=<folder of a clip with images>, one of them")
+        if self.clip is not None and (self.calibration or self.fps or self.offsets):
+            raise ValueError("clip=... holds its calibration, fps and offsets; leave them out")
+
+
+def run(config: DetectCommand, out: Path) -> None:
+    if config.clip is not None:
+        _detect_clips(config, out)
+        return
+    rig = None
+    if config.calibration is not None:
+        rig = read_calibration(Path(config.calibration), **asdict(config.world))
+    recording = open_recording(Path(config.videos), rig, config.fps, config.offsets)
+    for note in recording.notes:
+        print(note)
+    _claim(config, recording, out)
+    if (out / "clip.json").is_file():
+        print(f"{out}: detected already")
+        return
+    pieces = out / _PIECES
+    detections, notes = detect_recording(recording, config.detector, pieces, config.output.skeleton, config.workers)
+    for note in notes:
+        print(note)
+    if rig is None:
+        write_flat(recording, detections, config.output, out)
+    else:
+        clip = make_clip(out.name, recording, detections, notes, config.detector.name)
+        if config.output.images:
+            clip = replace(clip, images=write_images(recording, out, config.workers))
+        save_clip(clip, out)
+    shutil.rmtree(pieces, ignore_errors=True)
+    _print(out.name, detections)
+    if len(recording.cameras) == 1:
+        print("one camera: capture needs two or more")
+    print(out)
+
+
+def interrupted(config: DetectCommand, out: Path) -> str:
+    if config.clip is not None:
+        return f"{finished(out)}; the same command continues it"
+    pieces = len(list((Path(out) / _PIECES).glob("*.npz")))
+    return f"{pieces} pieces of the videos are done; the same command continues them"
+
+
+def _detect_clips(config: DetectCommand, out: Path) -> None:
+    folders = clip_folders(Path(config.clip))
+    several = folders != [Path(config.clip)]
+    with Manifest(out, several) as manifest:
+        for folder in folders:
+            clip, target = load_clip(folder), out / folder.name if several else out
+            if target.resolve() == folder.resolve():
+                raise ValueError(f"out={out}: expected another folder than that of the clip, whose detections stay")
+            pieces = target / _PIECES
+            claim_folder(target / _CLAIM, _settings(config) | {"clip": str(folder)}, "detections", ())
+            detected = detect_clip(clip, config.detector, pieces, config.output.skeleton, config.workers)
+            manifest.write(folder.name, partial(save_clip, detected, target))
+            shutil.rmtree(pieces, ignore_errors=True)
+            _print(clip.id, detected.detections)
+    print(out)
+
+
+def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:
+    """Write what the detections depend on, or refuse a folder with those of other videos or of another detector."""
+    files = {camera.name: [str(camera.path), len(camera), *camera.size] for camera in recording.cameras}
+    claim_folder(out / _CLAIM, _settings(config) | {"videos": files}, "detections", ())
+
+
+def _settings(config: DetectCommand) -> dict:
+    return {"detector": asdict(config.detector), "output": asdict(config.output)}
+
+
+def _print(name: str, detections: Detections2D) -> None:
+    frames, views = detections.xy.shape[:2]
+    there = detections.observed.any(-1).sum(-1)
+    people = there.mean(0) if frames else [0] * views
+    each = ", ".join(f"{count:.2f}" for count in people)
+    print(
+        f"{name}: {frames} frames, {views} cameras, {detections.skeleton.name}; people a frame in each camera: {each}"
+    )

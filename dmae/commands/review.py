@@ -1,0 +1,91 @@
+"""`dmae review`: which joints may be off, and what is to become of them."""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dmae.data.store import load_clip, write_atomic
+from dmae.evaluation.review.check import FIRST, OFF, check_ranking
+from dmae.evaluation.review.decisions import DECISIONS, Decision, ReviewVerdict, load_decisions, save_decisions
+from dmae.evaluation.review.ranking import Doubt, rank_doubts
+
+WRITES = "file"
+EXAMPLES = (
+    "dmae review clip=runs/completed",
+    "dmae review clip=runs/completed blank=[1,4] hand_back=[2] accept=[3]",
+)
+_SHOWN = 20
+_COLUMNS = ("entry", "person", "joint", "first", "last", "worst", "doubt_mm", "reason", "source", "views")
+
+
+@dataclass(frozen=True)
+class ReviewCommand:
+    """Rank the joints of a clip by how far off they may be; accept, blank or hand back entries of the ranking.
+
+    Decisions are written to `decisions.json` in the folder of the clip. `dmae export` leaves out what is blanked or
+    handed back; `dmae complete` fills anew what is handed back. The next ranking is of what is left.
+    """
+
+    clip: str = "???"
+    """Folder of a captured or completed clip."""
+    accept: list[int] = field(default_factory=list)
+    """Entries of the last ranking that are right."""
+    blank: list[int] = field(default_factory=list)
+    """Entries that are wrong, to be left out."""
+    hand_back: list[int] = field(default_factory=list)
+    """Entries that are wrong, to be completed anew."""
+    out: str | None = None
+    """CSV file of the ranking; by default `<clip>_review.csv`, in the folder that the clip is in."""
+
+
+def default_out(config: ReviewCommand) -> Path:
+    folder = Path(config.clip)
+    return folder.parent / f"{folder.name}_review.csv"
+
+
+def run(config: ReviewCommand, out: Path) -> None:
+    folder = Path(config.clip)
+    clip = load_clip(folder)
+    decisions = load_decisions(folder, clip.poses)
+    ranking = rank_doubts(clip, decisions)
+    if new := _new_decisions(config, ranking):
+        decisions += new
+        save_decisions(folder, clip.poses, decisions)
+        print(f"{folder / DECISIONS}: {len(decisions)} decisions, {len(new)} of them new")
+        ranking = rank_doubts(clip, decisions)
+    write_atomic(out, _table(ranking))
+    for line in _table(ranking[:_SHOWN]).splitlines():
+        print(line)
+    print(f"{out}: {len(ranking)} entries, the most doubtful first")
+    found = check_ranking(clip, ranking)
+    if found and found.off:
+        print(
+            f"by the truth: {found.off} joints are more than {OFF:.0f} mm off; "
+            f"the first {FIRST:.0%} of the entries hold {found.found / found.off:.0%} of them"
+        )
+
+
+def _new_decisions(config: ReviewCommand, ranking: Sequence[Doubt]) -> tuple[Decision, ...]:
+    """Return the decisions on entries by their number in the ranking, which counts from 1."""
+    given = {verdict: getattr(config, verdict.value) for verdict in ReviewVerdict}
+    entries = [entry for numbers in given.values() for entry in numbers]
+    for entry in entries:
+        if not 1 <= entry <= len(ranking):
+            raise ValueError(f"entry {entry}: expected 1 to {len(ranking)}, a number of the ranking")
+    if twice := sorted({entry for entry in entries if entries.count(entry) > 1}):
+        raise ValueError(f"entry {twice[0]}: expected one decision on an entry, found several")
+    return tuple(ranking[entry - 1].decision(verdict) for verdict, numbers in given.items() for entry in numbers)
+
+
+def _table(ranking: Sequence[Doubt]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for entry, doubt in enumerate(ranking, 1):
+        writer.writerow(
+            (entry, doubt.person, doubt.joint, doubt.first, doubt.last, doubt.worst, f"{1000 * doubt.doubt:.0f}",
+             doubt.reason, doubt.source.name.lower(), doubt.views)
+        )  # fmt: skip
+    return text.getvalue()

@@ -1,0 +1,1 @@
+"""How does BlazePose find people? Candidates in windows, regions of people, landmarks, confidences."""

@@ -1,0 +1,119 @@
+"""Models of users' own in ONNX: from the picture of a person to heat maps, or to SimCC, as RTMPose and ViTPose give."""
+
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.detection.blazepose.people import PeopleDetector
+from dmae.detection.blazepose.regions import Region, pyramid_of
+from dmae.detection.registry import PoseDetectorConfig, pose_detector
+from dmae.files.contents import check_file
+from dmae.formats.openpose import BY_COUNT
+
+_MEAN, _DEVIATION = np.array((123.675, 116.28, 103.53), np.float32), np.array((58.395, 57.12, 57.375), np.float32)
+"""Of colours in ImageNet, with which such models are trained."""
+_BOX_MARGIN = 1.25
+"""Height of the box around a person, relative to the circle around the body."""
+
+
+@pose_detector("onnx")
+def onnx(config: PoseDetectorConfig) -> "OnnxDetector":
+    """A model of your own, detector.path=<file.onnx>, for the people that BlazePose finds; needs onnxruntime."""
+    if config.path is None:
+        raise ValueError("detector=onnx: expected detector.path=<file.onnx>")
+    try:
+        import onnxruntime
+    except ImportError:
+        raise ValueError("detector=onnx needs onnxruntime: pip install 'dmae-synth[onnx]'") from None
+    path = Path(config.path)
+    check_file(path)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:
+        raise ValueError(f"{path}: expected an ONNX model, {str(error).splitlines()[0]}") from None
+    return OnnxDetector(session, config)
+
+
+class OnnxDetector:
+    """A `PictureDetector` of two steps: BlazePose's regions of people, and the joints in each by the model.
+
+    The model takes (1, 3, H, W) RGB, normalised as of ImageNet. It returns heat maps (1, J, h, w), or SimCC: the places
+    across (1, J, n W) and down (1, J, n H).
+    """
+
+    def __init__(self, session, config: PoseDetectorConfig):
+        (given,) = session.get_inputs()
+        if len(given.shape) != 4 or given.shape[1] != 3 or not all(isinstance(side, int) for side in given.shape[2:]):
+            raise ValueError(
+                f"{config.path}: expected an input of shape (1, 3, H, W), found {given.shape}; "
+                "export it of a fixed size"
+            )
+        self._session, self._input, (self._height, self._width) = session, given.name, given.shape[2:]
+        self._people = PeopleDetector(config)
+        joints = len(self._joints(np.zeros((self._height, self._width, 3), np.uint8))[0])
+        self.skeleton = _skeleton(config, joints)
+
+    def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        pyramid, found = pyramid_of(np.ascontiguousarray(picture)), []
+        for person in self._people(picture):
+            if person.region is None:
+                continue
+            side = 2 * person.region.radius * _BOX_MARGIN
+            box = Region(person.region.centre, side, np.array([0.0, -1.0]))
+            size = max(self._height, self._width)
+            square = box.cut(pyramid, size)
+            top, left = (size - self._height) // 2, (size - self._width) // 2
+            places, score = self._joints(square[top : top + self._height, left : left + self._width])
+            found.append((box.to_picture((places + (left, top)) / size) - 0.5, score))
+        joints = len(self.skeleton)
+        if not found:
+            return np.empty((0, joints, 2)), np.empty((0, joints))
+        xy, score = (np.stack(each) for each in zip(*found, strict=True))
+        return xy, np.clip(score, 0, 1)
+
+    def _joints(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return places (J, 2), px from the corner, and scores (J,) of the person in a picture (H, W, 3) uint8."""
+        pixels = ((picture.astype(np.float32) - _MEAN) / _DEVIATION).transpose(2, 0, 1)
+        outputs = [each[0] for each in self._session.run(None, {self._input: pixels[None]})]
+        size = (self._width, self._height)
+        if len(outputs) >= 2 and outputs[0].ndim == outputs[1].ndim == 2:
+            values = [(each.argmax(-1) + 0.5) / each.shape[-1] for each in outputs[:2]]
+            return np.stack(values, -1) * size, np.minimum(outputs[0].max(-1), outputs[1].max(-1))
+        if outputs[0].ndim == 3:
+            return _peaks(outputs[0]) * size, outputs[0].max((1, 2))
+        raise ValueError(
+            "detector=onnx: expected heat maps (1, J, h, w), or two outputs (1, J, n) of SimCC, found "
+            + ", ".join(str((1, *each.shape)) for each in outputs)
+        )
+
+
+def _peaks(maps: np.ndarray) -> np.ndarray:
+    """Return the places (J, 2), from 0 to 1, of the peaks of heat maps (J, h, w), a quarter of a cell exact."""
+    _, height, width = maps.shape
+    flat = maps.reshape(len(maps), -1).argmax(-1)
+    y, x = flat // width, flat % width
+    joint = np.arange(len(maps))
+    # Towards the higher neighbour, as such models are trained.
+    right = maps[joint, y, np.minimum(x + 1, width - 1)] - maps[joint, y, np.maximum(x - 1, 0)]
+    down = maps[joint, np.minimum(y + 1, height - 1), x] - maps[joint, np.maximum(y - 1, 0), x]
+    return np.stack([(x + 0.5 + 0.25 * np.sign(right)) / width, (y + 0.5 + 0.25 * np.sign(down)) / height], -1)
+
+
+def _skeleton(config: PoseDetectorConfig, joints: int) -> Skeleton:
+    if config.skeleton is not None:
+        try:
+            found = get_skeleton(config.skeleton)
+        except KeyError as error:
+            raise ValueError(f"detector.skeleton={config.skeleton}: {error.args[0]}") from None
+        if len(found) != joints:
+            raise ValueError(f"{config.path}: finds {joints} joints, {found.name} has {len(found)}")
+        return found
+    if joints not in BY_COUNT:
+        raise ValueError(
+            f"{config.path}: finds {joints} joints, of no skeleton known; name it by detector.skeleton=..."
+        )
+    return BY_COUNT[joints]

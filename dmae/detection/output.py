@@ -1,0 +1,86 @@
+"""How detections are written: their skeleton, whether with pictures, and without a calibration as 2D keypoints."""
+
+import json
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Detections2D
+from dmae.data.skeleton import COCO17
+from dmae.data.skeleton_conversion import convert_detections
+from dmae.data.store import write_atomic
+from dmae.detection.recording import Recording
+from dmae.formats.openpose import write_detections
+
+
+class FlatFormat(StrEnum):
+    """Format of 2D keypoints."""
+
+    openpose = "openpose"
+    """A folder for each camera, a file for each of its frames."""
+    coco = "coco"
+    """A file for each camera, keypoints of COCO."""
+
+
+@dataclass(frozen=True)
+class OutputConfig:
+    """How detections are written."""
+
+    skeleton: str | None = None
+    """Skeleton to convert detections to, as body25; by default that of the detector."""
+    images: bool = True
+    """Whether the clip has the pictures: the videos are linked to, or encoded anew where their size or frames differ
+    from those of the clip."""
+    format: FlatFormat = field(default=FlatFormat.openpose)
+    """Format of 2D keypoints, which are written without a calibration."""
+
+
+def write_flat(recording: Recording, detections: Detections2D, config: OutputConfig, out: Path) -> None:
+    """Write detections of cameras without a calibration.
+
+    Args:
+        recording: The videos.
+        detections: (F, V, D, J), in pixels of the pictures.
+        config: Format.
+        out: Folder.
+    """
+    names = tuple(camera.name for camera in recording.cameras)
+    if config.format == FlatFormat.openpose:
+        write_detections(detections, names, out)
+        return
+    if config.skeleton is None:
+        detections = convert_detections(detections, COCO17)
+    for view, (name, camera) in enumerate(zip(names, recording.cameras, strict=True)):
+        write_atomic(out / f"{name}.json", json.dumps(_coco(detections, view, name, camera.size)))
+
+
+def _coco(detections: Detections2D, view: int, name: str, size: tuple[int, int]) -> dict:
+    """Return the detections of a view as COCO's keypoints: category 1, the frame as `image_id`."""
+    skeleton, annotations = detections.skeleton, []
+    images = [
+        {"id": frame, "file_name": f"{name}/{frame:06d}.jpg", "width": size[0], "height": size[1]}
+        for frame in range(len(detections.xy))
+    ]
+    for frame, number in np.argwhere(detections.observed[:, view].any(-1)).tolist():
+        xy, score = detections.xy[frame, view, number], detections.score[frame, view, number]
+        known = ~np.isnan(score)
+        low, high = xy[known].min(0), xy[known].max(0)
+        keypoints = np.where(known[:, None], np.column_stack([xy, score]), 0)
+        annotations.append(
+            {
+                "id": len(annotations) + 1,
+                "image_id": frame,
+                "category_id": 1,
+                "keypoints": [round(float(value), 3) for value in keypoints.ravel()],
+                "num_keypoints": int(known.sum()),
+                "bbox": [round(float(value), 2) for value in (*low, *(high - low))],
+                "area": round(float(np.prod(high - low)), 1),
+                "iscrowd": 0,
+                "score": round(float(score[known].mean()), 4),
+            }
+        )
+    bones = [[a + 1, b + 1] for a, b in skeleton.bones]
+    category = {"id": 1, "name": "person", "keypoints": list(skeleton.joints), "skeleton": bones}
+    return {"images": images, "annotations": annotations, "categories": [category]}

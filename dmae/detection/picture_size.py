@@ -1,0 +1,83 @@
+"""Pictures of another size than the calibration: shrunk ones, and those with black margins, are found and undone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_RATIO = 0.003
+"""Largest relative difference of the scales of width and height in pictures that were scaled as a whole."""
+_BLACK = 40
+"""Largest mean brightness of a margin, of 255; compressed black is not quite black."""
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How pictures lie in those of the calibration.
+
+    Attributes:
+        scale: Pixels of the picture for a pixel of the calibration.
+        margin: (left, top) black border of the picture, px.
+    """
+
+    scale: float = 1.0
+    margin: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def is_same(self) -> bool:
+        """Whether pixels are those of the calibration."""
+        return self == Fitting()
+
+    def to_calibration(self, xy: np.ndarray) -> np.ndarray:
+        """Return pixels (..., 2) of the calibration for pixels of the picture."""
+        return xy if self.is_same else (xy + 0.5 - np.array(self.margin)) / self.scale - 0.5
+
+    @property
+    def note(self) -> str:
+        """What was found, to follow the name of the camera."""
+        left, top = self.margin
+        border = f" and have a black border of {left:.2g} px at the sides" if left >= 0.5 else ""
+        border += f" and have a black border of {top:.2g} px above and below" if top >= 0.5 else ""
+        return f"pictures are {self.scale:.4f} times the size of the calibration{border}; this is undone"
+
+
+def fit_pictures(camera: str, picture: tuple[int, int], calibration: tuple[int, int], sample: np.ndarray) -> Fitting:
+    """Return how pictures lie in those of the calibration.
+
+    Args:
+        camera: Name, for messages.
+        picture: Width and height of the pictures, px.
+        calibration: Width and height that the calibration is for, px.
+        sample: (N, H, W, 3) uint8 some pictures of the camera.
+
+    Raises:
+        ValueError: the calibration is of pictures that these cannot be a smaller or larger copy of.
+    """
+    if tuple(picture) == tuple(calibration):
+        return Fitting()
+    width, height = (a / b for a, b in zip(picture, calibration, strict=True))
+    scale = min(width, height)
+    if abs(width - height) <= _RATIO * scale and _whole_pixels(picture, calibration, scale):
+        return Fitting((width + height) / 2)
+    left, top = ((a - scale * b) / 2 for a, b in zip(picture, calibration, strict=True))
+    if _is_black(sample, round(left), round(top)):
+        return Fitting(scale, (left, top))
+    turned = tuple(picture) == tuple(calibration)[::-1]
+    advice = "turn them" if turned else "calibrate at this size, or give the pictures as they were calibrated"
+    raise ValueError(
+        f"camera {camera}: its pictures have {picture[0]} x {picture[1]} px, its calibration is for {calibration[0]} x "
+        f"{calibration[1]} px; they are no copy of that in another size, with or without black borders; {advice}"
+    )
+
+
+def _whole_pixels(picture: tuple[int, int], calibration: tuple[int, int], scale: float) -> bool:
+    """Return whether the sizes differ by rounding alone: one of even numbers moves a side by less than 2 px."""
+    return all(abs(a - scale * b) < 2 for a, b in zip(picture, calibration, strict=True))
+
+
+def _is_black(sample: np.ndarray, left: int, top: int) -> bool:
+    if not len(sample) or left + top == 0:
+        return False
+    height, width = sample.shape[1:3]
+    borders = [sample[:, :top], sample[:, height - top :], sample[:, :, :left], sample[:, :, width - left :]]
+    means = [border.mean() for border in borders if border.size]
+    return bool(max(means) < _BLACK)

@@ -1,0 +1,191 @@
+"""The pictures of a camera: a video, a folder of pictures, or those of a clip."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.images import Images
+from dmae.files.pictures import check_picture, read_picture
+from dmae.files.videos import open_video
+from dmae.formats.recordings.camera_matching import frame_number, natural
+
+VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".wmv")
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
+
+
+@dataclass(frozen=True)
+class CameraPictures:
+    """The N pictures of a camera.
+
+    Attributes:
+        name: Of the camera.
+        path: Video, folder of pictures, or folder of the images of a clip.
+        size: Width and height, px, upright.
+        times: (N,) s, when each picture was taken by the clock of its file; of a folder, numbers of the pictures.
+        rate: Pictures per second, None where the files do not say.
+        read: Yields the pictures from one to before another, (H, W, 3) uint8 RGB, None for one that cannot be read.
+        codec: Of a video, "h264" for instance.
+        timecode: Of a video: when it begins, as the camera wrote it.
+    """
+
+    name: str
+    path: Path
+    size: tuple[int, int]
+    times: np.ndarray
+    rate: float | None
+    read: Callable[[int, int], Iterator[np.ndarray | None]]
+    codec: str = ""
+    timecode: str | None = None
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+def find_cameras(path: Path) -> list[CameraPictures]:
+    """Return the cameras of a folder, each a video or a folder of pictures, in the order of their names.
+
+    Args:
+        path: The folder; or a single video.
+
+    Raises:
+        FileNotFoundError: there is nothing, or neither a video nor a folder of pictures.
+        ValueError: a video cannot be read, or two are of one camera.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"videos={path}: no such folder")
+    places = [path] if path.is_file() else sorted(path.iterdir(), key=lambda each: natural(each.name))
+    places = [each for each in places if not each.name.startswith(".")]
+    found = [_video(each) for each in places if each.is_file() and each.suffix.lower() in VIDEOS]
+    found += [_folder(each) for each in places if each.is_dir() and _pictures_in(each)]
+    if not found and path.is_dir() and _pictures_in(path):
+        found = [_folder(path)]
+    if not found:
+        raise FileNotFoundError(
+            f"videos={path}: expected for each camera a video ({', '.join(VIDEOS)}) or a folder of pictures "
+            f"({', '.join(PICTURES)}), found {', '.join(each.name for each in places[:6]) or 'nothing'}"
+        )
+    names = [camera.name for camera in found]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"videos={path}: expected one video or folder for each camera, found two of {twice}")
+    return sorted(found, key=lambda camera: natural(camera.name))
+
+
+def cameras_of(images: Images, sizes: np.ndarray) -> list[CameraPictures]:
+    """Return the cameras of the images of a clip of F frames; `sizes` (V, 2) px are those of its rig."""
+    numbers = np.arange(len(images.frames), dtype=float)
+    return [
+        CameraPictures(name, images.folder, tuple(map(int, size)), numbers, None, partial(_read_images, images, name))
+        for name, size in zip(images.views, sizes, strict=True)
+    ]
+
+
+def _read_images(images: Images, name: str, start: int, stop: int) -> Iterator[np.ndarray]:
+    for frame in range(start, stop):
+        yield images.at("rgb", name, frame)
+
+
+def _pictures_in(folder: Path) -> list[Path]:
+    found = [each for each in folder.iterdir() if each.suffix.lower() in PICTURES and not each.name.startswith(".")]
+    return sorted(found, key=lambda each: natural(each.name))
+
+
+def _folder(path: Path) -> CameraPictures:
+    files = _pictures_in(path)
+    size, error = None, None
+    for file in files:
+        try:
+            size = check_picture(file)
+            break
+        except ValueError as damaged:
+            error = error or damaged
+    if size is None:
+        raise ValueError(f"{path}: not one picture can be read; {error}")
+    try:
+        numbers = [frame_number(file, file.stem) for file in files]
+    except ValueError:
+        numbers = list(range(len(files)))
+    if len(set(numbers)) < len(numbers):
+        numbers = list(range(len(files)))
+    order = np.argsort(numbers, kind="stable")
+    ordered = [files[i] for i in order]
+    return CameraPictures(
+        path.name, path, size, np.array(numbers, float)[order], None, partial(_read_files, ordered, size)
+    )
+
+
+def _read_files(files: list[Path], size: tuple[int, int], start: int, stop: int) -> Iterator[np.ndarray | None]:
+    for file in files[start:stop]:
+        try:
+            picture = read_picture(file, (1, 3, 4))
+        except (ValueError, OSError):
+            yield None
+            continue
+        if picture.dtype != np.uint8:
+            picture = (picture >> 8).astype(np.uint8)
+        picture = np.repeat(np.atleast_3d(picture), 3, -1) if picture.ndim == 2 else picture[..., 2::-1]
+        yield np.ascontiguousarray(picture) if picture.shape[1::-1] == size else None
+
+
+def _video(path: Path) -> CameraPictures:
+    import av
+
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        base = float(stream.time_base)
+        stamps = sorted(packet.pts for packet in container.demux(video=0) if packet.pts is not None)
+        rate = float(stream.average_rate) if stream.average_rate else None
+        codec = stream.codec_context.name
+        timecode = stream.metadata.get("timecode") or container.metadata.get("timecode")
+    try:
+        first = next((each for each in _read_video(path, stamps, 0, min(len(stamps), 50)) if each is not None), None)
+    except av.FFmpegError as error:
+        raise ValueError(f"{path}: this video is damaged, {error}") from None
+    if first is None:
+        raise ValueError(f"{path}: expected a video, found no picture that can be decoded")
+    times = np.array(stamps, float) * base
+    if len(times) > 1 and not (rate and 0.5 < rate * (times[-1] - times[0]) / (len(times) - 1) < 2):
+        rate = (len(times) - 1) / max(times[-1] - times[0], 1e-9)
+    return CameraPictures(
+        path.stem, path, first.shape[1::-1], times, rate, partial(_read_video, path, stamps), codec, timecode
+    )
+
+
+def _read_video(path: Path, stamps: list[int], start: int, stop: int) -> Iterator[np.ndarray | None]:
+    """Yield frames of a video; one that cannot be decoded is None, and the next ones are read all the same."""
+    import av
+
+    position = {stamp: number for number, stamp in enumerate(stamps)}
+    expected = start
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        stream.codec_context.thread_count = 1
+        if start:
+            container.seek(stamps[start], stream=stream)
+        for packet in container.demux(stream):
+            try:
+                frames = packet.decode()
+            except (av.FFmpegError, ValueError):
+                continue
+            for frame in frames:
+                number = position.get(frame.pts, -1)
+                if number < expected or number >= stop:
+                    if number >= stop:
+                        break
+                    continue
+                yield from [None] * (number - expected)
+                yield _upright(frame)
+                expected = number + 1
+            if expected >= stop:
+                break
+    yield from [None] * (stop - expected)
+
+
+def _upright(frame) -> np.ndarray:
+    """Return the picture of a frame as players show it: phones write how they were held."""
+    picture = frame.to_ndarray(format="rgb24")
+    quarters = round((getattr(frame, "rotation", 0) or 0) / 90)
+    return np.ascontiguousarray(np.rot90(picture, quarters)) if quarters % 4 else picture

@@ -1,0 +1,63 @@
+"""The registry of 2D detectors: each is a function under the decorator `pose_detector`.
+
+It takes a `PoseDetectorConfig` and returns a `PictureDetector` for the pictures of one camera, which come in order. A
+detector of users' own, `detector=module:function`, is such a function too, without the decorator.
+"""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from dmae.data.skeleton import Skeleton
+from dmae.registry import Entry, Registry
+
+pose_detector = Registry("pose_detector", Entry, f"{__package__}.detectors", option="detector")
+
+
+@dataclass(frozen=True)
+class PoseDetectorConfig:
+    """How people are found in pictures."""
+
+    name: str = field(default="blazepose", metadata={"choices": pose_detector})
+    """Detector, or module:function of your own."""
+    path: str | None = None
+    """Model file of the detector `onnx`."""
+    skeleton: str | None = None
+    """Skeleton of that model; by default known by its number of joints."""
+    windows: list[float] = field(default_factory=lambda: [1.0, 0.6, 0.35])
+    """Sides of the windows in which people are searched, relative to the longer side of the picture; smaller windows
+    find smaller people, and take longer."""
+    search_every: int = 10
+    """frames; people are searched in windows so often, and whenever one was lost."""
+    min_presence: float = 0.5
+    """Smallest probability that a region holds a person, 0 to 1."""
+
+    def __post_init__(self):
+        if not self.windows or not all(0.05 <= share <= 1 for share in self.windows):
+            raise ValueError(f"detector.windows={self.windows}: expected shares of the picture from 0.05 to 1")
+        if self.search_every < 1:
+            raise ValueError(f"detector.search_every={self.search_every}: expected 1 frame or more")
+        if not 0 < self.min_presence < 1:
+            raise ValueError(f"detector.min_presence={self.min_presence:g}: expected a probability, between 0 and 1")
+
+
+class PictureDetector(Protocol):
+    """Finds the people in the pictures of one camera.
+
+    Attributes:
+        skeleton: J joints.
+    """
+
+    skeleton: Skeleton
+
+    def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the people of the next picture.
+
+        Args:
+            picture: (H, W, 3) uint8, RGB.
+
+        Returns:
+            xy: (D, J, 2) px, pixel (0, 0) is the centre of the first pixel; NaN where a joint is absent.
+            score: (D, J) confidence from 0 to 1; NaN where a joint is absent.
+        """

@@ -1,0 +1,132 @@
+"""Decisions of a reviewer on joints of a clip: accepted, blanked, or handed back to completion."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.from_json import decode
+from dmae.data.store import write_atomic
+from dmae.files.structured import read_json
+
+DECISIONS = "decisions.json"
+FORMAT = 1
+
+
+class ReviewVerdict(StrEnum):
+    """What is to become of a joint in some frames."""
+
+    accept = "accept"
+    """It stays as it is."""
+    blank = "blank"
+    """It is left out of exports, and of what is completed."""
+    hand_back = "hand_back"
+    """It is completed anew by `dmae complete`, as if no camera had measured it; until then exports leave it out."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A verdict on one joint of one person.
+
+    Attributes:
+        person: Index of the captured person.
+        joint: Name of the joint.
+        first: Index of the first frame.
+        last: Index of the last frame.
+        verdict: What is to become of it.
+    """
+
+    person: int
+    joint: str
+    first: int
+    last: int
+    verdict: ReviewVerdict
+
+
+def save_decisions(folder: Path, poses: Poses3D, decisions: Sequence[Decision]) -> None:
+    """Write decisions on the poses of a clip into its folder, in place of earlier ones.
+
+    Raises:
+        ValueError: a decision names a person, joint or frame that the poses do not have.
+    """
+    for decision in decisions:
+        _index(poses, decision)
+    content = {"format": FORMAT, "poses": checksum(poses), "decisions": [asdict(each) for each in decisions]}
+    write_atomic(Path(folder) / DECISIONS, json.dumps(content, indent=1) + "\n")
+
+
+def load_decisions(folder: Path, poses: Poses3D | None) -> tuple[Decision, ...]:
+    """Return the decisions in the folder of a clip; none where there is no such file.
+
+    Args:
+        folder: Folder of the clip.
+        poses: Of the clip.
+
+    Raises:
+        ValueError: the file is malformed, or its decisions were made on other poses than these.
+    """
+    path = Path(folder) / DECISIONS
+    if not path.is_file():
+        return ()
+    content = read_json(path)
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise ValueError(f"{path}: expected decisions of format {FORMAT}, which dmae review writes")
+    try:
+        decisions = decode(tuple[Decision, ...], content.get("decisions"), "decisions")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    if poses is None or content.get("poses") != checksum(poses):
+        raise ValueError(
+            f"{path}: its decisions were made on other poses than those of this clip; remove the file and review again"
+        )
+    for decision in decisions:
+        try:
+            _index(poses, decision)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+    return decisions
+
+
+def decided(poses: Poses3D, decisions: Sequence[Decision], *verdicts: ReviewVerdict) -> np.ndarray:
+    """Return (F, P, J) True where a decision with one of these verdicts holds. Of several, the last one holds."""
+    found = np.zeros(poses.source.shape, bool)
+    for decision in decisions:
+        found[_index(poses, decision)] = decision.verdict in verdicts
+    return found
+
+
+def with_decisions(clip: Clip, folder: Path) -> Clip:
+    """Return a clip without the joints that the decisions in its folder blank or hand back.
+
+    Raises:
+        ValueError: as `load_decisions` does.
+    """
+    decisions = load_decisions(folder, clip.poses)
+    if not decisions:
+        return clip
+    return replace(
+        clip, poses=clip.poses.without(decided(clip.poses, decisions, ReviewVerdict.blank, ReviewVerdict.hand_back))
+    )
+
+
+def checksum(poses: Poses3D) -> str:
+    """Return a checksum of where the joints are and how they came about, which decisions on them name."""
+    return hashlib.sha256(np.ascontiguousarray(poses.xyz).tobytes() + poses.source.tobytes()).hexdigest()
+
+
+def _index(poses: Poses3D, decision: Decision) -> tuple[slice, int, int]:
+    frames, persons, _ = poses.source.shape
+    if decision.joint not in poses.skeleton.joints:
+        raise ValueError(f"decision on joint {decision.joint!r}: {poses.skeleton.name} has no such joint")
+    if not 0 <= decision.person < persons:
+        raise ValueError(f"decision on person {decision.person}: expected 0 to {persons - 1}")
+    if not 0 <= decision.first <= decision.last < frames:
+        raise ValueError(
+            f"decision on frames {decision.first} to {decision.last}: expected an order, and frames 0 to {frames - 1}"
+        )
+    return slice(decision.first, decision.last + 1), decision.person, poses.skeleton.joints.index(decision.joint)

@@ -1,0 +1,1 @@
+"""Recordings of programs that track people with other libraries: Caliscope, FreeMoCap, MMPose."""

@@ -1,0 +1,141 @@
+"""Caliscope: recordings of a project with the points that its trackers found, a CSV for all cameras."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.data.skeleton import BLAZEPOSE33, COCO17, HALPE26, Skeleton, get_skeleton
+from dmae.files.contents import read_text
+from dmae.files.numbers import MOST_PIXELS, check_numbers
+from dmae.formats.calibrations.files import FOUND, CalibrationSource
+from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.registry import reader
+
+_TRACKERS = {"HALPE26": HALPE26, "COCO_WHOLEBODY": COCO17, "HOLISTIC": BLAZEPOSE33, "POSE": BLAZEPOSE33}
+"""Skeletons by a part of the tracker's name; further points, as of hands and face, have further numbers."""
+_POINTS = "xy_*.csv"
+_CALIBRATION_TARGETS = ("CHARUCO", "ARUCO", "CHESSBOARD")
+_MOST_ROWS = 50_000_000
+
+
+@reader("caliscope", signs=[["xy_*.csv"], ["*/xy_*.csv"], ["camera_array.toml"], ["recordings/*/*/xy_*.csv"]])
+def read_caliscope(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """A Caliscope project, or one of its recordings: camera_array.toml and <TRACKER>/xy_<TRACKER>.csv.
+
+    Args:
+        path: The project, a recording in it, or the folder of a tracker.
+        calibration: Where its calibration is, and what that does not say; older projects have it in `config.toml`.
+        detections: The CSV; by default found in `path`.
+        fps: Frames per second; by default those of the times in the CSV.
+        skeleton: Skeleton of the points; by default that of the tracker.
+
+    Raises:
+        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
+    """
+    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
+
+
+def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
+    """Read the points of a CSV: one person a camera, without confidences, which count as 1.
+
+    Frames are numbered by `sync_index`, at which all cameras show the same moment.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: there are several, it is malformed, or its tracker is not known.
+    """
+    file = _file(Path(path))
+    skeleton = skeleton or _skeleton(file)
+    header, rows = _rows(file)
+    camera = "cam_id" if "cam_id" in header else "port"
+    columns = ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")
+    lacking = [name for name in columns if name not in header]
+    if lacking:
+        raise ValueError(f"{file}: expected the columns {', '.join(columns)}, found {', '.join(header)}")
+    index, cameras, point = (rows[:, header.index(name)] for name in columns[:3])
+    xy = rows[:, [header.index(name) for name in columns[3:]]]
+    check_numbers(f"{file}: img_loc", xy, MOST_PIXELS)
+    whole = rows[:, [header.index(name) for name in columns[:3]]]
+    if not (np.isfinite(whole) & (whole == np.round(whole)) & (whole >= 0) & (whole < 1e9)).all():
+        raise ValueError(f"{file}: expected whole numbers of frames, cameras and points from 0 on")
+    body = point < len(skeleton)
+    if not body.any():
+        raise ValueError(f"{file}: found no point of {skeleton.name}, which have numbers below {len(skeleton)}")
+    views: dict[str, dict[int, np.ndarray]] = {}
+    for name in np.unique(cameras).astype(int):
+        own = body & (cameras == name)
+        numbers, place = np.unique(index[cameras == name], return_inverse=True)
+        frames = np.full((len(numbers), 1, len(skeleton), 3), np.nan)
+        kept = own[cameras == name]
+        frames[place[kept], 0, point[own].astype(int), :2] = xy[own]
+        frames[..., 2] = np.where(np.isfinite(frames[..., 0]), 1.0, np.nan)
+        views[str(name)] = dict(zip(numbers.astype(int).tolist(), frames, strict=True))
+    return NumberedDetections(skeleton, views, _rate(header, rows))
+
+
+def _file(path: Path) -> Path:
+    if path.is_file():
+        return path
+    for pattern in (_POINTS, f"*/{_POINTS}", f"recordings/*/*/{_POINTS}", f"*/*/{_POINTS}"):
+        found = [file for file in sorted(path.glob(pattern)) if not file.stem.upper().endswith(_CALIBRATION_TARGETS)]
+        if len(found) > 1:
+            names = ", ".join(str(file.relative_to(path)) for file in found)
+            raise ValueError(f"{path}: expected the points of one recording and tracker, found {names}; give one of "
+                             "them as data.detections=..., or the recording as data.path=...")  # fmt: skip
+        if found:
+            return found[0]
+    raise FileNotFoundError(f"{path}: expected <TRACKER>/xy_<TRACKER>.csv, found none; name it by data.detections=...")
+
+
+def _skeleton(file: Path) -> Skeleton:
+    tracker = file.stem.upper()
+    for part, skeleton in _TRACKERS.items():
+        if part in tracker:
+            return get_skeleton(skeleton.name)
+    raise ValueError(
+        f"{file}: expected a tracker called {', '.join(_TRACKERS)}, found {file.stem}; data.skeleton=... names the "
+        "skeleton of its points"
+    )
+
+
+def _rows(file: Path) -> tuple[list[str], np.ndarray]:
+    """Return the names of the columns and the numbers (n, columns), NaN where a cell is empty."""
+    header, *lines = read_text(file).splitlines() or [""]
+    names = [name.strip() for name in header.split(",")]
+    if len(lines) > _MOST_ROWS:
+        raise ValueError(f"{file}: expected up to {_MOST_ROWS:,} rows, found {len(lines):,}")
+    rows = np.full((len(lines), len(names)), np.nan)
+    for number, line in enumerate(lines):
+        cells = line.split(",")
+        if len(cells) != len(names):
+            raise ValueError(f"{file}, line {number + 2}: expected {len(names)} cells, found {len(cells)}")
+        try:
+            rows[number] = [float(cell) if cell.strip() else np.nan for cell in cells]
+        except ValueError as error:
+            raise ValueError(f"{file}, line {number + 2}: expected numbers, {error}") from None
+    if not len(rows):
+        raise ValueError(f"{file}: expected a row for each point, found none")
+    return names, rows
+
+
+def _rate(header: Sequence[str], rows: np.ndarray) -> float | None:
+    """Return the frames per second by the times of the first camera's frames; None where there are no times."""
+    if "frame_time" not in header:
+        return None
+    index, time = rows[:, header.index("sync_index")], rows[:, header.index("frame_time")]
+    known = np.isfinite(index) & np.isfinite(time)
+    numbers, first = np.unique(index[known], return_index=True)
+    times = time[known][first]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steps = np.diff(times) / np.diff(numbers)
+    step = np.median(steps) if len(steps) else np.nan
+    return float(np.round(1 / step, 2)) if 1e-3 < step < 1e3 else None

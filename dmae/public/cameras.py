@@ -1,0 +1,60 @@
+"""Cameras: examine a calibration, and refine it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dmae.data.clip import Clip
+
+if TYPE_CHECKING:
+    from dmae.calibration.adjustment.refinement import RefineConfig, Refined
+    from dmae.calibration.doctor import Diagnosis
+
+
+def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
+    """Find what is wrong with a calibration, by comparing what its cameras detect.
+
+    Args:
+        clip: F frames of V cameras; only cameras and detections are read.
+        max_offset: Largest time offset between two cameras that is tried, in frames, either way.
+
+    Returns:
+        `findings`, each with fault, cameras, evidence and remedy, in the order to correct them; none where nothing is
+        wrong. `pairs` says how every two cameras fit.
+
+    Raises:
+        ValueError: `max_offset` is negative.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> dmae.doctor(clip).findings
+        ()
+    """
+    from dmae.calibration.doctor import diagnose
+
+    return diagnose(clip, max_offset=max_offset)
+
+
+def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
+    """Refine the calibration of a clip by the people in it: bundle adjustment over their joints and bones.
+
+    Args:
+        clip: F frames of V cameras; only cameras and detections are read.
+        refine: What may change (`dmae.calibration.adjustment.refinement.RefineConfig`); by default the extrinsics of
+            the cameras that clearly differ from their calibration.
+
+    Returns:
+        `rig`, the cameras; `offset` and `drift` of their clocks; `covariance`; `changes`, what moved and by how much.
+
+    Raises:
+        ValueError: there are too few cameras or people, or no camera of a name.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=3", clips=1, seed=7))
+        >>> refined = dmae.calibrate(clip)
+        >>> refined.rig.names == clip.rig.names
+        True
+    """
+    from dmae.calibration.adjustment.refinement import refine as run
+
+    return run(clip, refine)

@@ -1,0 +1,229 @@
+"""Why capture found few people or none: what is left after each step, and what would change that."""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+from dmae.data.skeleton import Skeleton
+from dmae.numerics.robust import median_known
+from dmae.reconstruction.association import NONE, Candidates, count_pairs, find_groups
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.false_positives import coincidental, too_brief, well_measured
+from dmae.reconstruction.merging import merge, same_person
+from dmae.reconstruction.people.subjects import inside_volume, leg_lengths, wanted_people
+from dmae.reconstruction.tracking import track
+from dmae.reconstruction.tracks import Tracks
+
+_FRAMES = 10
+"""Frames of which detections are compared."""
+_MIN_JOINTS = 3
+"""Fewest joints of a detection that is compared."""
+_SHORTEST_BONE, _LONGEST_BONE = 0.1, 0.8
+"""m; of a body some bone is longer than the first, and none longer than the second."""
+_SCALES = {
+    1.0: "",
+    0.001: "lengths of the calibration are in mm: data.unit=mm, or divide its translations by 1000",
+    0.01: "lengths of the calibration are in cm: data.unit=cm, or divide its translations by 100",
+    1000.0: "lengths of the calibration are in m: data.unit=m, or multiply its translations by 1000",
+}
+_INVERSES = {
+    False: "",
+    True: "extrinsics of the calibration are the other way round: data.inverse=true, or false where that is the "
+    "default of its format, or invert them",
+}
+_ZOOMS = {
+    1.0: "",
+    2.0: "people were detected in images of half the size that was calibrated: multiply the pixels by 2, or divide fx, "
+    "fy, cx, cy and the image size of the calibration by 2",
+    0.5: "people were detected in images of twice the size that was calibrated: divide the pixels by 2, or multiply "
+    "fx, fy, cx, cy and the image size of the calibration by 2",
+}
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Why there are few people or none.
+
+    Attributes:
+        stages: What each step left, in order: words and a number.
+        suggestions: What to change, the likeliest first.
+    """
+
+    stages: tuple[tuple[str, int], ...]
+    suggestions: tuple[str, ...]
+
+    def __str__(self) -> str:
+        width = max(len(f"{count:,}") for _, count in self.stages)
+        lines = [f"  {count:>{width},} {words}" for words, count in self.stages]
+        suggestions = [f"  suggestion: {suggestion}" for suggestion in self.suggestions]
+        return "\n".join(["of the recording there are", *lines, *suggestions])
+
+
+def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
+    """Repeat the steps of `dmae.reconstruction.pipeline.capture`, and count what is left after each.
+
+    Where detections of different cameras do not fit each other, it is tried whether they do with other units, inverted
+    extrinsics, or images of another size.
+    """
+    score, skeleton = clip.detections.score, clip.detections.skeleton
+    observed = clip.detections.observed
+    people, joints, sure = int(observed.any(-1).sum()), int(observed.sum()), int((score >= config.th_p).sum())
+    stages = [
+        ("cameras", len(clip.rig)),
+        ("frames", len(clip)),
+        ("detections of people in all cameras", people),
+        ("detected joints", joints),
+        (f"joints of a confidence of {config.th_p:g} or more (th_p)", sure),
+    ]
+    if not people:
+        suggestion = (
+            "there are no detections: the files hold no people, or only joints of confidence 0, which is absent"
+        )
+        return Explanation(tuple(stages), (suggestion,))
+    if not sure:
+        suggestion = f"the greatest confidence is {np.nanmax(score):.2g}: give a smaller capture.th_p"
+        return Explanation(tuple(stages), (suggestion,))
+    evidence = Evidence.of(clip, config.th_p, config)
+    enough = (~np.isnan(evidence.confidence)).sum(-1) >= _MIN_JOINTS
+    shared = np.flatnonzero(enough.any(-1).sum(1) >= max(2, config.th_v))
+    stages += [(f"frames in which {max(2, config.th_v)} cameras or more detect people (th_v)", len(shared))]
+    if not len(shared):
+        return Explanation(tuple(stages), _suggestions_without_pairs(clip, config, enough))
+    frames = shared[np.unique(np.linspace(0, len(shared) - 1, _FRAMES).astype(int))]
+    found = _bodies(evidence, evidence.rig, skeleton, frames, 1.0)
+    stages += [
+        (f"pairs of detections of two cameras, in {len(frames)} of these frames", found.pairs),
+        (f"pairs that agree (affinity of {config.association.min_affinity:g} or more)", found.agreeing),
+        (f"groups of them that make a body of {config.tracking.birth_joints} joints or more", found.bodies),
+    ]
+    suggestions = _other_readings(evidence, skeleton, frames, found)
+    tracks = track(evidence, clip, config)
+    stages.append(("tracks that were started", tracks.xyz.shape[1]))
+    if tracks.xyz.shape[1]:
+        more, suggestion = _kept(tracks, clip, config)
+        stages += more
+        suggestions = [*suggestions, *suggestion]
+    elif not suggestions:
+        suggestions = [
+            "cameras do not agree: dmae doctor, with the same data=..., examines calibration and synchronisation"
+        ]
+    return Explanation(tuple(stages), tuple(suggestions))
+
+
+def _suggestions_without_pairs(clip: Clip, config: CaptureConfig, enough: np.ndarray) -> tuple[str, ...]:
+    detecting = [name for name, some in zip(clip.rig.names, enough.any((0, 2)), strict=True) if some]
+    if len(detecting) < max(2, config.th_v):
+        return (
+            f"people of {_MIN_JOINTS} joints or more are detected by {len(detecting)} cameras only: "
+            f"{', '.join(detecting) or 'none'}",
+        )
+    return (
+        "cameras detect people in different frames: are the frame numbers of their files those of one clock? "
+        "data.offsets shifts them",
+    )
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Numbers of pairs of detections, of those that agree, of groups that make a body, and of joints in views of these.
+
+    Joints count that three views or more agree on: of two views, many agree by coincidence.
+    """
+
+    pairs: int
+    agreeing: int
+    bodies: int
+    joints: int
+
+
+def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.ndarray, zoom: float) -> _Compared:
+    """Compare the detections of some frames, as seen by the cameras of another rig in images zoomed."""
+    config = evidence.config
+    pairs = agreeing = bodies = joints = 0
+    part = Evidence(rig, evidence.xy[frames] * zoom, evidence.confidence[frames], config)
+    start, end = np.array(skeleton.bones).reshape(-1, 2).T
+    all_rays = rig.rays(part.xy)
+    for frame in range(len(frames)):
+        confidence = part.confidence[frame]
+        view, detection = np.nonzero((~np.isnan(confidence)).sum(-1) >= _MIN_JOINTS)
+        weights = confidence[view, detection]
+        candidates = Candidates.of(view, rig.centers, all_rays[frame, view, detection], weights)
+        compared, agreed = count_pairs(candidates, config.association)
+        pairs, agreeing = pairs + compared, agreeing + agreed
+        if not compared:
+            continue
+        members = find_groups(candidates, config.association)
+        absent = (members == NONE)[..., None] | np.isnan(weights[members])
+        groups = np.where(absent, NONE, detection[members][..., None])
+        if len(groups):
+            points = part.triangulate(frame, groups, 2)
+            xyz = points.xyz
+            known = (~np.isnan(xyz[..., 0])).sum(-1)
+            length = np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1)
+            whole = (known >= config.tracking.birth_joints) & ~(length > _LONGEST_BONE).any(-1)
+            # In a world that is too small all rays meet, and bones have no length.
+            whole &= (length > _SHORTEST_BONE).any(-1)
+            bodies += int(whole.sum())
+            views = points.views[whole]
+            joints += int(views[views >= min(3, len(rig))].sum())
+    return _Compared(pairs, agreeing, bodies, joints)
+
+
+def _other_readings(evidence: Evidence, skeleton: Skeleton, frames: np.ndarray, found: _Compared) -> list[str]:
+    """Return what to change so that cameras agree, where one of the usual mistakes explains that they do not."""
+    best, suggestions = max(2 * found.joints, 10 * len(frames)), []
+    readings = sorted(product(_SCALES, _INVERSES, _ZOOMS), key=lambda r: (r[0] != 1) + r[1] + (r[2] != 1))
+    for scale, inverse, zoom in readings[1:]:
+        world = np.linalg.inv(evidence.rig.cam_from_world) if inverse else evidence.rig.cam_from_world.copy()
+        world[:, :3, 3] *= scale
+        joints = _bodies(evidence, replace(evidence.rig, cam_from_world=world), skeleton, frames, zoom).joints
+        if joints > best:
+            # A simpler reading comes first; one with more mistakes has to explain clearly more.
+            best = 1.3 * joints
+            parts = [part for part in (_SCALES[scale], _INVERSES[inverse], _ZOOMS[zoom]) if part]
+            suggestions = [f"{'; and '.join(parts)} ({joints:,} detected joints then agree, now {found.joints:,})"]
+    return suggestions
+
+
+def _kept(tracks: Tracks, clip: Clip, config: CaptureConfig) -> tuple[list[tuple[str, int]], list[str]]:
+    """Return the stages from tracks to people, and what to change so that some are left."""
+    skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
+    tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s))
+    stages, suggestions = [("people that they are of", tracks.xyz.shape[1])], []
+    if config.volume is not None:
+        places = median_known(tracks.xyz)
+        tracks = inside_volume(tracks, config.volume)
+        tracks = tracks.select(~np.isnan(tracks.xyz[..., 0]).all((0, 2)))
+        stages.append(("of these inside capture.volume", tracks.xyz.shape[1]))
+        if not tracks.xyz.shape[1]:
+            low, high = np.nanmin(places, (0, 1)), np.nanmax(places, (0, 1))
+            return stages, [
+                f"all people are outside capture.volume: x is {low[0]:.1f} to {high[0]:.1f} m, y {low[1]:.1f} to "
+                f"{high[1]:.1f}, z {low[2]:.1f} to {high[2]:.1f}"
+            ]
+    measured = well_measured(tracks, tracking.birth_joints).sum(0)
+    brief = too_brief(measured, len(clip), fps, tracking.min_duration_s)
+    stages.append((f"of these measured for {tracking.min_duration_s:g} s or more", int((~brief).sum())))
+    if brief.all():
+        suggestions.append(
+            f"the longest was measured for {measured.max(initial=0) / fps:.2f} s: give a smaller "
+            "capture.tracking.min_duration_s, or check that the cameras agree with dmae doctor"
+        )
+        return stages, suggestions
+    tracks = tracks.select(~brief)
+    agreed = ~coincidental(tracks, config.th_v)
+    stages.append(("of these with views that agree on most joints", int(agreed.sum())))
+    if not agreed.any():
+        return stages, ["cameras agree by coincidence only: dmae doctor examines calibration and synchronisation"]
+    wanted = wanted_people(tracks.select(agreed), clip.rig, skeleton, fps, config).xyz.shape[1]
+    stages.append(("of these asked for by capture.persons and capture.subject", wanted))
+    if not wanted and config.subject.leg_m is not None:
+        legs = leg_lengths(tracks.select(agreed).xyz, skeleton)
+        suggestions.append(
+            f"legs are {', '.join(f'{leg:.2f}' for leg in legs)} m long, which capture.subject.leg_m leaves out"
+        )
+    return stages, suggestions

@@ -1,0 +1,125 @@
+"""Left and right: joints that a detector put on the other side of the body are found and put right.
+
+A detector exchanges sides for one frame or for seconds, with full confidence, in one view. The other views, and the
+frames around, show where left and right are.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.skeleton import Skeleton
+from dmae.reconstruction.association import NONE
+from dmae.reconstruction.config import CaptureConfig, DistanceUnit
+from dmae.reconstruction.evidence import Evidence
+
+_MIN_GAIN = 0.2
+"""m; the distances of the two joints of a pair from where they are expected are together smaller by so much when the
+sides are exchanged. Noise does not reach it: joints of a pair that are close to each other stay as they are."""
+_MAX_DISTANCE = 0.15
+"""m; mean distance of the exchanged joints from where they are expected."""
+
+
+def pairs_of(skeleton: Skeleton) -> np.ndarray:
+    """Return the indices (n, 2) of left joints and of their partners on the right."""
+    mirror = np.array(skeleton.mirror, int)
+    left = np.flatnonzero([joint.rpartition(".")[2].startswith("l_") for joint in skeleton.joints])
+    left = left[mirror[left] != left]
+    return np.stack([left, mirror[left]], -1).reshape(-1, 2)
+
+
+def nearer_side(distance: np.ndarray, exchanged: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Return distances (..., J) with those of exchanged joints where these are clearly smaller.
+
+    Args:
+        distance: (..., J) m, of detected joints from where they are expected.
+        exchanged: (..., J) m, of detected joints from where their partners on the other side are expected.
+        pairs: (n, 2) indices of the joints of each pair.
+    """
+    if not len(pairs):
+        return distance
+    wrong = _is_exchanged(distance[..., pairs], exchanged[..., pairs])
+    chosen = distance.copy()
+    for side in (0, 1):
+        joints = pairs[:, side]
+        chosen[..., joints] = np.where(wrong, exchanged[..., joints], distance[..., joints])
+    return chosen
+
+
+def find_exchanged(
+    evidence: Evidence, frames: slice, assigned: np.ndarray, expected: np.ndarray, pairs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the pairs of joints with left and right exchanged in a minority of views, or in half of them.
+
+    Where most views have them exchanged it is the expected place that is wrong.
+
+    Args:
+        evidence: Detections.
+        frames: F frames of the evidence.
+        assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
+        expected: (F, P, J, 3) m, where joints are expected; NaN where that is not known.
+        pairs: (n, 2) indices of the joints of each pair.
+
+    Returns:
+        exchanged: (F, P, V, n) True where the sides of a pair are exchanged.
+        detection: (F, P, V, n) index of the detection that shows the pair, or `NONE`.
+    """
+    left, right = (assigned[..., pairs[:, side]] for side in (0, 1))
+    detection = np.where(left == NONE, right, left)
+    detection = np.where((right != NONE) & (right != detection), NONE, detection)
+    pixels, depth = evidence.rig.project(expected)
+    scale = depth / np.sqrt(evidence.rig.K[:, 0, 0] * evidence.rig.K[:, 1, 1])[:, None, None]
+    pixels, scale = (each.swapaxes(1, 2)[:, :, :, pairs] for each in (pixels, scale))
+    frame, view = np.arange(frames.start, frames.stop)[:, None, None, None], np.arange(len(evidence.rig))[:, None]
+    shown = np.stack([evidence.xy[frame, view, detection, pairs[:, side]] for side in (0, 1)], -2)
+    shown = np.where((detection == NONE)[..., None, None], np.nan, shown)
+    distance = np.linalg.norm(shown - pixels, axis=-1) * scale
+    other = np.linalg.norm(shown - pixels[..., ::-1, :], axis=-1) * scale[..., ::-1]
+    wrong = _is_exchanged(distance, other)
+    observing = (~np.isnan(distance)).any(-1).sum(2, keepdims=True)
+    return wrong & (2 * wrong.sum(2, keepdims=True) <= observing), detection
+
+
+def exchange(evidence: Evidence, first: int, wrong: np.ndarray, detection: np.ndarray, pairs: np.ndarray) -> Evidence:
+    """Return the evidence with left and right exchanged, from frame `first` on, where `find_exchanged` says so."""
+    if not wrong.any():
+        return evidence
+    frame, _, view, pair = np.nonzero(wrong)
+    places = (frame + first, view, detection[wrong])
+    left, right = pairs[pair, 0], pairs[pair, 1]
+    xy, confidence = evidence.xy.copy(), evidence.confidence.copy()
+    for array in (xy, confidence):
+        array[*places, left], array[*places, right] = array[*places, right], array[*places, left]
+    return replace(evidence, xy=xy, confidence=confidence)
+
+
+def exchanged_detections(clip: Clip, poses: Poses3D) -> np.ndarray:
+    """Return (F, V) True where a camera shows a person of the poses with left and right exchanged.
+
+    Args:
+        clip: F frames of V cameras, of the skeleton of the poses.
+        poses: As captured from the clip: the detection of a person is the one nearest to it.
+    """
+    pairs = pairs_of(clip.detections.skeleton)
+    frames = slice(0, len(clip))
+    if not len(pairs) or not poses.xyz.size:
+        return np.zeros((len(clip), len(clip.rig)), bool)
+    config = CaptureConfig()
+    evidence = Evidence.of(clip, config.th_p, config)
+    xyz, mirrored = poses.xyz.astype(np.float64), poses.xyz[:, :, list(clip.detections.skeleton.mirror)]
+    near, other = (evidence.distances(frames, each, DistanceUnit.metres) for each in (xyz, mirrored))
+    closeness = np.nansum(np.maximum(1 - nearer_side(near, other, pairs) / config.th_d, -1), -1)
+    found = np.where(closeness.max(-1, initial=-np.inf) > 0, closeness.argmax(-1), NONE).swapaxes(1, 2)
+    assigned = np.repeat(found[..., None], xyz.shape[2], -1)
+    wrong, _ = find_exchanged(evidence, frames, assigned, xyz, pairs)
+    # A pair of ears or eyes alone says little: they are close to each other.
+    return (wrong.sum(-1) >= 2).any(1)
+
+
+def _is_exchanged(distance: np.ndarray, exchanged: np.ndarray) -> np.ndarray:
+    """Return (...) True for pairs (..., 2) that are clearly nearer to their expected places with sides exchanged."""
+    known = ~np.isnan(distance) & ~np.isnan(exchanged)
+    count = known.sum(-1)
+    before, after = (np.where(known, each, 0).sum(-1) for each in (distance, exchanged))
+    return (before - after > _MIN_GAIN) & (after <= _MAX_DISTANCE * count)

@@ -1,0 +1,119 @@
+"""Lists of takes: which can be read, how long they are, and sets that share no subject."""
+
+import csv
+import io
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dmae.progress import progress
+from synth.motion.readers.cmu import subject
+from synth.motion.readers.take_lists import LIST, NO_SET, ListedTake, find_takes, read_take_list
+from synth.motion.source import read_take
+
+
+@dataclass(frozen=True)
+class Take:
+    """A take of a list.
+
+    Attributes:
+        listed: Its file, subject and set.
+        seconds, fps: Length and true rate; 0 if it cannot be read.
+        notes: How it was read and what was repaired, or why it cannot be read.
+    """
+
+    listed: ListedTake
+    seconds: float
+    fps: float
+    notes: str
+
+    @property
+    def readable(self) -> bool:
+        """Whether the take can be read."""
+        return self.seconds > 0
+
+
+def list_takes(path: Path, shares: Mapping[str, float], *, seed: int = 0) -> list[Take]:
+    """Read all takes at a path, and divide those of a folder into sets that share no subject.
+
+    Args:
+        path: A folder, a file, or a list of takes, which keeps its subjects and sets.
+        shares: Share of the seconds by name of set; empty for no sets.
+        seed: Of the order in which subjects are drawn.
+
+    Raises:
+        FileNotFoundError: there is no take.
+        ValueError: shares that do not add up to 1, sets for a list that has some, or fewer subjects than sets.
+    """
+    wanted = {name: share for name, share in shares.items() if share > 0}
+    if wanted and abs(sum(wanted.values()) - 1) > 1e-6:
+        raise ValueError(f"expected shares from 0 to 1 that add up to 1, got {dict(shares)}")
+    if path.suffix.lower() == LIST and path.is_file():
+        lines = read_take_list(path)
+        if wanted:
+            raise ValueError(
+                f"{path}: a list has its sets already; leave out the shares, or give the folder of its takes"
+            )
+    else:
+        lines = [ListedTake(file, subject(file)) for file in find_takes(path)]
+    found = [_read(line) for line in progress(lines, "reading takes")]
+    return _divided(found, wanted, seed=seed) if wanted else found
+
+
+def _read(line: ListedTake) -> Take:
+    try:
+        motion = read_take(line.path)
+    except (ValueError, FileNotFoundError) as error:
+        return Take(line, 0.0, 0.0, f"left out: {error}")
+    return Take(line, len(motion) / motion.fps, motion.fps, motion.name)
+
+
+def _divided(takes: Sequence[Take], shares: Mapping[str, float], *, seed: int) -> list[Take]:
+    """Return the takes in sets: subjects in random order, each for the set that lacks most seconds."""
+    seconds: dict[str, float] = defaultdict(float)
+    for take in takes:
+        seconds[take.listed.subject] += take.seconds
+    people = sorted(person for person, length in seconds.items() if length > 0)
+    if len(people) < len(shares):
+        raise ValueError(f"{len(people)} subjects with takes that can be read, too few for {len(shares)} sets")
+    total = sum(seconds.values())
+    lacking = {name: share * total for name, share in shares.items()}
+    chosen: dict[str, str] = {}
+    for left, index in zip(
+        range(len(people), 0, -1), np.random.default_rng(seed).permutation(len(people)), strict=True
+    ):
+        empty = [name for name in shares if name not in chosen.values()]
+        eligible = empty if empty and left <= len(empty) else list(shares)
+        chosen[people[index]] = max(eligible, key=lambda name: lacking[name])
+        lacking[chosen[people[index]]] -= seconds[people[index]]
+    return [
+        Take(
+            ListedTake(take.listed.path, take.listed.subject, chosen[take.listed.subject] if take.readable else NO_SET),
+            take.seconds,
+            take.fps,
+            take.notes,
+        )
+        for take in takes
+    ]
+
+
+def as_table(takes: Sequence[Take], folder: Path) -> str:
+    """Return the text of a list; takes are named from the folder that it is to lie in."""
+    buffer = io.StringIO()
+    table = csv.writer(buffer, delimiter="\t", lineterminator="\n")
+    table.writerow(["file", "subject", "set", "seconds", "fps", "notes"])
+    for take in takes:
+        line = take.listed
+        table.writerow(
+            [_from(line.path, folder), line.subject, line.set, f"{take.seconds:.2f}", f"{take.fps:.4g}", take.notes]
+        )
+    return buffer.getvalue()
+
+
+def _from(path: Path, folder: Path) -> str:
+    """Return a path as seen from a folder if it lies below it, else as a whole."""
+    path, folder = path.resolve(), folder.resolve()
+    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.as_posix()

@@ -1,0 +1,35 @@
+"""What the inputs of a data set allow: which parts are free, which bring terms of their own."""
+
+from synth.datasets.statistics.histograms import Statistics
+from synth.rooms.catalogue import room_choices
+
+_PROCEDURAL = "procedural"
+
+
+def terms(found: Statistics) -> str:
+    """Return the section of a data set's page on rights, in Markdown."""
+    motion, rooms = _by(found, "motion="), _by(found, "arena=")
+    recorded = {kind: count for kind, count in motion.items() if kind != _PROCEDURAL}
+    foreign = {room: count for room, count in rooms.items() if room not in room_choices()}
+    lines = [
+        "People, clothes, textures, rooms and detectors of dmae-synth are made by its code, from published statistics. "
+        "The clips that it makes of them belong to you, for commercial use as well."
+    ]
+    if recorded:
+        lines.append(
+            f"**Recorded motion** ({_listed(recorded)}): the terms of those takes hold for these clips. "
+            "`clip.json` names the take of each person."
+        )
+    if foreign:
+        lines.append(f"**Rooms from files** ({_listed(foreign)}): the terms of those files hold for pictures of them.")
+    if not motion:
+        lines.append("**Not simulated here**: the clips do not say what they were made from. Ask their source.")
+    return "\n\n".join(lines)
+
+
+def _by(found: Statistics, prefix: str) -> dict[str, int]:
+    return {key.removeprefix(prefix): count for key, count in found.scenes.items() if key.startswith(prefix)}
+
+
+def _listed(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name}: {count} {'clip' if count == 1 else 'clips'}" for name, count in sorted(counts.items()))

@@ -1,0 +1,156 @@
+"""How people hold themselves, each in their own way: bent knees and elbows, leans, and small movements all the time.
+
+Sizes and frequencies are such that angles, speeds and accelerations come as near as possible to those of the takes of
+the CMU Graphics Lab Motion Capture Database (free for research and commercial use), as `synth compare-motion` measures
+them. No recorded motion is played.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from synth.motion.easing import smoothstep
+from synth.motion.procedural.gait import rolled
+from synth.motion.procedural.legs import ANKLE, HIP_HEIGHT
+from synth.motion.procedural.trajectory import BodyTrajectory
+from synth.motion.procedural.upper_body import random_drift
+from synth.motion.rotations import about
+
+_DEEPEST = 0.09
+"""Greatest drop of the hips by which knees stay bent in standing, m."""
+_WALKING = 0.35
+"""Share of that drop, and of sway, in walking."""
+_LOW, _HIGH = 0.78, 0.93
+"""Heights of the hips, as shares of that in standing, between which the drop begins to count: not in sitting."""
+# Root mean squares of drifts and the greatest frequency in each, Hz.
+_SWAY, _BOUNCE, _HEELS = (0.010, 0.9), (0.015, 1.2), (6.5, 0.8)
+_PELVIS = ((2.5, 0.6), (2.0, 0.6), (3.0, 0.6))
+_CHEST = ((3.0, 0.6), (2.5, 0.7), (2.5, 0.7))
+_HEAD = ((16.0, 0.5), (7.0, 0.5))
+_ARMS = ((6.0, 1.0), (4.0, 1.0), (6.0, 0.8), (11.0, 1.3), (6.0, 0.8))
+"""Of turns about each axis, or of the angles of an arm as `upper_body.HANGING`: degrees, Hz."""
+_COUNTER = 0.10
+"""Distance by which hips move against a lean of the trunk, m / rad."""
+_MOST_HEAD = np.radians((62, 45))
+"""Greatest turn and nod of the head against the chest, rad."""
+_ARM_LEAST, _ARM_MOST = np.radians((-26, -8, -10, 0, -10)), np.radians((2, 6, 15, 62, 20))
+"""Bounds of what a person adds to the angles of arms at ease, rad."""
+
+
+@dataclass(frozen=True)
+class Carriage:
+    """How one person holds the body.
+
+    Attributes:
+        drop: How far the hips are below those of straight legs, m.
+        lean: (2,) lean of the trunk to the front and to the right, rad.
+        nod: Nod of the head, rad.
+        arms: (2, 5) what is added to the angles of both arms at ease, rad.
+        activity: Size of all small movements, 1 on average.
+    """
+
+    drop: float
+    lean: np.ndarray
+    nod: float
+    arms: np.ndarray
+    activity: float
+
+
+def draw_carriage(*, rng: np.random.Generator) -> Carriage:
+    """Draw how a person holds the body."""
+    both, apart = rng.uniform(_ARM_LEAST, _ARM_MOST), rng.uniform(_ARM_LEAST, _ARM_MOST, (2, 5))
+    return Carriage(
+        drop=_DEEPEST * rng.uniform(0.05, 1.0),
+        lean=np.radians(rng.normal((2.0, 0.0), (4.0, 2.0))),
+        nod=np.radians(rng.normal(6.0, 8.0)),
+        arms=0.65 * both + 0.35 * apart,
+        activity=rng.uniform(0.5, 1.6),
+    )
+
+
+def carried(
+    trajectory: BodyTrajectory,
+    carriage: Carriage,
+    walking: np.ndarray,
+    raised: np.ndarray,
+    times: np.ndarray,
+    fps: float,
+    *,
+    rng: np.random.Generator,
+) -> BodyTrajectory:
+    """Return a trajectory as a person of some carriage performs it; soles stay where they are.
+
+    Args:
+        trajectory: The trajectory, F frames.
+        carriage: How the person holds the body.
+        walking: (F,) share of walking against standing.
+        raised: (F, 2) share of what each arm does against being at ease.
+        times: (F,) s.
+        fps: Frames per second.
+        rng: Draws small movements.
+    """
+
+    def drifts(kinds) -> np.ndarray:
+        drawn = [random_drift(rng, times, np.radians(rms), fastest) for rms, fastest in kinds]
+        return carriage.activity * np.stack(drawn, axis=1)
+
+    upright = smoothstep((trajectory.root[:, 2] / HIP_HEIGHT - _LOW) / (_HIGH - _LOW))
+    upright = gaussian_filter1d(upright, 0.1 * fps, mode="nearest")
+    standing = gaussian_filter1d(1 - np.minimum(1, 2 * walking), 0.2 * fps, mode="nearest")
+    still = upright * (_WALKING + (1 - _WALKING) * standing)
+    root = trajectory.root.copy()
+    sway, bounce = (carriage.activity * rms for rms in (_SWAY[0], _BOUNCE[0]))
+    root[:, :2] += still[:, None] * np.stack([random_drift(rng, times, sway, _SWAY[1]) for _ in range(2)], axis=1)
+    # Never above straight legs, and without a kink there.
+    drop = carriage.drop + random_drift(rng, times, bounce, _BOUNCE[1])
+    root[:, 2] -= still * (drop + np.hypot(drop, 0.02)) / 2
+    still_feet = upright * standing * (1 - np.minimum(1, 4 * walking)) * carriage.activity
+    ankles, feet = _on_toes(trajectory, still_feet, times, fps, rng=rng)
+    turn, front, side = (upright[:, None] * drifts(_PELVIS)).T
+    turned = about("z", turn) @ trajectory.pelvis @ about("y", front) @ about("x", side)
+    chest = trajectory.chest + upright[:, None] * drifts(_CHEST)
+    chest[:, 1:] += upright[:, None] * carriage.lean
+    # A trunk that leans is balanced by the hips.
+    ahead, right = (chest[:, axis] - trajectory.chest[:, axis] for axis in (1, 2))
+    cos, sin = np.cos(chest[:, 0]), np.sin(chest[:, 0])
+    root[:, :2] -= _COUNTER * np.stack([cos * ahead + sin * right, sin * ahead - cos * right], axis=1)
+    # A head turns with the chest, within what a neck allows.
+    head = trajectory.head + chest[:, :2] - trajectory.chest[:, :2] + (1 - raised.max(1) / 2)[:, None] * drifts(_HEAD)
+    head = chest[:, :2] + _MOST_HEAD * np.tanh((head + (0, carriage.nod) - chest[:, :2]) / _MOST_HEAD)
+    free = 1 - raised
+    arms = trajectory.arms + free[..., None] * carriage.arms
+    for arm in range(2):
+        arms[:, arm] += (0.4 + 0.6 * free[:, arm, None]) * drifts(_ARMS)
+    # Elbows bend one way.
+    arms[..., 3] = np.maximum(arms[..., 3], np.minimum(trajectory.arms[..., 3], np.radians(5)))
+    # Feet in the air move with the hips.
+    lifted = smoothstep((trajectory.ankles[..., 2] - ANKLE - 0.08) / 0.2)[..., None]
+    ankles = ankles + lifted * (root - trajectory.root)[:, None]
+    return replace(trajectory, root=root, pelvis=turned, ankles=ankles, feet=feet, chest=chest, head=head, arms=arms)
+
+
+def _on_toes(
+    trajectory: BodyTrajectory, size: np.ndarray, times: np.ndarray, fps: float, *, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ankles (F, 2, 3) and feet (F, 2, 3, 3) with heels that rise a little over tips that stay in place.
+
+    Args:
+        trajectory: The trajectory, F frames.
+        size: (F,) size of the movement, 1 on average.
+        times: (F,) s.
+        fps: Frames per second.
+        rng: Draws the movement.
+    """
+    ankles, feet = trajectory.ankles.copy(), trajectory.feet.copy()
+    for leg in range(2):
+        pitched = np.abs(feet[:, leg, 2, 0])
+        flat = 1 - smoothstep(np.maximum((ankles[:, leg, 2] - ANKLE) / 0.02, pitched / 0.05))
+        drift = random_drift(rng, times, np.radians(_HEELS[0]), _HEELS[1])
+        heel = size * flat * (drift + np.hypot(drift, 0.03) - 0.03).clip(0) / 2
+        heel = gaussian_filter1d(heel, 0.06 * fps, mode="nearest")
+        ahead, up = rolled(-heel)
+        ankles[:, leg, :2] += ahead[:, None] * feet[:, leg, :2, 0]
+        ankles[:, leg, 2] += up - ANKLE
+        feet[:, leg] = feet[:, leg] @ about("y", heel)
+    return ankles, feet

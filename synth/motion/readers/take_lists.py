@@ -1,0 +1,118 @@
+"""Which takes there are: files, folders, and lists of takes with their subjects and sets."""
+
+import csv
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dmae.files.contents import read_text
+from synth.motion.readers import format_of, reader
+from synth.motion.readers.cmu import subject
+from synth.motion.readers.text import find_text
+
+LIST = ".tsv"
+"""Extension of lists of takes: tables separated by tabs, of the columns `file`, `subject`, `set`, and any others."""
+NO_SET = "-"
+"""In a list, the set of takes that are in none."""
+_MOST_BYTES = 1 << 26
+_UNKNOWN = ("", "?")
+
+
+@dataclass(frozen=True)
+class ListedTake:
+    """A line of a list of takes.
+
+    Attributes:
+        path: The file of the take; with the extension of its compression, where the list leaves that out.
+        subject: The person who was recorded; people recorded together count as one.
+        set: As `train`, or `-` for none.
+    """
+
+    path: Path
+    subject: str
+    set: str = NO_SET
+
+
+def find_takes(path: Path, kind: str | None = None, sets: Sequence[str] = ()) -> list[Path]:
+    """Return the files of takes at a path, sorted; of a list in its order.
+
+    Args:
+        path: A file, a folder that is searched at any depth, or a list.
+        kind: Format of the takes; None for all formats.
+        sets: Of a list, the sets wanted; all if empty.
+
+    Raises:
+        FileNotFoundError: there is no such file or folder, or no file of the format in it.
+        ValueError: it is no list of takes, has none of a set, or sets are asked of what is no list.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"motion path {path}: no such file or folder")
+    listed = path.suffix.lower() == LIST and path.is_file()
+    if sets and not listed:
+        raise ValueError(f"motion path {path}: expected a list of takes ({LIST}) for motion.sets={list(sets)}")
+    if listed:
+        lines = read_take_list(path)
+        known = {line.set for line in lines}
+        if unknown := sorted(set(sets) - known):
+            raise ValueError(f"{path}: expected sets among {', '.join(sorted(known))}, found {', '.join(unknown)}")
+        found = [line.path for line in lines if not sets or line.set in sets]
+    else:
+        found = sorted(path.rglob("*")) if path.is_dir() else [path]
+    fitting = [file for file in found if (format_of(file) if kind is None else format_of(file) == kind)]
+    fitting = [file for file in fitting if listed or file.is_file()]
+    if not fitting:
+        wanted = " ".join(f".{name}" for name in reader) if kind is None else f".{kind}"
+        there = sorted({file.suffix for file in found if file.is_file()})
+        raise FileNotFoundError(f"motion path {path}: expected {wanted} files, found {there or 'no files'}")
+    return fitting
+
+
+def read_take_list(path: Path) -> list[ListedTake]:
+    """Read a list of takes. Lines of files that are no takes, such as skeletons, are left out.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: a column is missing, or a file is listed twice.
+    """
+    rows = csv.DictReader(read_text(path, _MOST_BYTES).splitlines(), delimiter="\t", strict=True)
+    try:
+        lines = list(rows)
+    except csv.Error as error:
+        raise ValueError(f"{path}: expected lines of words separated by tabs, {error}") from None
+    missing = [name for name in ("file", "subject", "set") if name not in (rows.fieldnames or ())]
+    if missing:
+        raise ValueError(
+            f"{path}: expected a first line of file, subject and set, separated by tabs, found no {', '.join(missing)}"
+        )
+    found: dict[Path, ListedTake] = {}
+    for number, line in enumerate(lines, 2):
+        name = line["file"]
+        if not name or "\0" in name:
+            raise ValueError(f"{path}, line {number}: expected the name of a file, found {name!r:.80}")
+        if format_of(Path(name)) is None:
+            continue
+        file = path.parent / name
+        file = find_text(file) or file
+        if file in found:
+            raise ValueError(f"{path}, line {number}: {name} is listed twice")
+        stated = line["subject"] or ""
+        person = subject(file) if stated in _UNKNOWN else stated
+        found[file] = ListedTake(file, person, line["set"] or NO_SET)
+    return list(found.values())
+
+
+def find_subject_leaks(lines: Iterable[ListedTake]) -> list[str]:
+    """Return a line for each subject with takes in several sets; people recorded together are one subject."""
+    places: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for line in lines:
+        if line.set != NO_SET:
+            by_name = subject(line.path)
+            # Partners are listed by their own numbers.
+            person = by_name if line.subject in by_name.split("+") else line.subject
+            places[person][line.set].append(line.path.name)
+    return [
+        f"subject {person} in " + "; ".join(f"{name}: {', '.join(files[:3])}" for name, files in sorted(sets.items()))
+        for person, sets in sorted(places.items())
+        if len(sets) > 1
+    ]

@@ -1,0 +1,159 @@
+"""Bundle adjustment, examination and refinement: cameras whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import pdist
+
+from dmae.calibration.adjustment.bundle import adjust
+from dmae.calibration.adjustment.examination import Kind, examine
+from dmae.calibration.adjustment.freedom import Freedom
+from dmae.calibration.adjustment.initial import initial_rig
+from dmae.calibration.adjustment.matching import match_tracks
+from dmae.calibration.adjustment.observations import Observations
+from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
+from dmae.calibration.adjustment.refinement import RefineConfig, refine
+from dmae.data.clip import Clip, Detections2D
+from dmae.data.skeleton import BODY25
+from tests.support.circling_people import circling_people
+from tests.support.faulty_recordings import late, ring, sound
+
+
+def exact(noise_px: float = 0.0, frames: int = 100) -> Clip:
+    """Three people seen by four cameras, in order, with independent errors."""
+    rng, rig = np.random.default_rng(1), ring()
+    xy, _ = rig.project(circling_people(frames, 3, rng=rng).xyz)
+    xy = xy + rng.normal(0, noise_px, xy.shape) if noise_px else xy
+    return Clip("exact", 25.0, rig, Detections2D(BODY25, xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.9)))
+
+
+def displaced(clip: Clip, view: int, **parts) -> Clip:
+    step = np.zeros((len(clip.rig), Q))
+    for name, amount in parts.items():
+        step[view, {"turned": ROTATION, "moved": CENTRE, "focal": FOCAL, "k1": K1}[name]] = amount
+    return replace(clip, rig=Calibration.of(clip.rig).changed(step).rig)
+
+
+def test_a_step_and_the_difference_that_it_makes_are_the_same():
+    rng = np.random.default_rng(0)
+    first, step = Calibration.of(ring()), rng.normal(0, 0.05, (4, Q))
+    np.testing.assert_allclose(first.difference(first.changed(step)), step, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("free", "parts"),
+    [
+        ({"rotation": True, "centre": True}, {"turned": (0.02, -0.02, 0.02), "moved": (0.06, 0.06, -0.05)}),
+        ({"focal": True}, {"focal": 0.05}),
+        ({"k1": True}, {"k1": -0.2}),
+    ],
+)
+def test_adjustment_of_exact_detections_finds_the_true_camera(free, parts):
+    clip = exact()
+    faulty = displaced(clip, 1, **parts)
+    calibration = Calibration.of(faulty.rig)
+    observations = Observations.of(match_tracks(faulty), calibration, 100)
+    found = adjust(observations, calibration, Freedom.of(4, [1], **free), iterations=50, tolerance=1e-12)
+    np.testing.assert_allclose(Calibration.of(clip.rig).difference(found.calibration), 0, atol=4e-3)
+    # Lines through five frames follow people who turn within a tenth of a pixel, and the camera within millimetres.
+    assert np.nanmedian(found.error_px) < 0.1
+
+
+@pytest.mark.slow
+def test_a_time_offset_is_found_to_a_fraction_of_a_frame():
+    rig, rng = ring(), np.random.default_rng(2)
+    # Four times the frames: every fourth is a frame, and camera 2 is late by three quarters of one.
+    xy, _ = rig.project(circling_people(400, 3, rng=rng).xyz[:396])
+    part = xy[:392:4].copy()
+    part[:, 2] = xy[3:395:4, 2]
+    clip = Clip("late", 6.25, rig, Detections2D(BODY25, part, np.where(np.isnan(part[..., 0]), np.nan, 0.9)))
+    refined = refine(clip, RefineConfig(extrinsics=False, offsets=True))
+    frames = refined.offset * clip.fps
+    np.testing.assert_allclose(frames - np.median(frames), [0, 0, -0.75, 0], atol=0.1)
+
+
+@pytest.mark.slow
+def test_a_camera_displaced_by_10_cm_and_2_degrees_is_mended_and_the_others_stay():
+    clip = exact(noise_px=2.0)
+    axis = np.array([0.6, 0.64, 0.48])
+    faulty = displaced(clip, 3, turned=np.radians(2) * axis, moved=0.1 * axis[::-1])
+    refined = refine(faulty)
+    assert [change.refined for change in refined.changes] == [False, False, False, True]
+    off = Calibration.of(clip.rig).difference(Calibration.of(refined.rig))
+    assert 100 * np.linalg.norm(off[3, CENTRE]) < 1
+    assert np.degrees(np.linalg.norm(off[3, ROTATION])) < 0.2
+    np.testing.assert_allclose(off[:3], 0, atol=1e-9)
+    # Errors are as large as stated: within four standard errors along each axis.
+    error = np.sqrt(np.diagonal(refined.covariance[3])[:6])
+    assert (np.abs(off[3, :6]) < 4 * error).all()
+
+
+@pytest.mark.slow
+def test_stature_and_floor_place_the_world_and_the_pictures_stay():
+    clip = exact()
+    pose = clip.rig.cam_from_world @ np.linalg.inv(
+        np.array([[0, 0, 1, 2], [0, 1, 0, 0], [-1, 0, 0, 5], [0, 0, 0, 1.0]])
+    )
+    tilted = replace(clip, rig=replace(clip.rig, cam_from_world=pose))
+    refined = refine(tilted, RefineConfig(stature=1.72, level=True))
+    levelled = refine(tilted, RefineConfig(level=True))
+    ratio = np.linalg.norm(np.diff(refined.rig.centers, axis=0), axis=-1) / np.linalg.norm(
+        np.diff(clip.rig.centers, axis=0), axis=-1
+    )
+    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-6)
+    assert 0.8 < ratio[0] < 1.25
+    # Heights of the cameras above the floor, within what standing people tell.
+    np.testing.assert_allclose(levelled.rig.centers[:, 2], clip.rig.centers[:, 2], atol=0.4)
+
+
+@pytest.mark.slow
+def test_examination_names_the_late_camera_and_no_sound_one():
+    clip = sound("shelf")
+    found = examine(match_tracks(clip), Calibration.of(clip.rig))
+    assert found.kinds == ()
+    delayed = late(clip, 4, 2)
+    found = examine(match_tracks(delayed), Calibration.of(delayed.rig))
+    assert [(each.view, each.kind) for each in found.kinds] == [(2, Kind.late)]
+    assert found.kinds[0].step[OFFSET] * clip.fps == pytest.approx(-4, abs=0.3)
+
+
+def test_extrinsics_are_found_from_nothing_but_intrinsics_and_one_person():
+    rig, rng = ring(), np.random.default_rng(3)
+    xy, _ = rig.project(circling_people(150, 1, rng=rng).xyz)
+    xy = xy + rng.normal(0, 1, xy.shape)
+    unknown = replace(rig, cam_from_world=np.tile(np.eye(4), (4, 1, 1)))
+    clip = Clip("unknown", 25.0, unknown, Detections2D(BODY25, xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.9)))
+    found = initial_rig(clip)
+    # Distances between cameras, up to the scale that a person of unknown size leaves open.
+    ratio = pdist(found.centers) / pdist(rig.centers)
+    np.testing.assert_allclose(ratio / np.median(ratio), 1, atol=0.05)
+    with pytest.raises(ValueError, match="record one person who walks through the whole volume"):
+        initial_rig(clip.select(frames=slice(0, 5)))
+
+
+@pytest.mark.slow
+def test_refinement_starts_from_nothing():
+    rig, rng = ring(), np.random.default_rng(3)
+    xy, _ = rig.project(circling_people(150, 1, rng=rng).xyz)
+    xy = xy + rng.normal(0, 1, xy.shape)
+    unknown = replace(rig, cam_from_world=np.tile(np.eye(4), (4, 1, 1)))
+    clip = Clip("unknown", 25.0, unknown, Detections2D(BODY25, xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.9)))
+    refined = refine(clip, RefineConfig(known=False)).rig
+    ratio = pdist(refined.centers) / pdist(rig.centers)
+    np.testing.assert_allclose(ratio / np.median(ratio), 1, atol=0.01)
+    assert 0.8 < np.median(ratio) < 1.25
+
+
+def test_what_cannot_be_refined_is_refused():
+    clip = exact(frames=20)
+    with pytest.raises(ValueError, match="at least 2 cameras, found 1"):
+        refine(clip.select(views=[0]))
+    with pytest.raises(ValueError, match=r"cameras=\['x'\]: expected auto, all or some of "):
+        refine(clip, RefineConfig(cameras=["x"]))
+    with pytest.raises(ValueError, match="nothing to refine"):
+        RefineConfig(extrinsics=False)
+    with pytest.raises(ValueError, match=r"stature=17: expected metres"):
+        RefineConfig(stature=17)
+    with pytest.raises(ValueError, match="record people who walk about"):
+        refine(clip.select(frames=slice(0, 2)), RefineConfig(cameras=["all"]))

@@ -1,0 +1,103 @@
+"""Data sets that were captured or completed have checksums: what changes in them is found and refused."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dmae.data.store import CHECKSUMS, save_clip, write_manifest
+from dmae.files.checksums import refuse_damaged
+from synth.datasets.verify import verify
+from tests.support.commands import dmae
+from tests.support.stressed_clips import strollers
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Return a folder with a captured data set and what became of it by completion."""
+    folder = tmp_path_factory.mktemp("captured")
+    for name in "ab":
+        save_clip(strollers(frames=16, persons=1, views=3, name=name), folder / "data" / name)
+    write_manifest(folder / "data", [{"id": name, "status": "ok"} for name in "ab"])
+    for line in (["capture", "data=data", "out=captured"], ["complete", "clip=captured", "out=completed"]):
+        done = dmae(folder, *line)
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(params=["captured", "completed"])
+def made(request, folder, tmp_path) -> Path:
+    return Path(shutil.copytree(folder / request.param, tmp_path / request.param))
+
+
+def test_they_verify(made):
+    found = verify(made)
+    assert not found.problems
+    assert found.number
+    assert not found.without
+
+
+def test_every_flipped_bit_is_found(made):
+    rng = np.random.default_rng(0)
+    files = sorted(path for path in made.rglob("*") if path.is_file())
+    for _ in range(30):
+        path = files[rng.integers(len(files))]
+        data = path.read_bytes()
+        changed = bytearray(data)
+        changed[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(changed)
+        assert verify(made).problems, path
+        path.write_bytes(data)
+
+
+@pytest.mark.parametrize("name", ["a/clip.json", "manifest.jsonl", "a", CHECKSUMS])
+def test_a_missing_file_is_found_and_refused(name, made):
+    path = made / name
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    if name != "manifest.jsonl":
+        with pytest.raises(ValueError, match="not as they were written"):
+            refuse_damaged(made, "examples.damaged=true")
+    assert verify(made).problems
+
+
+def test_training_and_completion_refuse_a_changed_clip(made):
+    (made / "b/clip.json").write_text((made / "b/clip.json").read_text().replace("}", " }", 1))
+    for line in (["train", f"data={made}", "out=model"], ["complete", f"clip={made}", "out=more"]):
+        done = dmae(made.parent, *line)
+        assert done.returncode == 1
+        assert "b: clip.json" in done.stderr
+        assert "damaged=true" in done.stderr
+    done = dmae(made.parent, "complete", f"clip={made}", "damaged=true", "out=more")
+    assert done.returncode == 0, done.stderr
+
+
+def test_an_overwrite_leaves_nothing_of_the_former_one(made):
+    fewer = made.parent / "data"
+    save_clip(strollers(frames=10, persons=1, views=3, name="b"), fewer / "b")
+    write_manifest(fewer, [{"id": "b", "status": "ok"}])
+    assert dmae(made.parent, "capture", "data=data", f"out={made}").returncode == 0
+    assert not verify(made).problems
+    assert not (made / "a").exists()
+
+
+def test_an_interrupted_overwrite_shows(folder, made, monkeypatch):
+    def interrupted(clip, to):
+        if to.name == "b":
+            raise KeyboardInterrupt
+        save_clip(clip, to)
+
+    monkeypatch.setattr("dmae.commands.capture.save_clip", interrupted)
+    done = dmae(folder, "capture", "data=data", f"out={made}")
+    assert done.returncode == 130
+    assert "1 clips in" in done.stderr
+    found = verify(made)
+    assert {problem.what for problem in found.problems} >= {"b: does not belong to the data set"}
+
+
+def test_a_generated_data_set_is_not_overwritten(folder, made):
+    (made / "config.json").write_text("{}")
+    before = {path: path.read_bytes() for path in made.rglob("*") if path.is_file()}
+    done = dmae(folder, "capture", "data=data", f"out={made}")
+    assert (done.returncode, "synth generate" in done.stderr) == (1, True)
+    assert all(path.read_bytes() == data for path, data in before.items())

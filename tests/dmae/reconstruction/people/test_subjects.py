@@ -1,0 +1,141 @@
+"""How many people, where, and which of them."""
+
+import numpy as np
+import pytest
+
+from dmae.data.skeleton import BODY25
+from dmae.online.capture import OnlineCapture
+from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.pipeline import capture
+from tests.support.clips import looking_at_origin
+from tests.support.detected_people import FRAMES, crossing, detected_clip, errors, walk
+
+WAYS = {"adult": ((-1.0, -1.0), (1.0, -1.0), 1.0), "child": ((1.0, 1.0), (-1.0, 1.0), 0.65)}
+
+
+@pytest.fixture(scope="module")
+def two():
+    """An adult who is there in all frames, and a child in the first 60 of them."""
+    people = np.stack([walk(start, end, scale) for start, end, scale in WAYS.values()], 1)
+    people[60:, 1] = np.nan
+    return detected_clip(people, miss=0.02), people
+
+
+def found(two, **options) -> list[str]:
+    clip, people = two
+    poses = capture(clip, CaptureConfig(**options))
+    names = []
+    for person in range(poses.xyz.shape[1]):
+        with np.errstate(invalid="ignore"):
+            off = np.linalg.norm(poses.xyz[:, [person]] - people, axis=-1)
+        names.append(list(WAYS)[int(np.nanargmin(np.nanmedian(off, (0, 2))))])
+    return sorted(names)
+
+
+def test_without_options_everyone_is_captured(two):
+    assert found(two) == ["adult", "child"]
+
+
+def test_of_one_person_the_one_measured_most_is_kept(two):
+    assert found(two, persons=1) == ["adult"]
+    assert found(two, persons=2) == ["adult", "child"]
+    assert found(two, persons=5) == ["adult", "child"]
+
+
+def test_people_outside_a_volume_are_left_out_whichever_corner_comes_first(two):
+    assert found(two, volume=[-3, 0.3, -1, 3, 3, 3]) == ["child"]
+    assert found(two, volume=[3, -0.3, 3, -3, -3, -1]) == ["adult"]
+
+
+def test_a_person_is_captured_while_inside_a_volume(two):
+    clip, people = two
+    poses = capture(clip, CaptureConfig(volume=[0, -2, -1, 3, 0, 3]))
+    (there,) = poses.measured.any(-1).T
+    inside = np.median(people[:, 0, :, 0], -1) > 0
+    assert (there == inside).mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    ("subject", "expected"),
+    [
+        (SubjectConfig(at=[30, -0.4, -1.0]), "adult"),
+        (SubjectConfig(at=[30, 0.4, 1.2]), "child"),
+        (SubjectConfig(leg_m=[0.7, 1.1]), "adult"),
+        (SubjectConfig(leg_m=[0.3, 0.7]), "child"),
+    ],
+)
+def test_a_subject_is_chosen_by_its_place_in_one_frame_or_by_its_legs(two, subject, expected):
+    assert found(two, subject=subject) == [expected]
+
+
+def test_a_subject_is_chosen_by_a_pixel(two):
+    clip, people = two
+    place = np.nanmean(clip.rig.project(people[20:21, 1])[0][0, 2], 0)
+    subject = SubjectConfig(at=[20, *place.tolist()], camera=clip.rig.names[2])
+    assert found(two, subject=subject) == ["child"]
+
+
+def test_a_subject_that_is_not_there_is_answered_with_those_who_are(two):
+    clip, _ = two
+    with pytest.raises(
+        ValueError, match=r"found no person within 1 m of it in that frame; people are at \(0\.40, 1\.\d\d\); \(-0\."
+    ):
+        capture(clip, CaptureConfig(subject=SubjectConfig(at=[30, 5, 5])))
+    with pytest.raises(ValueError, match="expected a frame from 0 to 99, found 200"):
+        capture(clip, CaptureConfig(subject=SubjectConfig(at=[200, 0, 0])))
+    with pytest.raises(ValueError, match=r"subject\.camera=left: expected one of"):
+        capture(clip, CaptureConfig(subject=SubjectConfig(at=[3, 0, 0], camera="left")))
+
+
+def test_fragments_of_one_person_are_linked_where_fewer_people_are_asked_for():
+    """Away for three seconds, a person is two by default."""
+    people = walk((-1, 0), (1, 0), frames=3 * FRAMES)[:, None]
+    people[FRAMES : 2 * FRAMES] = np.nan
+    clip = detected_clip(people, miss=0.02)
+    assert capture(clip, CaptureConfig()).xyz.shape[1] == 2
+    poses = capture(clip, CaptureConfig(persons=1))
+    assert poses.xyz.shape[1] == 1
+    assert np.isfinite(errors(poses, people)[2 * FRAMES :]).mean() > 0.9
+
+
+def test_people_who_are_there_together_are_never_linked():
+    clip = detected_clip(crossing(), miss=0.02)
+    poses = capture(clip, CaptureConfig(persons=2))
+    assert poses.xyz.shape[1] == 2
+    off = errors(poses, crossing())
+    assert sorted(np.isfinite(off).any((0, 2)).tolist()) == [False, True, True]
+    assert np.nanquantile(off, 0.99) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"persons": 0}, "persons=0: expected 1 or more"),
+        ({"volume": [0, 0, 1, 1]}, "expected six numbers"),
+        ({"volume": [0, 0, 0, 1, 0, 1]}, "expected six numbers"),
+        ({"persons": 2, "subject": SubjectConfig(at=[0, 0, 0])}, "names one person"),
+    ],
+)
+def test_impossible_options_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        CaptureConfig(**options)
+
+
+def test_impossible_subjects_are_refused():
+    with pytest.raises(ValueError, match=r"expected \[frame, x, y\]"):
+        SubjectConfig(at=[0, 0])
+    with pytest.raises(ValueError, match=r"expected subject\.at"):
+        SubjectConfig(camera="left")
+    with pytest.raises(ValueError, match=r"expected \[least, most\]"):
+        SubjectConfig(leg_m=[1.0, 0.7])
+
+
+def test_while_cameras_run_only_a_volume_can_be_asked_for(two):
+    rig = looking_at_origin(4)
+    for options in ({"persons": 1}, {"subject": SubjectConfig(leg_m=[0.7, 1.0])}):
+        with pytest.raises(ValueError, match="decided over a whole recording"):
+            OnlineCapture(rig, BODY25, 25, CaptureConfig(**options))
+    clip, _ = two
+    online = OnlineCapture(rig, BODY25, 25, CaptureConfig(volume=[-3, 0.3, -1, 3, 3, 3]))
+    frames = [each for f in range(60) for each in online.push(clip.detections.select(slice(f, f + 1)))]
+    assert max(len(frame.people) for frame in frames) == 1

@@ -1,0 +1,126 @@
+"""Kill commands at random moments, and give them again: `python -m tests.endurance.kills --moments 20`.
+
+Generation, capture and training are each killed by SIGKILL, which leaves a process no time to tidy up; its workers live
+for another half second. The same command then has to end with the files of a command that was never killed.
+"""
+
+import argparse
+import json
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.support.commands import command_line
+
+_SMALL = (
+    "model.encoder.dim=16", "model.encoder.depth=1", "model.encoder.heads=2", "model.encoder.head_dim=8",
+    "model.encoder.mlp=32", "model.decoder.dim=8", "model.codes.signal=8",
+)  # fmt: skip
+_MADE = ("seed=3", "clips=6", "scene.seconds=0.6", "scene.persons=[1,2]", "workers=2")
+LINES = {
+    "generation": ("synth", "generate", *_MADE),
+    "capture": ("dmae", "capture", "data=../data", "workers=2"),
+    "training": ("dmae", "train", "data=../captured", "learning.steps=60", "learning.epoch=6", *_SMALL),
+}
+"""What is killed."""
+_UNLIKE = ("tensorboard", "checkpoint")
+"""Beginnings of the names of files that hold times of day, or what only a run that goes on needs."""
+
+
+@dataclass(frozen=True)
+class Kill:
+    """What became of a command that was killed.
+
+    Attributes:
+        moment: When it was killed, s after it had made its folder.
+        whole: Number of files that it had written by then.
+        same: Whether the same command then made the files that it makes undisturbed.
+    """
+
+    moment: float
+    whole: int
+    same: bool
+
+
+def prepare(folder: Path) -> None:
+    """Make what capture and training start from."""
+    for line in (
+        ("synth", "generate", *_MADE, "out=data"),
+        ("dmae", "capture", "data=data", "out=captured"),
+    ):
+        subprocess.run(command_line(*line), cwd=folder, check=True, stdout=subprocess.DEVNULL)
+
+
+def kill_often(name: str, moments: int, folder: Path, seed: int = 0) -> list[Kill]:
+    """Kill a command at random moments, each time in a new folder; return what became of it.
+
+    Args:
+        name: One of `LINES`.
+        folder: That `prepare` was given.
+        seed: Of the moments.
+    """
+    rng = random.Random(f"{seed} {name}")
+    undisturbed = folder / f"{name}_undisturbed"
+    undisturbed.mkdir()
+    process, begun = _start(name, undisturbed)
+    assert process.wait() == 0
+    took, expected = time.monotonic() - begun, _contents(undisturbed / "out")
+    found = []
+    for number in range(moments):
+        place = folder / f"{name}_{number}"
+        place.mkdir()
+        process, _ = _start(name, place)
+        moment = rng.uniform(0, took)
+        time.sleep(moment)
+        process.kill()
+        process.wait()
+        whole = len(_contents(place / "out"))
+        again, _ = _start(name, place)
+        assert again.wait() == 0
+        found.append(Kill(moment, whole, _contents(place / "out") == expected))
+        if found[-1].same:
+            shutil.rmtree(place)
+    return found
+
+
+def _start(name: str, place: Path) -> tuple[subprocess.Popen, float]:
+    """Start a command, and wait until it has made its folder, or has ended; return it and when that was."""
+    line = command_line(*LINES[name], "out=out")
+    process = subprocess.Popen(line, cwd=place, stdout=subprocess.DEVNULL)
+    while not (place / "out").exists() and process.poll() is None:
+        time.sleep(0.01)
+    return process, time.monotonic()
+
+
+def _contents(out: Path) -> dict[str, bytes]:
+    """Return the files of a folder, those of unfinished clips among them."""
+    files = (path for path in out.rglob("*") if path.is_file())
+    named = {path.relative_to(out).as_posix(): path for path in files}
+    return {name: path.read_bytes() for name, path in named.items() if not name.startswith(_UNLIKE)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--moments", type=int, default=20, help="kills of each command")
+    parser.add_argument("--out", help="JSON file of the figures")
+    asked = parser.parse_args()
+    made = {"command": f"python -m tests.endurance.kills --moments {asked.moments}", "found": {}}
+    with tempfile.TemporaryDirectory() as folder:
+        prepare(Path(folder))
+        for name in LINES:
+            found = kill_often(name, asked.moments, Path(folder))
+            same, unfinished = sum(kill.same for kill in found), sum(kill.whole > 0 for kill in found)
+            made["found"][name] = {"kills": len(found), "same": same, "with_files": unfinished}
+            print(f"{name}: {same} of {len(found)} end with the same files; {unfinished} had written some", flush=True)
+            if asked.out:
+                Path(asked.out).write_text(json.dumps(made, indent=1) + "\n")
+    sys.exit(any(each["same"] < each["kills"] for each in made["found"].values()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+"""Commands that are killed, and given again, end with the same files; a full disk leaves nothing half written."""
+
+import resource
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.endurance.kills import LINES, kill_often, prepare
+from tests.endurance.memory import peak_memory
+from tests.support.commands import command_line
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("endurance")
+    prepare(folder)
+    return folder
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_killed_commands_end_with_the_same_files(name, folder):
+    found = kill_often(name, 2, folder, seed=1)
+    assert all(kill.same for kill in found), found
+
+
+def full_disk(limit: int):
+    """Return a function that makes writing fail beyond a size of files, as it does on a full disk."""
+
+    def set_limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    return set_limit
+
+
+@pytest.mark.parametrize("name", LINES)
+@pytest.mark.parametrize("kilobytes", [0.5, 6])
+def test_a_full_disk_leaves_nothing_half_written(name, kilobytes, folder, tmp_path):
+    """The first limit stops at the first file of settings, the other one at arrays, weights or checkpoints."""
+    place = tmp_path / "place"
+    place.mkdir()
+    for link in ("data", "captured"):
+        (tmp_path / link).symlink_to(folder / link)
+    done = subprocess.run(
+        command_line(*LINES[name], "out=out"),
+        cwd=place,
+        capture_output=True,
+        text=True,
+        preexec_fn=full_disk(int(1024 * kilobytes)),
+    )
+    assert done.returncode not in (0, -25), done.stderr
+    there = [path for path in (place / "out").rglob("*") if path.is_file() and "tensorboard" not in path.parts]
+    assert not [path for path in there if path.suffix in (".safetensors", ".ckpt", ".partial")], there
+    assert not [path for path in there if path.name == "clip.json"]
+    again = subprocess.run(command_line(*LINES[name], "out=out"), cwd=place, capture_output=True, text=True)
+    assert again.returncode == 0, again.stderr
+
+
+def test_memory_is_measured(tmp_path):
+    found = peak_memory(2, tmp_path)
+    assert 20 < found["main_mib"] < found["all_mib"] < 4000

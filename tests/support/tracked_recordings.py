@@ -1,0 +1,81 @@
+"""Recordings as Caliscope, FreeMoCap and MMPose write them, made without the project's own writers."""
+
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Clip, Detections2D
+from dmae.data.skeleton import BLAZEPOSE33, COCO17, Skeleton
+from dmae.formats.calibrations.files import write_calibration
+from tests.support.recordings import recording
+
+
+def one_person(skeleton: Skeleton = BLAZEPOSE33, frames: int = 6, views: int = 3) -> Clip:
+    """A clip of one person, with confidences of 1."""
+    clip = recording(skeleton, frames, views)
+    xy = clip.detections.xy[:, :, :1]
+    score = np.where(np.isnan(xy[..., 0]), np.nan, 1.0)
+    return Clip(clip.id, 25.0, clip.rig, Detections2D(skeleton, xy, score))
+
+
+def write_caliscope(folder: Path, clip: Clip | None = None, tracker: str = "HOLISTIC") -> Clip:
+    """A project with one recording; points of hands follow those of the body."""
+    clip = clip or one_person()
+    write_calibration(clip.rig, folder / "camera_array.toml", "caliscope")
+    lines = ["sync_index,port,frame_index,frame_time,point_id,img_loc_x,img_loc_y,obj_loc_x,obj_loc_y"]
+    for frame in range(len(clip)):
+        for view in range(len(clip.rig)):
+            start = f"{frame},{view},{frame + 3},{7000 + frame / 25 + view / 1000:.6f}"
+            for point, (x, y) in enumerate(clip.detections.xy[frame, view, 0]):
+                if np.isfinite(x):
+                    lines.append(f"{start},{point},{x:.3f},{y:.3f},,")
+            lines.append(f"{start},100,5,6,,")
+    points = folder / f"recordings/walk/{tracker}/xy_{tracker}.csv"
+    points.parent.mkdir(parents=True)
+    points.write_text("\n".join(lines) + "\n")
+    return clip
+
+
+def write_freemocap(folder: Path, clip: Clip | None = None, confidence: bool = False) -> Clip:
+    """A recording with its calibration in mm, in the world of a camera for which y points down."""
+    clip = clip or one_person()
+    write_calibration(clip.rig, folder / "walk_camera_calibration.toml", "pose2sim", unit="mm", up="minus_y")
+    values = np.full((len(clip.rig), len(clip), 543, 3 if confidence else 2), np.nan)
+    values[:, :, :33, :2] = clip.detections.xy[:, :, 0].swapaxes(0, 1)
+    if confidence:
+        values[:, :, :33, 2] = clip.detections.score[:, :, 0].swapaxes(0, 1)
+    data = folder / "output_data/raw_data"
+    data.mkdir(parents=True)
+    np.save(data / "mediapipe_2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy", values)
+    return clip
+
+
+def mmpose_frames(clip: Clip, view: int, arrays: bool = False) -> list[dict]:
+    """The frames of a camera, with lists of numbers or with arrays."""
+    frames = []
+    for frame, (people, scores) in enumerate(
+        zip(clip.detections.xy[:, view], clip.detections.score[:, view], strict=True)
+    ):
+        instances = []
+        for xy, score in zip(np.nan_to_num(people), np.nan_to_num(scores), strict=True):
+            values = {"keypoints": xy.astype(float), "keypoint_scores": score.astype(float)}
+            instances.append(values if arrays else {name: each.tolist() for name, each in values.items()})
+        frames.append({"frame_id": frame, "instances": instances})
+    return frames
+
+
+def write_mmpose(folder: Path, clip: Clip | None = None, kind: str = "json") -> Clip:
+    """A file of predictions for each camera, JSON or pickle."""
+    clip = clip or recording(COCO17, 3, 2)
+    write_calibration(clip.rig, folder / "calibration.toml", "pose2sim")
+    (folder / "predictions").mkdir()
+    for view, name in enumerate(clip.rig.names):
+        frames = mmpose_frames(clip, view, arrays=kind == "pkl")
+        if kind == "json":
+            content = {"meta_info": {"dataset_name": "coco"}, "instance_info": frames}
+            (folder / f"predictions/{name}.json").write_text(json.dumps(content))
+        else:
+            (folder / f"predictions/{name}.pkl").write_bytes(pickle.dumps(frames))
+    return clip
