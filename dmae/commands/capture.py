@@ -12,7 +12,7 @@ from dmae.completion.methods.registry import METHODS, completion_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.rng import Stream, generator
 from dmae.data.store import save_clip
-from dmae.evaluation.report.pooled import pooled_groups
+from dmae.evaluation.report.pooled import Groups, added_groups
 from dmae.evaluation.report.reprojection import Reprojection, reprojection
 from dmae.evaluation.report.residual_tables import BREAKDOWNS, residual_tables
 from dmae.formats.reading import Clips, DataConfig, is_data_set, load
@@ -96,7 +96,8 @@ def run(config: CaptureCommand, out: Path) -> None:
         print(f"{out}: {_forecast(config, part)}")
         return
     frames, spent, persons = 0, 0.0, 0
-    errors: list[Reprojection] = []
+    measured: Groups = {}
+    completed: Groups = {}
     tasks = ((config, part.part(range(number, number + 1))) for number in part.numbers)
     with (
         running_on(config.backend),
@@ -112,11 +113,17 @@ def run(config: CaptureCommand, out: Path) -> None:
             made.write(folder.name, partial(save_clip, captured, to), persons=poses.xyz.shape[1])
             print(f"{captured.id}: {len(captured)} frames, {poses.xyz.shape[1]} persons, {describe_joints(poses)}")
             persons += poses.xyz.shape[1]
-            errors.append(reprojection(captured))
-            _print_doubts(captured, config.capture, poses.xyz.shape[1], errors[-1])
-    _print_errors(errors)
+            errors = reprojection(captured)
+            measured, completed = added_groups(measured, errors.measured), added_groups(completed, errors.completed)
+            _print_doubts(captured, config.capture, poses.xyz.shape[1], errors)
+    # People of different clips are different people.
+    tables = residual_tables(measured, completed, BREAKDOWNS if len(part) == 1 else ("camera", "joint"))
+    if tables:
+        print("Reprojection errors, px, of joints that a camera detected:")
+        print_tables(tables)
     print(f"{out}: {frames / spent:.0f} frames/s")
-    if not persons:
+    # A part of a data set may be of empty rooms.
+    if not persons and len(part) == len(clips):
         sys.exit(1)
 
 
@@ -133,16 +140,6 @@ def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Repro
         print(f"{clip.id}: only {explained:.0%} of the detected joints are of captured people")
         for suggestion in explain_capture(clip, config).suggestions:
             print(f"  suggestion: {suggestion}")
-
-
-def _print_errors(errors: list[Reprojection]) -> None:
-    """Print reprojection errors by camera, person and joint; of several clips without people, as they are others."""
-    measured, completed = pooled_groups(errors, "measured"), pooled_groups(errors, "completed")
-    names = BREAKDOWNS if len(errors) == 1 else [name for name in BREAKDOWNS if name != "person"]
-    tables = residual_tables(measured, completed, names)
-    if tables:
-        print("Reprojection errors, px, of joints that a camera detected:")
-        print_tables(tables)
 
 
 def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, list[str], float]:
