@@ -63,7 +63,7 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
         differs = partial(appearance_differs, clip, tracks.assigned, tracking.reentry_colour_difference)
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s, differs))
     tracks = inside_volume(tracks, config.volume)
-    measured = well_measured(tracks.xyz, tracking.birth_joints).sum(0)
+    measured = well_measured(tracks, tracking.birth_joints).sum(0)
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
     tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
     if config.reassignment.distance_m > 0:
