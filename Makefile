@@ -9,7 +9,8 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 
-.PHONY: demo demo-video measure twin weights ablations features test check lint format bench fuzz setup docs figures
+.PHONY: demo demo-video measure twin weights kernels ablations features test check lint format bench fuzz endurance setup docs \
+  figures
 
 # The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
 DEMO := runs/demo
@@ -90,6 +91,28 @@ weights: setup
 	  scores=[$(WEIGHTS)/scores,$(WEIGHTS)/scores_clean,$(WEIGHTS)/scores_noisy,$(WEIGHTS)/scores_holes,$(WEIGHTS)/scores_shelf]
 	@echo "To ship them: cp $(WEIGHTS)/model/{weights.safetensors,model.json,MODEL_CARD.md} dmae/models/body25"
 
+# The kernels of gaussian_process_learned, of recorded and procedural motion; 20 CPU minutes. Subjects 5, 13, 86 and 135 of the CMU
+# database are in none of it: they are to choose and to score on.
+KERNELS := runs/kernels
+KERNEL_CMU = $(abspath $(DMAE_DATA))/cmu
+KERNEL_MORE = $(abspath $(KERNELS))/more
+KERNEL_CLIPS := scene.fps=25 rig=ring scene.persons=[2,2]
+kernels: setup
+	@test -x "$(DMAE_DATA)/cmu_more/unpack" || { echo "error: make kernels DMAE_DATA=<the folder that holds cmu/ and cmu_more/>"; exit 1; }
+	mkdir -p $(KERNELS)/salsa $(KERNELS)/bvh $(KERNELS)/amc
+	$(DMAE_DATA)/cmu_more/unpack $(KERNEL_MORE) --set train
+	ln -sft $(KERNELS)/salsa $(KERNEL_MORE)/bvh_daz/* $(KERNEL_CMU)/bvh_daz/salsa*
+	ln -sft $(KERNELS)/bvh $(KERNEL_MORE)/bvh_cc/007* $(KERNEL_CMU)/bvh_cc/00[27]* $(KERNEL_CMU)/bvh_mb/*
+	ln -sft $(KERNELS)/amc $(KERNEL_MORE)/asf_amc/01_0[23]* $(KERNEL_CMU)/asf_amc/*
+	$(GENERATE) $(KERNEL_CLIPS) out=$(KERNELS)/clips_salsa seed=12 clips=20 scene.seconds=14 motion=bvh motion.path=$(KERNELS)/salsa
+	$(GENERATE) $(KERNEL_CLIPS) out=$(KERNELS)/clips_amc seed=13 clips=14 scene.seconds=10 motion=amc motion.path=$(KERNELS)/amc
+	$(GENERATE) $(KERNEL_CLIPS) out=$(KERNELS)/clips_made seed=11 clips=12 scene.seconds=12
+	$(GENERATE) $(KERNEL_CLIPS) out=$(KERNELS)/clips_bvh seed=14 clips=10 scene.seconds=4 motion=bvh motion.path=$(KERNELS)/bvh
+	for set in salsa amc made bvh; do \
+	  $(BIN)/dmae capture data=$(KERNELS)/clips_$$set 'draw=[2,3,4,5]' out=$(KERNELS)/captured_$$set || exit 1; done
+	$(BIN)/python docs/tools/kernels.py $(foreach set,salsa amc made bvh,$(KERNELS)/captured_$(set)) --out $(KERNELS)/kernels.json
+	@echo "To ship them: cp $(KERNELS)/kernels.json dmae/models/gaussian_process/"
+
 # The paper's codes of joint and time left out (its Table 5), in a network that a CPU trains in about an hour.
 ABLATIONS := runs/ablations
 ablations: setup
@@ -154,6 +177,12 @@ bench: setup
 N ?= 10000
 fuzz: setup
 	$(BIN)/python -m tests.fuzz.run --count $(N)
+
+# Generation, capture and training killed at 20 random moments each; memory by the number of clips; speed of loaders.
+endurance: setup
+	$(BIN)/python -m tests.endurance.kills --moments 20
+	$(BIN)/python -m tests.endurance.memory 100 300 1000
+	$(BIN)/python -m tests.endurance.loaders
 
 # The documentation site, in site/. A warning, a stale tutorial or a figure that differs from its file fails it.
 docs: setup

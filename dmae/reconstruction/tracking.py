@@ -16,7 +16,7 @@ from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, affinity, cluster, propagate, ray_distances
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit
 from dmae.reconstruction.evidence import Evidence
-from dmae.reconstruction.people.sides import exchange, find_exchanged, nearer_side, pairs_of
+from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged, nearer_side
 from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
 
 _MIN_JOINTS = 3
@@ -37,7 +37,7 @@ class Tracker:
     def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig):
         self._config, self._dt = config, 1 / fps
         self._compared = _compared_joints(skeleton, config.association.joints)
-        self._pairs, self._mirror = pairs_of(skeleton), list(skeleton.mirror)
+        self._sides, self._mirror = Sides.of(skeleton), list(skeleton.mirror)
         self._bones = np.array(skeleton.bones).reshape(-1, 2)
         self._state = TrackState.birth(0, np.empty((0, len(skeleton), 3)))
         self._births = 0
@@ -47,10 +47,10 @@ class Tracker:
         config, bones = self._config, self._bones
         colours_here = None if colours is None else partial(colours, frame)
         state = self._state.predicted(self._dt)
-        assigned, owner = _propagate(evidence, frame, state, self._pairs, self._mirror)
-        wrong = find_exchanged(evidence, slice(frame, frame + 1), assigned[None], state.xyz[None], self._pairs)
+        assigned, owner = _propagate(evidence, frame, state, self._sides, self._mirror)
+        wrong = find_exchanged(evidence, slice(frame, frame + 1), assigned[None], state.xyz[None], self._sides)
         if wrong[0].any():
-            evidence, frame = exchange(evidence.at(frame), 0, *wrong, self._pairs), 0
+            evidence, frame = exchange(evidence.at(frame), 0, *wrong, self._sides), 0
         xyz = evidence.triangulate(frame, assigned, _ITERATIONS).xyz
         plausible = _plausible(xyz, assigned, bones, _MIN_JOINTS, config.th_v)
         xyz[~plausible] = np.nan
@@ -92,12 +92,12 @@ def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
 
 
 def _propagate(
-    evidence: Evidence, frame: int, state: TrackState, pairs: np.ndarray, mirror: list[int]
+    evidence: Evidence, frame: int, state: TrackState, sides: Sides, mirror: list[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Identity propagation: assign detections to the T tracks, those with left and right exchanged as well.
 
     Args:
-        pairs: (n, 2) indices of left and right joints.
+        sides: Of the skeleton.
         mirror: (J,) index of the partner of each joint.
 
     Returns:
@@ -110,7 +110,7 @@ def _propagate(
     distance = evidence.distances(here, state.xyz[None], unit)[0]
     if unit == DistanceUnit.metres:
         exchanged = evidence.distances(here, state.xyz[None][:, :, mirror], unit)[0]
-        distance = nearer_side(distance, exchanged, pairs)
+        distance = nearer_side(distance, exchanged, sides)
     closeness = confidence[:, None] * np.maximum(1 - distance / config.th_d, -1)
     owner, primary = propagate(closeness, state.age > config.tracking.confirmation_s)
     view = np.arange(len(primary))[:, None]

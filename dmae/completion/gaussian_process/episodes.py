@@ -28,7 +28,7 @@ FEWEST = 20
 
 
 @dataclass(frozen=True)
-class Problem:
+class GapProblem:
     """One gap of one joint, to be filled by regression. N training poses, Q frames, C input joints.
 
     Attributes:
@@ -69,7 +69,7 @@ class Limbs:
         self.sizes = body_sizes(poses.xyz.astype(np.float64), poses.skeleton, bones)
         self.noisy = noisiness(poses)[..., 0]
 
-    def problems(self, joint: int, most: int, from_anchor: bool = False) -> Iterator[Problem]:
+    def problems(self, joint: int, most: int, from_anchor: bool = False) -> Iterator[GapProblem]:
         """Yield the gaps of a joint that enough was measured for.
 
         Args:
@@ -87,7 +87,7 @@ class Limbs:
         offset = xyz[:, gap.person, gap.joint] - xyz[:, gap.person, origin]
         return np.einsum("fji,fj->fi", self.bodies.world_from_body[:, gap.person], offset)
 
-    def _problem(self, gap: Gap, most: int, origin: int) -> Problem | None:
+    def _problem(self, gap: Gap, most: int, origin: int) -> GapProblem | None:
         inputs = [joint for joint in input_joints(self.bodies, gap) if self.placed[:, gap.person, joint].any()]
         offsets = self.offsets[:, gap.person][:, inputs]
         complete = ~np.isnan(offsets).any((1, 2))
@@ -97,7 +97,7 @@ class Limbs:
             return None
         size = self.sizes[gap.person]
         side = mirrored(self.skeleton, gap.joint)
-        return Problem(
+        return GapProblem(
             gap,
             inputs,
             [name_of(self.skeleton, joint, side) for joint in inputs],
@@ -122,7 +122,7 @@ class Episode:
         length: Index in `GAPS` of the length of the gap.
     """
 
-    problem: Problem
+    problem: GapProblem
     truth: np.ndarray
     interpolated: np.ndarray
     length: int

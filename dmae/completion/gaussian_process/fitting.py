@@ -53,7 +53,7 @@ class FitConfig:
 
 
 @dataclass(frozen=True)
-class Table:
+class EpisodeTable:
     """Episodes of one kernel, as tensors. E episodes, N training poses, Q frames, C inputs."""
 
     names: list[str]
@@ -99,7 +99,7 @@ def collect(
     return found
 
 
-def table_of(groups: dict[tuple, list[Episode]], config: FitConfig, *, rng: np.random.Generator) -> Table:
+def table_of(groups: dict[tuple, list[Episode]], config: FitConfig, *, rng: np.random.Generator) -> EpisodeTable:
     """Return episodes as tensors; each group of kind, joint and length counts by its error of interpolation."""
     names = sorted({name for episodes in groups.values() for e in episodes for name in e.problem.names})
     rows = []
@@ -130,10 +130,10 @@ def table_of(groups: dict[tuple, list[Episode]], config: FitConfig, *, rng: np.r
         arrays["used"][i, :n], arrays["asked"][i, : len(chosen)] = True, True
         arrays["importance"][i] = importance
     tensors = {k: torch.from_numpy(v if v.dtype == bool else v.astype(np.float32)) for k, v in arrays.items()}
-    return Table(names, **tensors)
+    return EpisodeTable(names, **tensors)
 
 
-def predictions(table: Table, rows: Tensor, weights: Tensor, parameters: dict[str, Tensor]) -> Tensor:
+def predictions(table: EpisodeTable, rows: Tensor, weights: Tensor, parameters: dict[str, Tensor]) -> Tensor:
     """Return what the process predicts, (B, Q, 3); equation (2.25) of Rasmussen & Williams 2006."""
     known, wanted = ((part[rows] * weights[:, None]).flatten(2) for part in (table.known, table.wanted))
     seconds, asked, used = table.seconds[rows], table.wanted_seconds[rows], table.used[rows]
@@ -157,7 +157,7 @@ def predictions(table: Table, rows: Tensor, weights: Tensor, parameters: dict[st
     return mean + torch.where(used[:, None], across, 0) @ torch.cholesky_solve(centred, factor)
 
 
-def fit(table: Table, which: tuple[str, Exactness], config: FitConfig) -> tuple[Kernel, list[float]]:
+def fit(table: EpisodeTable, which: tuple[str, Exactness], config: FitConfig) -> tuple[Kernel, list[float]]:
     """Learn one kernel; return it and its loss over the steps."""
     torch.manual_seed(config.seed)
     count = len(table.names)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from dmae.completion.gaussian_process.episodes import Problem
+from dmae.completion.gaussian_process.episodes import GapProblem
 from dmae.completion.gaussian_process.kernels import Kernel, covariance, noise_of
 
 _BLOCKS = 6
@@ -15,7 +15,7 @@ _PRIOR = 2.0
 
 
 @dataclass(frozen=True)
-class Prediction:
+class GapPrediction:
     """What one process predicts for a gap of Q frames, from N training poses.
 
     Attributes:
@@ -31,7 +31,7 @@ class Prediction:
     centred: np.ndarray
 
 
-def predict(problem: Problem, kernel: Kernel) -> Prediction:
+def predict(problem: GapProblem, kernel: Kernel) -> GapPrediction:
     """Predict the offset of the joint of a gap from its anchor.
 
     Equations (2.25) and (2.26) of Rasmussen & Williams 2006, twice: residuals of the first time, each pose left out by
@@ -51,10 +51,10 @@ def predict(problem: Problem, kernel: Kernel) -> Prediction:
     solved = inverse @ centred
     size = (centred * solved).sum() / centred.size
     left = covariance(0.0, 0.0, kernel.parameters) + kernel.parameters["noise"] - ((across @ inverse) * across).sum(1)
-    return Prediction(mean + across @ solved, np.sqrt(np.maximum(size * left, 0)), inverse, centred)
+    return GapPrediction(mean + across @ solved, np.sqrt(np.maximum(size * left, 0)), inverse, centred)
 
 
-def blending_weight(problem: Problem, prediction: Prediction) -> float:
+def blending_weight(problem: GapProblem, prediction: GapPrediction) -> float:
     """Return how much a prediction is to count beside interpolation, from 0 to 1, by errors of left-out poses.
 
     Stretches of training poses, as long as the gap, are left out and predicted: by the process from all other poses,
@@ -74,7 +74,7 @@ def blending_weight(problem: Problem, prediction: Prediction) -> float:
     return float(np.clip((product + usual) / (square + usual), 0, 1))
 
 
-def _blocks(problem: Problem) -> list[np.ndarray]:
+def _blocks(problem: GapProblem) -> list[np.ndarray]:
     """Return the training poses of stretches as long as the gap, evenly spaced over time."""
     seconds = problem.seconds
     half = (problem.wanted_seconds[-1] - problem.wanted_seconds[0]) / 2

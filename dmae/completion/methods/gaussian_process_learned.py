@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dmae.completion.gaussian_process.episodes import Limbs, Problem, anchor_of
+from dmae.completion.gaussian_process.episodes import GapProblem, Limbs, anchor_of
 from dmae.completion.gaussian_process.kernels import Exactness, KernelSet, shipped_kernels
 from dmae.completion.gaussian_process.limbs import limb_joints
 from dmae.completion.gaussian_process.regression import blending_weight, predict
@@ -34,7 +34,7 @@ def fill_gaussian_process_learned(poses: Poses3D, fps: float) -> Poses3D:
     """
     plain, learned = fill_gaussian_process(poses, fps), fill_with(poses, fps, shipped_kernels())
     share = _SHARE * _without_rays(poses)[..., None]
-    xyz = plain.xyz + share * (learned.xyz.astype(np.float64) - plain.xyz)
+    xyz = plain.xyz + share * np.nan_to_num(learned.xyz.astype(np.float64) - plain.xyz)
     return replace(plain, xyz=np.where((plain.source == Source.COMPLETED)[..., None], xyz, plain.xyz))
 
 
@@ -63,7 +63,7 @@ def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, interpo
     """Replace the interpolated estimate of a joint of a limb where a Gaussian process has one."""
     parent = bodies.parents[joint]
     # A joint moves along with its parent.
-    first = interpolated[:, :, joint] + bodies.filled[:, :, parent] - interpolated[:, :, parent]
+    first = interpolated[:, :, joint] + np.nan_to_num(bodies.filled[:, :, parent] - interpolated[:, :, parent])
     estimate, weight = np.full_like(first, np.nan), np.zeros((*first.shape[:2], 1))
     for problem in limbs.problems(joint, _MOST):
         gap = problem.gap
@@ -77,11 +77,12 @@ def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, interpo
     estimate = np.where(measured, bodies.xyz[:, :, joint], np.where(np.isnan(estimate), first, estimate))
     bodies.filled[:, :, joint] = bodies.xyz[:, :, joint]
     bodies.place(joint, estimate, parent)
-    blended = weight * bodies.filled[:, :, joint] + (1 - weight) * first
+    found = bodies.filled[:, :, joint]
+    blended = np.where(np.isnan(found), first, weight * np.nan_to_num(found) + (1 - weight) * first)
     bodies.filled[:, :, joint] = np.where(measured, bodies.xyz[:, :, joint], blended)
 
 
-def _predict(problem: Problem, anchor: str, kernels: KernelSet) -> tuple[np.ndarray, float] | None:
+def _predict(problem: GapProblem, anchor: str, kernels: KernelSet) -> tuple[np.ndarray, float] | None:
     """Return the offset (Q, 3) m by the kernel of exact poses, that of noisy ones, or between them; and its weight."""
     offset, weight = 0.0, 0.0
     for exactness, share in ((Exactness.exact, 1 - problem.noisy), (Exactness.noisy, problem.noisy)):

@@ -51,7 +51,7 @@ class TestEveryMethod:
         assert done.xyz[kept].tobytes() == poses.xyz[kept].tobytes()
         assert not kept[~poses.measured].any()
         assert set(np.unique(done.source[poses.measured])) <= {Source.MEASURED, Source.DENOISED, Source.COMPLETED}
-        if name not in ("kalman", "dmae_denoise") and not name.startswith("reject"):
+        if name not in ("kalman", "dmae_denoise", "dmae_online") and not name.startswith("reject"):
             assert (done.source[poses.measured] == Source.MEASURED).all()
 
     def test_what_is_filled_is_marked_completed_and_used_no_views(self, name, fills):

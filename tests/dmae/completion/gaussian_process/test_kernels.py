@@ -15,7 +15,7 @@ from dmae.completion.gaussian_process.kernels import (
 )
 from dmae.completion.gaussian_process.limbs import body_sizes
 from dmae.completion.gaussian_process.regression import blending_weight, predict
-from dmae.completion.methods.gaussian_process_learned import fill_with
+from dmae.completion.methods.gaussian_process_learned import fill_gaussian_process_learned, fill_with
 from dmae.completion.methods.pchip_body import fill_pchip_body
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import BODY25
@@ -51,7 +51,8 @@ def test_what_is_learned_with_is_what_predicts(kernels):
     )
     kernel = kernels.kernels["l_shoulder", Exactness.exact]
     weights = torch.tensor([kernel.weights.get(name, 0.0) for name in table.names])
-    by_torch = predictions(table, torch.arange(len(found)), weights, kernel.parameters)
+    parameters = {name: torch.tensor(value) for name, value in kernel.parameters.items()}
+    by_torch = predictions(table, torch.arange(len(found)), weights, parameters)
     for row, episode in enumerate(found):
         by_numpy = predict(episode.problem, kernel).offset
         np.testing.assert_allclose(by_torch[row, : len(by_numpy)], by_numpy, atol=2e-3)
@@ -112,6 +113,16 @@ def test_a_hidden_arm_keeps_swinging(kernels):
         for poses in (fill_with(given, FPS, kernels), fill_pchip_body(given, FPS))
     )
     assert by_kernels < 0.5 * by_cubics
+
+
+def test_a_joint_with_a_parent_that_was_never_measured_is_filled(kernels):
+    given, _ = circling(joints=(WRIST,))
+    xyz = given.xyz.copy()
+    xyz[:, :, ELBOW] = np.nan
+    poses = Poses3D(BODY25, xyz)
+    filled = fill_gaussian_process_learned(poses, FPS)
+    np.testing.assert_array_equal(filled.source, fill_pchip_body(poses, FPS).source)
+    assert (fill_with(poses, FPS, kernels).source == filled.source).all()
 
 
 def test_sizes_are_those_of_the_bones(kernels):
