@@ -20,8 +20,8 @@ PRETRAINED, TUNED = "the paper's network, without fine-tuning", "the paper's net
 MISSING = "there are no simulated clips to learn from: give extra_data=[...]"
 TUNED_FRAMES, APART = 40, 10
 """Frames at the beginning of the recording that are learned from, and those after them that are not scored."""
-_FEW = 150
-"""Steps of a table of the small size."""
+_FEW = (150, 10)
+"""Steps of pretraining and passes of tuning for a table of the small size."""
 
 
 def paper_network(config: TableConfig, tuning: Clip, out: Path) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
@@ -34,7 +34,7 @@ def paper_network(config: TableConfig, tuning: Clip, out: Path) -> dict[str, Cal
     """
     wanted = SIZES[config.paper]
     if config.size is TableSize.small:
-        wanted = replace(wanted, schedule=replace(wanted.schedule, steps=_FEW, tuning_epochs=10))
+        wanted = replace(wanted, schedule=replace(wanted.schedule, steps=_FEW[0], tuning_epochs=_FEW[1]))
     wanted = replace(wanted, seed=config.seed)
     source = get_skeleton(SKELETON).parts[0]
     truths = [(convert(clip.truth, source), clip.fps) for clip in load_sets(config.extra_data)]

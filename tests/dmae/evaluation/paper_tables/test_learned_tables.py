@@ -76,8 +76,8 @@ def test_codes_have_recall_and_error_of_the_same_masked_joints(clips, tmp_path, 
 
 
 def test_the_paper_s_network_has_rows_before_and_after_tuning(clips, tmp_path, monkeypatch):
-    monkeypatch.setattr(paper_network, "_FEW", 2)
-    tiny = replace(SMALL, schedule=replace(SMALL.schedule, batch=4096))
+    monkeypatch.setattr(paper_network, "_FEW", (2, 1))
+    tiny = replace(SMALL, schedule=replace(SMALL.schedule, batch=64))
     monkeypatch.setitem(paper_network.SIZES, PaperSize.small, tiny)
     save_clip(seen(frames=60), tmp_path / "clip")
     made = table(tmp_path, 1, tmp_path / "clip", extra_data=[str(clips)])
