@@ -51,8 +51,7 @@ def run(config: DoctorCommand, out: Path) -> None:
         offsets = None if config.data.cameras else list(config.data.offsets or [0] * len(clip.rig))
         diagnosis = diagnose(clip, written_convention(config.data), offsets, config.max_offset)
         _print(clip, diagnosis)
-        if not diagnosis.findings:
-            _print_sides(clip)
+        _print_sides(clip)
         write_atomic(to / "doctor.json", json.dumps({"clip": clip.id, **asdict(diagnosis)}, indent=1))
         if diagnosis.pairs:
             write_atomic(to / "doctor.png", _picture(clip, diagnosis))
@@ -89,7 +88,7 @@ def _print(clip: Clip, diagnosis: Diagnosis) -> None:
 
 
 def _print_sides(clip: Clip) -> None:
-    """Print the cameras in which the detector exchanges left and right, in a recording with sound cameras."""
+    """Print the cameras in which the detector exchanges left and right."""
     some = clip.select(frames=slice(0, _SIDES_FRAMES))
     if len(some.rig) < 2 or not len(some):
         return
