@@ -9,7 +9,8 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_BUILD_CONSTRAINT := $(CURDIR)/constraints.txt
 
-.PHONY: demo demo-video kernels measure twin weights ablations features test check lint format bench fuzz setup docs figures
+.PHONY: demo demo-video measure twin weights kernels ablations features test check lint format bench fuzz endurance setup docs \
+  figures
 
 # The whole loop on simulated people it has never seen; with DMAE_DATA set, on the Shelf recording as well.
 DEMO := runs/demo
@@ -176,6 +177,12 @@ bench: setup
 N ?= 10000
 fuzz: setup
 	$(BIN)/python -m tests.fuzz.run --count $(N)
+
+# Generation, capture and training killed at 20 random moments each; memory by the number of clips; speed of loaders.
+endurance: setup
+	$(BIN)/python -m tests.endurance.kills --moments 20
+	$(BIN)/python -m tests.endurance.memory 100 300 1000
+	$(BIN)/python -m tests.endurance.loaders
 
 # The documentation site, in site/. A warning, a stale tutorial or a figure that differs from its file fails it.
 docs: setup

@@ -17,6 +17,8 @@ COMMANDS = {
     "live": "Answer frames with poses as they come, for other programs",
     "export": "Write poses to a file that other programs read",
     "doctor": "Find what is wrong with a calibration and its detections",
+    "pretrain": "Make a model for your cameras, detector and motion: simulate, capture, train, score",
+    "train-paper": "Train the paper's network alone, by its own recipe",
     "calibrate": "Refine a calibration by the people in a recording",
     "train": "Learn to complete poses from clips with truth",
     "demo": "Run the whole loop on simulated people, from nothing to a page",

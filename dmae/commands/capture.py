@@ -7,12 +7,12 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from dmae.commands.data_sets import Manifest, describe_joints, finished, part_of
+from dmae.commands.data_sets import Manifest, describe_joints, describe_sides, finished, part_of
 from dmae.completion.methods.registry import METHODS, completion_method
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import save_clip
-from dmae.evaluation.report.pooled import pooled_groups
+from dmae.evaluation.report.pooled import Groups, added_groups
 from dmae.evaluation.report.reprojection import Reprojection, reprojection
 from dmae.evaluation.report.residual_tables import BREAKDOWNS, residual_tables
 from dmae.formats.reading import Clips, DataConfig, is_data_set, load
@@ -22,7 +22,6 @@ from dmae.parts import numbers_of
 from dmae.progress import duration, progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.people.diagnosis import explain_capture
-from dmae.reconstruction.people.sides import exchanged_detections
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import print_tables
 
@@ -37,8 +36,6 @@ _TRIED = 50
 """Frames of a clip that a forecast captures."""
 _FEW = 0.4
 """Share of the detected joints; where people explain fewer, something is wrong."""
-_FEW_EXCHANGES = 0.02
-"""Share of frames with exchanged sides below which a camera is not named."""
 _FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
 
 
@@ -96,7 +93,8 @@ def run(config: CaptureCommand, out: Path) -> None:
         print(f"{out}: {_forecast(config, part)}")
         return
     frames, spent, persons = 0, 0.0, 0
-    errors: list[Reprojection] = []
+    measured: Groups = {}
+    completed: Groups = {}
     tasks = ((config, part.part(range(number, number + 1))) for number in part.numbers)
     with (
         running_on(config.backend),
@@ -112,11 +110,17 @@ def run(config: CaptureCommand, out: Path) -> None:
             made.write(folder.name, partial(save_clip, captured, to), persons=poses.xyz.shape[1])
             print(f"{captured.id}: {len(captured)} frames, {poses.xyz.shape[1]} persons, {describe_joints(poses)}")
             persons += poses.xyz.shape[1]
-            errors.append(reprojection(captured))
-            _print_doubts(captured, config.capture, poses.xyz.shape[1], errors[-1])
-    _print_errors(errors)
+            errors = reprojection(captured)
+            measured, completed = added_groups(measured, errors.measured), added_groups(completed, errors.completed)
+            _print_doubts(captured, config.capture, poses.xyz.shape[1], errors)
+    # People of different clips are different people.
+    tables = residual_tables(measured, completed, BREAKDOWNS if len(part) == 1 else ("camera", "joint"))
+    if tables:
+        print("Reprojection errors, px, of joints that a camera detected:")
+        print_tables(tables)
     print(f"{out}: {frames / spent:.0f} frames/s")
-    if not persons:
+    # A part of a data set may be of empty rooms.
+    if not persons and len(part) == len(clips):
         sys.exit(1)
 
 
@@ -135,16 +139,6 @@ def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Repro
             print(f"  suggestion: {suggestion}")
 
 
-def _print_errors(errors: list[Reprojection]) -> None:
-    """Print reprojection errors by camera, person and joint; of several clips without people, as they are others."""
-    measured, completed = pooled_groups(errors, "measured"), pooled_groups(errors, "completed")
-    names = BREAKDOWNS if len(errors) == 1 else [name for name in BREAKDOWNS if name != "person"]
-    tables = residual_tables(measured, completed, names)
-    if tables:
-        print("Reprojection errors, px, of joints that a camera detected:")
-        print_tables(tables)
-
-
 def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) -> tuple[Clip, list[str], float]:
     """Return the one clip, or its first frames, captured; notes on exchanged sides; and how long capture took, s."""
     (clip,), (number,) = clips, clips.numbers
@@ -157,7 +151,8 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     spent = time.perf_counter() - start
     if config.fill != "none":
         poses = METHODS[config.fill](poses, clip.fps)
-    return replace(clip, poses=smooth(poses, clip.fps, config.smooth)), _exchanged_sides(clip, measured), spent
+    exchanges = [f"{note}, put right by the other cameras" for note in describe_sides(clip, measured)]
+    return replace(clip, poses=smooth(poses, clip.fps, config.smooth)), exchanges, spent
 
 
 def _forecast(config: CaptureCommand, clips: Clips) -> str:
@@ -178,17 +173,6 @@ def _forecast(config: CaptureCommand, clips: Clips) -> str:
     with running_on(config.backend):
         took = seconds / frames * total / min(process_count(config.workers), len(clips))
     return f"{len(clips)} clips, {total:.0f} frames: about {duration(took)}, {size / frames * total / 1e6:.0f} MB"
-
-
-def _exchanged_sides(clip: Clip, poses: Poses3D) -> list[str]:
-    """Say in which cameras the detector exchanged left and right, which capture has put right."""
-    counts = exchanged_detections(clip, poses).sum(0)
-    least = max(_FEW_EXCHANGES * len(clip), 2)
-    return [
-        f"{name}: left and right exchanged in {count} of {len(clip)} frames, put right by the other cameras"
-        for name, count in zip(clip.rig.names, counts, strict=True)
-        if count >= least
-    ]
 
 
 def interrupted(config: CaptureCommand, out: Path) -> str:

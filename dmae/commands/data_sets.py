@@ -21,8 +21,11 @@ from dmae.files.checksums import (
 from dmae.formats.reading import Clips, DataConfig, is_data_set, load
 from dmae.parts import PART, Part, write_part
 from dmae.progress import progress
+from dmae.reconstruction.people.sides import exchanged_detections
 
 T = TypeVar("T")
+_FEW_EXCHANGES = 0.02
+"""Share of frames with exchanged sides below which a camera is not named."""
 _GENERATED = "config.json"
 """In the folder of generated data sets alone."""
 _NOT_OF_PARTS = ("out", "first", "clips", "shard", "workers", "backend", "dry_run")
@@ -120,6 +123,19 @@ def finished(out: Path) -> str:
     if (Path(out) / MANIFEST).is_file():
         return f"{len(read_manifest(out))} clips in {out} are whole and can be used"
     return f"nothing in {out} is to be used" if whole else "nothing was written"
+
+
+def describe_sides(clip: Clip, poses: Poses3D) -> list[str]:
+    """Say in which cameras the detector exchanged left and right, by poses captured from the clip."""
+    if poses.skeleton != clip.detections.skeleton:
+        return []
+    counts = exchanged_detections(clip, poses).sum(0)
+    least = max(_FEW_EXCHANGES * len(clip), 2)
+    return [
+        f"camera {name}: its detections have left and right exchanged in {count} of {len(clip)} frames"
+        for name, count in zip(clip.rig.names, counts, strict=True)
+        if count >= least
+    ]
 
 
 def describe_joints(poses: Poses3D) -> str:

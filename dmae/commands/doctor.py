@@ -11,13 +11,17 @@ import numpy as np
 from dmae.calibration.doctor import Diagnosis, PairFit, diagnose
 from dmae.calibration.epipolar_arrows import draw_arrows
 from dmae.calibration.hypothesis import Hypothesis
-from dmae.commands.data_sets import each_clip
+from dmae.commands.data_sets import describe_sides, each_clip
 from dmae.data.clip import Clip
 from dmae.data.store import write_atomic
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.reading import DataConfig, written_convention
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import Table, print_tables
 
+_SIDES_FRAMES = 600
+"""Frames, from the first on, in which exchanged sides are looked for."""
 WRITES = "folder"
 EXAMPLES = (
     "dmae doctor data=pose2sim data.path=session/trial",
@@ -47,6 +51,7 @@ def run(config: DoctorCommand, out: Path) -> None:
         offsets = None if config.data.cameras else list(config.data.offsets or [0] * len(clip.rig))
         diagnosis = diagnose(clip, written_convention(config.data), offsets, config.max_offset)
         _print(clip, diagnosis)
+        _print_sides(clip)
         write_atomic(to / "doctor.json", json.dumps({"clip": clip.id, **asdict(diagnosis)}, indent=1))
         if diagnosis.pairs:
             write_atomic(to / "doctor.png", _picture(clip, diagnosis))
@@ -80,6 +85,15 @@ def _print(clip: Clip, diagnosis: Diagnosis) -> None:
         print(f"not known: {unknown}")
     if diagnosis.pairs and not diagnosis.findings:
         print(f"{clip.id}: nothing found wrong")
+
+
+def _print_sides(clip: Clip) -> None:
+    """Print the cameras in which the detector exchanges left and right."""
+    some = clip.select(frames=slice(0, _SIDES_FRAMES))
+    if len(some.rig) < 2 or not len(some):
+        return
+    for note in describe_sides(some, capture(some, CaptureConfig())):
+        print(f"{clip.id}: {note}; dmae capture puts them right")
 
 
 def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:

@@ -105,21 +105,26 @@ class CameraRig:
         """(V,) True for cameras with distortion."""
         return self.dist.any(-1) | self.fisheye
 
-    @property
+    @cached_property
     def undistorted(self) -> "CameraRig":
         """The pinhole cameras of the same K, for the pixels that `undistort` returns."""
         return replace(self, dist=np.zeros((len(self), 5)), fisheye=None) if self.distorted.any() else self
 
-    @property
+    @cached_property
     def centers(self) -> np.ndarray:
         """(V, 3) camera centres in the world, m."""
         R, t = self.cam_from_world[:, :3, :3], self.cam_from_world[:, :3, 3]
-        return np.linalg.solve(R, -t[..., None])[..., 0]
+        return _read_only(np.linalg.solve(R, -t[..., None])[..., 0])
 
-    @property
+    @cached_property
     def projections(self) -> np.ndarray:
         """(V, 3, 4) pinhole projection matrices K [R | t], for undistorted pixels."""
-        return self.K @ self.cam_from_world[:, :3]
+        return _read_only(self.K @ self.cam_from_world[:, :3])
+
+    @cached_property
+    def world_from_pixel(self) -> np.ndarray:
+        """(V, 3, 3) matrices that turn undistorted homogeneous pixels into directions in the world, of any length."""
+        return _read_only(np.linalg.inv(self.K @ self.cam_from_world[:, :3, :3]))
 
     def project(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project points of the world into each camera.
@@ -212,8 +217,7 @@ class CameraRig:
         ideal = self.undistort(xy)
         flat = ideal.reshape(*ideal.shape[:2], prod(ideal.shape[2:-1]), 2)
         homogeneous = np.concatenate([flat, np.ones_like(flat[..., :1])], -1)
-        world_from_pixel = np.linalg.inv(self.K @ self.cam_from_world[:, :3, :3])
-        direction = homogeneous @ world_from_pixel.swapaxes(-1, -2)
+        direction = homogeneous @ self.world_from_pixel.swapaxes(-1, -2)
         direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
         return direction.reshape(*ideal.shape[:-1], 3)
 
@@ -223,6 +227,12 @@ class CameraRig:
         size = self.size.reshape(1, len(self), *(1,) * (xy.ndim - 3), 2)
         with np.errstate(invalid="ignore"):
             return ((xy >= -0.5) & (xy <= size - 0.5)).all(-1)
+
+
+def _read_only(values: np.ndarray) -> np.ndarray:
+    """Return the array, locked: it is computed once for all users of a rig."""
+    values.flags.writeable = False
+    return values
 
 
 def _radial_reach(dist: np.ndarray) -> float:

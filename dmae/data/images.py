@@ -38,6 +38,7 @@ class Images:
         kinds: Those of `KINDS` that exist.
         parts: Names of the parts of bodies. In images of parts, 0 is no person and 1 + i is part i.
         rgb: Format of colour images, of `RGB_FILES`.
+        files: Names of the videos in `folder`, one a view, where they are not called `rgb/<view>.mp4`.
     """
 
     folder: Path
@@ -46,14 +47,19 @@ class Images:
     kinds: tuple[str, ...] = KINDS
     parts: tuple[str, ...] = ()
     rgb: str = "h264"
+    files: tuple[str, ...] = ()
 
     def __post_init__(self):
+        if self.files and len(self.files) != len(self.views):
+            raise ValueError(f"images: expected a file for each of {len(self.views)} views, got {len(self.files)}")
         if self.rgb not in RGB_FILES:
             raise ValueError(f"images: expected colour as one of {', '.join(RGB_FILES)}, got {self.rgb!r}")
 
     def select(self, frames, views: tuple[str, ...]) -> "Images":
         """Return the images of some frames (a slice or a list of indices) and of the named views."""
-        return replace(self, views=views, frames=tuple(int(i) for i in np.asarray(self.frames)[frames]))
+        files = tuple(self.files[self.views.index(view)] for view in views) if self.files else ()
+        chosen = tuple(int(i) for i in np.asarray(self.frames)[frames])
+        return replace(self, views=views, frames=chosen, files=files)
 
     def read(self, kind: str, view: str) -> Iterator[np.ndarray]:
         """Yield the frames of one view in order.
@@ -101,6 +107,8 @@ class Images:
 
     def path(self, kind: str, view: str, frame: int = 0) -> Path:
         """Return the file of an image; `frame` as in `frames`."""
+        if kind == "rgb" and self.files:
+            return child(self.folder, self.files[self.views.index(view)], "video")
         if kind == "rgb" and self.rgb == "h264":
             return child(self.folder / "rgb", f"{view}.mp4", "camera")
         ending = RGB_FILES[self.rgb] if kind == "rgb" else "png"

@@ -66,8 +66,11 @@ def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None
                 os.fsync(file.fileno())
         Path(temporary).chmod(0o644)
         Path(temporary).replace(path)
-    except BaseException:
+    except BaseException as error:
         Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename is None:
+            # That of a full disk names no file.
+            raise OSError(error.errno, error.strerror, str(path)) from None
         raise
 
 
@@ -160,7 +163,8 @@ def _images_meta(images: Images | None, folder: Path) -> dict | None:
     if images is None:
         return None
     where = os.path.relpath(images.folder.resolve(), folder.resolve())
-    return {"folder": where} | {name: getattr(images, name) for name in ("views", "frames", "kinds", "parts", "rgb")}
+    names = ("views", "frames", "kinds", "parts", "rgb", *(("files",) if images.files else ()))
+    return {"folder": where} | {name: getattr(images, name) for name in names}
 
 
 def load_clip(folder: Path) -> Clip:
@@ -203,6 +207,7 @@ def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Cl
         listed = (tuple(images[name]) for name in ("views", "frames", "kinds"))
         # Older clips have no images of parts, no names of them, and videos alone.
         older = {"parts": tuple(images.get("parts", ())), "rgb": images.get("rgb", "h264")}
+        older["files"] = tuple(images.get("files", ()))
         images = Images(folder / images["folder"], *listed, **older)
     return Clip(
         id=meta["id"],

@@ -213,9 +213,11 @@ def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
             f"poses={config.poses}: poses made elsewhere are compared with the truth, whatever cameras they are of; "
             "leave out views, reference"
         )
-    ids = [folder.name for folder in clips.folders] if clips.total > 1 else [clips[0].id]
-    paths = predictions_of(Path(config.poses), clips.names if clips.total > 1 else ids) if config.poses else {}
-    for number, clip, name in zip(clips.numbers, clips, ids, strict=True):
+    # A list of clips is of no larger data set.
+    total, numbers = getattr(clips, "total", len(clips)), getattr(clips, "numbers", range(len(clips)))
+    ids = [folder.name for folder in clips.folders] if total > 1 else [clips[0].id]
+    paths = predictions_of(Path(config.poses), clips.names if total > 1 else ids) if config.poses else {}
+    for number, clip, name in zip(numbers, clips, ids, strict=True):
         path = paths.get(name)
         if synthetic:
             yield _synthetic_trial(clip, number, config, path)

@@ -76,7 +76,8 @@ def _without_detections(path: Path, calibration: CalibrationSource, fps: float |
         poses = read_poses(path, replace(calibration, inverse=None).convention(CONVENTION))
     except FileNotFoundError as error:
         raise FileNotFoundError(
-            f"{error}; expected these or a folder for each camera that holds <name>_<frame number>_keypoints.json"
+            f"{error}; expected these, or a folder for each camera that holds <name>_<frame number>_keypoints.json; "
+            "name the folder of detections by data.detections=..."
         ) from None
     rig = calibration.read(path)
     nothing = np.empty((0, len(skeleton), 3))

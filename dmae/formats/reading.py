@@ -11,6 +11,7 @@ from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import clip_folders
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.calibrations.files import CalibrationSource, convention_of
+from dmae.formats.recordings.camera_videos import with_videos
 from dmae.formats.recordings.data_config import DataConfig
 from dmae.formats.recordings.selection import select_frames, select_views, shift_views
 from dmae.formats.registry import RecordingReader, reader
@@ -57,6 +58,8 @@ class Clips(Sequence):
         try:
             clip = self.reader.function(folder, **arguments)
             clip.check_numbers()
+            if config.videos is not None:
+                clip = with_videos(clip, Path(config.videos))
         except ValueError as error:
             if str(folder) in str(error):
                 raise

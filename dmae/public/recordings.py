@@ -30,8 +30,9 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
         path: Folder of the recording, or its file.
         fps: Frames per second, where the files do not say.
         format: A format of `dmae convert`; by default recognised by what the folder holds.
-        **options: The `data.*` options of the commands: `calibration`, `detections`, `size`, `skeleton`, `unit`,
-            `up`, `inverse`, `offsets`, `cameras`, `frames` (see `dmae.formats.recordings.data_config.DataConfig`).
+        **options: The `data.*` options of the commands: `calibration`, `detections`, `videos`, `size`, `skeleton`,
+            `unit`, `up`, `inverse`, `offsets`, `cameras`, `frames` (see
+            `dmae.formats.recordings.data_config.DataConfig`).
 
     Returns:
         A clip of F frames and V views. What was absent or guessed is in `clip.provenance["notes"]`.

@@ -3,15 +3,51 @@
 T tracks; D detections a view, padded with NaN; n detections of all views in a row.
 """
 
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dmae.numerics.closest_approach import closest_approach
+from dmae.reconstruction.compiled.pairs import find_partners, join, supports
+from dmae.reconstruction.config import AssociationConfig
 
 NONE = -1
 """Index of no track or detection."""
+_PARTNERS = 16
+"""Most detections of another view that are compared further with a detection: those of the highest affinity."""
+_ASSIGNED = 100
+"""Most detections of a view that the Hungarian algorithm assigns; of more, all pairs of partners are proposed."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Detections of one frame that are compared between views.
+
+    Attributes:
+        view: (n,) view of each detection, ascending.
+        centers: (V, 3) camera centres, m, float32.
+        rays: (n, 3, J) unit directions, float32; zeros where a joint is absent. J is filled up to a multiple of 16.
+        weights: (n, J) root of the confidence, float32; 0 where a joint is absent.
+        colours: (n, 3) CIELAB, float32; NaN where unknown.
+    """
+
+    view: np.ndarray
+    centers: np.ndarray
+    rays: np.ndarray
+    weights: np.ndarray
+    colours: np.ndarray
+
+    @classmethod
+    def of(cls, view: np.ndarray, centers: np.ndarray, rays: np.ndarray, confidence: np.ndarray) -> "Candidates":
+        """Return the candidates of views (n,) with rays (n, J, 3) and confidence (n, J), NaN where absent."""
+        absent, (count, joints) = np.isnan(confidence), confidence.shape
+        towards = np.zeros((count, 3, -(-joints // 16) * 16), np.float32)
+        weights = np.zeros((count, towards.shape[-1]), np.float32)
+        towards[..., :joints] = np.where(absent[..., None], 0, rays).swapaxes(1, 2)
+        weights[:, :joints] = np.sqrt(np.where(absent, 0, confidence))
+        colours = np.full((count, 3), np.nan, np.float32)
+        return cls(np.asarray(view, np.int64), np.asarray(centers, np.float32), towards, weights, colours)
 
 
 def propagate(closeness: np.ndarray, confirmed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -50,89 +86,91 @@ def propagate(closeness: np.ndarray, confirmed: np.ndarray) -> tuple[np.ndarray,
     return owner, primary
 
 
-def ray_distances(origins: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """Measure how close rays of the same joint pass, for all pairs of detections.
-
-    Args:
-        origins: (n, 3) camera centre of each detection, m.
-        rays: (n, J, 3) unit directions, NaN where the joint is absent.
-
-    Returns:
-        (n, n, J) distance between the rays in front of their cameras, m; NaN where either is absent.
-    """
-    base, rays_a, rays_b = (origins[None] - origins[:, None])[:, :, None], rays[:, None], rays[None]
-    along_a, along_b, sine2 = closest_approach(base, rays_a, rays_b)
-
-    def distance(at_a: np.ndarray | float, at_b: np.ndarray | float) -> np.ndarray:
-        at_a, at_b = np.asarray(at_a)[..., None], np.asarray(at_b)[..., None]
-        return np.linalg.norm(base + at_b * rays_b - at_a * rays_a, axis=-1)
-
-    # Either the lines are closest in front of both cameras, or one of the rays is closest at its start.
-    in_front = (sine2 > 1e-8) & (along_a >= 0) & (along_b >= 0)
-    on_b, on_a = np.maximum(-(rays_b * base).sum(-1), 0), np.maximum((rays_a * base).sum(-1), 0)
-    at_start = np.fmin(distance(0.0, on_b), distance(on_a, 0.0))
-    return np.where(in_front, distance(along_a, along_b), at_start)
-
-
-def affinity(distances: np.ndarray, weights: np.ndarray, half_distance: float) -> np.ndarray:
-    """Turn distances into affinities in [0, 1]:
-
-        sum_j w_j / (1 + (d_j / half_distance)^2) / (1 + sum_j w_j).
-
-    The 1 in the denominator keeps the affinity low for pairs that share little evidence.
-
-    Args:
-        distances: (n, n, J) NaN where unknown.
-        weights: (n, n, J) weight of each joint, at most 1.
-        half_distance: Distance at which a joint counts half.
-
-    Returns:
-        (n, n) affinities; NaN where no joint is shared.
-    """
-    known = ~np.isnan(distances)
-    weights = np.where(known, weights, 0)
-    near = np.where(known, 1 / (1 + (np.where(known, distances, 0) / half_distance) ** 2), 0)
-    return np.where(known.any(-1), (weights * near).sum(-1) / (weights.sum(-1) + 1), np.nan)
-
-
-def cluster(affinities: np.ndarray, view: np.ndarray, threshold: float) -> list[np.ndarray]:
+def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray:
     """Identity matching: group detections of one person, at most one from each view.
 
     The Hungarian algorithm proposes pairs for every two views. Groups are then joined along these pairs, best support
     first: the affinity of the pair plus, in each other view, that of the detection which fits both. Two groups are
     joined only if their members agree on average, so that what is decided for two views holds in all others.
 
+    Time and memory are bounded where there are many detections: each keeps its 16 best partners in every other view,
+    and of views with more than 100 detections that have partners, all pairs of partners are proposed.
+
     Args:
-        affinities: (n, n) in [0, 1], NaN where unknown.
-        view: (n,) index of the view of each detection.
-        threshold: Smallest mean affinity between the members of two groups that are joined.
+        candidates: n detections of V views.
+        config: `ray_distance_m`, `min_affinity`, and how clothes count.
 
     Returns:
-        Index arrays of the groups of two detections or more, each ordered by view.
+        (G, V) detections of the groups of two or more, by view, or `NONE`.
     """
-    known = np.nan_to_num(affinities)
-    support = known.copy()
-    for third in np.unique(view):
-        others = known[:, view == third]
-        support += np.minimum(others[:, None], others[None]).max(-1)
-    pairs = []
+    view, views = candidates.view, len(candidates.centers)
+    partners = np.full((len(view), views, _PARTNERS), NONE, np.int32)
+    affinities = np.zeros(partners.shape, np.float32)
+    detections = (view, candidates.centers, candidates.rays, candidates.weights, candidates.colours)
+    weight = 0 if np.isnan(candidates.colours).all() else config.colour_weight
+    lengths = np.array([config.ray_distance_m, config.colour_difference, weight], np.float32)
+    least = np.float32(config.min_affinity)
+    find_partners(*detections, *lengths, least, partners, affinities)
+    first, second, found = _pairs(view, partners, affinities)
+    if not len(first):
+        return np.empty((0, views), int)
+    proposed = _proposed(first, second, found, view)
+    first, second = first[proposed], second[proposed]
+    order = np.argsort(-supports(first, second, found[proposed], view, partners, affinities), kind="stable")
+    members = np.full((len(view), views), NONE)
+    join(first[order], second[order], *detections, *lengths, least, members)
+    return members[(members != NONE).sum(1) > 1]
+
+
+def highest_affinity(candidates: Candidates, config: AssociationConfig) -> float:
+    """Return the highest affinity by rays of two detections of different views; 0 where there are none."""
+    partners = np.full((len(candidates.view), len(candidates.centers), 1), NONE, np.int32)
+    affinities = np.zeros(partners.shape, np.float32)
+    lengths = np.array([config.ray_distance_m, 1, 0], np.float32)
+    c = candidates
+    find_partners(c.view, c.centers, c.rays, c.weights, c.colours, *lengths, np.float32(0), partners, affinities)
+    return float(affinities.max(initial=0))
+
+
+def count_pairs(candidates: Candidates, config: AssociationConfig) -> tuple[int, int]:
+    """Return the number of pairs of detections of different views that share a joint, and of those that agree by rays.
+
+    Of many that agree with a detection, the 16 best of each view count.
+    """
+    view, known = candidates.view, (candidates.weights > 0).astype(np.float32)
+    shared = (known @ known.T > 0) & (view[:, None] < view)
+    partners = np.full((len(view), len(candidates.centers), _PARTNERS), NONE, np.int32)
+    affinities = np.zeros(partners.shape, np.float32)
+    lengths = np.array([config.ray_distance_m, 1, 0], np.float32)
+    c = candidates
+    least = np.float32(config.min_affinity)
+    find_partners(c.view, c.centers, c.rays, c.weights, c.colours, *lengths, least, partners, affinities)
+    return int(shared.sum()), len(_pairs(view, partners, affinities)[0])
+
+
+def _pairs(view: np.ndarray, partners: np.ndarray, affinities: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return pairs that are partners of each other, each once: detections (m,) of the lower view, of the higher, and
+    their affinities."""
+    one, _, _ = np.nonzero(partners != NONE)
+    other, found = partners[partners != NONE].astype(np.int64), affinities[partners != NONE]
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    _, kept, lists = np.unique(low * len(view) + high, return_index=True, return_counts=True)
+    kept = kept[lists == 2]
+    return low[kept], high[kept], found[kept]
+
+
+def _proposed(first: np.ndarray, second: np.ndarray, found: np.ndarray, view: np.ndarray) -> np.ndarray:
+    """Return the indices of pairs (m,) that the Hungarian algorithm proposes for every two views."""
+    proposed = []
     for a, b in combinations(np.unique(view), 2):
-        rows, columns = np.flatnonzero(view == a), np.flatnonzero(view == b)
-        block = known[np.ix_(rows, columns)]
-        pairs += [
-            (support[rows[i], columns[j]], rows[i], columns[j])
-            for i, j in zip(*linear_sum_assignment(block, maximize=True), strict=True)
-            if block[i, j] >= threshold
-        ]
-    group = list(range(len(view)))
-    members = {i: [i] for i in group}
-    for _, a, b in sorted(pairs, key=lambda pair: -pair[0]):
-        into, joined = members[group[a]], members[group[b]]
-        if into is joined or set(view[into]) & set(view[joined]):
-            continue
-        if np.nanmean(affinities[np.ix_(into, joined)]) >= threshold:
-            del members[group[b]]
-            into += joined
-            for i in joined:
-                group[i] = group[a]
-    return [np.array(sorted(found, key=lambda i: view[i])) for found in members.values() if len(found) > 1]
+        pairs = np.flatnonzero((view[first] == a) & (view[second] == b))
+        rows, row = np.unique(first[pairs], return_inverse=True)
+        columns, column = np.unique(second[pairs], return_inverse=True)
+        if max(len(rows), len(columns)) <= _ASSIGNED:
+            block = np.zeros((len(rows), len(columns)))
+            block[row, column] = found[pairs]
+            index = np.full(block.shape, NONE)
+            index[row, column] = pairs
+            pairs = index[linear_sum_assignment(block, maximize=True)]
+        proposed.append(pairs[pairs != NONE])
+    return np.concatenate(proposed)

@@ -64,6 +64,18 @@ class Evidence:
         points.xyz[points.views < self.config.th_v] = np.nan
         return points
 
+    def rays(self, frame: int | np.ndarray, view: np.ndarray, detection: np.ndarray) -> np.ndarray:
+        """Return unit directions (n, J, 3), world, of the joints of n detections, NaN where absent.
+
+        Args:
+            frame: Index of the frame, or indices (n,).
+            view: (n,) of each detection.
+            detection: (n,) index of each detection in its view.
+        """
+        xy = self.xy[frame, view, detection]
+        direction = np.concatenate([xy, np.ones_like(xy[..., :1])], -1) @ self.rig.world_from_pixel[view].swapaxes(1, 2)
+        return direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+
     def distances(self, frames: slice, xyz: np.ndarray, unit: DistanceUnit) -> np.ndarray:
         """Return distances (F, V, P, D, J) from reprojections of people (F, P, J, 3) to detections of F frames."""
         pixels, depth = self.rig.project(xyz)

@@ -21,9 +21,9 @@ def false_positives(tracks: Tracks, measured: np.ndarray, frames: int, fps: floa
     return too_brief(measured, frames, fps, config.tracking.min_duration_s) | coincidental(tracks, config.th_v)
 
 
-def well_measured(xyz: np.ndarray, joints: int) -> np.ndarray:
-    """Return (F, P) True where a person (F, P, J, 3) has at least so many joints."""
-    return (~np.isnan(xyz[..., 0])).sum(-1) >= joints
+def well_measured(tracks: Tracks, joints: int) -> np.ndarray:
+    """Return (F, P) True where a person has at least so many joints, with views that do not agree by coincidence."""
+    return ((~np.isnan(tracks.xyz[..., 0])).sum(-1) >= joints) & tracks.supported
 
 
 def too_brief(measured: np.ndarray, frames: int, fps: float, min_duration_s: float) -> np.ndarray:

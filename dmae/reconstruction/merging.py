@@ -74,12 +74,14 @@ def merge(tracks: Tracks, label: np.ndarray) -> Tracks:
         label: (P,) as `same_person` returns it.
     """
     persons = np.unique(label)
-    assigned, xyz = tracks.assigned[:, persons].copy(), tracks.xyz[:, persons].copy()
+    merged = tracks.select(persons)
+    assigned, xyz, supported = merged.assigned, merged.xyz, merged.supported
     for track in np.flatnonzero(label != np.arange(len(label))):
         person = np.searchsorted(persons, label[track])
         assigned[:, person] = np.where(assigned[:, person] == NONE, tracks.assigned[:, track], assigned[:, person])
         xyz[:, person] = np.where(np.isnan(xyz[:, person]), tracks.xyz[:, track], xyz[:, person])
-    return Tracks(assigned, xyz)
+        supported[:, person] |= tracks.supported[:, track]
+    return merged
 
 
 def _join(label: np.ndarray, a: int, b: int) -> None:

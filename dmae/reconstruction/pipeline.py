@@ -14,7 +14,7 @@ from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
 from dmae.reconstruction.people.disagreement import settle_disagreement
-from dmae.reconstruction.people.sides import exchange, find_exchanged, pairs_of
+from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged
 from dmae.reconstruction.people.subjects import inside_volume, wanted_people
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.rays import most_confident_rays
@@ -63,7 +63,7 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
         differs = partial(appearance_differs, clip, tracks.assigned, tracking.reentry_colour_difference)
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s, differs))
     tracks = inside_volume(tracks, config.volume)
-    measured = well_measured(tracks.xyz, tracking.birth_joints).sum(0)
+    measured = well_measured(tracks, tracking.birth_joints).sum(0)
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
     tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
     if config.reassignment.distance_m > 0:
@@ -97,10 +97,10 @@ def measure(
         xyz: (F, P, J, 3) m, joints of the window before pruning, as `before` of a later one.
     """
     config, first_pass = evidence.config, tracks.assigned[window]
-    assigned, pairs = first_pass, pairs_of(skeleton)
+    assigned, sides = first_pass, Sides.of(skeleton)
     paths = expected_paths(tracks.xyz, skeleton, fps, config.reassignment.max_gap_s)[window]
-    wrong = find_exchanged(evidence, slice(0, len(assigned)), assigned, paths, pairs)
-    evidence = exchange(evidence, 0, *wrong, pairs)
+    wrong = find_exchanged(evidence, slice(0, len(assigned)), assigned, paths, sides)
+    evidence = exchange(evidence, 0, *wrong, sides)
     if config.reassignment.distance_m > 0:
         assigned = reassign(evidence, first_pass, paths, config.reassignment.distance_m)
     points = evidence.triangulate(np.arange(len(assigned))[:, None, None, None], assigned)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,10 +14,11 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.robust import median_known
 from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
-from dmae.reconstruction.association import NONE, affinity, cluster, propagate, ray_distances
+from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
+from dmae.reconstruction.compiled.chance import beyond_chance
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit
 from dmae.reconstruction.evidence import Evidence
-from dmae.reconstruction.people.sides import exchange, find_exchanged, nearer_side, pairs_of
+from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged, nearer_side
 from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
 
 _MIN_JOINTS = 3
@@ -37,7 +39,7 @@ class Tracker:
     def __init__(self, skeleton: Skeleton, fps: float, config: CaptureConfig):
         self._config, self._dt = config, 1 / fps
         self._compared = _compared_joints(skeleton, config.association.joints)
-        self._pairs, self._mirror = pairs_of(skeleton), list(skeleton.mirror)
+        self._sides, self._mirror = Sides.of(skeleton), list(skeleton.mirror)
         self._bones = np.array(skeleton.bones).reshape(-1, 2)
         self._state = TrackState.birth(0, np.empty((0, len(skeleton), 3)))
         self._births = 0
@@ -47,31 +49,39 @@ class Tracker:
         config, bones = self._config, self._bones
         colours_here = None if colours is None else partial(colours, frame)
         state = self._state.predicted(self._dt)
-        assigned, owner = _propagate(evidence, frame, state, self._pairs, self._mirror)
-        wrong = find_exchanged(evidence, slice(frame, frame + 1), assigned[None], state.xyz[None], self._pairs)
+        assigned, owner = _propagate(evidence, frame, state, self._sides, self._mirror)
+        wrong = find_exchanged(evidence, slice(frame, frame + 1), assigned[None], state.xyz[None], self._sides)
         if wrong[0].any():
-            evidence, frame = exchange(evidence.at(frame), 0, *wrong, self._pairs), 0
-        xyz = evidence.triangulate(frame, assigned, _ITERATIONS).xyz
+            evidence, frame = exchange(evidence.at(frame), 0, *wrong, self._sides), 0
+        points = evidence.triangulate(frame, assigned, _ITERATIONS)
+        xyz, used = points.xyz, points.used
         plausible = _plausible(xyz, assigned, bones, _MIN_JOINTS, config.th_v)
         xyz[~plausible] = np.nan
         free = (owner == NONE) | ~np.append(plausible, False)[owner]
         groups = _match(evidence, frame, free, colours_here, self._compared)
         if len(groups):
-            new = evidence.triangulate(frame, groups, _ITERATIONS).xyz
-            plausible = _plausible(new, groups, bones, config.tracking.birth_joints, config.th_v)
-            groups, new = groups[plausible], new[plausible]
+            points = evidence.triangulate(frame, groups, _ITERATIONS)
+            plausible = _plausible(points.xyz, groups, bones, config.tracking.birth_joints, config.th_v)
+            groups, new, used = groups[plausible], points.xyz[plausible], np.concatenate([used, points.used[plausible]])
+        else:
+            new = np.empty((0, *xyz.shape[1:]))
+        supported = _supported(evidence, frame, np.concatenate([assigned, groups]), np.concatenate([xyz, new]), used)
+        groups, new, supported = groups[supported[len(xyz) :]], new[supported[len(xyz) :]], supported[: len(xyz)]
+        if len(groups):
             track, born = _reenter(new, state, np.isnan(xyz[..., 0]).all(-1))
             found = track != NONE
-            assigned[track[found]], xyz[track[found]] = groups[found], new[found]
+            assigned[track[found]], xyz[track[found]], supported[track[found]] = groups[found], new[found], True
             state += TrackState.birth(self._births, new[born])
             self._births += born.sum()
             assigned, xyz = np.concatenate([assigned, groups[born]]), np.concatenate([xyz, new[born]])
-        state = state.updated(xyz, self._dt, config.tracking.velocity_gain)
+            supported = np.concatenate([supported, np.ones(born.sum(), bool)])
+        state = state.updated(xyz, supported, self._dt, config.tracking.velocity_gain)
         absent = np.isnan(xyz[..., 0]).all(-1)
         coasting_s = config.tracking.coasting_s
         state.xyz[state.joint_unseen > coasting_s] = np.nan
-        self._state = state[(state.unseen <= coasting_s) & ~np.isnan(state.xyz[..., 0]).all(-1)]
-        return TrackedFrame(state.track, np.where(absent[:, None, None], NONE, assigned), xyz)
+        lasting = (state.unseen <= coasting_s) & (state.unsupported <= coasting_s)
+        self._state = state[lasting & ~np.isnan(state.xyz[..., 0]).all(-1)]
+        return TrackedFrame(state.track, np.where(absent[:, None, None], NONE, assigned), xyz, supported & ~absent)
 
 
 def track(evidence: Evidence, clip: Clip, config: CaptureConfig) -> Tracks:
@@ -92,12 +102,12 @@ def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
 
 
 def _propagate(
-    evidence: Evidence, frame: int, state: TrackState, pairs: np.ndarray, mirror: list[int]
+    evidence: Evidence, frame: int, state: TrackState, sides: Sides, mirror: list[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Identity propagation: assign detections to the T tracks, those with left and right exchanged as well.
 
     Args:
-        pairs: (n, 2) indices of left and right joints.
+        sides: Of the skeleton.
         mirror: (J,) index of the partner of each joint.
 
     Returns:
@@ -110,7 +120,7 @@ def _propagate(
     distance = evidence.distances(here, state.xyz[None], unit)[0]
     if unit == DistanceUnit.metres:
         exchanged = evidence.distances(here, state.xyz[None][:, :, mirror], unit)[0]
-        distance = nearer_side(distance, exchanged, pairs)
+        distance = nearer_side(distance, exchanged, sides)
     closeness = confidence[:, None] * np.maximum(1 - distance / config.th_d, -1)
     owner, primary = propagate(closeness, state.age > config.tracking.confirmation_s)
     view = np.arange(len(primary))[:, None]
@@ -131,27 +141,20 @@ def _match(
     config, confidence = evidence.config.association, evidence.confidence[frame]
     present = ~np.isnan(confidence)
     view, detection = np.nonzero(free & (present.sum(-1) >= _MIN_JOINTS) & present[..., compared].any(-1))
-    joints = confidence.shape[-1]
     if len(np.unique(view)) < 2:
-        return np.empty((0, len(confidence), joints), int)
-    rays = evidence.rig.rays(evidence.xy[frame][None])[0, view, detection][:, compared]
-    confidences = confidence[view, detection][:, compared]
-    distances = ray_distances(evidence.rig.centers[view], rays)
-    affinities = affinity(distances, np.sqrt(confidences[:, None] * confidences[None]), config.ray_distance_m)
-    # Images are decoded only if clothes of the same colour could make a pair.
-    highest = np.where(view[:, None] != view, affinities + config.colour_weight * (1 - affinities), 0)
-    if colours is not None and (highest >= config.min_affinity).any():
-        colour = colours()[view, detection]
-        square = ((colour[:, None] - colour[None]) ** 2).sum(-1)
-        similarity = 1 / (1 + square / config.colour_difference**2)
-        blended = affinities + config.colour_weight * (similarity - affinities)
-        affinities = np.where(np.isnan(similarity), affinities, blended)
-    clusters = cluster(affinities, view, config.min_affinity)
-    groups = np.full((len(clusters), len(confidence), joints), NONE)
-    for group, members in zip(groups, clusters, strict=True):
-        for v, d in zip(view[members], detection[members], strict=True):
-            group[v] = np.where(present[v, d], d, NONE)
-    return groups
+        return np.empty((0, len(confidence), confidence.shape[-1]), int)
+    rays = evidence.rays(frame, view, detection)[:, compared]
+    candidates = Candidates.of(view, evidence.rig.centers, rays, confidence[view, detection][:, compared])
+    if colours is not None:
+        # Images are decoded only if clothes of the same colour could make a pair.
+        highest = highest_affinity(candidates, config)
+        if highest + config.colour_weight * (1 - highest) >= config.min_affinity:
+            colour = colours()[view, detection].astype(np.float32)
+            candidates = replace(candidates, colours=colour)
+    members = find_groups(candidates, config)
+    found = np.where(members == NONE, NONE, detection[members])
+    shown = (members != NONE)[..., None] & present[np.arange(len(confidence)), found]
+    return np.where(shown, found[..., None], NONE)
 
 
 def _plausible(xyz: np.ndarray, assigned: np.ndarray, bones: np.ndarray, min_joints: int, views: int) -> np.ndarray:
@@ -164,6 +167,25 @@ def _plausible(xyz: np.ndarray, assigned: np.ndarray, bones: np.ndarray, min_joi
     detected = ((assigned != NONE).sum(1) >= views).sum(-1)
     length = np.linalg.norm(xyz[:, bones[:, 0]] - xyz[:, bones[:, 1]], axis=-1)
     return (known >= min_joints) & (2 * known >= detected) & ~(length > _LONGEST_BONE).any(-1)
+
+
+def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return (P,) True for people whose views agree better than unrelated figures would, see `beyond_chance`.
+
+    Args:
+        assigned: (P, V, J) detections, or `NONE`.
+        xyz: (P, J, 3) m.
+        used: (P, J, V) True for the views that a joint was triangulated from.
+    """
+    rig, most = evidence.rig, evidence.config.tracking.max_by_chance
+    supported = np.ones(len(assigned), bool)
+    if len(assigned) and most < np.inf:
+        figures = ((~np.isnan(evidence.confidence[frame])).sum(-1) >= _MIN_JOINTS).sum(-1).astype(float)
+        focal, width = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1]), rig.size[:, 0].astype(float)
+        beyond_chance(
+            rig.projections, focal, width, evidence.xy[frame], assigned, xyz, used, figures, float(most), supported
+        )
+    return supported
 
 
 def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

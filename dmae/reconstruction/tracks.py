@@ -22,11 +22,13 @@ class TrackedFrame(NamedTuple):
         track: (T,) index of their tracks.
         assigned: (T, V, J) index of the detection that shows the joint in the view, or `NONE`.
         xyz: (T, J, 3) m, joints triangulated from these; NaN where absent.
+        supported: (T,) True where views agree better than unrelated figures would.
     """
 
     track: np.ndarray
     assigned: np.ndarray
     xyz: np.ndarray
+    supported: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -36,25 +38,29 @@ class Tracks:
     Attributes:
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
         xyz: (F, P, J, 3) m, joints triangulated from these; NaN where absent.
+        supported: (F, P) True where views agree better than unrelated figures would.
     """
 
     assigned: np.ndarray
     xyz: np.ndarray
+    supported: np.ndarray
 
     @classmethod
     def of(cls, frames: Sequence[TrackedFrame], track: np.ndarray, views: int, joints: int) -> Tracks:
         """Return the tracks with indices `track` (P,), ascending, from tracked frames."""
         assigned = np.full((len(frames), len(track), views, joints), NONE, np.int16)
         xyz = np.full((len(frames), len(track), joints, 3), np.nan)
+        supported = np.zeros((len(frames), len(track)), bool)
         for number, frame in enumerate(frames):
             wanted = np.isin(frame.track, track)
             column = np.searchsorted(track, frame.track[wanted])
             assigned[number, column], xyz[number, column] = frame.assigned[wanted], frame.xyz[wanted]
-        return cls(assigned, xyz)
+            supported[number, column] = frame.supported[wanted]
+        return cls(assigned, xyz, supported)
 
     def select(self, persons: np.ndarray) -> Tracks:
         """Return some of the tracks, by indices or by a mask (P,)."""
-        return Tracks(self.assigned[:, persons], self.xyz[:, persons])
+        return Tracks(self.assigned[:, persons], self.xyz[:, persons], self.supported[:, persons])
 
 
 @dataclass
@@ -67,7 +73,8 @@ class TrackState:
         velocity: (T, 3) m/s of the whole body.
         joint_unseen: (T, J) s since the joint was measured.
         unseen: (T,) s since the person was measured.
-        age: (T,) s for which the person has been measured.
+        age: (T,) s for which the person has been measured with support.
+        unsupported: (T,) s since the person was measured with support.
     """
 
     track: np.ndarray
@@ -76,13 +83,14 @@ class TrackState:
     joint_unseen: np.ndarray
     unseen: np.ndarray
     age: np.ndarray
+    unsupported: np.ndarray
 
     @classmethod
     def birth(cls, first: int, xyz: np.ndarray) -> TrackState:
         """Return new tracks, numbered from `first` on, of people with joints (T, J, 3)."""
         count, joints = xyz.shape[:2]
         zero = np.zeros(count)
-        return cls(first + np.arange(count), xyz, np.zeros((count, 3)), np.zeros((count, joints)), zero, zero)
+        return cls(first + np.arange(count), xyz, np.zeros((count, 3)), np.zeros((count, joints)), zero, zero, zero)
 
     def __getitem__(self, index) -> TrackState:
         return TrackState(*(getattr(self, f.name)[index] for f in fields(self)))
@@ -98,10 +106,18 @@ class TrackState:
             velocity=self.velocity * np.exp(-dt / _VELOCITY_FADE),
             joint_unseen=self.joint_unseen + dt,
             unseen=self.unseen + dt,
+            unsupported=self.unsupported + dt,
         )
 
-    def updated(self, xyz: np.ndarray, dt: float, velocity_gain: float) -> TrackState:
-        """Return the state with measured joints (T, J, 3) m; NaN where a joint or a person was not measured."""
+    def updated(self, xyz: np.ndarray, supported: np.ndarray, dt: float, velocity_gain: float) -> TrackState:
+        """Return the state with measured joints.
+
+        Args:
+            xyz: (T, J, 3) m; NaN where a joint or a person was not measured.
+            supported: (T,) True where views agree better than unrelated figures would.
+            dt: s since the frame before.
+            velocity_gain: Share of each step that is added to the velocity.
+        """
         measured = ~np.isnan(xyz[..., 0])
         velocity = self.velocity.copy()
         step = median_known(xyz - self.xyz)
@@ -113,5 +129,6 @@ class TrackState:
             velocity=velocity,
             joint_unseen=np.where(measured, 0, self.joint_unseen),
             unseen=np.where(measured.any(-1), 0, self.unseen),
-            age=self.age + np.where(measured.any(-1), dt, 0),
+            age=self.age + np.where(measured.any(-1) & supported, dt, 0),
+            unsupported=np.where(measured.any(-1) & supported, 0, self.unsupported),
         )

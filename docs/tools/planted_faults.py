@@ -116,7 +116,7 @@ def recording_name(number: int) -> str:
 def cases_of(number: int, cameras: int) -> list[tuple[int, int | None]]:
     """Return what is done with a recording: indices into FAULTS and the rank of a camera; None mends one."""
     if number < 2:
-        return [(-1, None), *((index, rank) for rank in range(cameras) for index in range(len(FAULTS)))]
+        return [*((index, rank) for rank in range(cameras) for index in range(len(FAULTS))), (-1, None)]
     rng = np.random.default_rng(number)
     kinds = [[k for k, case in enumerate(FAULTS) if case[0] == fault] for fault in dict.fromkeys(f for f, *_ in FAULTS)]
     return [(-1, None), *((int(rng.choice(kind)), int(rng.integers(100))) for kind in kinds)]
@@ -193,21 +193,18 @@ def write(counts: dict, alarms: dict, mended: list, generated: int, cameras: int
                             f"{np.median(degrees):.2f} ({degrees.max():.2f})", within, *means])  # fmt: skip
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "mujoco"))
+    command = f"python docs/tools/planted_faults.py generated={generated} cameras={cameras}"
+    mended_columns = ["recording", "off by cm: median (most)", "degrees: median (most)",
+                      "within 1 cm and 0.2 degrees", "PCP sound", "PCP displaced", "PCP mended"]  # fmt: skip
+    tables = {
+        "faults": {"columns": COLUMNS, "rows": rows},
+        "sound": {"columns": ["recording", "sound rigs", "with a finding"], "rows": sound},
+        "mended": {"columns": mended_columns, "rows": rows_mended},
+    }
     content = {
-        "command": f"python docs/tools/planted_faults.py generated={generated} cameras={cameras}",
-        "date": date.today().isoformat(),
-        "commit": commit.strip(),
-        "versions": f"python {platform.python_version()}, {versions}",
-        "tables": {
-            "faults": {"columns": COLUMNS, "rows": rows},
-            "sound": {"columns": ["recording", "sound rigs", "with a finding"], "rows": sound},
-            "mended": {
-                "columns": ["recording", "off by cm: median (most)", "degrees: median (most)",
-                            "within 1 cm and 0.2 degrees", "PCP sound", "PCP displaced", "PCP mended"],
-                "rows": rows_mended,
-            },
-        },
-    }  # fmt: skip
+        "measured": f"{date.today()}, commit {commit.strip()}, python {platform.python_version()}, {versions}",
+        "tables": {name: {"command": command, **table} for name, table in tables.items() if table["rows"]},
+    }
     FILE.write_text(json_text(content) + "\n")
 
 

@@ -18,7 +18,7 @@ _THIN, _TIP = 0.0056, 0.0045
 """Half widths of a finger at its beginning and its tip."""
 # Of each finger, degrees below the palm's plane before and after the middle joint.
 _BENDS = {
-    "relaxed": ((14, 36), (20, 48), (24, 56), (28, 62)),
+    "relaxed": ((8, 22), (11, 30), (13, 34), (15, 38)),
     "open": ((0, 4), (0, 5), (0, 5), (0, 5)),
     "grip": ((38, 105), (42, 110), (44, 112), (46, 114)),
     "fist": ((78, 185), (80, 188), (82, 190), (84, 190)),

@@ -18,8 +18,8 @@ from tests.support.processes import command_of, family, processor_seconds
 ENVIRONMENT = {
     name: value for name, value in os.environ.items() if name not in ("RAY_ADDRESS", "DASK_SCHEDULER_ADDRESS")
 }
-WORKER = {"ray": "ray::_on_node", "dask": "spawn_main"}
-"""What is in the command line of processes that run tasks."""
+_WORKER = "ray::_on_node"
+"""What is in the command line of processes of Ray that run tasks."""
 PROGRAM = """
 import json, sys
 from dmae.parallel import in_parallel, running_on
@@ -78,19 +78,18 @@ def test_a_task_outlives_the_death_of_its_worker(backend, order, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", ["ray", "dask"])
-def test_a_data_set_is_the_same_with_a_killed_worker(backend, tmp_path):
-    """`synth generate` on a local cluster of two processes, one of which is killed over its first clip."""
-    needs(backend)
+def test_a_data_set_is_the_same_with_a_killed_worker(tmp_path):
+    """`synth generate` on a local Ray of two processes, one of which is killed over its first clip."""
+    needs("ray")
     options = ("clips=3", "seed=5", "scene.seconds=0.4", "scene.persons=[1,1]", "workers=2")
     subprocess.run(command_line("synth", "generate", *options, "out=here"), cwd=tmp_path, check=True)
-    line = command_line("synth", "generate", *options, f"backend={backend}", "out=there")
+    line = command_line("synth", "generate", *options, "backend=ray", "out=there")
     process = subprocess.Popen(line, cwd=tmp_path, env=ENVIRONMENT)
     killed = None
     while process.poll() is None:
         writing = list((tmp_path / "there").glob(".*.partial"))
         if writing and killed is None:
-            workers = [each for each in family(process.pid) if WORKER[backend] in command_of(each)]
+            workers = [each for each in family(process.pid) if _WORKER in command_of(each)]
             killed = max(workers, key=processor_seconds)
             os.kill(killed, signal.SIGKILL)
         time.sleep(0.02)

@@ -105,7 +105,7 @@ class ReportSteps(Callback):
         if trainer.world_size > 1:
             ignore_warnings()
 
-    def on_train_end(self, trainer, learner):
+    def on_fit_end(self, trainer, learner):
         trainer.callback_metrics[STEPS] = torch.tensor(trainer.global_step)
 
 

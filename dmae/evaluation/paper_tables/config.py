@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from dmae.completion.paper.config import PaperSize
 from dmae.formats.reading import DataConfig
 from dmae.metrics.protocols import protocol
 from dmae.reconstruction.config import CaptureConfig
@@ -40,13 +41,15 @@ class TableConfig:
     """Number of the table in the paper, 1 to 5."""
     data: DataConfig = field(default_factory=DataConfig)
     extra_data: list[str] = field(default_factory=list)
-    """Folders of further data sets: of table 3 and 5 more clips; of table 4 simulated clips that fusion is learned
-    from, without which its rows are not measured."""
+    """Folders of further data sets: of tables 1, 2 and 4 simulated clips that the paper's network and fusion are
+    learned from, without which their rows are not measured; of tables 3 and 5 more clips."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     protocol: str = field(default="strict", metadata={"choices": protocol})
     """How limbs are counted in the rows measured here; the others are for comparison with rows published under them."""
     size: TableSize = TableSize.full
     """How much is spent: all methods and full trainings, or a table in a minute or two."""
+    paper: PaperSize = PaperSize.small
+    """Size of the paper's own network in tables 1 and 2: as a CPU trains it, or full."""
     weights: str | None = None
     """Folder that `dmae train` wrote, for `dmae`; by default the weights that come with the package."""
     seed: int = 0
@@ -59,8 +62,6 @@ class TableConfig:
             tables = "; ".join(f"{number}, {title}" for number, title in NUMBERS.items())
             raise ValueError(f"number={self.number}: the paper's tables are {tables}")
         protocol.find(self.protocol)
-        if self.extra_data and self.number in (1, 2):
-            raise ValueError(f"extra_data={self.extra_data}: nothing is learned for table {self.number}; leave it out")
         if self.number == 5 and (self.protocol != "strict" or self.weights):
             raise ValueError(
                 "table 5 counts joints, not limbs, and trains its own networks; leave out protocol and weights"

@@ -26,16 +26,6 @@ class NamedClips(Sequence):
         """Folder of each clip."""
         return [clips.folders[number] for clips, number in self.members]
 
-    @property
-    def numbers(self) -> range:
-        """Number of each clip, counted over all data sets."""
-        return range(len(self))
-
-    @property
-    def total(self) -> int:
-        """Number of clips."""
-        return len(self)
-
     def __len__(self) -> int:
         return len(self.members)
 

@@ -14,7 +14,7 @@ Groups = dict[str, dict[str, JointGroup]]
 
 def pooled_groups(findings: Sequence[Findings], name: str) -> Groups:
     """Return the tallies of a field of `Findings` ("breakdowns", "residuals", ...), added up over clips."""
-    return reduce(_added_groups, (getattr(each, name) for each in findings), {})
+    return reduce(added_groups, (getattr(each, name) for each in findings), {})
 
 
 def pooled_truth(findings: Sequence[Findings]) -> dict[str, JointGroup]:
@@ -31,5 +31,6 @@ def pooled_regions(findings: Sequence[Findings]) -> dict[str, np.ndarray]:
     return total
 
 
-def _added_groups(first: Groups, second: Groups) -> Groups:
+def added_groups(first: Groups, second: Groups) -> Groups:
+    """Return the tallies of two sets of clips as one."""
     return {name: added(first.get(name, {}), second.get(name, {})) for name in {**first, **second}}

@@ -22,6 +22,8 @@ class DataConfig:
     """Calibration file, or folder of them; by default the one found in `path`."""
     detections: str | None = None
     """Folder of the detections, or file of COCO's; by default found in `path`."""
+    videos: str | None = None
+    """Folder of the videos that people were detected in, <camera>.mp4: backgrounds of reports and pictures."""
     fps: float | None = None
     """1/s; frame rate, where the files do not hold it."""
     size: list[int] | None = None

@@ -1,1 +1,1 @@
-"""Which people are wanted, which cameras disagree about them, and why there are none."""
+"""Which people are wanted, which cameras disagree about them or exchange their sides, and why there are none."""

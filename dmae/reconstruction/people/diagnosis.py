@@ -9,7 +9,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.robust import median_known
-from dmae.reconstruction.association import NONE, affinity, cluster, ray_distances
+from dmae.reconstruction.association import NONE, Candidates, count_pairs, find_groups
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import coincidental, too_brief, well_measured
@@ -151,16 +151,14 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
         confidence = part.confidence[frame]
         view, detection = np.nonzero((~np.isnan(confidence)).sum(-1) >= _MIN_JOINTS)
         weights = confidence[view, detection]
-        distances = ray_distances(rig.centers[view], all_rays[frame, view, detection])
-        affinities = affinity(distances, np.sqrt(weights[:, None] * weights), config.association.ray_distance_m)
-        other = (view[:, None] < view) & np.isfinite(affinities)
-        pairs += int(other.sum())
-        agreeing += int((affinities[other] >= config.association.min_affinity).sum())
-        affinities[view[:, None] == view] = np.nan
-        clusters = cluster(affinities, view, config.association.min_affinity)
-        groups = np.full((len(clusters), len(rig), confidence.shape[-1]), NONE)
-        for group, members in zip(groups, clusters, strict=True):
-            group[view[members]] = np.where(np.isnan(weights[members]), NONE, detection[members, None])
+        candidates = Candidates.of(view, rig.centers, all_rays[frame, view, detection], weights)
+        compared, agreed = count_pairs(candidates, config.association)
+        pairs, agreeing = pairs + compared, agreeing + agreed
+        if not compared:
+            continue
+        members = find_groups(candidates, config.association)
+        absent = (members == NONE)[..., None] | np.isnan(weights[members])
+        groups = np.where(absent, NONE, detection[members][..., None])
         if len(groups):
             points = part.triangulate(frame, groups, 2)
             xyz = points.xyz
@@ -207,7 +205,7 @@ def _kept(tracks: Tracks, clip: Clip, config: CaptureConfig) -> tuple[list[tuple
                 f"all people are outside capture.volume: x is {low[0]:.1f} to {high[0]:.1f} m, y {low[1]:.1f} to "
                 f"{high[1]:.1f}, z {low[2]:.1f} to {high[2]:.1f}"
             ]
-    measured = well_measured(tracks.xyz, tracking.birth_joints).sum(0)
+    measured = well_measured(tracks, tracking.birth_joints).sum(0)
     brief = too_brief(measured, len(clip), fps, tracking.min_duration_s)
     stages.append((f"of these measured for {tracking.min_duration_s:g} s or more", int((~brief).sum())))
     if brief.all():

@@ -53,6 +53,8 @@ def standardised_offsets(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarr
 def settle_disagreement(evidence: Evidence, assigned: np.ndarray, points: Points) -> None:
     """Triangulate the people on which cameras disagree again, in place, from the cameras that agree most.
 
+    Joints on which too few cameras agree then stay as they are.
+
     Args:
         evidence, assigned, points: As in `cameras_disagree`.
     """
@@ -60,5 +62,8 @@ def settle_disagreement(evidence: Evidence, assigned: np.ndarray, points: Points
     if len(people):
         frame = np.arange(len(assigned))[:, None, None, None]
         again = evidence.triangulate(frame, assigned[:, people], selective=True)
+        known, person = ~np.isnan(again.xyz[..., 0]), people[None, :, None]
+        frame, _, joint = np.ogrid[tuple(slice(n) for n in known.shape)]
+        place = tuple(np.broadcast_to(axis, known.shape)[known] for axis in (frame, person, joint))
         for name in ("xyz", "cov", "used", "residual"):
-            getattr(points, name)[:, people] = getattr(again, name)
+            getattr(points, name)[place] = getattr(again, name)[known]

@@ -4,7 +4,7 @@ A detector exchanges sides for one frame or for seconds, with full confidence, i
 frames around, show where left and right are.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,32 +14,56 @@ from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.evidence import Evidence
 
-_MIN_GAIN = 0.2
-"""m; the distances of the two joints of a pair from where they are expected are together smaller by so much when the
-sides are exchanged. Noise does not reach it: joints of a pair that are close to each other stay as they are."""
-_MAX_DISTANCE = 0.15
-"""m; mean distance of the exchanged joints from where they are expected."""
+_SIGMA = 0.04
+"""m; how far joints are from where they are expected, noise of both."""
+_MIN_EVIDENCE = 8.0
+"""Of an exchange: logarithm of the ratio of the likelihoods of a pair, a limb or the whole body with sides exchanged
+and as detected. A pair that is alone exchanged is 11 cm wide at least."""
+_FARTHEST, _MAX_DISTANCE = 0.3, 0.15
+"""m; a joint that is farther away counts as so far; and the largest mean distance of joints once they are exchanged."""
+_LIMBS = (
+    ("shoulder", "elbow", "wrist", "little_finger", "index_finger", "thumb"),
+    ("hip", "knee", "ankle", "heel", "big_toe", "small_toe"),
+)
+"""Joints that a detector exchanges together."""
 
 
-def pairs_of(skeleton: Skeleton) -> np.ndarray:
-    """Return the indices (n, 2) of left joints and of their partners on the right."""
-    mirror = np.array(skeleton.mirror, int)
-    left = np.flatnonzero([joint.rpartition(".")[2].startswith("l_") for joint in skeleton.joints])
-    left = left[mirror[left] != left]
-    return np.stack([left, mirror[left]], -1).reshape(-1, 2)
+@dataclass(frozen=True)
+class Sides:
+    """The joints of a skeleton that have a left and a right.
+
+    Attributes:
+        pairs: (n, 2) indices of left joints and of their partners on the right.
+        groups: Indices into `pairs` of what is exchanged together: the whole body, and its limbs.
+    """
+
+    pairs: np.ndarray
+    groups: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, skeleton: Skeleton) -> "Sides":
+        """Return those of a skeleton."""
+        mirror = np.array(skeleton.mirror, int)
+        names = [joint.rpartition(".")[2] for joint in skeleton.joints]
+        left = np.array([i for i, name in enumerate(names) if name.startswith("l_") and mirror[i] != i], int)
+        pairs = np.stack([left, mirror[left]], -1).reshape(-1, 2)
+        kinds = [names[i].removeprefix("l_") for i in left]
+        limbs = [np.flatnonzero([kind in limb for kind in kinds]) for limb in _LIMBS]
+        return cls(pairs, (np.arange(len(pairs)), *limbs))
 
 
-def nearer_side(distance: np.ndarray, exchanged: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> np.ndarray:
     """Return distances (..., J) with those of exchanged joints where these are clearly smaller.
 
     Args:
         distance: (..., J) m, of detected joints from where they are expected.
         exchanged: (..., J) m, of detected joints from where their partners on the other side are expected.
-        pairs: (n, 2) indices of the joints of each pair.
+        sides: Of the skeleton.
     """
+    pairs = sides.pairs
     if not len(pairs):
         return distance
-    wrong = _is_exchanged(distance[..., pairs], exchanged[..., pairs])
+    wrong = _is_exchanged(distance[..., pairs], exchanged[..., pairs], sides)
     chosen = distance.copy()
     for side in (0, 1):
         joints = pairs[:, side]
@@ -48,7 +72,7 @@ def nearer_side(distance: np.ndarray, exchanged: np.ndarray, pairs: np.ndarray) 
 
 
 def find_exchanged(
-    evidence: Evidence, frames: slice, assigned: np.ndarray, expected: np.ndarray, pairs: np.ndarray
+    evidence: Evidence, frames: slice, assigned: np.ndarray, expected: np.ndarray, sides: Sides
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the pairs of joints with left and right exchanged in a minority of views, or in half of them.
 
@@ -59,12 +83,13 @@ def find_exchanged(
         frames: F frames of the evidence.
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
         expected: (F, P, J, 3) m, where joints are expected; NaN where that is not known.
-        pairs: (n, 2) indices of the joints of each pair.
+        sides: Of the skeleton.
 
     Returns:
         exchanged: (F, P, V, n) True where the sides of a pair are exchanged.
         detection: (F, P, V, n) index of the detection that shows the pair, or `NONE`.
     """
+    pairs = sides.pairs
     left, right = (assigned[..., pairs[:, side]] for side in (0, 1))
     detection = np.where(left == NONE, right, left)
     detection = np.where((right != NONE) & (right != detection), NONE, detection)
@@ -76,16 +101,17 @@ def find_exchanged(
     shown = np.where((detection == NONE)[..., None, None], np.nan, shown)
     distance = np.linalg.norm(shown - pixels, axis=-1) * scale
     other = np.linalg.norm(shown - pixels[..., ::-1, :], axis=-1) * scale[..., ::-1]
-    wrong = _is_exchanged(distance, other)
-    observing = (~np.isnan(distance)).any(-1).sum(2, keepdims=True)
+    wrong = _is_exchanged(distance, other, sides)
+    observing = (assigned != NONE).any(-1).sum(2)[:, :, None, None]
     return wrong & (2 * wrong.sum(2, keepdims=True) <= observing), detection
 
 
-def exchange(evidence: Evidence, first: int, wrong: np.ndarray, detection: np.ndarray, pairs: np.ndarray) -> Evidence:
+def exchange(evidence: Evidence, first: int, wrong: np.ndarray, detection: np.ndarray, sides: Sides) -> Evidence:
     """Return the evidence with left and right exchanged, from frame `first` on, where `find_exchanged` says so."""
     if not wrong.any():
         return evidence
     frame, _, view, pair = np.nonzero(wrong)
+    pairs = sides.pairs
     places = (frame + first, view, detection[wrong])
     left, right = pairs[pair, 0], pairs[pair, 1]
     xy, confidence = evidence.xy.copy(), evidence.confidence.copy()
@@ -101,25 +127,33 @@ def exchanged_detections(clip: Clip, poses: Poses3D) -> np.ndarray:
         clip: F frames of V cameras, of the skeleton of the poses.
         poses: As captured from the clip: the detection of a person is the one nearest to it.
     """
-    pairs = pairs_of(clip.detections.skeleton)
-    frames = slice(0, len(clip))
-    if not len(pairs) or not poses.xyz.size:
+    sides, frames = Sides.of(clip.detections.skeleton), slice(0, len(clip))
+    if not len(sides.pairs) or not poses.xyz.size:
         return np.zeros((len(clip), len(clip.rig)), bool)
     config = CaptureConfig()
     evidence = Evidence.of(clip, config.th_p, config)
     xyz, mirrored = poses.xyz.astype(np.float64), poses.xyz[:, :, list(clip.detections.skeleton.mirror)]
     near, other = (evidence.distances(frames, each, DistanceUnit.metres) for each in (xyz, mirrored))
-    closeness = np.nansum(np.maximum(1 - nearer_side(near, other, pairs) / config.th_d, -1), -1)
+    closeness = np.nansum(np.maximum(1 - nearer_side(near, other, sides) / config.th_d, -1), -1)
     found = np.where(closeness.max(-1, initial=-np.inf) > 0, closeness.argmax(-1), NONE).swapaxes(1, 2)
     assigned = np.repeat(found[..., None], xyz.shape[2], -1)
-    wrong, _ = find_exchanged(evidence, frames, assigned, xyz, pairs)
+    wrong, _ = find_exchanged(evidence, frames, assigned, xyz, sides)
     # A pair of ears or eyes alone says little: they are close to each other.
     return (wrong.sum(-1) >= 2).any(1)
 
 
-def _is_exchanged(distance: np.ndarray, exchanged: np.ndarray) -> np.ndarray:
-    """Return (...) True for pairs (..., 2) that are clearly nearer to their expected places with sides exchanged."""
+def _is_exchanged(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> np.ndarray:
+    """Return (..., n) True for pairs (..., n, 2) that are clearly nearer to their expected places with sides exchanged.
+
+    The whole body is judged first, then its limbs, then each pair alone.
+    """
     known = ~np.isnan(distance) & ~np.isnan(exchanged)
-    count = known.sum(-1)
-    before, after = (np.where(known, each, 0).sum(-1) for each in (distance, exchanged))
-    return (before - after > _MIN_GAIN) & (after <= _MAX_DISTANCE * count)
+    before, after = (np.where(known, np.minimum(each, _FARTHEST), 0) for each in (distance, exchanged))
+    evidence = (before**2 - after**2).sum(-1) / (2 * _SIGMA**2)
+    after, count = after.sum(-1), known.sum(-1)
+    wrong = np.zeros(evidence.shape, bool)
+    for group in sides.groups:
+        near = after[..., group].sum(-1) <= _MAX_DISTANCE * count[..., group].sum(-1)
+        wrong[..., group] |= ((evidence[..., group].sum(-1) > _MIN_EVIDENCE) & near)[..., None]
+    alone = (evidence > _MIN_EVIDENCE) & (after <= _MAX_DISTANCE * count)
+    return (wrong | alone) & (evidence > -_MIN_EVIDENCE) & (count > 0)

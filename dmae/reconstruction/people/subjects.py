@@ -36,6 +36,7 @@ def inside_volume(tracks: Tracks, volume: list[float] | None) -> Tracks:
     return Tracks(
         np.where(outside[..., None, None], NONE, tracks.assigned),
         np.where(outside[..., None, None], np.nan, tracks.xyz),
+        tracks.supported & ~outside,
     )
 
 

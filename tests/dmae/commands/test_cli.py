@@ -152,7 +152,7 @@ def test_a_recording_is_converted_and_captured_and_exported(folder):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["film"], "no command 'film'; there are capture"),
+        (["film"], "no command 'film'; there are run"),
         (["capture", "data=clip", "data.path=nowhere", "out=bad"], "nowhere"),
         (["capture", "data=one", "cpture.th_v=3", "out=bad"], "cpture"),
         (["capture", "data=one", "capture.th_v=1", "out=bad"], "th_v=1"),

@@ -5,7 +5,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from dmae.reconstruction.association import NONE, affinity, cluster, propagate, ray_distances
+from dmae.reconstruction.association import NONE, Candidates, find_groups, propagate
+from dmae.reconstruction.compiled.pairs import affinity
+from dmae.reconstruction.config import AssociationConfig
 from tests.support.clips import looking_at_origin, t_pose
 
 unit = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
@@ -16,50 +18,62 @@ def one(vector) -> np.ndarray:
     return np.array(vector) / np.linalg.norm(vector)
 
 
+def affinity_of(base, ray_a, ray_b, weights=((1,), (1,)), half=0.1) -> float:
+    """Affinity of two detections with rays (3,) to all their joints, the camera of the second `base` from the first."""
+    weights = np.array(weights, np.float32)
+    rays = np.stack([np.tile(np.array(ray, np.float32)[:, None], weights.shape[1]) for ray in (ray_a, ray_b)])
+    centers = np.array([(0, 0, 0), base], np.float32)
+    return affinity(
+        0, 1, np.arange(2), centers, rays, weights, np.zeros((2, 3), np.float32), np.float32(half), np.float32(1), 0
+    )
+
+
+def ray_distance(a, ray_a, b, ray_b) -> float:
+    """Distance between rays from two places, m, from the affinity of detections of that single joint."""
+    found = affinity_of(np.array(b) - a, ray_a, ray_b, half=1)
+    return np.sqrt(1 / (2 * found) - 1) if found < 0.5 else 0.0
+
+
 @settings(max_examples=60, deadline=None)
 @given(place, unit, place, unit)
 def test_distance_is_the_least_between_points_of_the_rays(a, ray_a, b, ray_b):
     a, b, ray_a, ray_b = np.array(a), np.array(b), one(ray_a), one(ray_b)
     # Nearly parallel rays meet, if at all, where no person can be: they count as parallel.
-    assume(not 0 < np.linalg.norm(np.cross(ray_a, ray_b)) < 1e-3)
-    distances = ray_distances(np.stack([a, b]), np.stack([ray_a, ray_b])[:, None])[..., 0]
+    assume(not 0 < np.linalg.norm(np.cross(ray_a, ray_b)) < 1e-2)
     _, least = nnls(np.stack([ray_a, -ray_b], 1), b - a)
-    np.testing.assert_allclose(distances, [[0, least], [least, 0]], atol=1e-5)
+    for distance in (ray_distance(a, ray_a, b, ray_b), ray_distance(b, ray_b, a, ray_a)):
+        np.testing.assert_allclose(distance, least, rtol=1e-4, atol=2e-3)
 
 
 def test_perpendicular_and_parallel_rays_have_distances():
-    origins = np.array([[0, 0, 0], [3, 0, 1], [0, 2, 0.0]])
-    rays = np.array([[1, 0, 0], [0, 1, 0], [1, 0, 0.0]])[:, None]
-    distances = ray_distances(origins, rays)[..., 0]
-    np.testing.assert_allclose(distances, [[0, 1, 2], [1, 0, 1], [2, 1, 0]], atol=1e-9)
+    origins, rays = [[0, 0, 0], [3, 0, 1], [0, 2, 0.0]], [[1, 0, 0], [0, 1, 0], [1, 0, 0.0]]
+    found = [ray_distance(origins[a], rays[a], origins[b], rays[b]) for a, b in ((0, 1), (0, 2), (1, 2))]
+    np.testing.assert_allclose(found, [1, 2, 1], atol=1e-5)
 
 
 def test_rays_behind_a_camera_are_not_near():
     """The lines cross at (0, 0, 0), a metre behind the second camera."""
-    origins = np.array([[-3, 0, 0], [0, 1, 0.0]])
-    rays = np.array([[1, 0, 0], [0, 1, 0.0]])[:, None]
-    assert ray_distances(origins, rays)[0, 1, 0] > 0.99
+    assert ray_distance([-3, 0, 0], [1, 0, 0], [0, 1, 0], [0, 1, 0]) > 0.99
 
 
 def test_affinity_needs_shared_evidence():
-    distances = np.array([0.0, 0.1, np.nan, 0.0])[:, None, None]
-    weights = np.ones_like(distances)
-    assert np.isnan(affinity(distances, weights, 0.1)[2, 0])
-    one_joint, nine_joints = np.zeros((1, 1, 1)), np.zeros((1, 1, 9))
-    many = affinity(nine_joints, np.ones((1, 1, 9)), 0.1)
-    assert affinity(one_joint, np.ones((1, 1, 1)), 0.1) < many < 1
-    np.testing.assert_allclose(affinity(nine_joints + 0.1, np.ones((1, 1, 9)), 0.1), many / 2)
+    forward, weights = (0, 0, 1), np.ones((2, 9))
+    assert affinity_of((0, 0, 0), forward, forward) < affinity_of((0, 0, 0), forward, forward, weights) < 1
+    half = affinity_of((0.1, 0, 0), forward, forward, weights)
+    np.testing.assert_allclose(half, affinity_of((0, 0, 0), forward, forward, weights) / 2, rtol=1e-5)
+    weights[0, ::2], weights[1, 1::2] = 0, 0
+    assert affinity_of((0, 0, 0), forward, forward, weights) == -1
 
 
 def shuffled_detections(people: np.ndarray, seen: np.ndarray, rng: np.random.Generator):
-    """Origins, rays, views and persons of detections, shuffled; `seen` (V, P) is True where a view detects a person."""
+    """Rays, views and persons of detections, shuffled; `seen` (V, P) is True where a view detects a person."""
     rig = looking_at_origin(len(seen))
     xy, _ = rig.project(people[None])
     rays = rig.rays(xy + rng.normal(0, 2, xy.shape))[0]
     view, person = np.nonzero(seen)
     order = rng.permutation(len(view))
     view, person = view[order], person[order]
-    return rig.centers[view], rays[view, person], view, person
+    return rays[view, person], view, person
 
 
 @settings(max_examples=40, deadline=None)
@@ -86,19 +100,43 @@ def test_clusters_are_the_people(seed, views, count):
         apart = ~(seen[:, :person] & seen[:, [person]]).any(0) & seen[:, :person].any(0)
         if apart.any():
             seen[:, person] = False
-    origins, rays, view, person = shuffled_detections(people, seen, rng)
-    distances = ray_distances(origins, rays)
-    groups = cluster(affinity(distances, np.ones_like(distances), 0.1), view, 0.5)
-    found = {frozenset(group.tolist()) for group in groups}
+    rays, view, person = shuffled_detections(people, seen, rng)
+    order = np.argsort(view, kind="stable")
+    rig = looking_at_origin(views)
+    candidates = Candidates.of(view[order], rig.centers, rays[order], np.ones(rays.shape[:2]))
+    groups = find_groups(candidates, AssociationConfig())
+    found = {frozenset(order[group[group != NONE]].tolist()) for group in groups}
     expected = {frozenset(np.flatnonzero(person == p).tolist()) for p in np.flatnonzero(seen.any(0))}
     assert found == expected
 
 
-def test_clusters_hold_one_detection_of_a_view_and_agree_with_each_other():
-    """0-1 and 1-2 look alike, 0-2 do not: the chain is not one person."""
-    alike = np.array([[1, 0.9, 0.0], [0.9, 1, 0.8], [0.0, 0.8, 1]])
-    assert [group.tolist() for group in cluster(alike, np.array([0, 1, 2]), 0.5)] == [[0, 1]]
-    assert cluster(alike, np.array([0, 0, 0]), 0.5) == []
+def test_groups_hold_one_detection_of_a_view_and_agree_with_each_other():
+    """0-1 and 1-2 agree. 0-2 do not: 2 sees each joint a metre further along the rays of 1, a camera overhead."""
+    centers = np.array([[6, 0, 1.5], [1, 2, 7], [0, -6, 1.5]])
+    body = t_pose()
+    beyond = body + (body - centers[1]) / np.linalg.norm(body - centers[1], axis=-1, keepdims=True)
+    rays = np.stack([body - centers[0], body - centers[1], beyond - centers[2]])
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    chain = Candidates.of(np.arange(3), centers, rays, np.ones((3, 25)))
+    found = [group[group != NONE].tolist() for group in find_groups(chain, AssociationConfig())]
+    assert found in ([[0, 1]], [[1, 2]])
+    same = Candidates.of(np.array([0, 0]), centers, rays[[0, 0]], np.ones((2, 25)))
+    assert find_groups(same, AssociationConfig()).shape == (0, 3)
+
+
+def test_many_detections_of_a_view_are_grouped_in_bounded_time():
+    """Beyond 100 in a view, and beyond 16 partners each: people in all views are found among figures of one view."""
+    rng = np.random.default_rng(0)
+    rig, people = looking_at_origin(5), np.stack([t_pose() + (x, 0.3 * x, 0) for x in (-1.5, 0, 1.5)])
+    alone = t_pose() + np.concatenate([rng.uniform(-3, 3, (5, 150, 2)), np.zeros((5, 150, 1))], -1)[:, :, None]
+    alone += rng.normal(0, 0.05, alone.shape)
+    xy = np.concatenate([rig.project(people[None])[0][0], [rig.project(alone[v][None])[0][0, v] for v in range(5)]], 1)
+    rays = rig.rays(xy[None] + rng.normal(0, 2, xy.shape))[0]
+    view = np.repeat(np.arange(5), 153)
+    candidates = Candidates.of(view, rig.centers, rays.reshape(-1, 25, 3), np.full((len(view), 25), 0.8))
+    groups = find_groups(candidates, AssociationConfig())
+    found = {tuple(group - 153 * np.arange(5)) for group in groups}
+    assert {(person,) * 5 for person in range(3)} <= found
 
 
 def closeness(values) -> np.ndarray:

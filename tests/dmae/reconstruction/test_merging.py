@@ -39,7 +39,8 @@ def test_merging_keeps_the_older_track_and_fills_gaps_from_the_younger():
     xyz = standing(frames=4, persons=3)
     assigned = np.broadcast_to(np.arange(3)[:, None, None], (4, 3, 2, 25)).copy()
     assigned[2:, 0], xyz[2:, 0] = NONE, np.nan
-    merged = merge(Tracks(assigned, xyz), np.array([0, 0, 2]))
+    merged = merge(Tracks(assigned, xyz, ~np.isnan(xyz[..., 0, 0])), np.array([0, 0, 2]))
     assert merged.assigned[:, :, 0, 0].tolist() == [[0, 2], [0, 2], [1, 2], [1, 2]]
     np.testing.assert_array_equal(merged.xyz[1:3, 0], xyz[[1, 2], [0, 1]])
     np.testing.assert_array_equal(merged.xyz[:, 1], xyz[:, 2])
+    assert merged.supported.all()

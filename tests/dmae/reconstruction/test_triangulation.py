@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
+from dmae.reconstruction.config import NoiseModel
 from dmae.reconstruction.triangulation import DEFAULT_NOISE, Points, triangulate
+from tests.support import numpy_triangulation
 from tests.support.clips import looking_at_origin
 
 seeds = st.integers(0, 2**32 - 1)
@@ -220,3 +222,29 @@ def test_arrays_that_do_not_fit_the_rig_are_refused():
         triangulate(rig, np.zeros((5, 4, 2)), np.zeros((5, 4)))
     with pytest.raises(ValueError, match="confidence"):
         triangulate(rig, np.zeros((5, 3, 2)), np.zeros((5, 4)))
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(2, 8), st.sampled_from([2, 8]))
+def test_it_does_as_its_form_in_numpy(seed, views, iterations):
+    """With views missing and outliers."""
+    rng = np.random.default_rng(seed)
+    rig, xy, confidence, _ = noisy(rng, views, 60)
+    outlier = rng.random(xy.shape[:2]) < 0.15
+    xy[outlier] += rng.normal(0, 100, (outlier.sum(), 2))
+    xy[rng.random(xy.shape[:2]) < 0.2] = np.nan
+    assert_same(
+        triangulate(rig, xy, confidence, iterations=iterations),
+        numpy_triangulation.triangulate(rig, xy, confidence, iterations=iterations),
+        2e-6,
+    )
+
+
+def test_covariances_have_the_largest_eigenvalue_that_is_allowed():
+    rng = np.random.default_rng(0)
+    rig, xy, confidence, _ = noisy(rng, 3, 200)
+    found = triangulate(rig, xy, confidence, NoiseModel(max_error_m=0.05))
+    every = triangulate(rig, xy, confidence, NoiseModel(max_error_m=10.0))
+    within = np.linalg.eigvalsh(every.cov)[:, -1] <= 0.05**2
+    assert 0.1 < within.mean() < 0.9
+    np.testing.assert_array_equal(np.isfinite(found.xyz[:, 0]), within)

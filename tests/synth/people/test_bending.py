@@ -65,8 +65,8 @@ def test_hands_are_checked_drawn_and_default_to_relaxed():
 
 def test_the_wrist_bends_so_that_the_palm_lies_on_a_table():
     chest, shoulder = np.eye(3)[None], np.array([[0.0, 0.2, 1.3]])
-    down, palm = np.array([[0.0, 0.0, -1.0]]), np.array([[0.5, 0.2, 0.95]])
+    down, palm = np.array([[0.0, 0.0, -1.0]]), np.array([[0.45, 0.2, 0.8]])
     how = (BODY, "l", chest, shoulder, palm, down, (-0.35, 0.45, -1.0))
     bent, straight = (reach_with_arm(*how, straight=straight)[0, 2] for straight in (False, True))
     assert -bent[:, 2] @ down[0] > 0.999
-    assert -straight[:, 2] @ down[0] < 0.97
+    assert -straight[:, 2] @ down[0] < 0.9

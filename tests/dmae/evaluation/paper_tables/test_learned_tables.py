@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from dmae.cli import DMAE, compose
+from dmae.completion.paper.config import SMALL, PaperSize
 from dmae.data.clip import Clip
 from dmae.data.store import save_clip, write_manifest
-from dmae.evaluation.paper_tables import codes, fusion, interactions
+from dmae.evaluation.paper_tables import codes, fusion, interactions, paper_network
 from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.make import make_table
 from dmae.formats.reading import DataConfig
@@ -72,6 +73,24 @@ def test_codes_have_recall_and_error_of_the_same_masked_joints(clips, tmp_path, 
     # Walkers glide: interpolation is right where two steps of training are not.
     assert rows[codes.INTERPOLATED]["cells"]["recall"]["value"] > 99
     assert rows[codes.BOTH]["cells"]["recall"]["value"] < 90
+
+
+def test_the_paper_s_network_has_rows_before_and_after_tuning(clips, tmp_path, monkeypatch):
+    monkeypatch.setattr(paper_network, "_FEW", (2, 1))
+    tiny = replace(SMALL, schedule=replace(SMALL.schedule, batch=64))
+    monkeypatch.setitem(paper_network.SIZES, PaperSize.small, tiny)
+    save_clip(seen(frames=60), tmp_path / "clip")
+    made = table(tmp_path, 1, tmp_path / "clip", extra_data=[str(clips)])
+    rows = rows_of(made)
+    assert list(rows)[-2:] == [paper_network.PRETRAINED, paper_network.TUNED]
+    for name in (paper_network.PRETRAINED, paper_network.TUNED):
+        assert rows[name]["cells"]["average"]["value"] is not None
+        assert rows[name]["note"].startswith("small size: 64 channels and 2 layers in the encoder")
+    # 15 frames are tuned on, 10 after them left out.
+    assert made["frames"] == {"actor 1": 35, "actor 2": 35}
+    without = rows_of(table(tmp_path / "without", 1, tmp_path / "clip"))
+    assert without[paper_network.TUNED]["origin"] == "not measured"
+    assert "give extra_data=[...]" in without[paper_network.TUNED]["note"]
 
 
 def test_fusion_has_rows_before_and_after_tuning_and_the_better_of_two_says_so(clips, tmp_path, monkeypatch):

@@ -153,7 +153,6 @@ class TestBadInput:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"number": 1, "extra_data": ["more"]}, "nothing is learned for table 1"),
             ({"number": 5, "protocol": "4da"}, "table 5 counts joints, not limbs"),
             ({"number": 5, "weights": "runs/model"}, "trains its own networks"),
         ],

@@ -1,0 +1,122 @@
+"""`dmae pretrain`: a model for your own cameras, detector and motion, from nothing but these."""
+
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dmae.command_line.steps import run_steps
+
+WRITES = "folder"
+EXAMPLES = (
+    "dmae pretrain out=runs/own",
+    "dmae pretrain motion=mocap rig=session/calibration detector=hrnet_like clips=200 out=runs/own",
+    "dmae pretrain motion=runs/takes.tsv rig=ring views=[2,3,4] steps=20000 workers=4 out=runs/own",
+)
+
+
+@dataclass(frozen=True)
+class PretrainCommand:
+    """Simulate people with your motion before your cameras and detector, and learn from them.
+
+    Makes a model before `dmae train init=<model>` tunes it on recordings: simulates, captures, trains, calibrates
+    uncertainty on held-back subjects, scores on others, and writes the card. Every step is a command that is printed.
+    The same command goes on where it was interrupted.
+    """
+
+    motion: str | None = None
+    """Folder of motion files, or a list of takes that `synth takes` wrote; by default people move procedurally."""
+    rig: str = "random"
+    """Calibration, a file or folder of any known format; or a preset of rigs."""
+    detector: str = "shelf_openpose"
+    """Preset of the simulated detector; `synth fit-detector` fits one to a recording."""
+    clips: int = 60
+    """Clips of 12 s to learn from; a quarter as many are calibrated on, and as many scored on."""
+    seconds: float = 12.0
+    """s; length of a clip."""
+    views: list[int] = field(default_factory=lambda: [2, 3, 4, 5])
+    """Numbers of cameras by which people are captured, drawn for each clip."""
+    steps: int = 6000
+    """Steps of training. Nothing is bounded by the clock: the same command makes the same weights on one machine."""
+    workers: int = 1
+    """Processes that simulate."""
+    seed: int = 0
+    """Seed of everything."""
+    out: str = "runs/pretrain"
+    """Folder of the data sets, of the model (`model`) and of its scores."""
+
+    def __post_init__(self):
+        for name, least in (("clips", 2), ("steps", 1), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name}: expected at least {least}, found {getattr(self, name)}")
+        if not self.views or min(self.views) < 2:
+            raise ValueError(f"views={self.views}: expected numbers of cameras, 2 or more")
+
+
+def run(config: PretrainCommand, out: Path) -> None:
+    run_steps(_steps(config, out))
+    print(f"The model is {out / 'model'}; tune it with dmae train init={out / 'model'} data=<recordings with truth>")
+
+
+def _steps(config: PretrainCommand, out: Path) -> list[list[str]]:
+    """Return the command lines, in order.
+
+    Raises:
+        ValueError: a path has characters that options give a meaning.
+        FileNotFoundError: there is no such motion.
+    """
+    for path in (str(out), config.motion or "", config.rig):
+        if set(path) & set("'\"[]{}(),=$"):
+            raise ValueError(f"{path}: expected a path without quotes, brackets, commas, = and $")
+    steps, sets = [], {name: _procedural() for name in ("train", "validation", "test")}
+    if config.motion:
+        motion = Path(config.motion)
+        if not motion.exists():
+            raise FileNotFoundError(f"motion={motion}: no such folder or list of takes")
+        takes = motion
+        if motion.is_dir():
+            takes = out / "takes.tsv"
+            shares = ["train=0.7", "validation=0.15", "test=0.15", f"seed={config.seed}"]
+            steps.append(["synth", "takes", f"path={motion}", *shares, f"out={takes}"])
+        sets = {name: ["motion=recorded", f"motion.path={takes}", f"motion.sets=[{name}]"] for name in sets}
+    rig = [f"rig={config.rig}"]
+    if Path(config.rig).exists():
+        rig = ["rig=random", f"rig.path={config.rig}"]
+    counts = {"train": config.clips, "validation": max(1, config.clips // 4), "test": max(1, config.clips // 4)}
+    for number, (name, count) in enumerate(counts.items()):
+        steps.append(
+            ["synth", "generate", f"out={out}/{name}", f"clips={count}", f"seed={3 * config.seed + number}", *rig,
+             f"detector={config.detector}", f"scene.seconds={config.seconds}", f"workers={config.workers}", *sets[name]]
+        )  # fmt: skip
+    drawn = f"draw=[{','.join(map(str, config.views))}]"
+    steps += [
+        ["dmae", "capture", f"data={out}/{name}", drawn, f"seed={config.seed}", f"out={out}/{name}_captured"]
+        for name in ("train", "validation")
+    ]
+    learning = [f"learning.steps={config.steps}", f"learning.epoch={min(500, config.steps)}", f"seed={config.seed}"]
+    steps.append(
+        ["dmae", "train", f"data={out}/train_captured", f"validation_data=[{out}/validation_captured]", *learning,
+         "learning.observed_weight=0.2", f"out={out}/model"]
+    )  # fmt: skip
+    methods = "methods=[linear,pchip_body,gaussian_process,dmae]"
+    scoring = ["dmae", "evaluate", f"data={out}/test", "skeleton=body25", methods, f"weights={out}/model"]
+    steps.append([*scoring, f"views=[{3 if 3 in config.views else min(config.views)}]", f"out={out}/scores"])
+    steps.append([*scoring, "input=true_poses", "smooth=0", f"out={out}/scores_true"])
+    # What the card states is free of folders: any path works again.
+    made = [f"clips={config.clips}", f"seconds={config.seconds}", f"steps={config.steps}", f"seed={config.seed}"]
+    made += [f"detector={config.detector}", f"rig={Path(config.rig).name}"]
+    command = shlex.join(["dmae", "pretrain", *(["motion=..."] if config.motion else []), *made])
+    scores = f"scores=[{out}/scores,{out}/scores_true]"
+    return [*steps, ["dmae", "card", f"weights={out}/model", f"command={_quoted(command)}", scores]]
+
+
+def _quoted(text: str) -> str:
+    """Return a text as the value of an option."""
+    return f'"{text}"'
+
+
+def _procedural() -> list[str]:
+    return ["motion=procedural"]
+
+
+def interrupted(config: PretrainCommand, out: Path) -> str:
+    return f"{out} holds what is finished; the same command goes on from there"

@@ -1,0 +1,41 @@
+"""`dmae calibrate`: cameras that every command reads, and what changed."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.calibration.adjustment.parameters import CENTRE, Calibration, Q
+from dmae.calibration.adjustment.refinement import RefineConfig
+from dmae.commands import calibrate as command
+from dmae.commands.calibrate import CalibrateCommand
+from dmae.data.store import save_clip
+from dmae.formats.calibrations.files import read_calibration
+from dmae.formats.reading import DataConfig
+from tests.support.clips import full_clip
+
+
+def test_the_command_writes_cameras_and_what_changed(tmp_path, capsys):
+    clip = full_clip()
+    xy, _ = clip.rig.project(clip.truth.xyz)
+    seen = replace(clip.detections, xy=xy, score=np.where(np.isnan(xy[..., 0]), np.nan, 0.9))
+    step = np.zeros((len(clip.rig), Q))
+    step[1, CENTRE] = 0.04
+    moved = replace(clip, rig=Calibration.of(clip.rig).changed(step).rig, detections=seen, poses=None)
+    moved = replace(moved, detection_labels=None)
+    save_clip(moved, tmp_path / "clip")
+    config = CalibrateCommand(
+        DataConfig(path=str(tmp_path / "clip")), RefineConfig(cameras=[clip.rig.names[1]], bodies=40)
+    )
+    command.run(config, tmp_path / "rig.toml")
+    assert "what changed" in capsys.readouterr().out
+    found = read_calibration(tmp_path / "rig.toml")
+    assert found.names == clip.rig.names
+    off = np.linalg.norm(found.centers - clip.rig.centers, axis=-1)
+    assert off[1] < 0.01
+    np.testing.assert_allclose(off[[0, 2, 3]], 0, atol=1e-6)
+    facts = json.loads((tmp_path / "rig.json").read_text())
+    assert [each["refined"] for each in facts["changes"]] == [False, True, False, False]
+    assert facts["changes"][1]["moved_cm"] == pytest.approx(100 * 0.04 * 3**0.5, abs=1)
+    assert np.shape(facts["covariance"]) == (4, Q, Q)

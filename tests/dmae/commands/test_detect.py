@@ -1,0 +1,155 @@
+"""`dmae detect` and `dmae run`, with a detector that finds bright dots, and BlazePose on real and rendered pictures."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dmae.data.clip import Clip
+from dmae.data.images import Images, write_video
+from dmae.data.skeleton import COCO17
+from dmae.data.store import load_clip, save_clip
+from dmae.formats.calibrations.files import write_calibration
+from tests.support.commands import dmae
+from tests.support.detected_people import detected_clip, walk
+
+DETECTOR = '''
+import numpy as np
+from dmae import get_skeleton
+
+class Dots:
+    """Joint j of COCO-17 is the dot of brightness 80 + 10 j."""
+    skeleton = get_skeleton("coco17")
+    def __call__(self, picture):
+        shades = picture[..., 0].astype(int)
+        xy = np.full((1, 17, 2), np.nan)
+        for joint in range(17):
+            rows, columns = np.nonzero(abs(shades - 80 - 10 * joint) <= 2)
+            if len(rows) >= 9:
+                xy[0, joint] = np.median(columns), np.median(rows)
+        return xy, np.where(np.isnan(xy[..., 0]), np.nan, 0.9)
+
+def dots(config):
+    return Dots()
+
+def nothing(config):
+    return 7
+'''
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Clip:
+    """Videos of a walker of dots in three cameras, its calibration, the detector; and the clip that they show."""
+    clip = detected_clip(walk((-0.3, -0.2), (0.3, 0.2), frames=12)[:, None], 3, miss=0, noise=0)
+    (tmp_path / "my_dots.py").write_text(DETECTOR)
+    write_calibration(clip.rig, tmp_path / "calibration.toml", "pose2sim")
+    for view, name in enumerate(clip.rig.names):
+        write_pictures(tmp_path / "videos" / name, clip, view)
+    return clip
+
+
+def write_pictures(folder: Path, clip: Clip, view: int) -> None:
+    folder.mkdir(parents=True)
+    joints = clip.detections.skeleton.index(*COCO17.joints)
+    for frame in range(len(clip)):
+        picture = np.zeros((*clip.rig.size[view][::-1], 3), np.uint8)
+        for number, (x, y) in enumerate(clip.detections.xy[frame, view, 0][joints]):
+            if np.isfinite(x):
+                cv2.rectangle(
+                    picture, (round(x) - 2, round(y) - 2), (round(x) + 2, round(y) + 2), (80 + 10 * number,) * 3, -1
+                )
+        cv2.imwrite(str(folder / f"{frame:05d}.png"), picture)
+
+
+ARGUMENTS = ("videos=videos", "calibration=calibration.toml", "detector=my_dots:dots", "fps=25")
+
+
+def test_pictures_become_a_clip_that_is_captured(session: Clip, tmp_path: Path):
+    done = dmae(tmp_path, "run", *ARGUMENTS, "out=made", "export=[npz]")
+    assert done.returncode == 0, done.stderr
+    clip = load_clip(tmp_path / "made/captured")
+    assert (clip.fps, len(clip), clip.detections.skeleton.name, clip.images.kinds) == (25, 12, "coco17", ("rgb",))
+    assert clip.poses.xyz.shape[1] == 1 and np.isfinite(clip.poses.xyz).mean() > 0.6
+    true = session.truth.xyz[:, :, session.truth.skeleton.index(*COCO17.joints)]
+    assert np.nanmedian(np.linalg.norm(clip.poses.xyz - true, axis=-1)) < 0.02
+    assert (tmp_path / "made/report.html").is_file() and (tmp_path / "made/poses.npz").is_file()
+    again = dmae(tmp_path, "run", *ARGUMENTS, "out=made", "export=[npz]")
+    assert again.returncode == 0 and "detected already" in again.stdout
+
+
+def test_damaged_frames_a_shorter_and_a_missing_camera_lose_nothing_else(session: Clip, tmp_path: Path):
+    names = session.rig.names
+    for file in (tmp_path / "videos" / names[2]).iterdir():
+        file.unlink()
+    (tmp_path / "videos" / names[2]).rmdir()
+    (tmp_path / "videos" / names[1] / "00011.png").unlink()
+    (tmp_path / "videos" / names[0] / "00005.png").write_bytes(b"damaged")
+    done = dmae(tmp_path, "detect", *ARGUMENTS, "out=found", "output.images=false")
+    assert done.returncode == 0, done.stderr
+    for said in ("are left out", "1 of 12 pictures cannot be read (5)", "cameras end at different frames"):
+        assert said in done.stdout
+    seen = load_clip(tmp_path / "found").detections.observed.any((2, 3))
+    assert seen.shape == (12, 2) and not seen[5, 0] and not seen[11, 1] and seen.sum() == 22
+
+
+def test_no_people(session: Clip, tmp_path: Path):
+    for file in (tmp_path / "videos").glob("*/*.png"):
+        cv2.imwrite(str(file), np.zeros_like(cv2.imread(str(file))))
+    done = dmae(tmp_path, "detect", *ARGUMENTS, "out=found", "output.images=false")
+    assert done.returncode == 0 and done.stdout.count("no people detected") == 3
+    assert not load_clip(tmp_path / "found").detections.observed.any()
+
+
+@pytest.mark.parametrize("format", ["openpose", "coco"])
+def test_without_a_calibration_keypoints_are_written(session: Clip, tmp_path: Path, format: str):
+    done = dmae(tmp_path, "detect", ARGUMENTS[0], *ARGUMENTS[2:], "out=flat", f"output.format={format}")
+    assert done.returncode == 0, done.stderr
+    name = session.rig.names[0]
+    if format == "openpose":
+        assert len(list((tmp_path / "flat" / name).glob("*_keypoints.json"))) == 12
+    else:
+        written = json.loads((tmp_path / "flat" / f"{name}.json").read_text())
+        assert len(written["images"]) == 12 and len(written["annotations"]) == 12
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "expected videos="),
+        (("videos=nowhere",), "nowhere: no such folder"),
+        (("videos=videos",), "expected fps="),
+        (("videos=videos", "fps=25", "detector=my_dots:nothing"), "it returned int"),
+        (("videos=videos", "fps=25", "detector=blasepose"), "did you mean blazepose"),
+        (("videos=videos", "fps=25", "detector=onnx"), "expected detector.path"),
+        (("videos=videos", "fps=25", "detector=my_dots:dots", "output.skeleton=shelf15"), "output.skeleton=shelf15"),
+        (("clip=nowhere",), "expected a clip"),
+        (("clip=nowhere", "fps=25"), "leave them out"),
+    ],
+)
+def test_bad_input_is_one_line(session: Clip, tmp_path: Path, arguments, said):
+    done = dmae(tmp_path, "detect", *arguments, "out=found")
+    assert done.returncode == 1 and said in done.stderr, done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_another_detector_is_refused_in_the_same_folder(session: Clip, tmp_path: Path):
+    assert dmae(tmp_path, "detect", *ARGUMENTS, "out=found", "output.images=false").returncode == 0
+    done = dmae(tmp_path, "detect", *ARGUMENTS[:2], "fps=25", "out=found", "output.images=false")
+    assert done.returncode == 1 and "another configuration" in done.stderr
+
+
+def test_a_clip_with_images_keeps_its_truth(session: Clip, tmp_path: Path):
+    for name in session.rig.names:
+        pictures = (cv2.imread(str(file)) for file in sorted((tmp_path / "videos" / name).glob("*.png")))
+        write_video(tmp_path / "seen/rgb" / f"{name}.mp4", pictures, 25)
+    images = Images(tmp_path / "seen", session.rig.names, tuple(range(12)), ("rgb",))
+    save_clip(replace(session, images=images), tmp_path / "seen")
+    done = dmae(tmp_path, "detect", "clip=seen", "detector=my_dots:dots", "out=found")
+    assert done.returncode == 0, done.stderr
+    found = load_clip(tmp_path / "found")
+    np.testing.assert_array_equal(found.truth.xyz, session.truth.xyz)
+    assert found.detections.skeleton.name == "coco17" and found.images.path("rgb", session.rig.names[0]).is_file()
+    assert dmae(tmp_path, "detect", "clip=seen", "out=seen").returncode == 1

@@ -1,0 +1,73 @@
+"""`dmae pretrain`: every step is a command that its program takes, and the whole makes a model."""
+
+import importlib
+import json
+from pathlib import Path
+
+import pytest
+
+from dmae.cli import compose
+from dmae.command_line.steps import run_steps
+from dmae.commands.pretrain import PretrainCommand, _steps
+from tests.support.motion_files import bvh
+
+
+@pytest.fixture
+def mocap(tmp_path) -> Path:
+    folder = tmp_path / "mocap"
+    folder.mkdir()
+    for subject in ("02", "05", "07"):
+        bvh(folder / f"{subject}_01.bvh", [{"root": (n / 99, 0, 0)} for n in range(90)])
+    return folder
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"motion": "mocap"}, {"motion": "mocap/takes.tsv", "rig": "ring", "views": [2, 4]}]
+)
+def test_every_step_is_a_command_line_that_its_program_takes(mocap, monkeypatch, options):
+    monkeypatch.chdir(mocap.parent)
+    (mocap / "takes.tsv").write_text("file\tsubject\tset\n")
+    steps = _steps(PretrainCommand(**options), Path("runs/own"))
+    for name in ("train", "test", "train_captured", "validation", "validation_captured"):
+        Path("runs/own", name).mkdir(parents=True)
+    programs = {name: getattr(importlib.import_module(f"{name}.cli"), name.upper()) for name in ("dmae", "synth")}
+    for program, command, *words in steps:
+        compose(programs[program].commands[command], words)
+    done = [command for _, command, *_ in steps]
+    takes = ["takes"] if options.get("motion") == "mocap" else []
+    captures = ["capture", "capture"]
+    assert done == [*takes, "generate", "generate", "generate", *captures, "train", "evaluate", "evaluate", "card"]
+
+
+def test_sets_share_no_seed_and_no_subject(mocap):
+    steps = _steps(PretrainCommand(motion=str(mocap), seed=4), Path("runs/own"))
+    generated = [step for step in steps if step[1] == "generate"]
+    assert len({word for step in generated for word in step if word.startswith("seed=")}) == 3
+    sets = [word for step in generated for word in step if word.startswith("motion.sets=")]
+    assert sets == ["motion.sets=[train]", "motion.sets=[validation]", "motion.sets=[test]"]
+
+
+def test_a_calibration_is_read_from_its_file(tmp_path):
+    (tmp_path / "calibration.json").write_text("{}")
+    steps = _steps(PretrainCommand(rig=str(tmp_path / "calibration.json")), Path("runs/own"))
+    assert f"rig.path={tmp_path / 'calibration.json'}" in steps[0]
+
+
+def test_what_cannot_be_is_refused(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such folder or list of takes"):
+        _steps(PretrainCommand(motion=str(tmp_path / "none")), Path("runs/own"))
+    with pytest.raises(ValueError, match="expected a path without quotes"):
+        _steps(PretrainCommand(rig="a,b"), Path("runs/own"))
+    with pytest.raises(ValueError, match="views"):
+        PretrainCommand(views=[1])
+
+
+@pytest.mark.slow
+def test_a_model_is_made_and_its_card_written(mocap, tmp_path):
+    config = PretrainCommand(motion=str(mocap), rig="ring", clips=2, seconds=1.0, steps=4, views=[3])
+    out = tmp_path / "own"
+    run_steps(_steps(config, out))
+    assert json.loads((out / "model" / "model.json").read_text())["steps"] == 4
+    card = (out / "model" / "MODEL_CARD.md").read_text()
+    assert "dmae pretrain" in card
+    assert "gaussian_process" in card

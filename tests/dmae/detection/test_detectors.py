@@ -1,0 +1,108 @@
+"""BlazePose on real pictures, and models of users' own in ONNX."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dmae.data.skeleton import BLAZEPOSE33, BODY25, COCO17
+from dmae.data.skeleton_conversion import convert_detections
+from dmae.detection.pictures import find_cameras
+from dmae.detection.pipeline import detect_people, make_detector, to_detections
+from dmae.detection.registry import PoseDetectorConfig
+
+VIDEOS = Path(os.environ.get("DMAE_DATA", "nowhere")) / "pose2sim/videos"
+real = pytest.mark.skipif(not VIDEOS.is_dir(), reason="DMAE_DATA with pose2sim/videos is not there")
+
+
+@pytest.fixture(scope="module")
+def picture() -> np.ndarray:
+    (picture,) = find_cameras(VIDEOS)[2].read(0, 1)
+    return picture
+
+
+@real
+@pytest.mark.parametrize("turned", [0, 2], ids=["upright", "upside down"])
+def test_the_man_is_found(picture, turned):
+    detector = make_detector(PoseDetectorConfig(windows=[1.0]))
+    xy, score = detector(np.ascontiguousarray(np.rot90(picture, turned)))
+    assert xy.shape == (1, 33, 2)
+    if turned:
+        xy = np.array(picture.shape[1::-1]) - 1 - xy
+    nose, hip, ankle = (xy[0, BLAZEPOSE33.index(joint)[0], 1] for joint in ("nose", "l_hip", "l_ankle"))
+    assert nose < hip - 100 and hip < ankle - 100
+    assert 0.5 < np.nanmedian(score) <= 1
+
+
+@real
+def test_a_person_is_followed_and_an_empty_picture_is_empty(picture):
+    detector = make_detector(PoseDetectorConfig(windows=[1.0], search_every=100))
+    first, _ = detector(picture)
+    second, _ = detector(picture)
+    assert np.nanmedian(np.linalg.norm(second - first, axis=-1)) < 10
+    assert len(detector(np.zeros_like(picture))[0]) == 0
+
+
+@real
+def test_pieces_are_kept_and_not_done_again(tmp_path: Path):
+    cameras = [find_cameras(VIDEOS)[2]]
+    short = [type(cameras[0])(**{**vars(cameras[0]), "times": cameras[0].times[:2]})]
+    config = PoseDetectorConfig(windows=[1.0])
+    found = detect_people(short, config, tmp_path)
+    (piece,) = tmp_path.iterdir()
+    before = piece.stat().st_mtime_ns
+    again = detect_people(short, config, tmp_path)
+    assert piece.stat().st_mtime_ns == before
+    np.testing.assert_array_equal(found["cam03"].people[1], again["cam03"].people[1])
+    detections = to_detections([found["cam03"]], [np.array([0, 2])], 3, BLAZEPOSE33)
+    assert detections.xy.shape[:3] == (3, 1, 1) and not detections.observed[1].any()
+    converted = convert_detections(detections, BODY25)
+    neck = converted.xy[0, 0, 0, BODY25.index("neck")[0]]
+    shoulders = detections.xy[0, 0, 0, BLAZEPOSE33.index("l_shoulder", "r_shoulder")]
+    np.testing.assert_allclose(neck, shoulders.mean(0))
+    assert np.isnan(converted.score[..., BODY25.index("l_small_toe")[0]]).all()
+
+
+def heat_map_model(path: Path, simcc: bool) -> None:
+    """A model that finds all 17 joints where the picture is brightest."""
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    make, kind = onnx.helper, onnx.TensorProto.FLOAT
+    nodes = [make.make_node("ReduceMean", ["picture"], ["grey"], axes=[1], keepdims=1)]
+    ones = make.make_tensor("ones", kind, (1, 17, 1, 1), [1.0] * 17)
+    nodes.append(make.make_node("Mul", ["grey", "ones"], ["maps"]))
+    outputs = [make.make_tensor_value_info("maps", kind, (1, 17, 64, 48))]
+    if simcc:
+        nodes.append(make.make_node("ReduceMax", ["maps"], ["x"], axes=[2], keepdims=0))
+        nodes.append(make.make_node("ReduceMax", ["maps"], ["y"], axes=[3], keepdims=0))
+        sizes = {"x": (1, 17, 48), "y": (1, 17, 64)}
+        outputs = [make.make_tensor_value_info(name, kind, size) for name, size in sizes.items()]
+    given = [make.make_tensor_value_info("picture", kind, (1, 3, 64, 48))]
+    graph = make.make_graph(nodes, "brightest", given, outputs, [ones])
+    onnx.save(make.make_model(graph, opset_imports=[make.make_opsetid("", 13)], ir_version=8), str(path))
+
+
+@real
+@pytest.mark.parametrize("simcc", [False, True], ids=["heat maps", "SimCC"])
+def test_a_model_in_onnx(picture, tmp_path: Path, simcc: bool):
+    heat_map_model(tmp_path / "model.onnx", simcc)
+    detector = make_detector(PoseDetectorConfig(name="onnx", path=str(tmp_path / "model.onnx"), windows=[1.0]))
+    assert detector.skeleton is COCO17
+    dark = picture // 8
+    (xy,), _ = make_detector(PoseDetectorConfig(windows=[1.0]))(dark)
+    hip = xy[BLAZEPOSE33.index("l_hip", "r_hip")].mean(0)
+    x, y = (hip + (40, -60)).round().astype(int)
+    dark[y - 15 : y + 16, x - 15 : x + 16] = 255
+    found, score = detector(dark)
+    assert found.shape == (1, 17, 2) and (score <= 1).all()
+    assert np.abs(found[0] - (x, y)).max() < 30
+
+
+def test_a_file_that_is_no_model(tmp_path: Path):
+    pytest.importorskip("onnxruntime")
+    (tmp_path / "model.onnx").write_bytes(b"nothing")
+    with pytest.raises(ValueError, match="expected an ONNX model"):
+        make_detector(PoseDetectorConfig(name="onnx", path=str(tmp_path / "model.onnx")))
+    with pytest.raises(FileNotFoundError):
+        make_detector(PoseDetectorConfig(name="onnx", path=str(tmp_path / "none.onnx")))

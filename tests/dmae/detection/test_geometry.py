@@ -1,0 +1,78 @@
+"""Regions, windows, candidates and torsos, without any network."""
+
+import numpy as np
+import pytest
+
+from dmae.data.skeleton import BLAZEPOSE33
+from dmae.detection.blazepose.candidates import _is_cut, _merged, anchors, same_region, windows_of
+from dmae.detection.blazepose.landmarks import Person, same_torso
+from dmae.detection.blazepose.regions import Region, pyramid_of
+
+
+def test_anchors_are_those_of_the_network():
+    assert anchors().shape == (2254, 2)
+    assert ((anchors() > 0) & (anchors() < 1)).all()
+    np.testing.assert_allclose(anchors()[:2], 0.5 / 28)
+
+
+@pytest.mark.parametrize("degrees", [0, 30, -120])
+@pytest.mark.parametrize("side", [100, 700])
+def test_a_point_of_a_cut_lies_where_it_is_in_the_picture(degrees, side):
+    angle = np.radians(degrees)
+    region = Region(np.array([410.0, 300.0]), side, np.array([np.sin(angle), -np.cos(angle)]))
+    place = region.to_picture(np.array([0.3, 0.6]))
+    y, x = np.mgrid[:600, :800] + 0.5
+    picture = 255 * np.exp(-((x - place[0]) ** 2 + (y - place[1]) ** 2) / (2 * (side / 20) ** 2))
+    cut = region.cut(pyramid_of(np.repeat(picture.astype(np.uint8)[..., None], 3, 2)), 256)[..., 0].astype(float)
+    rows, columns = np.mgrid[:256, :256] + 0.5
+    found = np.array([(columns * cut).sum(), (rows * cut).sum()]) / cut.sum() / 256
+    np.testing.assert_allclose(found, (0.3, 0.6), atol=0.003)
+
+
+def test_windows_cover_the_picture_and_keep_in_it():
+    for window in windows_of(1920, 1080, (1.0, 0.6, 0.35)):
+        assert window.side <= 1920
+    small = windows_of(1920, 1080, (0.35,))
+    covered = np.zeros((1080, 1920), bool)
+    for each in small:
+        left, top = (each.centre - each.side / 2).round().astype(int)
+        assert left >= 0 and top >= 0
+        covered[top : top + round(each.side), left : left + round(each.side)] = True
+    assert covered.all()
+
+
+def test_boxes_that_overlap_become_their_mean():
+    boxes = np.zeros((3, 6, 2))
+    boxes[:, 0] = (0.5, 0.5), (0.52, 0.5), (0.1, 0.1)
+    boxes[:, 1] = 0.2
+    found = _merged(boxes, np.array([0.8, 0.8, 0.6]))
+    assert [round(score, 1) for _, score in found] == [0.8, 0.6]
+    np.testing.assert_allclose(found[0][0][0], (0.51, 0.5))
+
+
+def test_a_window_that_cuts_a_body_is_known():
+    window = Region.upright(400, 0, 400)
+    inside = Region.around(np.array([600.0, 200]), np.array([600.0, 60]))
+    cut = Region.around(np.array([430.0, 200]), np.array([430.0, 60]))
+    assert not _is_cut(inside, window, 1000, 400)
+    assert _is_cut(cut, window, 1000, 400)
+    assert not _is_cut(Region.around(np.array([10.0, 200]), np.array([10.0, 60])), Region.upright(0, 0, 400), 1000, 400)
+
+
+def test_no_region_without_extent():
+    assert Region.around(np.array([5.0, 5]), np.array([5.0, 5])) is None
+    assert Region.around(np.array([5.0, np.nan]), np.array([5.0, 9])) is None
+
+
+def person(x: float) -> Person:
+    xy = np.zeros((33, 2))
+    for joint, place in {"l_shoulder": (40, 0), "r_shoulder": (0, 0), "l_hip": (35, 60), "r_hip": (5, 60)}.items():
+        xy[BLAZEPOSE33.index(joint)[0]] = place
+    return Person(xy + (x, 0), np.zeros(33), np.zeros(33), 1.0, Region.around(np.array([x, 0.0]), np.array([x, -90.0])))
+
+
+def test_duplicates_are_told_by_torsos():
+    assert same_torso(person(0), person(10))
+    assert not same_torso(person(0), person(60))
+    assert same_region(person(0).region, person(10).region)
+    assert not same_region(person(0).region, person(60).region)

@@ -1,0 +1,129 @@
+"""Videos that belong together: sizes, rates, offsets, damaged ones."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dmae.data.images import write_rgb, write_video
+from dmae.detection.alignment import align
+from dmae.detection.picture_size import fit_pictures
+from dmae.detection.pictures import CameraPictures, find_cameras
+from dmae.detection.recording import open_recording
+from tests.support.clips import looking_at_origin
+
+
+def shades(count: int, size: tuple[int, int] = (64, 48)) -> list[np.ndarray]:
+    """Pictures that grow lighter: the number of each can be read from it."""
+    return [np.full((size[1], size[0], 3), 10 + 5 * number, np.uint8) for number in range(count)]
+
+
+def camera(name: str, times, rate: float | None, timecode: str | None = None) -> CameraPictures:
+    return CameraPictures(name, Path(name), (64, 48), np.asarray(times, float), rate, None, "h264", timecode)
+
+
+def test_a_video_is_read_from_any_picture_on(tmp_path: Path):
+    write_video(tmp_path / "a.mp4", shades(40), 10)
+    (found,) = find_cameras(tmp_path)
+    assert (found.name, len(found), found.size, round(found.rate, 3)) == ("a", 40, (64, 48), 10)
+    read = [picture.mean() for picture in found.read(23, 27)]
+    np.testing.assert_allclose(read, [10 + 5 * number for number in range(23, 27)], atol=3)
+
+
+def test_damaged_pictures_are_none_and_the_others_read(tmp_path: Path):
+    for number, picture in enumerate(shades(4)):
+        write_rgb(tmp_path / "a" / f"a_{number + 7:04d}.png", picture)
+    (tmp_path / "a" / "a_0008.png").write_bytes(b"\x89PNG nothing")
+    (found,) = find_cameras(tmp_path)
+    assert [picture is None for picture in found.read(0, 4)] == [False, True, False, False]
+    assert found.times.tolist() == [7, 8, 9, 10]
+
+
+def test_a_damaged_video_loses_frames_alone(tmp_path: Path):
+    write_video(
+        tmp_path / "a.mp4", [np.random.default_rng(i).integers(0, 255, (48, 64, 3), np.uint8) for i in range(30)], 10
+    )
+    data = bytearray((tmp_path / "a.mp4").read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 200] = bytes(200)
+    (tmp_path / "a.mp4").write_bytes(data)
+    (found,) = find_cameras(tmp_path)
+    read = list(found.read(0, len(found)))
+    assert len(read) == 30
+    assert sum(picture is not None for picture in read) >= 10
+
+
+@pytest.mark.parametrize("files", [[], ["notes.txt"]])
+def test_no_videos(tmp_path: Path, files):
+    for name in files:
+        (tmp_path / name).write_text("x")
+    with pytest.raises(FileNotFoundError, match="expected for each camera a video"):
+        find_cameras(tmp_path)
+
+
+def test_a_file_that_is_no_video(tmp_path: Path):
+    (tmp_path / "a.mp4").write_bytes(b"nothing" * 100)
+    with pytest.raises(ValueError, match=r"a\.mp4: expected a video"):
+        find_cameras(tmp_path)
+
+
+def test_other_rates_and_ends():
+    found = align([camera("a", np.arange(20) / 20, 20), camera("b", np.arange(8) / 10, 10)], None, None)
+    assert (found.fps, found.count) == (20, 20)
+    assert found.frames[1].tolist() == [0, 2, 4, 6, 8, 10, 12, 14]
+    assert "other frame rates (a 20, b 10)" in found.notes[0] and "a 20, b 15" in found.notes[1]
+
+
+def test_offsets_by_option_timecode_and_first_time():
+    two = [camera("a", np.arange(9) / 10, 10), camera("b", np.arange(9) / 10, 10)]
+    assert align(two, None, [0, 2]).frames[1][0] == 2
+    assert align(two, None, [0, -2]).frames[0][0] == 2
+    codes = [camera("a", np.arange(9) / 10, 10, "01:00:00:05"), camera("b", np.arange(9) / 10, 10, "01:00:00:02")]
+    assert [frames[0] for frames in align(codes, None, None).frames] == [3, 0]
+    apart = [camera("a", np.arange(9) / 10, 10, "01:00:00:05"), camera("b", np.arange(9) / 10, 10, "02:00:00:02")]
+    assert [frames[0] for frames in align(apart, None, None).frames] == [0, 0]
+    late = [camera("a", np.arange(9) / 10, 10), camera("b", 0.3 + np.arange(9) / 10, 10)]
+    assert [frames[0] for frames in align(late, None, None).frames] == [0, 3]
+    with pytest.raises(ValueError, match=r"offsets=.*one for each of the 2 cameras"):
+        align(two, None, [1])
+
+
+def test_pictures_without_a_rate_ask_for_it():
+    pictures = [camera("a", [3, 4, 6], None), camera("b", [2, 3, 4], None)]
+    with pytest.raises(ValueError, match="fps="):
+        align(pictures, None, None)
+    found = align(pictures, 30, None)
+    assert [frames.tolist() for frames in found.frames] == [[1, 2, 4], [0, 1, 2]]
+
+
+def test_a_smaller_copy_with_black_borders():
+    picture = np.full((2, 1920, 1080, 3), 120, np.uint8)
+    picture[:, :7], picture[:, -7:] = 12, 12
+    found = fit_pictures("cam", (1080, 1920), (1088, 1920), picture)
+    np.testing.assert_allclose(
+        found.to_calibration(np.array([100.0, 200.0])),
+        ((100.5) * 1088 / 1080 - 0.5, (200.5 - 7.06) * 1088 / 1080 - 0.5),
+        atol=0.01,
+    )
+    with pytest.raises(ValueError, match="1080 x 1920 px, its calibration is for 1088 x 1920"):
+        fit_pictures("cam", (1080, 1920), (1088, 1920), np.full((2, 1920, 1080, 3), 120, np.uint8))
+
+
+def test_half_the_size_and_turned():
+    found = fit_pictures("cam", (960, 540), (1920, 1080), np.empty((0, 1, 1, 3)))
+    np.testing.assert_allclose(found.to_calibration(np.array([0.0, 0.0])), (0.5, 0.5))
+    with pytest.raises(ValueError, match="turn them"):
+        fit_pictures("cam", (1080, 1920), (1920, 1080), np.full((1, 1920, 1080, 3), 90, np.uint8))
+
+
+def test_a_video_without_a_calibration_and_one_camera_less(tmp_path: Path):
+    rig = looking_at_origin(3)
+    width, height = map(int, rig.size[0])
+    for name in (*rig.names[:2], "another"):
+        write_video(tmp_path / f"{name}.mp4", shades(3, (width, height)), 10)
+    with pytest.raises(ValueError, match=r"another has none.*calibration="):
+        open_recording(tmp_path, rig)
+    (tmp_path / "another.mp4").unlink()
+    found = open_recording(tmp_path, rig)
+    assert found.rig.names == rig.names[:2]
+    assert "have no pictures and are left out" in found.notes[0]

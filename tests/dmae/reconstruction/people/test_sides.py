@@ -1,0 +1,90 @@
+"""Left and right exchanged by a detector, put right by the other cameras and the frames around."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.data.clip import Clip
+from dmae.data.skeleton import BODY25
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.people.sides import Sides, exchanged_detections
+from dmae.reconstruction.pipeline import capture
+from tests.support.detected_people import detected_clip, errors, walk
+
+MIRROR = list(BODY25.mirror)
+LIMBS = BODY25.index("l_wrist", "r_wrist", "l_elbow", "r_elbow", "l_knee", "r_knee", "l_ankle", "r_ankle")
+
+
+def exchanged(clip: Clip, frames: slice, views: list[int], joints: list[int] | None = None) -> Clip:
+    """The clip with left and right exchanged in some frames and views, of all joints or of some."""
+    order = np.arange(len(BODY25))
+    order[joints or range(len(BODY25))] = np.array(MIRROR)[joints or range(len(BODY25))]
+    xy, score = clip.detections.xy.copy(), clip.detections.score.copy()
+    for view in views:
+        xy[frames, view] = xy[frames, view][:, :, order]
+        score[frames, view] = score[frames, view][:, :, order]
+    return replace(clip, detections=replace(clip.detections, xy=xy, score=score))
+
+
+def one_walker(views: int = 4) -> Clip:
+    return detected_clip(walk((-0.5, -0.3), (0.5, 0.3))[:, None], views)
+
+
+def test_pairs_are_left_and_right():
+    pairs = Sides.of(BODY25).pairs
+    assert all(BODY25.joints[left][2:] == BODY25.joints[right][2:] for left, right in pairs)
+    assert len(pairs) == 11 and not set(BODY25.index("nose", "neck", "mid_hip")) & set(pairs.ravel().tolist())
+
+
+@pytest.mark.parametrize("frames", [slice(40, 41), slice(30, 60)], ids=["a frame", "seconds"])
+def test_a_camera_that_exchanges_sides_changes_nothing(frames):
+    clip = one_walker()
+    truth = clip.truth.xyz
+    wrong = exchanged(clip, frames, [1])
+    before, after = (errors(capture(each, CaptureConfig()), truth) for each in (clip, wrong))
+    assert np.isfinite(after).mean() > np.isfinite(before).mean() - 0.01
+    assert np.nanmedian(after[frames]) < np.nanmedian(before[frames]) + 0.002
+    assert np.nanmax(after[frames]) < 0.15
+
+
+def test_two_cameras_of_four_are_put_right_by_the_frames_before():
+    clip = one_walker()
+    poses = capture(exchanged(clip, slice(40, 70), [0, 2]), CaptureConfig())
+    assert np.nanquantile(errors(poses, clip.truth.xyz)[40:70], 0.99) < 0.1
+
+
+def test_one_limb_alone():
+    clip = one_walker()
+    legs = BODY25.index("l_knee", "r_knee", "l_ankle", "r_ankle")
+    poses = capture(exchanged(clip, slice(20, 80), [3], legs), CaptureConfig())
+    assert np.nanquantile(errors(poses, clip.truth.xyz)[20:80], 0.99) < 0.1
+
+
+def test_views_of_a_joint_are_regained():
+    """Without exchange, the camera is an outlier, and its view is lost."""
+    clip = one_walker(3)
+    poses = capture(exchanged(clip, slice(20, 80), [1]), CaptureConfig())
+    plain = capture(clip, CaptureConfig())
+    regained = poses.views[20:80][:, :, LIMBS].mean() / plain.views[20:80][:, :, LIMBS].mean()
+    assert regained > 0.97
+
+
+def test_where_all_cameras_exchange_nothing_is_touched():
+    clip = one_walker()
+    poses = capture(exchanged(clip, slice(0, 100), [0, 1, 2, 3]), CaptureConfig())
+    assert np.nanmedian(errors(poses, clip.truth.xyz[:, :, MIRROR])) < 0.03
+
+
+def test_the_camera_and_its_frames_are_named():
+    clip = exchanged(one_walker(), slice(30, 60), [1])
+    found = exchanged_detections(clip, capture(clip, CaptureConfig()))
+    assert found.shape == (100, 4)
+    assert found[30:60, 1].mean() > 0.9
+    found[30:60, 1] = False
+    assert found.mean() < 0.01
+
+
+def test_no_people_no_exchange():
+    clip = detected_clip(np.full((5, 1, 25, 3), np.nan))
+    assert not exchanged_detections(clip, capture(clip, CaptureConfig())).any()

@@ -1,0 +1,62 @@
+"""People among figures that a detector sees where no person is: no coincidence of them becomes a person."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.reconstruction.compiled.chance import beyond_chance
+from dmae.reconstruction.config import CaptureConfig, TrackingConfig
+from dmae.reconstruction.pipeline import capture
+from tests.support.clips import looking_at_origin, t_pose
+from tests.support.detected_people import errors, rows_of
+from tests.support.ghosts import haunted_clip, two_people
+
+
+@pytest.mark.parametrize(("ghosts", "fixed", "frames"), [(50, False, 12), (150, True, 12)])
+def test_ghosts_are_no_people(ghosts, fixed, frames):
+    poses, people = capture(haunted_clip(ghosts, frames, fixed), CaptureConfig()), two_people(frames)
+    assert poses.xyz.shape[1] == 2
+    assert sorted(rows_of(poses, people)) == [[0], [1]]
+    off = errors(poses, people)
+    assert np.isfinite(off).mean() > 0.97
+    assert np.nanmedian(off) < 0.03
+
+
+def test_without_the_rule_coincidences_are_people():
+    everything = replace(CaptureConfig(), tracking=TrackingConfig(max_by_chance=np.inf))
+    assert capture(haunted_clip(20, 12, True), everything).xyz.shape[1] > 10
+
+
+def supported(figures: int, offset: float, views: int = 5, seen: int = 5) -> bool:
+    """Whether a person is beyond chance, seen by some of the views, among so many figures in each view."""
+    rig, body, rng = looking_at_origin(views), t_pose(), np.random.default_rng(0)
+    xy = rig.project(body[None])[0][0] + rng.normal(0, offset * 800 / 6, (views, 25, 2))
+    assigned = np.where(np.arange(views) < seen, 0, -1)[None, :, None] * np.ones((1, 1, 25), int)
+    used, found = np.moveaxis(assigned >= 0, 1, 2), np.zeros(1, bool)
+    focal, width = np.full(views, 800.0), np.full(views, 960.0)
+    counts = np.full(views, float(figures))
+    beyond_chance(rig.projections, focal, width, xy[:, None], assigned, body[None], used, counts, 0.1, found)
+    assert (counts[:seen] == figures - found[0]).all()
+    assert (counts[seen:] == figures).all()
+    return bool(found[0])
+
+
+def test_more_figures_need_more_views_or_smaller_residuals():
+    assert supported(3, 0.02, seen=2)
+    assert not supported(100, 0.03, seen=2)
+    assert supported(100, 0.03, seen=4)
+    assert not supported(100, 0.1, seen=3)
+    assert supported(10, 0.1, seen=5)
+    assert not supported(1000, 0.1, seen=5)
+
+
+def test_a_person_of_one_view_or_without_joints_is_not_supported():
+    assert not supported(1, 0.0, seen=1)
+    rig, found = looking_at_origin(3), np.ones(1, bool)
+    nothing = np.full((1, 25, 3), np.nan)
+    beyond_chance(
+        rig.projections, np.full(3, 800.0), np.full(3, 960.0), np.zeros((3, 1, 25, 2)), np.zeros((1, 3, 25), int),
+        nothing, np.ones((1, 25, 3), bool), np.ones(3), 0.1, found,
+    )  # fmt: skip
+    assert not found[0]
