@@ -140,5 +140,6 @@ def test_the_command_completes_as_online_would(tmp_path):
     save_model(untrained().model, SHELF14, tmp_path / "model", {"denoises": False, "calibration": None})
     config = CompleteCommand(str(tmp_path / "clip"), str(tmp_path / "model"), online=True, delay=0.12)
     command.run(config, tmp_path / "out")
-    expected = complete_online(untrained(), poses, FPS, 0.12)
+    # By default the command rejects and smooths; weights that were not trained to denoise do not.
+    expected = complete_online(replace(untrained(), reject=True, smooth=0.1), poses, FPS, 0.12)
     np.testing.assert_array_equal(load_clip(tmp_path / "out").poses.xyz, expected.xyz)
