@@ -15,6 +15,7 @@ _CLOTH = 0.012
 """Distance from a seat at which contact begins, m."""
 _SQUARE, _SHIRT = 2.3, 0.005
 """Exponent of the superellipse across a trunk, and thickness of cloth on it, m."""
+_PROJECTIONS = 20
 _STRETCH = 0.94
 """Greatest extension of an arm at ease, as a share of its length."""
 
@@ -58,6 +59,24 @@ def on_trunk(body: Body, height: float, angle: float, press: float) -> tuple[str
     normal /= np.linalg.norm(normal)
     point = np.array((ahead + far * cos * (depth + _SHIRT), far * sin * (breadth + _SHIRT), up))
     return segment, point - origin - press * normal, normal
+
+
+def nearest_reached(points: np.ndarray, bodies: Sequence[Body], shoulders: Sequence[np.ndarray]) -> np.ndarray:
+    """Return points (F, 3) moved as little as makes a palm of each person reach them, m, by alternating projections.
+
+    Where no point is in reach of all, it lies between them.
+
+    Args:
+        points: (F, 3) m.
+        bodies: Of the people.
+        shoulders: (F, 3) m of each person, the shoulder of the arm.
+    """
+    for _ in range(_PROJECTIONS):
+        for body, shoulder in zip(bodies, shoulders, strict=True):
+            way = points - shoulder
+            far = np.linalg.norm(way, axis=1, keepdims=True)
+            points = shoulder + way * np.minimum(1, _STRETCH * arm_length(body) / np.maximum(far, 1e-6))
+    return points
 
 
 def within_reach(bodies: Sequence[Body], away: Sequence[float]) -> tuple[float, float]:

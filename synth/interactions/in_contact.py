@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from synth.interactions.body_measures import arm_length, thickness, within_reach
+from synth.interactions.body_measures import arm_length, nearest_reached, thickness
 from synth.interactions.paths import during, face_to_face, meeting
 from synth.interactions.registry import interaction
 from synth.interactions.script import Cast, Poses, Reach, Role, Script
@@ -74,15 +74,16 @@ def dance(cast: Cast, *, rng: np.random.Generator) -> Script:
     def hold(poses: Poses) -> list[Reach]:
         sizes = [body.stature for body in cast.bodies]
         hands = poses.origins[:, :, 0].mean(1) + 0.27 * min(sizes) * np.column_stack([left, 0 * yaw])
-        aside = [0.27 * min(sizes) - 0.1 * size for size in sizes]
-        hands[:, 2] = np.clip(0.76 * np.mean(sizes), *within_reach(cast.bodies, np.hypot(aside, apart / 2)))
+        hands[:, 2] = 0.76 * np.mean(sizes)
+        shoulders = [poses.origins[:, p, SEGMENTS.index(f"{side}_upper_arm")] for p, side in enumerate("lr")]
+        hands = nearest_reached(hands, cast.bodies, shoulders)
         first, second = sizes
         back = poses.point(1, "chest", (-0.07 * second * max(1.0, cast.bodies[1].girth), 0.05 * second, 0.03 * second))
         shoulder = poses.point(0, "chest", (0.01 * first, -0.10 * first, 0.185 * first))
         forward = np.column_stack([ahead, 0 * yaw])
         return [
-            Reach(0, "l", always, hands, forward, (0.0, 0.6, -1.0)),
-            Reach(1, "r", always, hands, -forward, (0.0, 0.6, -1.0)),
+            Reach(0, "l", always, hands, forward, (0.0, 0.6, -1.0), straight=True),
+            Reach(1, "r", always, hands, -forward, (0.0, 0.6, -1.0), straight=True),
             Reach(0, "r", always, back, poses.axis(1, "chest", (1, 0, 0)), (0.0, 1.0, -0.4)),
             Reach(1, "l", always, shoulder, np.tile((0.0, 0.0, -1.0), (len(yaw), 1)), (0.0, 1.0, -0.2)),
         ]

@@ -24,7 +24,7 @@ from torch import Tensor, nn
 from dmae.completion.paper.config import PaperNetwork, PaperSchedule
 
 
-class FourierCode(nn.Module):
+class GaussianFourierCode(nn.Module):
     """γ(x) = [cos 2πBx, sin 2πBx] of x (..., D), with a fixed Gaussian matrix B (C / 2, D)."""
 
     def __init__(self, inputs: int, channels: int, sigma: float):
@@ -36,13 +36,13 @@ class FourierCode(nn.Module):
         return torch.cat([phase.cos(), phase.sin()], -1)
 
 
-class ContextCode(nn.Module):
+class JointTimeCode(nn.Module):
     """γc(j) + γc(t), the context code of each token, (N, C)."""
 
     def __init__(self, network: PaperNetwork, joints: int, channels: int):
         super().__init__()
-        self.joint = FourierCode(1, channels, network.joint_sigma)
-        self.time = FourierCode(1, channels, network.time_sigma)
+        self.joint = GaussianFourierCode(1, channels, network.joint_sigma)
+        self.time = GaussianFourierCode(1, channels, network.time_sigma)
         times, numbers = torch.linspace(0, 1, network.frames), torch.linspace(0, 1, joints)
         self.register_buffer("t", times.repeat_interleave(joints)[:, None], persistent=False)
         self.register_buffer("j", numbers.repeat(network.frames)[:, None], persistent=False)
@@ -85,16 +85,16 @@ class PaperDMAE(nn.Module):
         super().__init__()
         self.network, self.joints = network, joints
         dim, half = network.dim, network.dim // 2
-        self.signal = FourierCode(3, dim, network.signal_sigma)
+        self.signal = GaussianFourierCode(3, dim, network.signal_sigma)
         self.embed = nn.Linear(dim, dim)
-        self.encoder_context = ContextCode(network, joints, dim)
+        self.encoder_context = JointTimeCode(network, joints, dim)
         self.encoder = nn.ModuleList(
             Layer(dim, network.heads, network.head_dim, network.mlp, network.dropout) for _ in range(network.depth)
         )
         self.encoder_norm = nn.LayerNorm(dim)
         self.narrow = nn.Linear(dim, half)
         self.mask_token = nn.Parameter(torch.randn(half) * 0.02)
-        self.decoder_context = ContextCode(network, joints, half)
+        self.decoder_context = JointTimeCode(network, joints, half)
         self.decoder = nn.ModuleList(
             Layer(half, network.heads, network.head_dim // 2, network.mlp // 2, network.dropout)
             for _ in range(network.depth // 2)

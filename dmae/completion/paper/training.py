@@ -14,7 +14,7 @@ from safetensors.torch import save as save_tensors
 
 from dmae.completion.paper.config import PaperConfig, PaperNetwork, PaperSchedule
 from dmae.completion.paper.network import PaperDMAE, dual_masks, learning_rate, masked_mse
-from dmae.completion.paper.windows import Rows, centre, cut, hips_of, join_rows, make_rows, rotate
+from dmae.completion.paper.windows import PaperRows, centre, cut, hips_of, join_rows, make_rows, rotate
 from dmae.completion.training.pose_pairs import PosePair
 from dmae.completion.weights import check_finite, pick_device
 from dmae.data.clip import Poses3D
@@ -129,19 +129,19 @@ def _new(config: PaperConfig, skeleton: Skeleton) -> PaperDMAE:
         return PaperDMAE(config.network, len(skeleton))
 
 
-def _joined(parts: list[Rows]) -> Rows:
+def _joined(parts: list[PaperRows]) -> PaperRows:
     if not sum(len(part.starts) for part in parts):
         raise ValueError("nothing to learn from: no clip has a person with known joints")
     return join_rows(parts)
 
 
-def _batches(rows: Rows, schedule: PaperSchedule) -> int:
+def _batches(rows: PaperRows, schedule: PaperSchedule) -> int:
     return max(1, len(rows.starts) // schedule.batch)
 
 
 def _learn(
     model: PaperDMAE,
-    rows: Rows,
+    rows: PaperRows,
     config: PaperConfig,
     steps: int,
     out: Path,
@@ -188,7 +188,7 @@ def _learn(
 
 
 def _loss(
-    model: PaperDMAE, rows: Rows, config: PaperConfig, step: int, skeleton: Skeleton, *, tuning: bool
+    model: PaperDMAE, rows: PaperRows, config: PaperConfig, step: int, skeleton: Skeleton, *, tuning: bool
 ) -> torch.Tensor:
     """Return the loss of the batch of a step."""
     device = next(model.parameters()).device

@@ -10,7 +10,7 @@ from dmae.data.clip import Poses3D
 from dmae.data.skeleton import Skeleton
 
 
-class Rows(NamedTuple):
+class PaperRows(NamedTuple):
     """People one after another; windows do not reach from one to the next."""
 
     xyz: np.ndarray
@@ -21,7 +21,7 @@ class Rows(NamedTuple):
     """(W,) first rows of the windows."""
 
 
-def make_rows(xyz: np.ndarray, truth: np.ndarray, frames: int) -> Rows:
+def make_rows(xyz: np.ndarray, truth: np.ndarray, frames: int) -> PaperRows:
     """Return the rows of one recording, (F, P, J, 3) each; windows without a known joint are left out."""
     count, people = xyz.shape[:2]
     if count < frames:
@@ -33,18 +33,18 @@ def make_rows(xyz: np.ndarray, truth: np.ndarray, frames: int) -> Rows:
     first = np.arange(count - frames + 1)
     starts = (np.arange(people)[:, None] * count + first).ravel()
     holds = np.concatenate([[0], np.cumsum(known)])
-    return Rows(xyz.astype(np.float32), truth.astype(np.float32), starts[holds[starts + frames] > holds[starts]])
+    return PaperRows(xyz.astype(np.float32), truth.astype(np.float32), starts[holds[starts + frames] > holds[starts]])
 
 
-def join_rows(parts: list[Rows]) -> Rows:
+def join_rows(parts: list[PaperRows]) -> PaperRows:
     """Return the rows of several recordings."""
     offsets = np.cumsum([0, *(len(part.xyz) for part in parts[:-1])])
     starts = [part.starts + offset for part, offset in zip(parts, offsets, strict=True)]
     xyz, truth = (np.concatenate([getattr(part, name) for part in parts]) for name in ("xyz", "truth"))
-    return Rows(xyz, truth, np.concatenate(starts))
+    return PaperRows(xyz, truth, np.concatenate(starts))
 
 
-def cut(rows: Rows, starts: np.ndarray, frames: int) -> tuple[Tensor, Tensor]:
+def cut(rows: PaperRows, starts: np.ndarray, frames: int) -> tuple[Tensor, Tensor]:
     """Return what may be observed and the truth in windows, (B, T, J, 3) m each, NaN where unknown."""
     index = starts[:, None] + np.arange(frames)
     return torch.from_numpy(rows.xyz[index]), torch.from_numpy(rows.truth[index])
