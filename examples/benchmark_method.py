@@ -15,7 +15,7 @@ import dmae
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 out.mkdir(parents=True, exist_ok=True)
-name = sys.argv[2] if len(sys.argv) > 2 else "occlusion-v1"
+name = sys.argv[2] if len(sys.argv) > 2 else "occlusion-v2"
 
 
 def nearest(poses: dmae.Poses3D, fps: float) -> dmae.Poses3D:

@@ -145,7 +145,7 @@ def benchmark(
     *,
     methods: Sequence[str | Callable] = ("linear", "dmae"),
     captures: Sequence[str | Callable] = ("capture",),
-    name: str = "occlusion-v1",
+    name: str = "occlusion-v2",
     size: str = "small",
     against: str | Path | None = None,
     workers: int = 1,

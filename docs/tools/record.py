@@ -44,8 +44,8 @@ RECORDED = {
         "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] capture=paper methods=[linear]",
         "2 minutes",
     ),
-    "benchmark_occlusion_v1": (
-        "dmae benchmark name=occlusion-v1 size=full workers=2 methods=[measured,linear,linear_body,pchip_body,kalman,"
+    "benchmark_occlusion_v2": (
+        "dmae benchmark name=occlusion-v2 size=full workers=2 methods=[measured,linear,linear_body,pchip_body,kalman,"
         "rays,gaussian_process,reject_pchip,reject_gaussian_process,dmae,dmae_reject]",
         "5 minutes",
     ),

@@ -160,4 +160,4 @@ def find_definition(name: str) -> Definition:
         written = yaml.safe_load(file.read_text())
         return replace(decode(Definition, written, file.name), file=str(file))
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ValueError(f"{file}: expected a benchmark, as configs/benchmark/occlusion-v1.yaml: {error}") from None
+        raise ValueError(f"{file}: expected a benchmark, as configs/benchmark/occlusion-v2.yaml: {error}") from None

@@ -28,7 +28,7 @@ class BenchmarkConfig:
     package.module:function, or a folder of poses with a file LEVEL/SET/CLIP.npz for each clip.
     """
 
-    name: str = "occlusion-v1"
+    name: str = "occlusion-v2"
     """The benchmark: one that comes with the package, or a YAML file of your own."""
     size: BenchmarkSize = BenchmarkSize.small
     """Number of clips: small takes minutes; full is what tables are published of."""

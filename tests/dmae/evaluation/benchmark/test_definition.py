@@ -10,7 +10,7 @@ from tests.support.benchmarks import IDS, TINY
 
 
 def test_the_shipped_benchmark_has_five_levels_of_one_cause_each():
-    definition = find_definition("occlusion-v1")
+    definition = find_definition("occlusion-v2")
     assert [level.name for level in definition.levels] == ["self", "person", "thing", "edge", "burst"]
     small, full = definition.sets(BenchmarkSize.small), definition.sets(BenchmarkSize.full)
     assert {each.level for each in small} == set(range(5))
@@ -22,7 +22,7 @@ def test_the_shipped_benchmark_has_five_levels_of_one_cause_each():
 
 
 def test_the_published_levels_rise_in_difficulty_and_are_of_their_cause():
-    file = Path(__file__).parents[4] / "docs/results/benchmark_occlusion_v1.json"
+    file = Path(__file__).parents[4] / "docs/results/benchmark_occlusion_v2.json"
     levels = json.loads(file.read_text())["scores"]["levels"]
     for figure in ("hidden", "linear"):
         found = [level[figure] for level in levels]
@@ -31,7 +31,7 @@ def test_the_published_levels_rise_in_difficulty_and_are_of_their_cause():
 
 
 def test_every_clip_of_the_shipped_benchmark_is_frozen():
-    definition = find_definition("occlusion-v1")
+    definition = find_definition("occlusion-v2")
     frozen = json.loads(definition.checksums.read_text())["clips"]
     assert set(frozen) == {name for each in definition.sets(BenchmarkSize.full) for name in each.ids}
 
@@ -66,7 +66,7 @@ def test_a_wrong_definition_is_refused_with_its_file(tmp_path: Path, old: str, n
 
 
 def test_an_unknown_name_is_answered_with_the_nearest(tmp_path: Path):
-    with pytest.raises(ValueError, match="did you mean 'occlusion-v1'"):
+    with pytest.raises(ValueError, match="did you mean 'occlusion-v2'"):
         find_definition("oclusion-v1")
     with pytest.raises(FileNotFoundError, match="no such file"):
         find_definition(str(tmp_path / "none.yaml"))
