@@ -21,11 +21,13 @@ _SMALL = (
     "model.encoder.dim=16", "model.encoder.depth=1", "model.encoder.heads=2", "model.encoder.head_dim=8",
     "model.encoder.mlp=32", "model.decoder.dim=8", "model.codes.signal=8",
 )  # fmt: skip
+# An epoch ends with a checkpoint, of which the last two are kept; examples are made anew for each, which takes longest.
+_SHORT = ("learning.steps=6", "learning.epoch=2", "learning.batch=4")
 _MADE = ("seed=3", "clips=6", "scene.seconds=0.6", "scene.persons=[1,2]", "workers=2")
 LINES = {
     "generation": ("synth", "generate", *_MADE),
     "capture": ("dmae", "capture", "data=../data", "workers=2"),
-    "training": ("dmae", "train", "data=../captured", "learning.steps=60", "learning.epoch=6", *_SMALL),
+    "training": ("dmae", "train", "data=../captured", *_SHORT, *_SMALL),
 }
 """What is killed."""
 _UNLIKE = ("tensorboard", "checkpoint")

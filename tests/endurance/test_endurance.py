@@ -22,7 +22,8 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("name", LINES)
 def test_killed_commands_end_with_the_same_files(name, folder):
-    found = kill_often(name, 2, folder, seed=1)
+    """Killed after 27 % (generation), 52 % (capture) and 69 % (training) of the time."""
+    found = kill_often(name, 1, folder, seed=1)
     assert all(kill.same for kill in found), found
 
 
