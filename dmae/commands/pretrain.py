@@ -98,8 +98,10 @@ def _steps(config: PretrainCommand, out: Path) -> list[list[str]]:
          "learning.observed_weight=0.2", f"out={out}/model"]
     )  # fmt: skip
     methods = "methods=[linear,pchip_body,gaussian_process,dmae]"
-    scoring = ["dmae", "evaluate", f"data={out}/test", "skeleton=body25", methods, f"weights={out}/model"]
-    steps.append([*scoring, f"views=[{3 if 3 in config.views else min(config.views)}]", f"out={out}/scores"])
+    scoring = ["dmae", "evaluate", f"data={out}/test", methods, f"weights={out}/model"]
+    captured = ["skeleton=body25", f"views=[{3 if 3 in config.views else min(config.views)}]"]
+    steps.append([*scoring, *captured, f"out={out}/scores"])
+    # Gaps made in true poses are scored on the skeleton of the detections.
     steps.append([*scoring, "input=true_poses", "smooth=0", f"out={out}/scores_true"])
     # What the card states is free of folders: any path works again.
     made = [f"clips={config.clips}", f"seconds={config.seconds}", f"steps={config.steps}", f"seed={config.seed}"]

@@ -68,8 +68,8 @@ def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None
         Path(temporary).replace(path)
     except BaseException as error:
         Path(temporary).unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.filename is None:
-            # That of a full disk names no file.
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            # That of a full disk names no file. An error without a number has its message in its arguments alone.
             raise OSError(error.errno, error.strerror, str(path)) from None
         raise
 

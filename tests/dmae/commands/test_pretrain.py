@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from dmae.cli import compose
-from dmae.command_line.steps import run_steps
 from dmae.commands.pretrain import PretrainCommand, _steps
+from tests.support.commands import run_command
 from tests.support.motion_files import bvh
 
 
@@ -66,7 +66,9 @@ def test_what_cannot_be_is_refused(tmp_path):
 def test_a_model_is_made_and_its_card_written(mocap, tmp_path):
     config = PretrainCommand(motion=str(mocap), rig="ring", clips=2, seconds=1.0, steps=4, views=[3])
     out = tmp_path / "own"
-    run_steps(_steps(config, out))
+    for program, *words in _steps(config, out):
+        done = run_command(tmp_path, program, *words)
+        assert done.returncode == 0, f"{program} {words}: {done.stderr}"
     assert json.loads((out / "model" / "model.json").read_text())["steps"] == 4
     card = (out / "model" / "MODEL_CARD.md").read_text()
     assert "dmae pretrain" in card

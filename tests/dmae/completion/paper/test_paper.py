@@ -1,17 +1,16 @@
 """The paper's network alone: what it may look at, what it learns, how it resumes, and what it fills."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from dmae.completion.paper.completion import PaperCompleter, load_paper_completer
+from dmae.completion.paper.completion import load_paper_completer
 from dmae.completion.paper.config import FULL, SMALL, PaperConfig, PaperNetwork, PaperSchedule
 from dmae.completion.paper.network import PaperDMAE, dual_masks, learning_rate, masked_mse
 from dmae.completion.paper.training import SKELETON, fine_tune, load_paper, pretrain
-from dmae.completion.paper.windows import centre, make_rows
+from dmae.completion.paper.windows import centre, cut, hips_of, make_rows, rotate
 from dmae.completion.training.pose_pairs import PosePair
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY21, SHELF14, get_skeleton
@@ -191,18 +190,25 @@ def test_damaged_weights_are_refused(pretrained, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_full_size_learns_in_its_first_hundred_steps(tmp_path):
+def test_the_full_size_learns_two_windows_by_heart():
+    """In 30 steps the loss on masked joints falls to a fifth of that of the middle of the body, measured 0.11 of it."""
     torch.set_num_threads(1)
-    schedule = replace(FULL.schedule, steps=100, batch=2, lr=1e-3)
-    folder = pretrain([(walkers(60, 1), 25.0)], replace(FULL, schedule=schedule), tmp_path)
-    net = PaperCompleter(load_paper(folder)[0], tuned=False)
-    poses = walkers(60, 1)
-    hidden = poses.without((np.arange(21) % 3 == 0) & (np.arange(60)[:, None, None] % 2 == 0))
-    lost = ~hidden.measured
-    done = np.linalg.norm(net(hidden, 25.0).xyz - poses.xyz, axis=-1)[lost]
-    middle = np.linalg.norm(poses.xyz.mean(2, keepdims=True) - poses.xyz, axis=-1)[lost]
-    assert math.isfinite(done.mean())
-    assert done.mean() < 0.9 * middle.mean(), "nearer than the middle of the body"
+    poses, made = walkers(60, 2).xyz, torch.Generator().manual_seed(0)
+    rows = make_rows(poses, poses, FULL.network.frames)
+    xyz = cut(rows, rows.starts[[0, -1]], FULL.network.frames)[0]
+    observed = ~dual_masks(xyz.shape[:3], FULL.schedule, made)
+    x = rotate(xyz - centre(xyz, observed, hips_of(BODY21)), made)
+    torch.manual_seed(0)
+    net = PaperDMAE(replace(FULL.network, dropout=0.0), len(BODY21)).train()
+    optimizer = torch.optim.AdamW(net.parameters(), 5e-4, betas=(0.9, 0.95))
+    for _ in range(30):
+        loss = masked_mse(net(x, observed), x, ~observed)
+        optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
+        optimizer.step()
+    middle = (x * observed[..., None]).sum((1, 2), keepdim=True) / observed.sum((1, 2))[:, None, None, None]
+    assert loss.item() < 0.2 * masked_mse(middle.expand_as(x), x, ~observed).item()
 
 
 def test_sizes_have_the_shape_of_the_paper():
