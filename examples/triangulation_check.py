@@ -1,4 +1,4 @@
-"""Your triangulation under pytest: 21 frozen cases with documented bounds.
+"""Your triangulation under pytest: 25 frozen cases with documented bounds.
 
     pytest examples/triangulation_check.py        # one test a case
     python examples/triangulation_check.py        # the same as a picture

@@ -25,7 +25,7 @@ def table(number: int, data: str | Path, out: str | Path, *overrides: str) -> di
         >>> for clip in synth.generate("scene.seconds=1", clips=1, seed=7, out="walks"): pass
         >>> made = dmae.table(2, "walks/000000", "table", "size=small")
         >>> sorted({row["origin"] for row in made["rows"]})
-        ['measured here', 'published']
+        ['measured here', 'not measured', 'published']
     """
     from dmae.evaluation.paper_tables.make import make_table
     from dmae.formats.reading import recognise

@@ -85,9 +85,9 @@ class TrackingConfig:
     """Colour difference of clothes from which on a re-entry is another person, CIELAB units; needs images."""
     min_duration_s: float = 0.3
     """Shortest time for which a person is measured with `birth_joints`, s; shorter tracks are false positives."""
-    max_by_chance: float = 0.1
+    max_by_chance: float | None = 0.1
     """Largest number of people that ghosts alone would make in a frame, as well supported as a new person or more. A
-    track of which this is not so for `coasting_s` ends. inf accepts all."""
+    track of which this is not so for `coasting_s` ends. null accepts all."""
 
 
 @dataclass(frozen=True)

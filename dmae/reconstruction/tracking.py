@@ -179,7 +179,7 @@ def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.nda
     """
     rig, most = evidence.rig, evidence.config.tracking.max_by_chance
     supported = np.ones(len(assigned), bool)
-    if len(assigned) and most < np.inf:
+    if len(assigned) and most is not None:
         figures = ((~np.isnan(evidence.confidence[frame])).sum(-1) >= _MIN_JOINTS).sum(-1).astype(float)
         focal, width = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1]), rig.size[:, 0].astype(float)
         beyond_chance(

@@ -195,9 +195,13 @@ def _corrected(
     }
     config = replace(config, parts=PartsConfig(**parts))
     for name, correction in corrections.items():
-        if name not in kept:
+        if name in kept:
+            continue
+        value = correction()
+        # Where clips show none of an error, there is nothing to correct by.
+        if np.isfinite(value).all():
             error, _, parameter = name.partition(".")
-            corrected = replace(getattr(config, error), **{parameter: _rounded(correction())})
+            corrected = replace(getattr(config, error), **{parameter: _rounded(value)})
             config = replace(config, **{error: corrected})
     return config
 

@@ -48,7 +48,8 @@ class AdjustmentState:
         focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])[:, None]
         self.residual = pixels - xy
         if problem.depth is None:
-            usual = np.nanmedian(np.where(np.isnan(depth).all((0, 2))[:, None], 1.0, depth), (0, 2))
+            known = np.where(np.isnan(depth).all((0, 2))[:, None], 1.0, depth)
+            usual = np.nanmedian(known, (0, 2)) if known.size else np.ones(depth.shape[1])
             problem.depth = np.where(np.isnan(depth), usual[:, None], depth)
         # At the depth at the start: if errors grew as a body comes nearer, a smaller world would fit better.
         scale = 1 / np.maximum(sigma * focal / problem.depth, _MIN_SIGMA_PX)

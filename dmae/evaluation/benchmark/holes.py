@@ -15,9 +15,9 @@ from dmae.metrics.position_error import GAPS
 from dmae.numerics.gaps import gap_lengths, neighbours
 
 PARTS = {
-    "head": ("nose", "eye", "ear", "head", "head_top", "top_head", "bottom_head"),
+    "head": ("nose", "eye", "eye_inner", "eye_outer", "ear", "mouth", "head", "head_top", "top_head", "bottom_head"),
     "trunk": ("neck", "shoulder", "mid_hip", "hip"),
-    "arm": ("elbow", "wrist"),
+    "arm": ("elbow", "wrist", "little_finger", "index_finger", "thumb"),
     "leg": ("knee", "ankle"),
     "foot": ("big_toe", "small_toe", "heel"),
 }

@@ -24,7 +24,7 @@ def test_ghosts_are_no_people(ghosts, fixed, frames):
 
 
 def test_without_the_rule_coincidences_are_people():
-    everything = replace(CaptureConfig(), tracking=TrackingConfig(max_by_chance=np.inf))
+    everything = replace(CaptureConfig(), tracking=TrackingConfig(max_by_chance=None))
     assert capture(haunted_clip(20, 12, True), everything).xyz.shape[1] > 10
 
 

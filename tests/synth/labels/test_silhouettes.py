@@ -175,7 +175,9 @@ def test_only_requested_kinds_are_painted(painter, tmp_path, monkeypatch):
         images, _, _ = render_images(renderer, model.qpos0[None], rig, tmp_path / "ids", 25, ("ids",))
         assert sorted(path.name for path in (tmp_path / "ids").iterdir()) == ["ids"]
         assert images.kinds == ("ids",)
-        if painter == "gl":
+    if painter == "gl":
+        # A renderer of its own, which does not know yet what is where.
+        with Renderer(model, ids, rig, ImageQuality.draft) as renderer:
             reads = []
             read = opengl.OpenGLPainter._read
             monkeypatch.setattr(
@@ -185,7 +187,7 @@ def test_only_requested_kinds_are_painted(painter, tmp_path, monkeypatch):
             )
             rgb = renderer.picture(model.qpos0, 0, ("rgb",))
             ids_only = renderer.picture(model.qpos0, 0, ("ids",))
-            assert reads == [False, True]
+            assert reads[0] is False and len(reads) > 1 and all(reads[1:])
             assert rgb.ids is rgb.depth is rgb.parts is ids_only.rgb is None
             np.testing.assert_array_equal(rgb.rgb, whole.rgb)
             np.testing.assert_array_equal(ids_only.ids, whole.ids)

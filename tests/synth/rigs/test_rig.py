@@ -118,7 +118,7 @@ def test_malformed_rigs_are_refused(change):
 def able(rig: CameraRig, format: str) -> bool:
     """Whether a format has the numbers for a rig's lenses."""
     if rig.fisheye.any():
-        return format == "pose2sim"
+        return format in ("pose2sim", "caliscope")
     return format != "shelf" or not rig.distorted.any()
 
 

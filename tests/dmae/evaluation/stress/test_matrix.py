@@ -132,7 +132,8 @@ def test_without_truth_what_all_cameras_measured_is_the_reference(first):
     result = compute(prepare(clips, config(axes=["misses"])))
     assert result["reference"] == "capture"
     points = result["axes"][0]["methods"]["linear"]["points"]
-    assert points[0]["pcp"][0] > 99.9 and points[-1]["pcp"][0] < points[0]["pcp"][0]
+    # Filled poses are smoothed, the reference is not.
+    assert points[0]["pcp"][0] > 99.3 and points[-1]["pcp"][0] < points[0]["pcp"][0]
 
 
 def test_axes_that_clips_do_not_allow_are_left_out_with_a_note():

@@ -78,7 +78,8 @@ def test_a_subject_is_chosen_by_a_pixel(two):
 def test_a_subject_that_is_not_there_is_answered_with_those_who_are(two):
     clip, _ = two
     with pytest.raises(
-        ValueError, match=r"found no person within 1 m of it in that frame; people are at \(0\.40, 1\.\d\d\); \(-0\."
+        ValueError,
+        match=r"found no person within 1 m of it in that frame; people are at (?=.*\(0\.40, 1\.)(?=.*\(-0\.39, -1\.)",
     ):
         capture(clip, CaptureConfig(subject=SubjectConfig(at=[30, 5, 5])))
     with pytest.raises(ValueError, match="expected a frame from 0 to 99, found 200"):
