@@ -136,7 +136,7 @@ def test_the_state_of_bodies_is_kept_beside_the_labels(labels):
 
 
 def test_people_press_on_the_floor(tmp_path):
-    # In a fifth of a second, as the other clips here last, feet may all be on their way.
+    # A force at the pelvis carries people: soles touch the floor in some frames only, and in 0.2 s maybe in none.
     longer = config(tmp_path / "data")
     generate(replace(longer, scene=replace(longer.scene, seconds=1.5)))
     state = load_state(tmp_path / "data/000000")

@@ -13,6 +13,7 @@ from synth.commands import fit_detector as fit_command
 from synth.commands.compare import CompareCommand
 from synth.commands.fit_detector import FitDetectorCommand
 from synth.datasets.clip import GenerateConfig, generate_clip
+from synth.detector import fitting
 from synth.detector.comparison import Limits, compare
 from synth.detector.config import DetectorConfig
 from synth.detector.fitting import distance, fit, redetect
@@ -125,6 +126,14 @@ def test_parameters_without_enough_joints_are_kept(clips):
     assert "parts.ear" in found.undetermined
     assert "are needed" in found.undetermined["parts.ear"]
     assert found.config.parts.ear == preset("shelf_openpose").parts.ear
+
+
+def test_confidence_of_ghosts_is_kept_where_the_simulation_has_none(clips, measured, monkeypatch):
+    none = replace(measured, ghosts=0 * measured.ghosts, ghost_joints=np.nan, ghost_score=np.nan)
+    monkeypatch.setattr(fitting, "measure_all", lambda *_: none)
+    found = fit(measured, clips, preset("shelf_openpose"), rounds=2)
+    assert np.nansum(measured.ghosts) > 0 and "ghosts.score" not in found.undetermined
+    assert found.config.ghosts == preset("shelf_openpose").ghosts
 
 
 def test_a_preset_is_written_and_read_back(clips, tmp_path, capsys):
