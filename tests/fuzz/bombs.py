@@ -47,6 +47,12 @@ def zeros_npz(name: str) -> bytes:
     return buffer.getvalue()
 
 
+def zeros_xz() -> bytes:
+    """A compressed file of 150 kB that unpacks to a gigabyte."""
+    compressor = lzma.LZMACompressor(preset=0)
+    return b"".join([*(compressor.compress(bytes(1 << 20)) for _ in range(1024)), compressor.flush()])
+
+
 def stated_npz(name: str) -> bytes:
     """An archive whose array states a size that it does not have."""
     buffer, header = io.BytesIO(), io.BytesIO()
@@ -84,7 +90,7 @@ BOMBS: dict[str, list[tuple[str, object]]] = {
     "motion/bvh": [("take.bvh", many_joints), ("take.bvh", "HIERARCHY\n" + "ROOT a\n{\n" + "JOINT a\n{\n" * 50_000)],
     "motion/npz": [("take.npz", lambda: zeros_npz("poses")), ("take.npz", lambda: stated_npz("trans"))],
     "motion/amc": [("99.asf", lambda: _crowded_asf(5000)), ("99_01.amc", ":DEGREES\n" + "1\n" * 100_000)],
-    "motion/compressed": [("take.bvh.xz", lambda: lzma.compress(bytes(1 << 30), preset=0))],
+    "motion/compressed": [("take.bvh.xz", zeros_xz)],
     "motion/list": [("takes.tsv", "file\tsubject\tset\n" + '"' * 200_000), ("takes.tsv", "\t" * 200_000)],
     "motion/mapping": [("names.yaml", ALIASES), ("names.yaml", DEEP_YAML)],
     "mesh/ply": [("box.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 2000000000\nproperty float x\n"

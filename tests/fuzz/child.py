@@ -7,6 +7,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import traceback
 import warnings
 import zlib
 from pathlib import Path
@@ -86,7 +87,7 @@ def main() -> None:
     """Read `[[name, first, count], ...]` from the command line, and work it off."""
     plan = json.loads(sys.argv[1])
     by_name = {reader.name: reader for reader in READERS}
-    out = os.fdopen(os.dup(1), "w")
+    out, err = os.fdopen(os.dup(1), "w"), os.fdopen(os.dup(2), "w")
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)  # libraries print what they make of damaged files
     os.dup2(null, 2)
@@ -95,6 +96,7 @@ def main() -> None:
         raise TooLong
 
     signal.signal(signal.SIGPROF, stop)
+    sys.excepthook = lambda *error: traceback.print_exception(*error, file=err)  # a fault of the fuzzer itself
     with tempfile.TemporaryDirectory() as place:
         os.chdir(place)
         seeds = {}
