@@ -16,6 +16,7 @@ LIST = ".tsv"
 NO_SET = "-"
 """In a list, the set of takes that are in none."""
 _MOST_BYTES = 1 << 26
+_LONGEST_NAME = 1000
 _UNKNOWN = ("", "?")
 
 
@@ -73,7 +74,7 @@ def read_take_list(path: Path) -> list[ListedTake]:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: a column is missing, or a file is listed twice.
+        ValueError: a column is missing, a name cannot be that of a file, or a file is listed twice.
     """
     rows = csv.DictReader(read_text(path, _MOST_BYTES).splitlines(), delimiter="\t", strict=True)
     try:
@@ -88,7 +89,7 @@ def read_take_list(path: Path) -> list[ListedTake]:
     found: dict[Path, ListedTake] = {}
     for number, line in enumerate(lines, 2):
         name = line["file"]
-        if not name or "\0" in name:
+        if not name or "\0" in name or len(name) > _LONGEST_NAME:
             raise ValueError(f"{path}, line {number}: expected the name of a file, found {name!r:.80}")
         if format_of(Path(name)) is None:
             continue
