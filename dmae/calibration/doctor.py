@@ -37,10 +37,10 @@ from dmae.calibration.findings import (
     unexplained_fault,
     world_faults,
 )
+from dmae.calibration.hypothesis import CHECKED_FRAMES, Hypothesis
 from dmae.calibration.world.floor import Floor, find_floor
 from dmae.calibration.world.gravity_and_scale import relative_size
 from dmae.calibration.world.placement import FLOOR_KEY
-from dmae.calibration.hypothesis import CHECKED_FRAMES, Hypothesis
 from dmae.data.clip import Clip
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.recordings.selection import shift_views
@@ -165,7 +165,9 @@ def diagnose(
         findings += more
         unknown += undecided
         if not more:
-            floor = find_floor(capture(_corrected(clip, hypothesis, hypothesis.xy is not as_read), CaptureConfig()), clip.fps)
+            floor = find_floor(
+                capture(_corrected(clip, hypothesis, hypothesis.xy is not as_read), CaptureConfig()), clip.fps
+            )
             findings += floor_faults(floor, clip.provenance.get(FLOOR_KEY, 0.0), clip.rig.names)
     findings += size_faults(hypothesis)
     if not disagreeing:

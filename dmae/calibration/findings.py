@@ -7,10 +7,10 @@ import numpy as np
 from dmae.calibration.agreement import SOUND, Agreement, Pairs, mean_agreement, pairs_to_compare, score_pairs
 from dmae.calibration.corrections import Correction
 from dmae.calibration.faults import Fault
-from dmae.calibration.world.floor import Floor
-from dmae.calibration.world.gravity_and_scale import relative_size, upright_direction
 from dmae.calibration.hypothesis import Hypothesis
 from dmae.calibration.remedies import camera_names, remedy, unit_remedy, up_remedy
+from dmae.calibration.world.floor import Floor
+from dmae.calibration.world.gravity_and_scale import relative_size, upright_direction
 from dmae.formats.calibrations.conventions import Convention
 from dmae.numerics.robust import mean_known
 

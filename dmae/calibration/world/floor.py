@@ -28,8 +28,8 @@ _SHOE_SIGMA, _SOLE_SIGMA = 0.006, 0.012
 """m; error of the soles of one person, and of all."""
 _TILT_SIGMA = np.radians(0.15)
 """rad; error of all people together."""
-_ROBUST = 2.0
-"""Sigmas at which the weight of a residual is a half (Cauchy)."""
+_ROBUST, _ROBUST_RAISED = 2.0, 1.0
+"""Sigmas at which the weight of a residual is a half (Cauchy), and that of a foot above the floor."""
 _FEWEST_STANCES, _FEWEST_PLACES_M = 6, 1.0
 """Stances, and the distance between two of them, from which the floor is known."""
 _WIDEST_TILT, _WIDEST_HEIGHT = np.radians(1.2), 0.05
@@ -87,10 +87,10 @@ def find_floor(poses: Poses3D, fps: float) -> Floor:
     """
     measured = poses.without(~poses.measured)
     people = measured.xyz.reshape(-1, *measured.xyz.shape[2:]).astype(np.float64)
-    rough = upright_direction(people, poses.skeleton)
-    if rough is None or rough[1] < _ROUGHLY_UPRIGHT:
+    mean = upright_direction(people, poses.skeleton)
+    if mean is None or mean[1] < _ROUGHLY_UPRIGHT:
         return _NOTHING
-    up, found = rough[0], _NOTHING
+    up, found = mean[0], _NOTHING
     for _ in range(2):
         R = turn_to_z(up)
         soles, postures = soles_and_postures(_turned(measured, R), fps)
@@ -120,7 +120,7 @@ def _fit(soles: Soles, postures: Postures, R: np.ndarray) -> Floor:
     place = soles.xyz[on_floor]
     centre = place.mean(0) if len(place) else np.zeros(3)
     A, b, sigma = _equations(soles, postures, on_floor, centre)
-    solution, cov, weight = _solved(A, b, sigma)
+    solution, cov, weight = _solved(A, b, sigma, len(place))
     # The direction of z in the original world, of which the tilt is measured.
     z = R[:, 2]
     spread = cov[:2, :2] + _TILT_SIGMA**2 * np.eye(2)
@@ -195,12 +195,15 @@ def _equations(
     return A, b, sigma
 
 
-def _solved(A: np.ndarray, b: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the robust solution, its covariance, and the weight of each equation, from 0 to 1."""
+def _solved(A: np.ndarray, b: np.ndarray, sigma: np.ndarray, feet: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the robust solution, its covariance, and the weight of each equation, from 0 to 1; those of feet first."""
     weight = np.ones(len(b))
+    # A foot at rest can be off the floor, but not in it.
+    raised = np.where(np.arange(len(b)) < feet, _ROBUST_RAISED, _ROBUST)
     for _ in range(10):
         rows = A / sigma[:, None] * weight[:, None]
         normal = np.linalg.inv(rows.T @ (A / sigma[:, None]))
         x = normal @ (rows.T @ (b / sigma))
-        weight = 1 / (1 + ((b - A @ x) / sigma / _ROBUST) ** 2)
+        off = (b - A @ x) / sigma
+        weight = 1 / (1 + (off / np.where(off > 0, raised, _ROBUST)) ** 2)
     return x, normal, weight

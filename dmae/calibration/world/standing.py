@@ -20,6 +20,8 @@ _KNOWN = 0.7
 """Share of the frames of a window in which a joint must be known."""
 _DRIFT, _SCATTER = 0.03, 0.04
 """m; how far a joint at rest seems to move through a window, and to stray from its median."""
+_RAISED = 0.02
+"""m above the lowest joint of a foot, beyond which another does not touch the floor."""
 _STRAIGHT = 0.95
 """Distance from hip to ankle of a straight leg, as a share of thigh and shank."""
 _FOOT_SIGMA, _ANKLE_SIGMA = 0.010, 0.015
@@ -106,9 +108,12 @@ def _soles(middle: np.ndarray, resting: np.ndarray, variance: np.ndarray, skelet
             continue
         index, above = list(joints.values()), np.array([SOLE[part] for part in joints])
         rest = resting[:, :, index]
+        points = middle[:, :, index] - above[:, None] * (0, 0, 1)
+        # A raised heel can rest, too.
+        lowest = np.where(rest, points[..., 2], np.inf).min(-1, keepdims=True)
+        rest &= points[..., 2] < lowest + _RAISED
         count = rest.sum(-1)
         window, person = np.nonzero(count)
-        points = middle[:, :, index] - above[:, None] * (0, 0, 1)
         mean = np.where(rest[..., None], points, 0).sum(-2) / np.maximum(count, 1)[..., None]
         error = np.where(rest, variance[:, :, index], 0).sum(-1) / np.maximum(count, 1)
         flat = rest[..., [part != "ankle" for part in joints]].any(-1)
