@@ -16,6 +16,7 @@ from dmae.data.clip import Clip
 from dmae.data.store import write_atomic
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.reading import DataConfig, written_convention
+from dmae.formats.recordings.selection import offsets_of_all
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import Table, print_tables
@@ -48,7 +49,9 @@ def run(config: DoctorCommand, out: Path) -> None:
     """Print how the cameras fit and what to correct; exits with status 1 if there is anything."""
     faulty = 0
     for clip, _, to in each_clip(config.data, out, "examining"):
-        offsets = None if config.data.cameras else list(config.data.offsets or [0] * len(clip.rig))
+        offsets = (
+            None if config.data.cameras else offsets_of_all(config.data.offsets or [0] * len(clip.rig), clip.rig.names)
+        )
         diagnosis = diagnose(clip, written_convention(config.data), offsets, config.max_offset)
         _print(clip, diagnosis)
         _print_sides(clip)

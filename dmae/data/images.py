@@ -2,10 +2,11 @@
 persons.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import cv2
@@ -38,7 +39,8 @@ class Images:
         kinds: Those of `KINDS` that exist.
         parts: Names of the parts of bodies. In images of parts, 0 is no person and 1 + i is part i.
         rgb: Format of colour images, of `RGB_FILES`.
-        files: Names of the videos in `folder`, one a view, where they are not called `rgb/<view>.mp4`.
+        files: Names of the videos in `folder`, one a view, where they are not called `rgb/<view>.mp4`; or, where `rgb`
+            is `png`, of folders of pictures of any name, of which frame n is the n-th in the order of their numbers.
     """
 
     folder: Path
@@ -108,7 +110,8 @@ class Images:
     def path(self, kind: str, view: str, frame: int = 0) -> Path:
         """Return the file of an image; `frame` as in `frames`."""
         if kind == "rgb" and self.files:
-            return child(self.folder, self.files[self.views.index(view)], "video")
+            found = child(self.folder, self.files[self.views.index(view)], "video")
+            return found if self.rgb == "h264" else _numbered(found, frame)
         if kind == "rgb" and self.rgb == "h264":
             return child(self.folder / "rgb", f"{view}.mp4", "camera")
         ending = RGB_FILES[self.rgb] if kind == "rgb" else "png"
@@ -140,6 +143,21 @@ class Images:
                 raise ValueError(f"{path}: this video is damaged, {error}") from None
         if found != len(self.frames):
             raise FileNotFoundError(f"{path}: expected {len(self.frames)} frames, up to {last}; found {found}")
+
+
+@lru_cache(64)
+def picture_files(folder: Path) -> tuple[Path, ...]:
+    """Return the PNG and JPEG files of a folder, in the order of the numbers in their names."""
+    files = (file for file in folder.glob("*") if file.suffix.lower() in (".png", ".jpg", ".jpeg"))
+    numbered = ((tuple(int(part) for part in re.findall(r"\d+", file.stem)), file.name, file) for file in files)
+    return tuple(file for *_, file in sorted(numbered))
+
+
+def _numbered(folder: Path, frame: int) -> Path:
+    files = picture_files(folder)
+    if not 0 <= frame < len(files):
+        raise FileNotFoundError(f"{folder}: expected a picture of frame {frame}, found {len(files)}")
+    return files[frame]
 
 
 def _read_image(kind: str, path: Path) -> np.ndarray:

@@ -11,9 +11,10 @@ from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import clip_folders
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.calibrations.files import CalibrationSource, convention_of
+from dmae.formats.recordings.camera_pictures import with_pictures
 from dmae.formats.recordings.camera_videos import with_videos
 from dmae.formats.recordings.data_config import DataConfig
-from dmae.formats.recordings.selection import select_frames, select_views, shift_views
+from dmae.formats.recordings.selection import offsets_of_all, select_frames, select_views, shift_views
 from dmae.formats.registry import RecordingReader, reader
 
 _OPTIONS = {
@@ -36,6 +37,8 @@ class Clips(Sequence):
     """
 
     def __init__(self, config: DataConfig):
+        if config.videos is not None and config.images is not None:
+            raise ValueError("data.videos and data.images: expected one of them, as both are backgrounds")
         self.config = config
         self.reader = _reader(config)
         self.folders = _folders(config, self.reader)
@@ -60,11 +63,14 @@ class Clips(Sequence):
             clip.check_numbers()
             if config.videos is not None:
                 clip = with_videos(clip, Path(config.videos))
+            if config.images is not None:
+                clip = with_pictures(clip, Path(config.images))
+            offsets = offsets_of_all(config.offsets, clip.rig.names)
         except ValueError as error:
             if str(folder) in str(error):
                 raise
             raise ValueError(f"{folder}: {error}") from None
-        return select_views(select_frames(shift_views(clip, config.offsets), config.frames), config.cameras)
+        return select_views(select_frames(shift_views(clip, offsets), config.frames), config.cameras)
 
 
 def load(config: DataConfig) -> Clips:

@@ -24,6 +24,8 @@ class DataConfig:
     """Folder of the detections, or file of COCO's; by default found in `path`."""
     videos: str | None = None
     """Folder of the videos that people were detected in, <camera>.mp4: backgrounds of reports and pictures."""
+    images: str | None = None
+    """Folder of the pictures that people were detected in, a folder of PNG or JPEG files for each camera."""
     fps: float | None = None
     """1/s; frame rate, where the files do not hold it."""
     size: list[int] | None = None
@@ -36,5 +38,6 @@ class DataConfig:
     """Axis that points up in the calibration; by default that of its format."""
     inverse: bool | None = None
     """Whether extrinsics of the calibration are world_from_cam; by default as in its format."""
-    offsets: list[int] | None = None
-    """Frames by which each camera started late, in the order of the calibration: its frame k is frame k + offset."""
+    offsets: list[int | str] | None = None
+    """Frames by which each camera started late, in the order of the calibration, or those of some cameras as
+    [name:frames]: frame k of a camera is frame k + offset."""

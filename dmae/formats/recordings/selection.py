@@ -1,5 +1,6 @@
 """Select frames and views of a clip, and shift views in time."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -8,6 +9,26 @@ import numpy as np
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.labels import NOT_DETECTED, DetectionLabels
+
+
+def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) -> list[int] | None:
+    """Return the frames by which each of the named cameras started late, from a list in their order or as name:frames.
+
+    Raises:
+        ValueError: an entry is neither, or names no camera, or one twice.
+    """
+    if offsets is None or all(isinstance(each, int) for each in offsets):
+        return None if offsets is None else list(offsets)
+    found = {}
+    for each in offsets:
+        name, _, frames = str(each).rpartition(":")
+        if name not in names or name in found or not re.fullmatch(r"[+-]?\d{1,9}", frames):
+            raise ValueError(
+                f"data.offsets={list(offsets)}: expected a number for each camera, or entries as {names[0]}:3 of some "
+                f"of {', '.join(names)}, each once; got {each!r}"
+            )
+        found[name] = int(frames)
+    return [found.get(name, 0) for name in names]
 
 
 def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:
