@@ -27,6 +27,7 @@ from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_cali
 from dmae.formats.recordings.camera_matching import frame_number, natural
 from dmae.formats.recordings.confidences import Confidences
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.recordings.pixel_covariances import covariance_entry, pixel_covariances
 from dmae.formats.recordings.skeleton_guess import guess_skeleton
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.progress import progress
@@ -207,7 +208,12 @@ def _recognise(path: Path, views: dict, joints: int, file: Path) -> tuple[Skelet
 
 
 def write_detections(
-    detections: Detections2D, cameras: tuple[str, ...], folder: Path, first: int = 0, sources: np.ndarray | None = None
+    detections: Detections2D,
+    cameras: tuple[str, ...],
+    folder: Path,
+    first: int = 0,
+    sources: np.ndarray | None = None,
+    covariances: np.ndarray | None = None,
 ) -> None:
     """Write detections as OpenPose does, `<camera>/<camera>_<frame number>_keypoints.json`, to 0.001 px.
 
@@ -216,19 +222,22 @@ def write_detections(
         first: Number of the first frame.
         sources: (F, D, J) `Source` of the joints where `detections` are reprojected poses, the same D in each view:
             people then have a `person_id`, and `joint_source` beside `pose_keypoints_2d`.
+        covariances: (F, V, D, J, 3) px^2, xx, xy and yy; people then have `joint_covariance`, null where unknown.
     """
     values = np.concatenate([detections.xy.astype(np.float64), detections.score[..., None]], -1)
     values = np.round(np.where(np.isnan(values), 0, values), 4)
     seen = detections.observed.any(-1)
     folders = [child(folder, name, "camera") for name in cameras]
     for frame, views in enumerate(progress(values, "writing detections", len(values))):
-        for place, people, there in zip(folders, views, seen[frame], strict=True):
+        for view, (place, people, there) in enumerate(zip(folders, views, seen[frame], strict=True)):
             written = []
             for number in np.flatnonzero(there):
                 person = {"person_id": [-1 if sources is None else int(number)]}
                 person["pose_keypoints_2d"] = people[number].ravel().tolist()
                 if sources is not None:
                     person["joint_source"] = sources[frame, number].tolist()
+                if covariances is not None:
+                    person["joint_covariance"] = covariance_entry(covariances[frame, view, number])
                 written.append(person)
             file = child(place, f"{place.name}_{first + frame:012d}_keypoints.json", "camera")
             write_atomic(file, json.dumps({"version": 1.3, "people": written}))
@@ -254,7 +263,8 @@ def write_openpose_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     """OpenPose's JSON of poses as the cameras see them, with a Pose2Sim calibration."""
     first = clip.provenance.get("first_frame", 0)
     write_calibration(clip.rig, path / CALIBRATION, "pose2sim")
-    write_detections(reproject(poses, clip.rig), clip.rig.names, path, first, poses.source)
+    cov = pixel_covariances(poses, clip.rig)
+    write_detections(reproject(poses, clip.rig), clip.rig.names, path, first, poses.source, cov)
 
 
 @recording_writer("openpose", lacks=["fps", "skeleton"])

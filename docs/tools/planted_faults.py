@@ -93,7 +93,7 @@ def write(rows: list[list]) -> None:
         else:
             counts.setdefault((recording_name(number), FAULTS[index][2]), Counter())[found] += 1
     words = [fault[2] for fault in FAULTS]
-    names = list(alarms)
+    names = [recording_name(number) for number in range(3)]
     table = [
         [*key, *(str(found[column]) for column in COLUMNS)]
         for key, found in sorted(counts.items(), key=lambda item: (names.index(item[0][0]), words.index(item[0][1])))

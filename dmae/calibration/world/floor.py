@@ -14,6 +14,7 @@ from scipy.spatial.distance import pdist
 from dmae.calibration.world.gravity_and_scale import upright_direction
 from dmae.calibration.world.standing import Postures, Soles, soles_and_postures
 from dmae.data.clip import Poses3D
+from dmae.files.numbers import MOST_METRES
 
 _ROUGHLY_UPRIGHT = 0.7
 """Smallest agreement of people in where up is."""
@@ -85,7 +86,7 @@ def find_floor(poses: Poses3D, fps: float) -> Floor:
         poses: (F, P, J) measured people; joints without a measurement are left out.
         fps: 1/s.
     """
-    measured = poses.without(~poses.measured)
+    measured = poses.without(~poses.measured | ~(np.abs(poses.xyz) < MOST_METRES).all(-1))
     people = measured.xyz.reshape(-1, *measured.xyz.shape[2:]).astype(np.float64)
     mean = upright_direction(people, poses.skeleton)
     if mean is None or mean[1] < _ROUGHLY_UPRIGHT:

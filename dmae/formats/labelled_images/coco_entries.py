@@ -10,6 +10,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.data.store import write_atomic
 from dmae.formats.labelled_images.pictures import PersonLabel, Picture
 from dmae.formats.recordings.coco_categories import joint_names
+from dmae.formats.recordings.pixel_covariances import covariance_entry
 
 
 def image_entry(picture: Picture, number: int, file_name: str) -> dict:
@@ -45,6 +46,8 @@ def annotation_entry(person: PersonLabel, number: int, image: int) -> dict:
         entry["keypoint_scores"] = known.round(4).tolist()
     if person.sources is not None:
         entry |= {"track_id": person.person, "joint_source": person.sources.tolist()}
+    if person.cov is not None:
+        entry["joint_covariance"] = covariance_entry(person.cov)
     if person.cause is not None:
         entry |= {"visibility": person.cause.tolist(), "hidden_by": person.occluder.tolist()}
     for name in ("visible_pixels", "amodal_pixels"):

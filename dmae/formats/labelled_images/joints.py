@@ -8,6 +8,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeleton_conversion import convert
+from dmae.formats.recordings.pixel_covariances import pixel_covariances
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class JointLabels:
         sources: (F, P, J) `Source` of the poses.
         cause: (F, V, P, J) `Visibility`; None where nothing is known of it.
         occluder: (F, V, P, J) index of what hides a joint, as `OcclusionLabels.occluder`; None where `cause` is.
+        cov: (F, V, P, J, 3) px^2, xx, xy and yy of the covariance of `xy`; None where nothing is known of it.
         true: Whether the poses are the truth of the clip, so that its images of ids show the same persons.
     """
 
@@ -32,6 +34,7 @@ class JointLabels:
     sources: np.ndarray
     cause: np.ndarray | None = None
     occluder: np.ndarray | None = None
+    cov: np.ndarray | None = None
     true: bool = False
 
 
@@ -54,7 +57,8 @@ def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
     inside = rig.inside(xy)
     if not true or clip.occlusion is None:
         visible = np.where(converted.source == Source.COMPLETED, 1, 2)[:, None]
-        return JointLabels(skeleton, converted.xyz, xy, np.where(inside, visible, 0), converted.source, true=true)
+        flags, cov = np.where(inside, visible, 0), pixel_covariances(converted, rig)
+        return JointLabels(skeleton, converted.xyz, xy, flags, converted.source, cov=cov, true=true)
     occluders = clip.occlusion.occluder
     views = [
         _converted_causes(
@@ -64,7 +68,7 @@ def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
     ]
     cause, occluder = (np.stack(each, 1) for each in zip(*views, strict=True))
     flags = np.where(inside, np.where(cause == Visibility.VISIBLE, 2, 1), 0)
-    return JointLabels(skeleton, converted.xyz, xy, flags, converted.source, cause, occluder, true)
+    return JointLabels(skeleton, converted.xyz, xy, flags, converted.source, cause, occluder, true=true)
 
 
 def _converted_causes(

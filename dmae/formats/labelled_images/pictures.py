@@ -34,6 +34,7 @@ class PersonLabel:
         amodal_box: Around these.
         xyz: (J, 3) m, world, None of detections.
         sources: (J,) `Source`, None of detections.
+        cov: (J, 3) px^2, xx, xy and yy of the covariance of `xy`; None where unknown.
         scores: (J,) confidences, of detections alone.
         cause: (J,) `Visibility`, None where unknown.
         occluder: (J,) index of the person or object in front, -1 for none.
@@ -50,6 +51,7 @@ class PersonLabel:
     amodal_box: Box | None = None
     xyz: np.ndarray | None = None
     sources: np.ndarray | None = None
+    cov: np.ndarray | None = None
     scores: np.ndarray | None = None
     cause: np.ndarray | None = None
     occluder: np.ndarray | None = None
@@ -219,6 +221,7 @@ def label_persons(
         if labels.cause is not None:
             more |= {name: getattr(labels, name)[frame, view, person] for name in ("cause", "occluder")}
         more |= {"xyz": labels.xyz[frame, person], "sources": labels.sources[frame, person]}
+        more["cov"] = None if labels.cov is None else labels.cov[frame, view, person]
         found.append(PersonLabel(person, xy, flags, box, **more))
     return found
 

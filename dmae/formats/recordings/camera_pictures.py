@@ -14,8 +14,8 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
     """Return the clip with the pictures in the folders of a folder, one a camera, as its colour images.
 
     Folders match cameras as detections do. Where a picture has the number of the clip's first frame in its name, at the
-    same place in every folder, it is that frame; otherwise the first picture is frame 0, or the clip's first where there
-    are too few for that. A note says so, and where pictures have another size than the calibration says.
+    same place in every folder, it is that frame; otherwise the first picture is frame 0, or the clip's first where
+    there are too few for that. A note says so, and where pictures have another size than the calibration says.
 
     Raises:
         FileNotFoundError: there are no folders of pictures in the folder.
