@@ -21,6 +21,7 @@ from planted_recordings import (
     planted,
     recording_name,
     sound_clip,
+    view_count,
     write_tables,
 )
 
@@ -41,7 +42,7 @@ def cases(generated: int) -> list[tuple[int, str, int]]:
     """Return number of the recording, what is wrong, and the camera."""
     found = []
     for number in range(2 + generated):
-        views = len(sound_clip(number).rig)
+        views = view_count(number)
         chosen = range(views) if number in (SHELF, TRIAL) else [int(np.random.default_rng(number).integers(views))]
         found += [(number, what, view) for what in (DISPLACED, LATE) for view in chosen]
     return found

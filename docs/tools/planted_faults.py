@@ -10,7 +10,17 @@ of the generated rigs are drawn by seed.
 from collections import Counter
 
 import numpy as np
-from planted_recordings import SHELF, TRIAL, kept_rows, options, planted, recording_name, sound_clip, write_tables
+from planted_recordings import (
+    SHELF,
+    TRIAL,
+    kept_rows,
+    options,
+    planted,
+    recording_name,
+    sound_clip,
+    view_count,
+    write_tables,
+)
 
 from dmae.calibration.doctor import Diagnosis, diagnose
 from dmae.calibration.faults import Fault
@@ -58,7 +68,7 @@ def cases(generated: int) -> list[tuple[int, int, int]]:
     kinds = [[k for k, case in enumerate(FAULTS) if case[0] == fault] for fault in _LIMIT]
     found = []
     for number in range(2 + generated):
-        rng, views = np.random.default_rng([number, 23]), len(sound_clip(number).rig)
+        rng, views = np.random.default_rng([number, 23]), view_count(number)
         found.append((number, SOUND, 0))
         if number in (SHELF, TRIAL):
             found += [(number, int(rng.choice(kind)), view) for view in range(views) for kind in kinds]
@@ -86,7 +96,7 @@ def _said(diagnosis: Diagnosis) -> str:
 
 def write(rows: list[list]) -> None:
     """Write the tables."""
-    counts, alarms = {}, {}
+    counts, alarms = {}, {}  # by recording and fault; by recording
     for number, index, _, found, _ in rows:
         if index == SOUND:
             alarms.setdefault(recording_name(number), Counter())[found] += 1

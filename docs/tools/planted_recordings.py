@@ -53,6 +53,16 @@ def sound_clip(number: int) -> Clip:
     return dmae.load(kept)
 
 
+def view_count(number: int) -> int:
+    """Return the number of cameras of a recording; of generated clips it is read without their arrays."""
+    if number in (SHELF, TRIAL):
+        return len(sound_clip(number).rig)
+    kept = KEPT / "clips" / str(number) / "clip.json"
+    if not kept.exists():
+        sound_clip(number)
+    return len(json.loads(kept.read_text())["cameras"])
+
+
 def detector(number: int) -> str:
     """Return the detector's preset of a generated recording."""
     return DETECTORS[number % len(DETECTORS)]
