@@ -84,7 +84,7 @@ def read_counts(path: Path | None) -> dict:
 
 
 def plan_of(names: list[str], first: int, count: int, done: dict[str, dict[str, int]]) -> list[tuple[str, int, int]]:
-    """Return what is left to try: of each reader a batch in turn, so that a run that is stopped has tried all of them."""
+    """Return what is left to try: a batch of each reader in turn, so that a run that is stopped has tried all."""
     return [
         (name, start, min(_BATCH, first + count - start))
         for number in range(-(-count // _BATCH))
