@@ -25,14 +25,20 @@ def hold(values: np.ndarray) -> np.ndarray:
 def linear(values: np.ndarray) -> np.ndarray:
     """Fill each gap with a straight line; hold the first and the last sample beyond them."""
     flat = _columns(values)
-    return _linear(flat, *neighbours(~np.isnan(flat).any(-1))).reshape(values.shape)
+    return _linear(flat, *neighbours(~np.isnan(flat).any(-1)), np.nan).reshape(values.shape)
+
+
+def connect(values: np.ndarray) -> np.ndarray:
+    """Return what `linear` does, and 0 where there is no sample at all."""
+    flat = _columns(values)
+    return _linear(flat, *neighbours(~np.isnan(flat).any(-1)), 0.0).reshape(values.shape)
 
 
 @compiled()
-def _linear(values, before, after):
+def _linear(values, before, after, unknown):
     """Return (F, n, C) with straight lines in gaps; `before` and `after` (F, n) are the samples on both sides."""
     frames, columns, components = values.shape
-    filled = np.full(values.shape, np.nan)
+    filled = np.full(values.shape, unknown)
     for frame in range(frames):
         for column in range(columns):
             start, end = before[frame, column], after[frame, column]
