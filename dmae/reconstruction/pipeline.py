@@ -23,7 +23,6 @@ from dmae.reconstruction.reassignment import expected_paths, reassign
 from dmae.reconstruction.tracking import track
 from dmae.reconstruction.tracks import Tracks
 
-
 _EXPECTED_BY = 2.0
 """s around a window of frames by which hidden joints are expected in it."""
 

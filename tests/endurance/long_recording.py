@@ -21,7 +21,7 @@ from tests.support.detected_people import FPS, detected_clip, walk
 
 LINES = {
     "capture": ("dmae", "capture", "data=recording"),
-    "complete": ("dmae", "complete", "data=captured"),
+    "complete": ("dmae", "complete", "clip=captured"),
     "export": ("dmae", "export", "clip=completed", "format=trc"),
 }
 RESULTS = {"capture": "captured", "complete": "completed", "export": "walk.trc"}
