@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.bones import bone_lengths, symmetric_bone_lengths
-from dmae.reconstruction.compiled.jumps import drop_runs, impossible_runs
+from dmae.reconstruction.compiled.jumps import drop_broken, drop_runs, impossible_runs
 
 LONGEST_JUMP = 0.2
 """s"""
@@ -36,20 +36,10 @@ def broken(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     Returns:
         (F, P, J) True for the joints to drop.
     """
-    start, end = np.array(skeleton.bones).T
-    length = bone_lengths(xyz, skeleton.bones)
     usual = symmetric_bone_lengths(xyz, skeleton)
-    with np.errstate(invalid="ignore"):
-        wrong = np.abs(length - usual) > _STRETCH * usual + _SLACK
-    touches = np.zeros((len(start), len(skeleton)))
-    touches[np.arange(len(start)), start] = touches[np.arange(len(start)), end] = 1
-    count = wrong @ touches
-    score = count + 0.5 * count / np.maximum(~np.isnan(length) @ touches, 1)
-    at_end = score[:, :, end] >= score[:, :, start]
     dropped = np.zeros(xyz.shape[:3], bool)
-    for bone, (a, b) in enumerate(skeleton.bones):
-        dropped[:, :, b] |= wrong[..., bone] & at_end[..., bone]
-        dropped[:, :, a] |= wrong[..., bone] & ~at_end[..., bone]
+    lengths, bones = bone_lengths(xyz, skeleton.bones), np.array(skeleton.bones, np.int64).reshape(-1, 2)
+    drop_broken(lengths, usual, bones, _STRETCH, _SLACK, dropped)
     return dropped
 
 

@@ -1,8 +1,43 @@
-"""Samples that jump away from their path and return, compiled."""
+"""Joints that break bones, and samples that jump away from their path and return, compiled."""
 
 import numpy as np
 
 from dmae.numerics.compiled import compiled
+
+
+@compiled()
+def drop_broken(lengths, usual, bones, stretch, slack, dropped):
+    """Find the joints at the ends of bones that do not have their usual length; see `dmae.reconstruction.pruning`.
+
+    Args:
+        lengths: (F, P, B) m; NaN where unknown.
+        usual: (P, B) m; NaN where unknown.
+        bones: (B, 2) parent and joint.
+        stretch: Share of its length by which a bone may be off.
+        slack: m, by which it may be off as well.
+        dropped: (F, P, J) filled with False by the caller; True for joints to drop.
+    """
+    frames, persons, joints = dropped.shape
+    wrong, count, known = np.empty(len(bones), np.bool_), np.empty(joints), np.empty(joints)
+    for f in range(frames):
+        for p in range(persons):
+            count[:], known[:] = 0.0, 0.0
+            some = False
+            for b in range(len(bones)):
+                length = lengths[f, p, b]
+                wrong[b] = abs(length - usual[p, b]) > stretch * usual[p, b] + slack
+                some |= wrong[b]
+                for end in range(2):
+                    count[bones[b, end]] += wrong[b]
+                    known[bones[b, end]] += not np.isnan(length)
+            if not some:
+                continue
+            for b in range(len(bones)):
+                if wrong[b]:
+                    parent, joint = bones[b]
+                    above = count[parent] + 0.5 * count[parent] / max(known[parent], 1.0)
+                    below = count[joint] + 0.5 * count[joint] / max(known[joint], 1.0)
+                    dropped[f, p, joint if below >= above else parent] = True
 
 
 @compiled()
