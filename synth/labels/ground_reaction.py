@@ -7,7 +7,6 @@ the residual at the pelvis: the part of the motion that no contact explains.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from synth.labels.people_contacts import (
     make_contacts,
     simulated_contacts,
 )
+from synth.labels.shapes import check_shapes
 from synth.labels.support import Places, Recording, look, solve
 from synth.motion.feet import FEET
 from synth.people.segments import SEGMENTS
@@ -28,6 +28,7 @@ from synth.scene.build import Scene
 
 _LEAST = 1.0
 """Force below which a contact is left out, N."""
+_PAIRS = ("ground_reaction", "centre_of_pressure", "supported", "residual")
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class BodyForces:
             Those that the simulation has are smoothed as the motion is.
         residual: (F, P, 2, 3) float32 force at the mid hip, N, and moment, N m, that the motion needs and no contact
             supplies.
+        penetration: (F, P, 2) float32 deepest overlap with another person, and with an object, m; 0 for none.
     """
 
     weights: np.ndarray
@@ -51,24 +53,17 @@ class BodyForces:
     centre_of_pressure: np.ndarray
     supported: np.ndarray
     residual: np.ndarray
-
-
-class Carried(NamedTuple):
-    """What carries people.
-
-    Attributes:
-        contacts: All contacts of people.
-        forces: Their sums.
-        penetration: (F, P, 2) float32 deepest overlap with another person, and with an object, m; 0 for none.
-    """
-
-    contacts: PeopleContacts
-    forces: BodyForces
     penetration: np.ndarray
 
+    def __post_init__(self):
+        frames, persons = self.centre_of_mass.shape[:2]
+        pairs = dict.fromkeys(_PAIRS, (frames, persons, 2, 3))
+        of_frames = {"centre_of_mass": (frames, persons, 3), "penetration": (frames, persons, 2)}
+        check_shapes("forces", self, {"weights": (persons,)} | of_frames | pairs)
 
-def carry(scene: Scene, state: BodyState, fps: float) -> Carried:
-    """Find what carries people, from the states of a clip.
+
+def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, BodyForces]:
+    """Find what carries people, from the states of a clip: all of their contacts, and the sums of them.
 
     Args:
         scene: Of the clip.
@@ -88,9 +83,9 @@ def carry(scene: Scene, state: BodyState, fps: float) -> Carried:
     found = [_carry_one(scene, state, seen, known, person, fps) for person in persons]
     values = {name: [each[name] for _, each in found] for name in BodyForces.__dataclass_fields__}
     weights = np.array(values.pop("weights"), np.float32)
-    forces = BodyForces(weights, **{name: np.stack(each, axis=1, dtype=np.float32) for name, each in values.items()})
+    of_frames = {name: np.stack(each, axis=1, dtype=np.float32) for name, each in values.items()}
     contacts = join([known, *(contacts for contacts, _ in found)])
-    return Carried(contacts, forces, _penetration(scene, seen, len(state.qpos), len(persons)))
+    return contacts, BodyForces(weights, **of_frames)
 
 
 def _carry_one(
@@ -134,6 +129,7 @@ def _carry_one(
         "centre_of_pressure": pressure,
         "supported": _about(pushes + supported, centre - hips),
         "residual": _about(missing - supported, centre - hips),
+        "penetration": _penetration(scene, seen, person, frames),
     }
 
 
@@ -174,10 +170,11 @@ def _feet(contacts: PeopleContacts, part: np.ndarray, frames: int) -> tuple[np.n
     return reaction, pressure
 
 
-def _penetration(scene: Scene, seen: Recording, frames: int, persons: int) -> np.ndarray:
-    deepest, owners = np.zeros((frames, persons, 2)), scene.geom_persons[seen.geoms]
+def _penetration(scene: Scene, seen: Recording, person: int, frames: int) -> np.ndarray:
+    """Return the deepest overlap (F, 2) of a person with another, and with an object, m."""
+    deepest, persons = np.zeros((frames, 2)), scene.geom_persons[seen.geoms]
     for side in (0, 1):
-        one, other = owners[:, side], owners[:, 1 - side]
-        of = np.flatnonzero((one >= 0) & (one != other) & (seen.gap < 0))
-        np.maximum.at(deepest, (seen.frame[of], one[of], (other[of] < 0).astype(int)), -seen.gap[of])
-    return deepest.astype(np.float32)
+        other = persons[:, 1 - side]
+        of = np.flatnonzero((persons[:, side] == person) & (other != person) & (seen.gap < 0))
+        np.maximum.at(deepest, (seen.frame[of], (other[of] < 0).astype(int)), -seen.gap[of])
+    return deepest

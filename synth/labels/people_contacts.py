@@ -7,6 +7,7 @@ from enum import IntEnum
 import numpy as np
 
 from synth.labels.momentum import movement, needed_forces, smoothed
+from synth.labels.shapes import check_shapes
 from synth.labels.support import Recording
 from synth.physics.body_state import BodyState
 from synth.scene.build import Scene
@@ -47,6 +48,13 @@ class PeopleContacts:
     force: np.ndarray
     depth: np.ndarray
     source: np.ndarray
+
+    def __post_init__(self):
+        count = len(self.frame)
+        shapes = {"frame": (count,), "between": (count, 2), "depth": (count,), "source": (count,)}
+        check_shapes("contacts", self, shapes | {"point": (count, 3), "force": (count, 3)})
+        if count and not 0 <= self.between.min() <= self.between.max() < len(self.names):
+            raise ValueError(f"contacts: expected between to count {len(self.names)} names")
 
     @property
     def persons(self) -> np.ndarray:
@@ -108,9 +116,10 @@ def simulated_contacts(scene: Scene, state: BodyState) -> PeopleContacts:
 
 
 def held_contacts(scene: Scene, state: BodyState, seen: Recording, fps: float) -> Iterator[PeopleContacts]:
-    """Yield the contacts of each carried object with the palms that hold it, while it lies on nothing that stands still.
+    """Yield the contacts of each carried object with the palms that hold it.
 
-    What its motion needs, less what bodies press on it, is shared equally by the palms.
+    While it lies on nothing that stands still, what its motion needs, less what bodies press on it, is shared equally
+    by the palms.
     """
     model, frames, names = scene.model, len(state.qpos), list(state.contact_names)
     holds, begin, end = scene.holds[:, 0].astype(int), *scene.holds[:, 1:].T
