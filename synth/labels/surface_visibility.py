@@ -26,8 +26,8 @@ class SurfaceLabels:
         names: (S,) of the points, see `synth.labels.surface_points.NAMES`.
         xyz: (F, P, S, 3) float32 m, world.
         normals: (F, P, S, 3) float32 unit, outward, world.
-        visibility: (F, V, P, S) uint8, of `dmae.data.labels.Visibility`. A point whose surface faces away from the
-            camera is hidden by the person's own body, whatever else is before it.
+        visibility: (F, V, P, S) uint8, of `dmae.data.labels.Visibility`: of the first thing on the way from the camera,
+            as for joints. A point whose surface faces away is at least hidden by the person's own body.
         hidden_by: (F, V, P, S) int16 index of the person or object in front, -1 for none.
     """
 
@@ -66,43 +66,49 @@ def surface_labels(
         mujoco.mj_kinematics(opaque, data)
         bending.apply(data)
         xyz[frame], normals[frame] = points.at(data)
-        codes = _before_rays(xyz[frame], normals[frame], rig)
+        xy, along = rig.project(xyz[frame][None])
+        codes = visibility[frame]
+        codes[:] = np.where(rig.inside(xy)[0], Visibility.VISIBLE, Visibility.OUTSIDE_IMAGE)
+        codes[along[0] <= 0] = Visibility.BEHIND_CAMERA
         for view, centre in enumerate(rig.centers):
             sought = np.nonzero(codes[view] == Visibility.VISIBLE)
+            rays = xyz[frame][sought] - centre
+            averted = (rays * normals[frame][sought]).sum(-1) >= 0
             codes[view][sought], hidden_by[frame, view][sought] = _seen(
-                opaque, data, scene.geom_ids, centre, xyz[frame][sought], sought[0]
+                opaque, data, scene.geom_ids, centre, rays, sought[0], averted
             )
-        averted = codes == Visibility.HIDDEN_BY_SELF
-        hidden_by[frame] = np.where(averted, np.arange(shape[0])[:, None], hidden_by[frame])
-        visibility[frame] = codes
     return SurfaceLabels(names, xyz.astype(np.float32), normals.astype(np.float32), visibility, hidden_by)
 
 
-def _before_rays(points: np.ndarray, normals: np.ndarray, rig: CameraRig) -> np.ndarray:
-    """Return (V, P, S) what is known of points and normals (P, S, 3) without rays; the rest is taken as visible."""
-    xy, along = rig.project(points[None])
-    codes = np.full(xy.shape[1:-1], Visibility.VISIBLE, np.uint8)
-    away = rig.centers[:, None, None] - points
-    codes[(away * normals).sum(-1) <= 0] = Visibility.HIDDEN_BY_SELF
-    codes[~rig.inside(xy)[0]] = Visibility.OUTSIDE_IMAGE
-    codes[along[0] <= 0] = Visibility.BEHIND_CAMERA
-    return codes
-
-
 def _seen(
-    opaque: mujoco.MjModel, data: mujoco.MjData, ids: np.ndarray, centre: np.ndarray, points: np.ndarray, persons
+    opaque: mujoco.MjModel,
+    data: mujoco.MjData,
+    ids: np.ndarray,
+    centre: np.ndarray,
+    rays: np.ndarray,
+    persons: np.ndarray,
+    averted: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return visibility and occluder (R,) of points (R, 3) of persons (R,) that face a camera."""
-    rays = points - centre
+    """Return visibility and occluder (R,) of points of persons (R,), at the ends of rays (R, 3) from a camera.
+
+    Args:
+        opaque, data: The scene and its state.
+        ids: (ngeom,) owners of geoms.
+        centre: (3,) m, world.
+        rays: From the centre to the points, m.
+        persons: Owners of the points.
+        averted: (R,) whether the surface at a point faces away from the camera.
+    """
     reach = np.linalg.norm(rays, axis=-1)
-    rays /= np.maximum(reach, 1e-9)[:, None]
+    rays = rays / np.maximum(reach, 1e-9)[:, None]
     geom, distance, outward = cast_rays(opaque, data, centre, rays)
     found = np.where(geom >= 0, ids[geom], 0).astype(int)
     own = found == persons + 1
     # A ray that meets a surface from behind began within it.
     within = (outward * rays).sum(-1) > 0
-    hidden = (found > 0) & np.where(own, distance < reach - _FOLD, (distance < reach) | within)
-    is_object = found >= FIRST_OBJECT_ID
+    before = (found > 0) & np.where(own, distance < reach - _FOLD, (distance < reach) | within)
+    found, hidden = np.where(before, found, persons + 1), before | averted
+    own, is_object = found == persons + 1, found >= FIRST_OBJECT_ID
     codes = np.select(
         [~hidden, own, is_object],
         [Visibility.VISIBLE, Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_OBJECT],
