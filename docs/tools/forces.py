@@ -1,7 +1,7 @@
 """Measure what `synth label` says of all interactions: the tables of `docs/results/forces.json`.
 
     python docs/tools/forces.py             # two clips of each interaction: 10 minutes
-    python docs/tools/forces.py clips=1
+    python docs/tools/forces.py clips=1 keep=runs/interactions     # and keep the clips
 
 Of forces: how much of what the motion needs no contact explains, how the weight balances at rest, and what labels cost,
 relative to generation. Of surface points: how well their visibility agrees with id images.
@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from datetime import date
 from importlib import metadata
 from pathlib import Path
@@ -30,7 +31,7 @@ from synth.labels.silhouettes import surface_agreement
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docs/results/forces.json"
 SEED = 7
-INTERACTIONS = ("scene.seconds=7", "rig=ring", "rig.ring.views=2")
+INTERACTIONS = ("scene.seconds=6", "rig=ring", "rig.ring.views=2")
 OFFICE = (
     "scene=office",
     "scene.seconds=1",
@@ -50,8 +51,8 @@ _STILL, _REST = 0.5, 0.5
 """Greatest acceleration of a centre of mass at rest, m/s^2, and least duration of rest, s."""
 
 
-def main(clips: int) -> None:
-    with tempfile.TemporaryDirectory() as folder:
+def main(clips: int, keep: str | None) -> None:
+    with nullcontext(keep) if keep else tempfile.TemporaryDirectory() as folder:
         kinds = [NO_INTERACTION, *sorted(interaction.keys())]
         made = (_forces(kind, clips, Path(folder, kind)) for kind in kinds)
         rows = list(progress(made, "interactions", len(kinds)))
@@ -137,4 +138,4 @@ def _rests(change: np.ndarray, least: int) -> Iterator[tuple[int, int, int]]:
 
 if __name__ == "__main__":
     options = dict(argument.split("=") for argument in sys.argv[1:])
-    main(int(options.get("clips", 2)))
+    main(int(options.get("clips", 2)), options.get("keep"))
