@@ -20,7 +20,7 @@ from synth.labels.people_contacts import (
     simulated_contacts,
 )
 from synth.labels.shapes import check_shapes
-from synth.labels.support import Places, Recording, look, solve
+from synth.labels.support import Places, SeenStates, look, solve
 from synth.motion.feet import FEET
 from synth.people.segments import SEGMENTS
 from synth.physics.body_state import BodyState
@@ -89,7 +89,7 @@ def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, B
 
 
 def _carry_one(
-    scene: Scene, state: BodyState, seen: Recording, known: PeopleContacts, person: int, fps: float
+    scene: Scene, state: BodyState, seen: SeenStates, known: PeopleContacts, person: int, fps: float
 ) -> tuple[PeopleContacts, dict]:
     """Return the contacts of a person with what stands still, and the fields of `BodyForces` without the axis P."""
     model, frames = scene.model, len(state.qpos)
@@ -139,7 +139,7 @@ def _about(wrench: np.ndarray, lever: np.ndarray) -> np.ndarray:
     return np.stack([force, moment + np.cross(lever, force)], axis=1)
 
 
-def _still_places(scene: Scene, seen: Recording, moves: Movement, person: int, bodies: np.ndarray) -> Places:
+def _still_places(scene: Scene, seen: SeenStates, moves: Movement, person: int, bodies: np.ndarray) -> Places:
     """Return where a person touches, or nearly touches, what stands still."""
     persons, on = scene.geom_persons[seen.geoms], scene.model.geom_bodyid[seen.geoms]
     still = scene.model.body_weldid[on] == 0
@@ -170,7 +170,7 @@ def _feet(contacts: PeopleContacts, part: np.ndarray, frames: int) -> tuple[np.n
     return reaction, pressure
 
 
-def _penetration(scene: Scene, seen: Recording, person: int, frames: int) -> np.ndarray:
+def _penetration(scene: Scene, seen: SeenStates, person: int, frames: int) -> np.ndarray:
     """Return the deepest overlap (F, 2) of a person with another, and with an object, m."""
     deepest, persons = np.zeros((frames, 2)), scene.geom_persons[seen.geoms]
     for side in (0, 1):

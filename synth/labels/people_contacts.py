@@ -8,7 +8,7 @@ import numpy as np
 
 from synth.labels.momentum import movement, needed_forces, smoothed
 from synth.labels.shapes import check_shapes
-from synth.labels.support import Recording
+from synth.labels.support import SeenStates
 from synth.physics.body_state import BodyState
 from synth.scene.build import Scene
 
@@ -115,7 +115,7 @@ def simulated_contacts(scene: Scene, state: BodyState) -> PeopleContacts:
     )
 
 
-def held_contacts(scene: Scene, state: BodyState, seen: Recording, fps: float) -> Iterator[PeopleContacts]:
+def held_contacts(scene: Scene, state: BodyState, seen: SeenStates, fps: float) -> Iterator[PeopleContacts]:
     """Yield the contacts of each carried object with the palms that hold it.
 
     While it lies on nothing that stands still, what its motion needs, less what bodies press on it, is shared equally

@@ -43,7 +43,7 @@ class Places(NamedTuple):
     speed: np.ndarray
 
 
-class Recording(NamedTuple):
+class SeenStates(NamedTuple):
     """What the states of a scene show.
 
     Attributes:
@@ -69,7 +69,7 @@ class Recording(NamedTuple):
     gap: np.ndarray
 
 
-def look(scene: Scene, qpos: np.ndarray) -> Recording:
+def look(scene: Scene, qpos: np.ndarray) -> SeenStates:
     """Put a scene into states (F, nq), and record what touches. Contacts of people are found from 20 mm apart."""
     model = copy.copy(scene.model)
     people = scene.geom_persons >= 0
@@ -95,7 +95,7 @@ def look(scene: Scene, qpos: np.ndarray) -> Recording:
             )
         )
     touching = (np.concatenate(part) for part in zip(*found, strict=True))
-    return Recording(places, turns.reshape(frames, -1, 3, 3), sites, *touching)
+    return SeenStates(places, turns.reshape(frames, -1, 3, 3), sites, *touching)
 
 
 def solve(places: Places, chosen: np.ndarray, centre: np.ndarray, needed: np.ndarray, weight: float) -> np.ndarray:
