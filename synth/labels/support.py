@@ -15,10 +15,10 @@ _GAP, _SPEED = 0.005, 0.3
 """Gap, m, and speed along the surface, m/s, at which a place is half as likely to carry as one in firm contact."""
 _EDGES = 8
 """Edges of the pyramid within the cone of friction."""
-_EVENLY = 1e-5
+_EVENLY = 1e-6
 """Weight of an even distribution, relative to the balance of forces."""
-_ARM = 1.0
-"""Lever by which moments are made comparable with forces, m."""
+_ARM = 3.0
+"""Lever by which moments are made comparable with forces, m: forces are met first."""
 
 
 class Places(NamedTuple):
@@ -74,6 +74,8 @@ def look(scene: Scene, qpos: np.ndarray) -> SeenStates:
     model = copy.copy(scene.model)
     people = scene.geom_persons >= 0
     model.geom_margin[people] = np.maximum(model.geom_margin[people], _NEAR)
+    # The engine looks at bodies first, with the greatest margin of their geoms.
+    np.maximum.at(model.body_margin, model.geom_bodyid[people], _NEAR)
     data, frames = mujoco.MjData(model), len(qpos)
     places, turns = np.empty((frames, model.nbody, 3)), np.empty((frames, model.nbody, 9))
     sites, found = np.empty((frames, model.nsite, 3)), []
