@@ -40,12 +40,10 @@ class InteractionConfig:
     Attributes:
         kind: Name of the interaction, or `<module>:<function>` of your own.
         bystanders: Number of people who do not take part, each with a motion of their own, added to `scene.persons`.
-        yaw: Direction in which the interaction stands, with its furniture, rad from +x; drawn by default.
     """
 
     kind: str = NO_INTERACTION
     bystanders: int = 0
-    yaw: float | None = None
 
     def __post_init__(self):
         interaction.check(self.kind, NO_INTERACTION)
@@ -56,9 +54,6 @@ class InteractionConfig:
                 f"interaction.bystanders={self.bystanders}, but there is no interaction; choose one by "
                 "interaction=..., or ask for more people by scene.persons=[least,greatest]"
             )
-
-        if self.yaw is not None and not -10 < self.yaw < 10:
-            raise ValueError(f"interaction.yaw: expected an angle, rad, got {self.yaw}")
 
     def participants(self, asked: Sequence[int] | None, usual: tuple[int, int]) -> tuple[int, int]:
         """Return the least and greatest number of people who take part.

@@ -25,8 +25,6 @@ _ROUND = 3.0
 """Time for which hands stay at one point, and eyes on one target, s."""
 _FACING = np.radians(65)
 """Greatest angle of a trunk away from the shelf, rad."""
-_BESIDE, _BESIDE_LAST = (np.pi / 4, 3 * np.pi / 4, 5 * np.pi / 4), 7 * np.pi / 4
-"""Angles about the shelf from the first person to those who walk up beside the people at its long sides, rad."""
 _PASSING = 0.5
 """Share of the clips in which a box is passed."""
 
@@ -39,48 +37,20 @@ def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
     follow the people of the Shelf recording: their trunks face the shelf within 60 degrees for five sixths of the time,
     moving or not.
     """
-    count = len(cast.bodies)
-    return _at_shelf(cast, 2 * np.pi * np.arange(count) / count, -np.pi / count, rng=rng)
-
-
-@interaction(persons=(2, 6))
-def shelf_sides(cast: Cast, *, rng: np.random.Generator) -> Script:
-    """As shelving, with two people at the long sides of the shelf; the others walk up beside them.
-
-    With `interaction.yaw` the shelf stands in one direction, the first person at 90 degrees from it.
-    """
-    later = [*_BESIDE[: len(cast.bodies) - 3], _BESIDE_LAST] if len(cast.bodies) > 2 else []
-    around = np.array([0.0, np.pi, *later])
-    return _at_shelf(cast, around, around[-1] / 2 - np.pi, np.pi / 2, rng=rng)
-
-
-def _at_shelf(
-    cast: Cast, around: np.ndarray, between: float, first: float | None = None, *, rng: np.random.Generator
-) -> Script:
-    """People around a shelf.
-
-    Args:
-        cast: P people.
-        around: (P,) angles about the shelf from the first person, rad.
-        between: Such an angle, at which the last person and the first one meet.
-        first: Angle of the first person; drawn by default.
-        rng: Draws all else.
-    """
     # Rounded up to centimetres: hands keep clear of the posts.
     half_length, half_depth = np.ceil(100 * prop_size("shelf").reach[:2]) / 100
     count, seconds = len(cast.bodies), cast.seconds
-    last, drawn = max(seconds[-1], 1e-9), rng.uniform(0, 2 * np.pi)
-    first = drawn if first is None else first
+    last, first = max(seconds[-1], 1e-9), rng.uniform(0, 2 * np.pi)
     passing, rounds = rng.random() < _PASSING, max(1, round(last / _ROUND))
     giver, taken, quick = count - 1, rng.uniform(0.4, 0.6) * last, min(1.2, 0.25 * last)
     # Side by side where they meet, as seen from the shelf.
-    middle, meeting = first + between, during(seconds, taken - 0.5, taken + 0.9, quick)
+    middle, meeting = first - np.pi / count, during(seconds, taken - 0.5, taken + 0.9, quick)
     paths, gazes, free, gaps = [], [], [], []
     for person in range(count):
         moves = _moves(last, rng=rng)
         aside = rng.uniform(-1, 1, len(moves) + 1) * min(_ASIDE, 2 / 3 * np.pi / count)
         gap = rng.uniform(*_NEAR, len(moves) + 1)
-        angle = first + around[person] + _held(aside, moves, seconds)
+        angle = first + 2 * np.pi * person / count + _held(aside, moves, seconds)
         gap = _held(gap, moves, seconds) + random_drift(rng, seconds, 0.03, 0.4)
         away, begin, speed = rng.uniform(*_AWAY), rng.uniform(0.05, 0.7) * last, rng.uniform(0.5, 1.0)
         here = np.ones(len(seconds)) if person < 2 else ease((seconds - begin) * speed / away)

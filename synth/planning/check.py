@@ -114,10 +114,14 @@ def capture_all(clip: Clip, rigs: Sequence[Sequence[int]]) -> list[dict[str, flo
     return [measure(capture(clip.select(views=list(rig)), CaptureConfig()), truth, clip.fps) for rig in rigs]
 
 
-def expected(figures: np.ndarray) -> Expected:
-    """Return the mean of a figure (N,) of N clips, with the interval of other people's clips (Student's t).
+def expected(figures: np.ndarray, least: float = -np.inf, greatest: float = np.inf) -> Expected:
+    """Return the mean of a figure of N clips, with the interval for clips of other people (Student's t).
 
     Clips without the figure are left out; the interval of fewer than two is NaN.
+
+    Args:
+        figures: (N,)
+        least, greatest: Range of the figure, beyond which the interval does not reach.
     """
     known = figures[np.isfinite(figures)]
     if not len(known):
@@ -126,4 +130,4 @@ def expected(figures: np.ndarray) -> Expected:
     if len(known) < 2:
         return Expected(mean, np.nan, np.nan)
     half = stats.t.ppf((1 + _LEVEL) / 2, len(known) - 1) * known.std(ddof=1) / np.sqrt(len(known))
-    return Expected(mean, mean - float(half), mean + float(half))
+    return Expected(mean, max(mean - float(half), least), min(mean + float(half), greatest))

@@ -28,8 +28,8 @@ class MountConfig:
             whole room. Rooms without walls need it.
         places: How many places are tried, spread evenly over what is allowed.
         wall_distance: Distance of a camera from the wall or the ceiling that it is mounted on, m.
-        steepest_deg: Greatest angle at which cameras look down, degrees. The detectors' presets are fitted to views from
-            the side, and know nothing of views from above.
+        steepest_deg: Greatest angle at which cameras look down, degrees. The detectors' presets are fitted to views
+            from the side, and know nothing of views from above.
     """
 
     walls: list[float] = field(default_factory=lambda: [1.8, 2.6])

@@ -1,4 +1,4 @@
-"""What each candidate camera would tell of each joint: whether it is detected, from where, how exactly."""
+"""Evidence of each candidate camera on each joint: how likely it is detected, from where, how exactly."""
 
 from dataclasses import dataclass
 
@@ -17,8 +17,8 @@ from synth.planning.rehearsal import Rehearsal
 from synth.rigs.camera_geometry import intrinsics
 
 _JOINTS = BODY25.index(
-    "nose", "r_ear", "l_ear", "neck", "r_shoulder", "r_elbow", "r_wrist", "l_shoulder", "l_elbow", "l_wrist", "r_hip", "r_knee",
-    "r_ankle", "l_hip", "l_knee", "l_ankle",
+    "nose", "r_ear", "l_ear", "neck", "r_shoulder", "r_elbow", "r_wrist", "l_shoulder", "l_elbow", "l_wrist",
+    "r_hip", "r_knee", "r_ankle", "l_hip", "l_knee", "l_ankle",
 )  # fmt: skip
 """Joints that count, one each of those that lie together."""
 _WIDE_FOCAL, _WIDE_SIDE = 20.0, 4000
@@ -29,7 +29,7 @@ _LEAST_SCALE = 0.003
 
 @dataclass(frozen=True)
 class Evidence:
-    """What C candidates tell of N joints: the same joints of people, frame by frame.
+    """Evidence of C candidates on N joints of people, frame by frame.
 
     Attributes:
         probability: (N, C) float32 that the camera detects the joint.
@@ -49,7 +49,7 @@ class Evidence:
 
 
 def gather(rehearsal: Rehearsal, candidates: Candidates, detector: DetectorConfig, frames: int) -> Evidence:
-    """Return what candidates tell of the joints of a clip.
+    """Return the evidence of candidates on the joints of a clip.
 
     Visibility is computed once for each place, by rays through the simulated scene. How likely a joint is detected, and
     how exactly, follows from its visibility by the detector's preset.
@@ -95,7 +95,7 @@ def _evidence(joints: np.ndarray, rig: CameraRig, probability: np.ndarray, scale
     toward = joints[:, None] - rig.centers[:, None, None]
     toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
     x, y, z = np.moveaxis(toward, -1, 0)
-    # A camera tells the place across its ray, and nothing along it.
+    # A camera measures the place across its ray, and nothing along it.
     plane = np.stack([1 - x * x, 1 - y * y, 1 - z * z, -x * y, -x * z, -y * z], -1)
     weight = probability / np.maximum(np.nan_to_num(scale, nan=np.inf), _LEAST_SCALE) ** 2
     present = np.isfinite(joints).all(-1)[:, :, _JOINTS]

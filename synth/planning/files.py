@@ -30,10 +30,12 @@ def mounting_table(planned: PlannedRig) -> Table:
     """Return where each camera is mounted, and where it looks."""
     rows = [
         (
-            name, kind, f"{x:.2f}", f"{y:.2f}", f"{z:.2f}", f"{pan:.0f}", f"{tilt:.0f}", f"{view:.0f}", f"{width} x {high}"
+            name, kind, *(f"{length:.2f}" for length in center), *(f"{angle:.0f}" for angle in angles),
+            f"{width} x {high}",
         )
-        for name, kind, (x, y, z), pan, tilt, view, (width, high) in zip(
-            planned.rig.names, planned.kind, planned.rig.centers, planned.pan_deg, planned.tilt_deg, planned.view_deg,
+        for name, kind, center, angles, (width, high) in zip(
+            planned.rig.names, planned.kind, planned.rig.centers,
+            np.column_stack([planned.pan_deg, planned.tilt_deg, planned.view_deg]),
             planned.rig.size, strict=True,
         )
     ]  # fmt: skip

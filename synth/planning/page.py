@@ -68,11 +68,11 @@ def write_page(plan: Plan, path: Path) -> None:
             _ABOUT,
             tables=[numbers_table(plan)],
             figures=[CaptionedFigure("Intervals of 95 % over clips of different people.", curves_figure(plan))],
-        )  # fmt: skip
+        )
     ]
     for each in plan.rigs:
         number = len(each.rig)
-        files = f"Rig: cameras_{number}.toml, or rig=planned_{number} with --config-dir. List to print: mounting_{number}.txt."
+        files = f"Rig: cameras_{number}.toml, rig/planned_{number}.yaml. List to print: mounting_{number}.txt."
         figures = [
             CaptionedFigure("The people's area from above; squares: walls, discs: ceiling, triangles: tripods.",
                             floor_figure(each)),
@@ -84,8 +84,9 @@ def write_page(plan: Plan, path: Path) -> None:
     persons = f"{scene.persons[0]} to {scene.persons[1]} people" if scene.persons else "2 to 4 people"
     summary = [
         f"Room {Path(scene.arena).stem}, {persons} within {scene.radius:g} m of ({scene.middle[0]:g}, "
-        f"{scene.middle[1]:g}), detector {config.detector.name}, seed {config.seed}. {plan.candidates} cameras were tried "
-        f"on {config.search.clips} clips, the rigs checked on {config.search.check_clips} others of {scene.seconds:g} s.",
+        f"{scene.middle[1]:g}), detector {config.detector.name}, seed {config.seed}. {plan.candidates} cameras were "
+        f"tried on {config.search.clips} clips, the rigs checked on {config.search.check_clips} others of "
+        f"{scene.seconds:g} s.",
         *([f"The room's file: {'; '.join(plan.room)}."] if plan.room else []),
     ]
     write_report(path, "Where to mount cameras", sections, summary=summary)

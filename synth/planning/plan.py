@@ -142,7 +142,7 @@ def find_candidates(config: PlanConfig) -> Candidates:
 
 
 def gather_evidence(config: PlanConfig, candidates: Candidates) -> Evidence:
-    """Simulate the people that cameras are chosen by, and return what all candidates tell of them."""
+    """Simulate the people that cameras are chosen by, and return the evidence of all candidates."""
     tasks = ((config, candidates, number) for number in range(config.search.clips))
     made = in_parallel(_gather, tasks, config.workers)
     return Evidence.joined(list(progress(made, "rehearsing", config.search.clips)))
@@ -179,12 +179,12 @@ def _planned(
     rig = candidates.rig[cameras]
     if config.rig == _NO_RIG:
         rig = replace(rig, names=tuple(f"camera{number + 1}" for number in range(len(rig))))
-    whole = {name: expected(values[0]) for name, values in figures.items()}
+    most = {name: 100.0 if unit == "%" else np.inf for name, (_, unit) in FIGURES.items()}
+    whole = {name: expected(values[0], 0.0, most[name]) for name, values in figures.items()}
     worth = tuple(
         {name: expected(values[0] - values[1 + lacking]) for name, values in figures.items()}
         for lacking in range(len(figures["pcp"]) - 1)
     )
-    assert set(whole) == set(FIGURES)
     return PlannedRig(
         rig,
         candidates.kind[cameras],

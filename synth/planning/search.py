@@ -38,7 +38,7 @@ def standard_errors(information: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _State:
-    """What some cameras together tell of N joints.
+    """Joint evidence of some cameras on N joints.
 
     Attributes:
         none, one: (N,) probabilities that no camera and that a single one detects the joint.
@@ -87,7 +87,7 @@ def choose(evidence: Evidence, place: np.ndarray, numbers: range, exchanges: int
     """Choose cameras for each number, by greedy search and exchange.
 
     Args:
-        evidence: What C candidates tell.
+        evidence: Of C candidates.
         place: (C,) index of each candidate's place; no place is taken twice.
         numbers: Of cameras.
         exchanges: How often at most each camera is exchanged for the best other one.
@@ -123,7 +123,7 @@ def _scores(evidence: Evidence, place: np.ndarray, others: list[int]) -> np.ndar
 
 
 def _exchanged(evidence: Evidence, place: np.ndarray, chosen: list[int], rounds: int) -> list[int]:
-    """Return the cameras after each was exchanged for the best other one, until nothing improves or `rounds` are over."""
+    """Return the cameras after each was exchanged for the best other one, in at most so many rounds."""
     chosen = list(chosen)
     for _ in range(rounds):
         before = list(chosen)

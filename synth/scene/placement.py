@@ -125,7 +125,6 @@ def place_script(
     middle: Sequence[float],
     radius: float,
     gathering: float,
-    yaw: float | None = None,
     rng: np.random.Generator,
 ) -> tuple[list[Placement], list[PlacedProp], list[Load]]:
     """Place all people of an interaction together, with their furniture.
@@ -137,7 +136,6 @@ def place_script(
         middle: x and y of the middle, m.
         radius: Greatest distance of hips from the middle, m; the clip fails half a metre beyond it.
         gathering: Distance of the interaction from the middle, m (standard deviation).
-        yaw: Direction of the interaction, rad; drawn by default.
         rng: Draws placements.
 
     Returns:
@@ -154,16 +152,15 @@ def place_script(
     walking = all(role.walks for role in script.roles)
     best, least = None, np.inf
     for attempt in range(_DRAWS):
-        at, turn = rng.normal(middle, 0.25 * gathering * (1 + attempt / 10), 2), float(rng.uniform(-np.pi, np.pi))
-        turn = turn if yaw is None else yaw
-        places = placed_discs(occupied, at, turn)[:, :2]
+        at, yaw = rng.normal(middle, 0.25 * gathering * (1 + attempt / 10), 2), float(rng.uniform(-np.pi, np.pi))
+        places = placed_discs(occupied, at, yaw)[:, :2]
         gap = np.linalg.norm(places[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - occupied[:, 2:]
         blocked = np.maximum(0, -gap).max(1, initial=0.0)
         strays = float(np.linalg.norm(places[: len(paths)] - middle, axis=1).max())
         # People who walk step around obstacles later.
         cost = float(blocked.mean() if walking else blocked.max()) + max(0.0, strays - max(radius, reach))
         if cost < least:
-            best, least = (at, turn), cost
+            best, least = (at, yaw), cost
         if least == 0:
             break
     if reach > radius + 0.5 or least > 0.3:

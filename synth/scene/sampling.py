@@ -194,9 +194,7 @@ def lay_out(
     furniture, loads = [], []
     if people.script:
         taking_part = people.motions[: len(people.script.roles)]
-        placements, furniture, loads = place_script(
-            people.script, taking_part, arena, **where, yaw=people.interaction.yaw, rng=rng
-        )
+        placements, furniture, loads = place_script(people.script, taking_part, arena, **where, rng=rng)
         if bystanders := people.motions[len(taking_part) :]:
             paths = [redirected_path(motion, *at) for motion, at in zip(taking_part, placements, strict=True)]
             placements += place_persons(
