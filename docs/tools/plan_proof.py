@@ -30,7 +30,9 @@ from dmae.data.rng import Stream, generator
 from dmae.evaluation.evaluate import EvaluateConfig, evaluate
 from dmae.formats.reading import DataConfig
 from synth.cli import SYNTH
+from synth.planning.candidates import given_cameras
 from synth.planning.check import check_rigs, expected
+from synth.planning.evidence import Evidence
 from synth.planning.mounts import stage_of
 from synth.planning.plan import check_numbers, find_candidates, gather_evidence
 from synth.planning.search import choose, predict
@@ -125,16 +127,13 @@ def _own_order(real: dict, chosen: list[tuple[int, ...]]) -> str:
 
 def rings(clips: int, workers: int) -> dict[str, dict]:
     """Return the table of planned rigs against rings."""
-    rows = []
+    rows, scores = [], []
     for room in ("studio", "office", "pillars"):
         config = _config([f"scene={room}", "cameras=[3,5]", "scene.persons=[1,4]", "seed=3"], clips, workers)
-        candidates = find_candidates(config)
-        chosen = choose(gather_evidence(config, candidates), candidates.place, config.numbers, config.search.exchanges)
-        scene = config.setting()
+        candidates, scene = find_candidates(config), config.setting()
         stage = stage_of(arena_file(scene.arena), np.array(scene.middle), scene.radius)
-        parts, rigs = [candidates.rig], list(chosen.values())
-        count = len(candidates)
-        for number in chosen:
+        parts, rigs, count = [candidates.rig], [], len(candidates)
+        for number in config.numbers:
             for ring in range(_RINGS):
                 lens = RingConfig(
                     number, focal=float(config.lens.matrix(config.lens.view_deg[0])[0, 0]), size=config.lens.size
@@ -144,9 +143,22 @@ def rings(clips: int, workers: int) -> dict[str, dict]:
                 rigs.append(list(range(count, count + number)))
                 count += number
         cameras = joined(parts)
+        place = np.concatenate([candidates.place, len(cameras) + np.arange(count - len(candidates))])
+        given = given_cameras(cameras)
+        evidence = gather_evidence(config, replace(given, place=place))
+        own = slice(len(candidates))
+        mounted = Evidence(evidence.probability[:, own], evidence.information[:, own])
+        chosen = choose(mounted, candidates.place, config.numbers, config.search.exchanges)
+        rigs = [*chosen.values(), *rigs]
         used = sorted({camera for rig in rigs for camera in rig})
         rank = {camera: index for index, camera in enumerate(used)}
         found = check_rigs(config, cameras[used], [[rank[c] for c in rig] for rig in rigs], check_numbers(config))
+        guessed = [predict(evidence, rig) for rig in rigs]
+        scores.append([room, str(len(rigs)), *(
+            f"{spearmanr([getattr(each, guess) for each in guessed], found[name].mean(1))[0]:.2f}"
+            for guess, name in (("score", "pcp"), ("missing", "missing"), ("error", "error"))
+        )])  # fmt: skip
+        print(scores[-1], flush=True)
         for index, number in enumerate(chosen):
             first = len(chosen) + _RINGS * index
             row = [room, str(number)]
@@ -163,7 +175,8 @@ def rings(clips: int, workers: int) -> dict[str, dict]:
     columns = ["room", "cameras"]
     for heading in ("not measured, %", "PCP, %", "error, mm"):
         columns += [f"{heading}: planned", "rings", "difference"]
-    return {"rings": {"columns": columns, "rows": rows}}
+    ranked = ["room", "rigs", "rank correlation: score with PCP", "share not measured", "error"]
+    return {"rings": {"columns": columns, "rows": rows}, "score": {"columns": ranked, "rows": scores}}
 
 
 def _config(options: list[str], clips: int, workers: int):

@@ -12,6 +12,8 @@ from synth.planning.files import mounting_table
 from synth.planning.plan import Plan, PlannedRig
 
 PAGE = "plan.html"
+_SHOWN = ("missing", "pcp", "error", "switches")
+"""Figures in the table; the others are in the JSON."""
 _ABOUT = (
     "Cameras were chosen by the visibility of joints of simulated people, computed by rays, and by how often the "
     "detector's preset misses joints so visible. The figures are of other simulated people: their simulated detections "
@@ -27,11 +29,11 @@ _WORTH = (
 
 def numbers_table(plan: Plan) -> Table:
     """Return the figures by number of cameras."""
-    header = ("cameras", *(f"{heading}, {unit}" for heading, unit in FIGURES.values()), "floor seen by 2", "by 3")
+    header = ("cameras", *(", ".join(FIGURES[name]) for name in _SHOWN), "floor seen by 2", "by 3")
     rows = [
         (
             str(len(each.rig)),
-            *(figure_text(each.figures[name]) for name in FIGURES),
+            *(figure_text(each.figures[name]) for name in _SHOWN),
             *(f"{each.floor.share(least):.0f} %" for least in (2, 3)),
         )
         for each in plan.rigs
