@@ -11,6 +11,7 @@ COMMANDS = {
     "stats": "Describe a data set: a page and a picture",
     "export": "Write a data set in the layout of another program",
     "compare": "Compare the detections of a recording and of its simulation",
+    "plan": "Plan how many cameras, and where to mount them",
     "takes": "List takes of recorded motion, and divide them by subject",
     "compare-motion": "Compare how recorded and how generated people move",
     "fit-detector": "Fit a detector's preset to a recording",
