@@ -18,7 +18,8 @@ from torch import Tensor
 from dmae.completion.network.build import build_network
 from dmae.completion.network.config import ModelConfig, model_config
 from dmae.completion.network.paper import DMAE
-from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton import Skeleton, decode_skeleton, get_skeleton
+from dmae.data.skeletons.definition import encode
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
 from dmae.files.structured import read_json
@@ -62,7 +63,7 @@ def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> N
     data = save_tensors({name: tensor.contiguous().cpu() for name, tensor in model.state_dict().items()})
     meta = {
         "format": FORMAT,
-        "skeleton": skeleton.name,
+        "skeleton": encode(skeleton),
         "model": asdict(model.config),
         "versions": {name: metadata.version(name) for name in ("dmae-synth", "torch")},
         **record,
@@ -94,7 +95,8 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
     if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
         raise ValueError(f"{path}: does not match the checksum in model.json; the weights are damaged, train again")
     try:
-        skeleton, tensors, options = get_skeleton(meta["skeleton"]), load_tensors(data), meta["model"]
+        skeleton = decode_skeleton(meta["skeleton"], "skeleton")
+        tensors, options = load_tensors(data), meta["model"]
         if meta["format"] == 4:
             tensors, options = _from_format_4(tensors, options)
         config = model_config(options)

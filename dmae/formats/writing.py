@@ -90,7 +90,8 @@ def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
     if writer.name != "clip":
         _check_folder(path, clip)
     writer.function(clip, path)
-    values = {"fps": f"{clip.fps:g}", "skeleton": clip.detections.skeleton.name}
+    skeleton = clip.detections.skeleton
+    values = {"fps": f"{clip.fps:g}", "skeleton": f"{skeleton.name}.yaml" if skeleton.defined else skeleton.name}
     return " ".join(f"data.{option}={values[option]}" for option in writer.lacks)
 
 
@@ -105,7 +106,7 @@ def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleto
         raise ValueError(f"skeleton={wanted}: format={writer.name} is always of {only}; leave it out")
     if only or wanted:
         return get_skeleton(only or wanted)
-    return poses.skeleton if writer.fused else get_skeleton(poses.skeleton.name.split("+")[0])
+    return poses.skeleton if writer.fused else poses.skeleton.parts[0]
 
 
 def _check_folder(folder: Path, clip: Clip) -> None:

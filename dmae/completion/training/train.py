@@ -40,6 +40,7 @@ from dmae.completion.weights import load_model, save_model
 from dmae.data.clip import Clip
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import BODY25, Skeleton, get_skeleton
+from dmae.data.skeletons.definition import encode
 
 _PRECISION = {Precision.single: "32-true", Precision.bf16: "bf16-mixed"}
 _QUIET = {"enable_progress_bar": False, "enable_model_summary": False}
@@ -205,7 +206,7 @@ def _load_initial(config: TrainConfig) -> tuple[DMAE, Skeleton, dict] | None:
     if config.init is None:
         return None
     model, skeleton, record = load_model(Path(config.init))
-    if config.skeleton not in (None, skeleton.name):
+    if config.skeleton is not None and get_skeleton(config.skeleton) != skeleton:
         raise ValueError(f"{config.init}: a model of skeleton {skeleton.name!r}, and skeleton={config.skeleton}")
     wanted, found = (_flat(asdict(options), "model.") for options in (config.model, model.config))
     differing = ", ".join(f"{name}={value}" for name, value in found.items() if value != wanted[name])
@@ -234,7 +235,7 @@ def _claim(out: Path, config: TrainConfig, skeleton: Skeleton, init: dict | None
     if config.learning.precision == Precision.single:
         # As models made before there was a choice.
         del wanted["learning"]["precision"]
-    wanted |= {"skeleton": skeleton.name, "init": init and init["sha256"]}
+    wanted |= {"skeleton": encode(skeleton), "init": init and init["sha256"]}
     wanted["clips"] = {name: _digest(pair) for name, pair in pairs.items()}
     claim_folder(out / "training.json", wanted, "a model")
 
