@@ -12,7 +12,7 @@ from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
 from dmae.numerics.likely_error import without_unlikely
 
-_SUFFIXES = {"coco": ".json"}
+_SUFFIXES = {"coco": ".json", "movement": ".nc"}
 """Of files that are not called like their format."""
 
 
@@ -105,7 +105,14 @@ def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleto
     if only and wanted not in (None, only):
         raise ValueError(f"skeleton={wanted}: format={writer.name} is always of {only}; leave it out")
     if only or wanted:
-        return get_skeleton(only or wanted)
+        skeleton = get_skeleton(only or wanted)
+        common = set(skeleton.joints) & set(poses.skeleton.joints)
+        if only and poses.skeleton.defined and 2 * len(common) < len(skeleton):
+            raise ValueError(
+                f"format={writer.name} is always of {only}, and {poses.skeleton.name} has {len(common)} of its "
+                f"{len(skeleton)} joints; npz, trc, c3d, coco and movement hold any skeleton"
+            )
+        return skeleton
     return poses.skeleton if writer.fused else poses.skeleton.parts[0]
 
 

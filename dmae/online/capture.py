@@ -61,7 +61,8 @@ class OnlineCapture:
             complete: Completes captured poses, see `dmae.completion.pipeline.completers`; None for none.
 
         Raises:
-            ValueError: fewer than two cameras, a skeleton without a size, or people are asked for that only a whole recording tells.
+            ValueError: fewer than two cameras, a skeleton without a size, or people are asked for that only a whole
+                recording tells.
         """
         if len(rig) < 2:
             raise ValueError(f"capture needs at least 2 cameras, found {len(rig)}")
