@@ -44,6 +44,8 @@ _FORMAT_4_FEATURES = {"carried": "held", "mended": "bone_length", "roughness": "
 _FORMAT_4_LAYERS = {"amount": "residual_scale", "embed_base": "embed_hidden"}
 """Names of format 4, which the models of version 0.1 have, and those of today. The tensors are the same."""
 
+OF_PEOPLE = {"l_hip", "r_hip", "l_shoulder", "r_shoulder"}
+"""Joints by which the network knows where a body is and faces."""
 _LARGEST = 1e6
 """Of a weight."""
 SHIPPED = Path(__file__).parents[1] / "models"
@@ -151,8 +153,15 @@ def find_shipped(skeleton: Skeleton) -> Path:
     """Return the folder of the shipped weights for a skeleton, or else for the one that shares most joints with it.
 
     Raises:
-        ValueError: no weights are shipped for a skeleton with a joint of the same name.
+        ValueError: no weights are shipped for a skeleton with a joint of the same name, or it is of a body of your own
+            without the hips and shoulders of people.
     """
+    if skeleton.defined and not set(skeleton.joints) >= OF_PEOPLE:
+        raise ValueError(
+            f"the weights of this package know people, on {', '.join(shipped())}, and nothing of {skeleton.name!r}; "
+            "fill it with a method that learns from the recording itself, dmae capture fill=gaussian_process. A "
+            f"network can be trained (dmae train skeleton=...) on bodies with {', '.join(sorted(OF_PEOPLE))}"
+        )
     common = {name: len(set(get_skeleton(name).joints) & set(skeleton.joints)) for name in shipped()}
     best = max(common, key=lambda name: (name == skeleton.name, common[name]), default=None)
     if best is None or not common[best]:

@@ -111,7 +111,8 @@ def detected(xyz: np.ndarray, skeleton: Skeleton, rig: CameraRig, *, rng: np.ran
     xy[missed | ~rig.inside(xy)] = np.nan
     score = np.where(np.isnan(xy[..., 0]), np.nan, rng.uniform(0.6, 0.95, xy.shape[:-1]))
     order = rng.permuted(np.tile(np.arange(xy.shape[2]), (*xy.shape[:2], 1)), axis=-1)[..., None]
-    detections = Detections2D(skeleton, np.take_along_axis(xy, order[..., None], 2), np.take_along_axis(score, order, 2))
+    xy, score = np.take_along_axis(xy, order[..., None], 2), np.take_along_axis(score, order, 2)
+    detections = Detections2D(skeleton, xy, score)
     return Clip(skeleton.name, FPS, rig, detections, truth=Poses3D(skeleton, xyz))
 
 
@@ -119,6 +120,13 @@ def hand_clip(frames: int = 300, seed: int = 0) -> Clip:
     """A hand before four cameras at 60 cm."""
     rng = np.random.default_rng(seed)
     return detected(hand(frames, rng=rng)[:, None], HAND, around(0.6, 0.3), rng=rng)
+
+
+def hands_clip(frames: int = 300, seed: int = 0) -> Clip:
+    """Two hands 12 cm apart, which overlap in most pictures."""
+    rng = np.random.default_rng(seed)
+    hands = [hand(frames, rng=rng) + (place, 0, 0) for place in (-0.06, 0.06)]
+    return detected(np.stack(hands, 1), HAND, around(0.6, 0.3), rng=rng)
 
 
 def dog_clip(frames: int = 300, seed: int = 0, dogs: int = 1) -> Clip:

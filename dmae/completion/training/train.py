@@ -36,7 +36,7 @@ from dmae.completion.training.reading import TrainingSet, read_training_set, spl
 from dmae.completion.training.time_limit import TimeLimit
 from dmae.completion.training.uncertainty_fitting import fit_factors
 from dmae.completion.uncertainty import CLASSES
-from dmae.completion.weights import load_model, save_model
+from dmae.completion.weights import OF_PEOPLE, load_model, save_model
 from dmae.data.clip import Clip
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import BODY25, Skeleton, get_skeleton
@@ -84,6 +84,12 @@ def train(
     out, limit = Path(out), TimeLimit(config.max_minutes, since)
     initial = _load_initial(config)
     skeleton = initial[1] if initial else get_skeleton(config.skeleton or BODY25.name)
+    lacking = OF_PEOPLE - set(skeleton.parts[0].joints)
+    if skeleton.defined and lacking:
+        raise ValueError(
+            f"skeleton={config.skeleton}: the network places bodies by hips and shoulders; {skeleton.name!r} lacks "
+            f"{', '.join(sorted(lacking))}. Methods that need no training fill any skeleton: fill=gaussian_process"
+        )
     weight = config.learning.observed_weight
     if weight and len(skeleton.parts) > 1:
         raise ValueError(f"learning.observed_weight={weight}: {skeleton.name!r} has no observed joint to learn")
