@@ -177,7 +177,7 @@ class OnlineCapture:
         number = number[order]
         tracks = merge(tracks.select(order), np.searchsorted(number, number))
         number = np.unique(number)
-        measured = well_measured(tracks, min(config.tracking.birth_joints, len(self._skeleton)))[window.start :]
+        measured = well_measured(tracks, config.tracking.births(len(self._skeleton)))[window.start :]
         earlier = np.array([self._frames_of.get(p, 0) for p in number.tolist()], int)
         frames = self._number + len(self._waiting)
         kept = ~false_positives(tracks, earlier + measured.sum(0), frames, fps, config)

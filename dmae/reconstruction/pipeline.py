@@ -72,7 +72,7 @@ def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
         differs = partial(appearance_differs, clip, tracks.assigned, tracking.reentry_colour_difference)
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s, differs))
     tracks = inside_volume(tracks, config.volume)
-    measured = well_measured(tracks, min(tracking.birth_joints, len(skeleton))).sum(0)
+    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(0)
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
     tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
     if config.reassignment.distance_m > 0:

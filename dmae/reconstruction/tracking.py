@@ -17,7 +17,7 @@ from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
 from dmae.reconstruction.compiled.chance import beyond_chance
-from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit
+from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit, fewer_of_few
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged, nearer_side
 from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
@@ -42,12 +42,12 @@ class Tracker:
         self._config, self._dt = config, 1 / fps
         self._compared = _compared_joints(skeleton, config.association.joints)
         self._sides, self._mirror = Sides.of(skeleton), list(skeleton.mirror)
-        self._bones = np.array(skeleton.bones).reshape(-1, 2)
+        self._bones = np.array(skeleton.bones, int).reshape(-1, 2)
         self._state = TrackState.birth(0, np.empty((0, len(skeleton), 3)))
         self._births = 0
         self._longest = PERSON_M if skeleton.defined else _LONGEST_BONE
-        self._fewest = min(_MIN_JOINTS, len(skeleton))
-        self._birth_joints = min(config.tracking.birth_joints, len(skeleton))
+        self._fewest = _fewest(len(skeleton))
+        self._birth_joints = config.tracking.births(len(skeleton))
 
     def step(self, evidence: Evidence, frame: int, colours: TorsoColours | None = None) -> TrackedFrame:
         """Track people into the next frame, which has index `frame` in the evidence."""
@@ -108,6 +108,11 @@ def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
     return skeleton.index("mid_hip") if "mid_hip" in skeleton.joints else skeleton.index("l_hip", "r_hip")
 
 
+def _fewest(joints: int) -> int:
+    """Return the fewest joints of a person that is measured, of a skeleton with so many."""
+    return min(_MIN_JOINTS, fewer_of_few(joints))
+
+
 def _propagate(
     evidence: Evidence, frame: int, state: TrackState, sides: Sides, mirror: list[int]
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -148,7 +153,7 @@ def _match(
     config, confidence = evidence.config.association, evidence.confidence[frame]
     present = ~np.isnan(confidence)
     view, detection = np.nonzero(
-        free & (present.sum(-1) >= min(_MIN_JOINTS, present.shape[-1])) & present[..., compared].any(-1)
+        free & (present.sum(-1) >= _fewest(present.shape[-1])) & present[..., compared].any(-1)
     )
     if len(np.unique(view)) < 2:
         return np.empty((0, len(confidence), confidence.shape[-1]), int)
@@ -191,9 +196,7 @@ def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.nda
     rig, most = evidence.rig, evidence.config.tracking.max_by_chance
     supported = np.ones(len(assigned), bool)
     if len(assigned) and most is not None:
-        figures = (
-            ((~np.isnan(evidence.confidence[frame])).sum(-1) >= min(_MIN_JOINTS, xyz.shape[1])).sum(-1).astype(float)
-        )
+        figures = ((~np.isnan(evidence.confidence[frame])).sum(-1) >= _fewest(xyz.shape[1])).sum(-1).astype(float)
         focal, width = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1]), rig.size[:, 0].astype(float)
         beyond_chance(
             rig.projections, focal, width, evidence.xy[frame], assigned, xyz, used, figures, float(most), supported
