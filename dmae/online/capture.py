@@ -10,11 +10,13 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
+from dmae.data.skeletons.size import resized_poses, resized_rig
 from dmae.online.completion import FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
+from dmae.reconstruction.people.body_size import resized_config
 from dmae.reconstruction.people.subjects import inside_volume
 from dmae.reconstruction.pipeline import measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
@@ -61,7 +63,8 @@ class OnlineCapture:
             complete: Completes captured poses, see `dmae.completion.pipeline.completers`; None for none.
 
         Raises:
-            ValueError: fewer than two cameras, or people are asked for that only a whole recording tells.
+            ValueError: fewer than two cameras, a skeleton without a size, or people are asked for that only a whole
+                recording tells.
         """
         if len(rig) < 2:
             raise ValueError(f"capture needs at least 2 cameras, found {len(rig)}")
@@ -70,6 +73,12 @@ class OnlineCapture:
                 "capture.persons and capture.subject are decided over a whole recording, which is not known while "
                 "cameras run; give capture.volume, or leave them out"
             )
+        if skeleton.size_m is None:
+            raise ValueError(
+                f"skeleton {skeleton.name!r} states no size, which is not known before the recording; give size_m"
+            )
+        if skeleton.scale != 1:
+            rig, config = resized_rig(rig, 1 / skeleton.scale), resized_config(config, 1 / skeleton.scale)
         self._rig, self._skeleton, self._fps, self._config = rig, skeleton, fps, config
         self._tracker = Tracker(skeleton, fps, config)
         self._batch = max(round(BATCH * fps), 1)
@@ -134,7 +143,9 @@ class OnlineCapture:
             both = np.isin(known, persons)
             before[number[both], np.searchsorted(persons, known[both])] = xyz[both]
         poses, xyz = measure(evidence, tracks, slice(past, past + ahead), before, self._skeleton, self._fps)
-        finished = split_frames(poses.select(slice(count)), persons, self._number)
+        done, scale = poses.select(slice(count)), self._skeleton.scale
+        done = done if scale == 1 else resized_poses(done, scale)
+        finished = split_frames(done, persons, self._number)
         self._measured += [(persons, joints) for joints in xyz[:count]]
         self._number += count
         del self._waiting[:count]
@@ -171,7 +182,7 @@ class OnlineCapture:
         number = number[order]
         tracks = merge(tracks.select(order), np.searchsorted(number, number))
         number = np.unique(number)
-        measured = well_measured(tracks, config.tracking.birth_joints)[window.start :]
+        measured = well_measured(tracks, config.tracking.births(len(self._skeleton)))[window.start :]
         earlier = np.array([self._frames_of.get(p, 0) for p in number.tolist()], int)
         frames = self._number + len(self._waiting)
         kept = ~false_positives(tracks, earlier + measured.sum(0), frames, fps, config)
