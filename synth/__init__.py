@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from synth.public.generation import verify as verify
     from synth.public.pictures import contact_sheet as contact_sheet
     from synth.public.pictures import show as show
+    from synth.public.realism import detector_errors as detector_errors
+    from synth.public.realism import realism as realism
     from synth.public.rendering import body_state as body_state
     from synth.public.rendering import forecast as forecast
     from synth.public.rendering import render as render
@@ -34,6 +36,7 @@ _HOMES = {
     "synth.public.comparison": ["compare", "compare_motion", "fit_detector"],
     "synth.public.generation": ["export", "generate", "merge", "split", "stats", "takes", "verify"],
     "synth.public.pictures": ["contact_sheet", "show"],
+    "synth.public.realism": ["detector_errors", "realism"],
     "synth.public.rendering": ["body_state", "forecast", "render"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

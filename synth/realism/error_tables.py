@@ -11,7 +11,7 @@ from dmae.data.skeleton import BODY25
 from dmae.reporting.tables import Table
 from synth.detector.parts import kind_of
 from synth.realism.crops import NEAR, UNOBSTRUCTED
-from synth.realism.observations import JointsSeen, Observations, PeopleSeen
+from synth.realism.observations import DetectorObservations, JointsSeen, PeopleSeen
 
 _MARGINS = (0.05, 0.15, 0.3, 1.0)
 _SIZES = (150.0, 250.0, 400.0)
@@ -107,7 +107,7 @@ def _sorted(seen: JointsSeen | PeopleSeen) -> list[tuple[str, str, np.ndarray]]:
     return found + [("direction", group, seen.direction == group) for group in ("facing", "sideways", "away")]
 
 
-def numbers(found: Observations) -> dict:
+def numbers(found: DetectorObservations) -> dict:
     """Return the tables of a detector as JSON has them."""
     return {
         "joints": [asdict(row) for row in joint_rows(found.joints)],

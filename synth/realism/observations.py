@@ -9,9 +9,9 @@ from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.skeleton_conversion import convert, convert_detections
-from synth.detector.matching import match_detections
+from synth.detector.matching import FRAGMENT, match_detections
 from synth.detector.statistics import GROSS
-from synth.realism.sightings import sightings
+from synth.realism.sightings import Sightings, sightings
 
 _IN_IMAGE = Visibility.HIDDEN_BY_OBJECT
 _MIRROR = list(BODY25.mirror)
@@ -19,7 +19,7 @@ _MIRROR = list(BODY25.mirror)
 
 @dataclass(frozen=True)
 class JointsSeen:
-    """The n joints in the image of the people whom a detector found.
+    """The n joints in the image, of the people that a detector found.
 
     Attributes:
         joint: (n,) index into BODY25.
@@ -72,7 +72,7 @@ class PeopleSeen:
 
 
 @dataclass(frozen=True)
-class Observations:
+class DetectorObservations:
     """What a detector made of some clips.
 
     Attributes:
@@ -90,8 +90,8 @@ class Observations:
     duplicates: int
 
 
-def observe(clip: Clip) -> Observations:
-    """Hold the detections of a clip against its truth.
+def observe(clip: Clip) -> DetectorObservations:
+    """Compare the detections of a clip with its truth.
 
     Raises:
         ValueError: the clip has no truth, no labels of visibility, or detections of another body.
@@ -133,13 +133,21 @@ def observe(clip: Clip) -> Observations:
         direction=seen.direction[there],
         found=match.matched[there],
     )
-    ghosts = match.left_over & ~match.near
-    return Observations(
+    ghosts = match.left_over & ~match.near & ~_is_cut(body.xy, seen)
+    return DetectorObservations(
         joints, people, len(clip) * len(clip.rig), int(ghosts.sum()), int((match.left_over & match.near).sum())
     )
 
 
-def pooled(parts: Sequence[Observations]) -> Observations:
+def _is_cut(xy: np.ndarray, seen: Sightings) -> np.ndarray:
+    """Return (F, V, D) True for detections of people who are mostly outside the image, whom `Match` leaves out."""
+    off = np.linalg.norm(seen.xy[:, :, None] - xy[:, :, :, None], axis=-1) / seen.height[:, :, None, :, None]
+    known = ~np.isnan(off)
+    middle = np.nanmedian(np.where(known.any(-1, keepdims=True), off, np.inf), -1)
+    return (middle < FRAGMENT).any(-1)
+
+
+def pooled(parts: Sequence[DetectorObservations]) -> DetectorObservations:
     """Return the observations of several clips as one."""
 
     def together(name: str):
@@ -149,4 +157,4 @@ def pooled(parts: Sequence[Observations]) -> Observations:
         )
 
     counts = {name: sum(getattr(part, name) for part in parts) for name in ("pictures", "ghosts", "duplicates")}
-    return Observations(together("joints"), together("people"), **counts)
+    return DetectorObservations(together("joints"), together("people"), **counts)

@@ -9,7 +9,7 @@ from dmae.progress import progress
 from synth.detector.config import DetectorConfig
 from synth.detector.fitting import redetect
 from synth.realism.error_tables import numbers
-from synth.realism.observations import Observations, observe, pooled
+from synth.realism.observations import DetectorObservations, observe, pooled
 
 
 def study(
@@ -41,7 +41,7 @@ def study(
     return {name: numbers(pooled([found[name] for found in done])) for name in done[0]}
 
 
-def _study_clip(folder: Path, simulated: Mapping[str, DetectorConfig], seed: int) -> dict[str, Observations]:
+def _study_clip(folder: Path, simulated: Mapping[str, DetectorConfig], seed: int) -> dict[str, DetectorObservations]:
     clip = load(DataConfig("clip", str(folder)))[0]
     own = f"{clip.provenance.get('detector', 'detections')} (measured)"
     return {own: observe(clip)} | {name: observe(redetect(clip, config, seed)) for name, config in simulated.items()}
