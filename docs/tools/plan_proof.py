@@ -133,8 +133,10 @@ def rings(clips: int, workers: int) -> Iterator[dict[str, dict]]:
         columns += [f"{heading}: planned", "rings", "difference"]
     ranked = ["room", "rigs", "rank correlation: score with PCP", "share not measured", "error"]
     rows, scores = [], []
-    for room in ("studio", "office", "pillars"):
-        config = _config([f"scene={room}", "cameras=[3,5]", "scene.persons=[1,4]", "seed=3"], clips, workers)
+    for room in ("office", "studio", "pillars"):
+        config = _config(
+            [f"scene={room}", "cameras=[3,4]", "scene.persons=[1,4]", "scene.seconds=3", "seed=3"], clips, workers
+        )
         candidates, scene = find_candidates(config), config.setting()
         stage = stage_of(arena_file(scene.arena), np.array(scene.middle), scene.radius)
         parts, rigs, count = [candidates.rig], [], len(candidates)

@@ -18,7 +18,7 @@ from synth.planning.evidence import JointEvidence, gather
 from synth.planning.floor import FloorCoverage, cover_floor
 from synth.planning.mounts import find_places, stage_of
 from synth.planning.rehearsal import rehearse
-from synth.planning.search import RigPrediction, choose, predict
+from synth.planning.search import RigPrediction, choose, predict, seconds_of_search
 from synth.rigs.rig import RigConfig, make_rig
 from synth.rooms.catalogue import arena_file
 from synth.rooms.room import load_room
@@ -218,7 +218,7 @@ def forecast_plan(config: PlanConfig) -> PlanForecast:
     few = list(range(0, len(candidates), max(1, len(candidates) // 12)))[:12]
     some = CandidateCameras(candidates.rig[few], candidates.place[few], candidates.kind[few], candidates.view_deg[few])
     start = time.perf_counter()
-    gather(rehearsal, some, config.detector, 2)
+    evidence = gather(rehearsal, some, config.detector, 2)
     seen = (time.perf_counter() - start) / (2 * len(few))
     clip = rehearsal.seen_by(candidates.rig[few[:4]], config.detector)
     # Compiled code is loaded by the first capture.
@@ -231,5 +231,7 @@ def forecast_plan(config: PlanConfig) -> PlanForecast:
     seconds = (search.clips + check) * scene.frames * simulated
     seconds += search.clips * min(search.frames, scene.frames) * len(candidates) * seen
     seconds += check * scene.frames * (rigs * captured + 2.5 * config.cameras[1] * seen)
-    count = process_count(config.workers)
-    return PlanForecast(len(candidates), search.clips + check, check * rigs, seconds / count)
+    seconds /= process_count(config.workers)
+    rows = search.clips * search.frames * len(evidence.probability) // 2
+    seconds += seconds_of_search(evidence, rows, len(candidates), config.numbers)
+    return PlanForecast(len(candidates), search.clips + check, check * rigs, seconds)

@@ -1,15 +1,19 @@
 """Choose cameras: the best next one again and again, then each exchanged for a better one."""
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
 
+from dmae.progress import progress
 from synth.planning.evidence import JointEvidence
 
 _EXACT = 0.05
 """m; standard error at which a joint that is measured counts half."""
 _RIDGE = 1e-3
 """1/m^2; keeps the determinant of joints that one camera sees above zero."""
+_TIMED_ROWS = 2000
+"""Joints by which the search is timed."""
 
 
 @dataclass(frozen=True)
@@ -102,12 +106,30 @@ def choose(evidence: JointEvidence, place: np.ndarray, numbers: range, exchanges
     if max(numbers) > places:
         raise ValueError(f"cameras: {max(numbers)} cameras do not fit into {places} places; raise mount.places")
     chosen, found = [], {}
-    for number in range(1, max(numbers) + 1):
+    for number in progress(range(1, max(numbers) + 1), "choosing cameras"):
         chosen = [*chosen, _best(evidence, place, chosen)]
         if number in numbers:
             chosen = _exchanged(evidence, place, chosen, exchanges)
             found[number] = sorted(chosen)
     return found
+
+
+def seconds_of_search(evidence: JointEvidence, rows: int, cameras: int, numbers: range) -> float:
+    """Return about how long `choose` takes, s, by what a few cameras take.
+
+    Args:
+        evidence: Of a few cameras.
+        rows, cameras: Joints and cameras that there will be.
+        numbers: Of cameras to choose.
+    """
+    found, few = evidence.probability.shape
+    repeats = -(-_TIMED_ROWS // max(1, found))
+    larger = JointEvidence(np.tile(evidence.probability, (repeats, 1)), np.tile(evidence.information, (repeats, 1, 1)))
+    start = time.perf_counter()
+    _scores(larger, np.arange(few), [0])
+    each = (time.perf_counter() - start) / (few - 1) / (found * repeats)
+    # Exchanges mostly end after two rounds.
+    return each * rows * cameras * (max(numbers) + 2 * sum(numbers))
 
 
 def _best(evidence: JointEvidence, place: np.ndarray, others: list[int]) -> int:
