@@ -2,12 +2,13 @@
 
     python docs/tools/plan_proof.py                   # both parts
     python docs/tools/plan_proof.py part=subsets clips=12
-    python docs/tools/plan_proof.py part=rings clips=8
+    python docs/tools/plan_proof.py part=rings clips=6
+    make twin && python docs/tools/plan_proof.py part=again scores=runs/twin_scores
 
 Subsets: each three and four of Shelf's cameras capture the twin's people, and what comes of it is compared with what
 `dmae evaluate` measures of the recording with these cameras. Nothing is fitted to the recording's scores. Rings: rigs
 that are planned for a room, against rings of as many cameras with the same lens, on people who were not used in
-planning.
+planning. Again: the first part's comparison, with other clips of the twin, scored by `dmae evaluate`.
 """
 
 import json
@@ -82,7 +83,12 @@ def subsets(clips: int, workers: int) -> Iterator[dict[str, dict]]:
         "the recording with its own halves",
     ]
     columns = ["cameras", "Shelf, PCP %", "predicted, PCP %", "difference", "not measured, by visibility %"]
-    orders_header = ["subsets", "rank correlation, captured", "by visibility alone", "between halves of the recording"]
+    orders_header = [
+        "subsets",
+        "rank correlation, captured",
+        "by visibility alone",
+        "the recording with its own halves",
+    ]
     yield {
         "subsets": {"columns": columns, "rows": rows},
         "orders": {"columns": orders_header, "rows": orders},
@@ -124,6 +130,24 @@ def _own_order(real: dict, chosen: list[tuple[int, ...]]) -> str:
             found.append(spearmanr(first, second)[0])
     low, middle, high = np.quantile(found, [0.1, 0.5, 0.9])
     return f"{middle:.2f} ({low:.2f} to {high:.2f})"
+
+
+def again(scores: Path) -> Iterator[dict[str, dict]]:
+    """Yield the table of how far scores of other clips of the twin agree with the recording."""
+    real, predicted = _real(), {}
+    for entry in json.loads((scores / "scores.json").read_text())["results"]:
+        for run in entry["runs"] if entry["method"] == "linear" else ():
+            predicted.setdefault(tuple(run["cameras"]), []).append(run["pcp"])
+    mean = {rig: float(np.mean(predicted[rig])) for rig in real}
+    clips = len(next(iter(predicted.values())))
+    off = [abs(mean[rig] - real[rig][0]) for rig in real]
+    within = sum(each <= ALLOWED for each in off)
+    row = [str(clips)]
+    for numbers in ((3,), (4,), (3, 4)):
+        chosen = [rig for rig in real if len(rig) in numbers]
+        row.append(f"{spearmanr([real[rig][0] for rig in chosen], [mean[rig] for rig in chosen])[0]:.2f}")
+    columns = ["other clips", "ten of three", "five of four", "all fifteen", "within 1.5 points", "greatest difference"]
+    yield {"again": {"columns": columns, "rows": [[*row, f"{within} of {len(off)}", f"{max(off):.1f}"]]}}
 
 
 def rings(clips: int, workers: int) -> Iterator[dict[str, dict]]:
@@ -197,10 +221,18 @@ def write(tables: dict[str, dict], command: str) -> None:
 
 
 if __name__ == "__main__":
-    given = {"part": "all", "clips": "12", "workers": "2"} | dict(each.split("=") for each in sys.argv[1:])
-    if not os.environ.get("DMAE_DATA") or set(given) - {"part", "clips", "workers"}:
-        sys.exit("set DMAE_DATA to the folder that holds shelf/; options are part=subsets|rings|all clips=12 workers=2")
+    given = {"part": "all", "clips": "12", "workers": "2", "scores": "runs/twin_scores"}
+    given |= dict(each.split("=") for each in sys.argv[1:])
+    if not os.environ.get("DMAE_DATA") or len(given) > 4 or given["part"] not in ("all", "subsets", "rings", "again"):
+        sys.exit(
+            "set DMAE_DATA to the folder that holds shelf/; options are part=all|subsets|rings|again clips=12 "
+            "workers=2, and scores=<what make twin scored> for part=again"
+        )
+    command = f"python docs/tools/plan_proof.py part={given['part']} clips={given['clips']}"
     for part, function in {"subsets": subsets, "rings": rings}.items():
         if given["part"] in (part, "all"):
             for tables in function(int(given["clips"]), int(given["workers"])):
-                write(tables, f"python docs/tools/plan_proof.py part={part} clips={given['clips']}")
+                write(tables, command.replace("=all", f"={part}"))
+    if given["part"] == "again":
+        for tables in again(Path(given["scores"])):
+            write(tables, "make twin; python docs/tools/plan_proof.py part=again")
