@@ -8,7 +8,7 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.numerics.noise import bursts, multiscale_noise
 from synth.detector.parts import joint_groups, kind_of
-from synth.detector.ranges import check_probabilities
+from synth.detector.ranges import check_amounts, check_probabilities
 from synth.detector.view import ErrorStream, View
 
 _LIMBS = np.array(
@@ -54,9 +54,17 @@ class Misses:
     hidden_person: float = 0.0
     """Probability that a person wholly hidden or outside the image is missed whole. In between it grows with the cube
     of the fraction of joints that are."""
+    lost_from: float = 1.0
+    """Fraction of joints hidden or outside the image from which on `hidden_person` holds."""
+    steepness: float = 3.0
+    """Power of that fraction with which the probability grows; 3 is its cube."""
 
     def __post_init__(self):
-        check_probabilities("misses", self, ("limb_correlation", "neighbour_correlation", "person", "hidden_person"))
+        names = ("limb_correlation", "neighbour_correlation", "person", "hidden_person", "lost_from")
+        check_probabilities("misses", self, names)
+        check_amounts("misses", self, ("steepness",))
+        if not self.lost_from > 0:
+            raise ValueError(f"detector.misses.lost_from: expected a number above 0, got {self.lost_from}")
 
     def apply(self, view: View) -> View:
         missed = self._joints_and_limbs(view)
@@ -92,7 +100,8 @@ class Misses:
     def _person_probability(self, view: View) -> np.ndarray:
         """Return the probability (F, P) that a person is missed whole."""
         hidden = (view.visibility != Visibility.VISIBLE).mean(-1)
-        return self.person + (self.hidden_person - self.person) * hidden**3
+        share = np.minimum(hidden / self.lost_from, 1) ** self.steepness
+        return self.person + (self.hidden_person - self.person) * share
 
     def _joints_and_limbs(self, view: View) -> np.ndarray:
         rng = view.random(ErrorStream.MISS)
