@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from synth.planning.config import LensConfig
-from synth.planning.mounts import Places
+from synth.planning.mounts import CameraPlaces
 from synth.rigs.camera_geometry import look_at, pose
 from synth.rigs.coverage import Stage, find_faults
 
@@ -48,7 +48,7 @@ class CandidateCameras:
 
 
 def aimed_cameras(
-    places: Places, lens: LensConfig, middle: np.ndarray, radius: float, stage: Stage, *, steepest: float = 90.0
+    places: CameraPlaces, lens: LensConfig, middle: np.ndarray, radius: float, stage: Stage, *, steepest: float = 90.0
 ) -> CandidateCameras:
     """Return cameras at all places, aimed at the middle of the people's area and at four points around it.
 
