@@ -2,12 +2,13 @@
 
     python docs/tools/plan_proof.py                   # both parts
     python docs/tools/plan_proof.py part=subsets clips=12
-    python docs/tools/plan_proof.py part=rings clips=8
+    python docs/tools/plan_proof.py part=rings clips=6
+    make twin && python docs/tools/plan_proof.py part=again scores=runs/twin_scores
 
 Subsets: each three and four of Shelf's cameras capture the twin's people, and what comes of it is compared with what
 `dmae evaluate` measures of the recording with these cameras. Nothing is fitted to the recording's scores. Rings: rigs
 that are planned for a room, against rings of as many cameras with the same lens, on people who were not used in
-planning.
+planning. Again: the first part's comparison, with other clips of the twin, scored by `dmae evaluate`.
 """
 
 import json
@@ -15,6 +16,7 @@ import os
 import platform
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import date
 from importlib import metadata
@@ -32,7 +34,7 @@ from dmae.formats.reading import DataConfig
 from synth.cli import SYNTH
 from synth.planning.candidates import given_cameras
 from synth.planning.check import check_rigs, expected
-from synth.planning.evidence import Evidence
+from synth.planning.evidence import JointEvidence
 from synth.planning.mounts import stage_of
 from synth.planning.plan import check_numbers, find_candidates, gather_evidence
 from synth.planning.search import choose, predict
@@ -45,12 +47,12 @@ ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docs" / "results" / "plan.json"
 ALLOWED = 1.5
 """Points of PCP by which a prediction may differ."""
-_RINGS = 3
+_RINGS = 2
 _DRAWS = 400
 
 
-def subsets(clips: int, workers: int) -> dict[str, dict]:
-    """Return the tables of Shelf's subsets."""
+def subsets(clips: int, workers: int) -> Iterator[dict[str, dict]]:
+    """Yield the tables of Shelf's subsets."""
     config = _config(["scene=shelf_twin", "rig=shelf", "cameras=[3,4]", "seed=1"], clips, workers)
     candidates = find_candidates(config)
     rigs = [list(rig) for number in (3, 4) for rig in combinations(range(5), number)]
@@ -81,8 +83,13 @@ def subsets(clips: int, workers: int) -> dict[str, dict]:
         "the recording with its own halves",
     ]
     columns = ["cameras", "Shelf, PCP %", "predicted, PCP %", "difference", "not measured, by visibility %"]
-    orders_header = ["subsets", "rank correlation, captured", "by visibility alone", "between halves of the recording"]
-    return {
+    orders_header = [
+        "subsets",
+        "rank correlation, captured",
+        "by visibility alone",
+        "the recording with its own halves",
+    ]
+    yield {
         "subsets": {"columns": columns, "rows": rows},
         "orders": {"columns": orders_header, "rows": orders},
         "deviations": {"columns": ["predictions within 1.5 points", "mean difference", "greatest"],
@@ -125,11 +132,35 @@ def _own_order(real: dict, chosen: list[tuple[int, ...]]) -> str:
     return f"{middle:.2f} ({low:.2f} to {high:.2f})"
 
 
-def rings(clips: int, workers: int) -> dict[str, dict]:
-    """Return the table of planned rigs against rings."""
+def again(scores: Path) -> Iterator[dict[str, dict]]:
+    """Yield the table of how far scores of other clips of the twin agree with the recording."""
+    real, predicted = _real(), {}
+    for entry in json.loads((scores / "scores.json").read_text())["results"]:
+        for run in entry["runs"] if entry["method"] == "linear" else ():
+            predicted.setdefault(tuple(run["cameras"]), []).append(run["pcp"])
+    mean = {rig: float(np.mean(predicted[rig])) for rig in real}
+    clips = len(next(iter(predicted.values())))
+    off = [abs(mean[rig] - real[rig][0]) for rig in real]
+    within = sum(each <= ALLOWED for each in off)
+    row = [str(clips)]
+    for numbers in ((3,), (4,), (3, 4)):
+        chosen = [rig for rig in real if len(rig) in numbers]
+        row.append(f"{spearmanr([real[rig][0] for rig in chosen], [mean[rig] for rig in chosen])[0]:.2f}")
+    columns = ["other clips", "ten of three", "five of four", "all fifteen", "within 1.5 points", "greatest difference"]
+    yield {"again": {"columns": columns, "rows": [[*row, f"{within} of {len(off)}", f"{max(off):.1f}"]]}}
+
+
+def rings(clips: int, workers: int) -> Iterator[dict[str, dict]]:
+    """Yield the tables of planned rigs against rings, after each room."""
+    columns = ["room", "cameras"]
+    for heading in ("not measured, %", "PCP, %", "error, mm"):
+        columns += [f"{heading}: planned", "rings", "difference"]
+    ranked = ["room", "rigs", "rank correlation: score with PCP", "share not measured", "error"]
     rows, scores = [], []
-    for room in ("studio", "office", "pillars"):
-        config = _config([f"scene={room}", "cameras=[3,5]", "scene.persons=[1,4]", "seed=3"], clips, workers)
+    for room in ("office", "studio", "pillars"):
+        config = _config(
+            [f"scene={room}", "cameras=[3,4]", "scene.persons=[1,4]", "scene.seconds=3", "seed=3"], clips, workers
+        )
         candidates, scene = find_candidates(config), config.setting()
         stage = stage_of(arena_file(scene.arena), np.array(scene.middle), scene.radius)
         parts, rigs, count = [candidates.rig], [], len(candidates)
@@ -147,7 +178,7 @@ def rings(clips: int, workers: int) -> dict[str, dict]:
         given = given_cameras(cameras)
         evidence = gather_evidence(config, replace(given, place=place))
         own = slice(len(candidates))
-        mounted = Evidence(evidence.probability[:, own], evidence.information[:, own])
+        mounted = JointEvidence(evidence.probability[:, own], evidence.information[:, own])
         chosen = choose(mounted, candidates.place, config.numbers, config.search.exchanges)
         rigs = [*chosen.values(), *rigs]
         used = sorted({camera for rig in rigs for camera in rig})
@@ -172,11 +203,7 @@ def rings(clips: int, workers: int) -> dict[str, dict]:
                 ]
             rows.append(row)
             print(row, flush=True)
-    columns = ["room", "cameras"]
-    for heading in ("not measured, %", "PCP, %", "error, mm"):
-        columns += [f"{heading}: planned", "rings", "difference"]
-    ranked = ["room", "rigs", "rank correlation: score with PCP", "share not measured", "error"]
-    return {"rings": {"columns": columns, "rows": rows}, "score": {"columns": ranked, "rows": scores}}
+        yield {"rings": {"columns": columns, "rows": rows}, "score": {"columns": ranked, "rows": scores}}
 
 
 def _config(options: list[str], clips: int, workers: int):
@@ -194,10 +221,18 @@ def write(tables: dict[str, dict], command: str) -> None:
 
 
 if __name__ == "__main__":
-    given = {"part": "all", "clips": "12", "workers": "2"} | dict(each.split("=") for each in sys.argv[1:])
-    if not os.environ.get("DMAE_DATA") or set(given) - {"part", "clips", "workers"}:
-        sys.exit("set DMAE_DATA to the folder that holds shelf/; options are part=subsets|rings|all clips=12 workers=2")
+    given = {"part": "all", "clips": "12", "workers": "2", "scores": "runs/twin_scores"}
+    given |= dict(each.split("=") for each in sys.argv[1:])
+    if not os.environ.get("DMAE_DATA") or len(given) > 4 or given["part"] not in ("all", "subsets", "rings", "again"):
+        sys.exit(
+            "set DMAE_DATA to the folder that holds shelf/; options are part=all|subsets|rings|again clips=12 "
+            "workers=2, and scores=<what make twin scored> for part=again"
+        )
+    command = f"python docs/tools/plan_proof.py part={given['part']} clips={given['clips']}"
     for part, function in {"subsets": subsets, "rings": rings}.items():
         if given["part"] in (part, "all"):
-            made = function(int(given["clips"]), int(given["workers"]))
-            write(made, f"python docs/tools/plan_proof.py part={part} clips={given['clips']}")
+            for tables in function(int(given["clips"]), int(given["workers"])):
+                write(tables, command.replace("=all", f"={part}"))
+    if given["part"] == "again":
+        for tables in again(Path(given["scores"])):
+            write(tables, "make twin; python docs/tools/plan_proof.py part=again")

@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from synth.planning.config import LensConfig
-from synth.planning.mounts import Places
+from synth.planning.mounts import CameraPlaces
 from synth.rigs.camera_geometry import look_at, pose
 from synth.rigs.coverage import Stage, find_faults
 
@@ -17,7 +17,7 @@ _ASIDE = 0.5
 
 
 @dataclass(frozen=True)
-class Candidates:
+class CandidateCameras:
     """Cameras to choose from.
 
     Attributes:
@@ -48,8 +48,8 @@ class Candidates:
 
 
 def aimed_cameras(
-    places: Places, lens: LensConfig, middle: np.ndarray, radius: float, stage: Stage, *, steepest: float = 90.0
-) -> Candidates:
+    places: CameraPlaces, lens: LensConfig, middle: np.ndarray, radius: float, stage: Stage, *, steepest: float = 90.0
+) -> CandidateCameras:
     """Return cameras at all places, aimed at the middle of the people's area and at four points around it.
 
     Places from which no people can be seen are left out.
@@ -84,7 +84,7 @@ def aimed_cameras(
         pose(look_at(centers, np.array(aims)), centers),
         np.tile(lens.size, (len(centers), 1)),
     )
-    found = Candidates(rig, place, places.kind[place], np.array(angles))
+    found = CandidateCameras(rig, place, places.kind[place], np.array(angles))
     faulty = set(find_faults(rig, stage))
     kept = [c for c in range(len(rig)) if c not in faulty and found.tilt_deg[c] >= -steepest]
     if len(set(place[kept].tolist())) < 2:
@@ -92,10 +92,10 @@ def aimed_cameras(
             "people can be seen from fewer than two of the places for cameras; widen mount.area or the heights of "
             "mount.walls and mount.tripods, lens.view_deg, or mount.steepest_deg"
         )
-    return Candidates(rig[kept], place[kept], found.kind[kept], found.view_deg[kept])
+    return CandidateCameras(rig[kept], place[kept], found.kind[kept], found.view_deg[kept])
 
 
-def given_cameras(rig: CameraRig) -> Candidates:
+def given_cameras(rig: CameraRig) -> CandidateCameras:
     """Return cameras that exist as candidates."""
     view = 2 * np.degrees(np.arctan(rig.size[:, 0] / 2 / rig.K[:, 0, 0]))
-    return Candidates(rig, np.arange(len(rig)), np.full(len(rig), "given"), view)
+    return CandidateCameras(rig, np.arange(len(rig)), np.full(len(rig), "given"), view)

@@ -12,7 +12,7 @@ from synth.rigs.camera_geometry import intrinsics
 from synth.rigs.rig import RigConfig
 from synth.scene.spec import SceneConfig
 
-MOST_CAMERAS = 32
+MOST_CAMERAS, MOST_PLACES = 32, 500
 """Of a plan."""
 
 
@@ -52,8 +52,8 @@ class MountConfig:
             raise ValueError(
                 f"mount.area: expected least x, least y, greatest x and greatest y, m, got {list(self.area)}"
             )
-        if not 2 <= self.places <= 2000:
-            raise ValueError(f"mount.places: expected 2 to 2000 places, got {self.places}")
+        if not 2 <= self.places <= MOST_PLACES:
+            raise ValueError(f"mount.places: expected 2 to {MOST_PLACES} places, got {self.places}")
         if not 0 < self.wall_distance < 2:
             raise ValueError(f"mount.wall_distance: expected more than 0 and less than 2 m, got {self.wall_distance}")
         if not 0 < self.steepest_deg <= 90:

@@ -12,7 +12,7 @@ from synth.detector.config import DetectorConfig
 from synth.detector.parts import by_joint
 from synth.detector.view import ErrorStream, View, height
 from synth.labels.visibility import joint_visibility
-from synth.planning.candidates import Candidates
+from synth.planning.candidates import CandidateCameras
 from synth.planning.rehearsal import Rehearsal
 from synth.rigs.camera_geometry import intrinsics
 
@@ -28,7 +28,7 @@ _LEAST_SCALE = 0.003
 
 
 @dataclass(frozen=True)
-class Evidence:
+class JointEvidence:
     """Evidence of C candidates on N joints of people, frame by frame.
 
     Attributes:
@@ -41,14 +41,14 @@ class Evidence:
     information: np.ndarray
 
     @staticmethod
-    def joined(parts: list["Evidence"]) -> "Evidence":
+    def joined(parts: list["JointEvidence"]) -> "JointEvidence":
         """Return the evidence of several clips."""
-        return Evidence(
+        return JointEvidence(
             np.concatenate([part.probability for part in parts]), np.concatenate([part.information for part in parts])
         )
 
 
-def gather(rehearsal: Rehearsal, candidates: Candidates, detector: DetectorConfig, frames: int) -> Evidence:
+def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: DetectorConfig, frames: int) -> JointEvidence:
     """Return the evidence of candidates on the joints of a clip.
 
     Visibility is computed once for each place, by rays through the simulated scene. How likely a joint is detected, and
@@ -90,7 +90,7 @@ def _unused(stream: ErrorStream) -> np.random.Generator:
     raise NotImplementedError("probabilities need no random numbers")
 
 
-def _evidence(joints: np.ndarray, rig: CameraRig, probability: np.ndarray, scale: np.ndarray) -> Evidence:
+def _evidence(joints: np.ndarray, rig: CameraRig, probability: np.ndarray, scale: np.ndarray) -> JointEvidence:
     """Return the evidence of joints (F, P, 25, 3) by `probability` and `scale`, m, (F, C, P, 25) each."""
     toward = joints[:, None] - rig.centers[:, None, None]
     toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
@@ -103,7 +103,7 @@ def _evidence(joints: np.ndarray, rig: CameraRig, probability: np.ndarray, scale
         np.moveaxis(array[:, :, :, _JOINTS], 1, 3)[present].astype(np.float32)
         for array in (probability, np.nan_to_num(plane * weight[..., None]))
     ]
-    return Evidence(*rows)
+    return JointEvidence(*rows)
 
 
 def _all_round(rig: CameraRig) -> CameraRig:

@@ -12,7 +12,7 @@ from dmae.data.cameras import CameraRig
 from dmae.viewing.layers import LayersConfig, chosen_layers
 from dmae.viewing.sheet import write_sheet
 from synth.planning.check import FIGURES
-from synth.planning.plan import Plan, PlannedRig, check_numbers
+from synth.planning.plan import CameraPlan, PlannedRig, check_numbers
 from synth.planning.rehearsal import Rehearsal, rehearse
 from synth.viewing.rooms import draw_rooms
 
@@ -23,7 +23,7 @@ _VIEW_WIDTH = 320
 """px"""
 
 
-def curves_figure(plan: Plan) -> Figure:
+def curves_figure(plan: CameraPlan) -> Figure:
     """Draw what each number of cameras is expected to reach, with intervals of 95 %."""
     figure = Figure(figsize=(11.5, 3.2), layout="constrained")
     numbers = [len(each.rig) for each in plan.rigs]
@@ -65,7 +65,7 @@ def floor_figure(planned: PlannedRig) -> Figure:
     return figure
 
 
-def people_to_show(plan: Plan) -> Rehearsal:
+def people_to_show(plan: CameraPlan) -> Rehearsal:
     """Return the middle frame of the first clip that rigs were checked on."""
     rehearsal = rehearse(plan.config, check_numbers(plan.config)[0])
     frame = len(rehearsal.qpos) // 2
@@ -73,7 +73,7 @@ def people_to_show(plan: Plan) -> Rehearsal:
     return replace(rehearsal, qpos=rehearsal.qpos[shown], joints=rehearsal.joints[shown])
 
 
-def views_figure(plan: Plan, planned: PlannedRig, people: Rehearsal) -> Figure:
+def views_figure(plan: CameraPlan, planned: PlannedRig, people: Rehearsal) -> Figure:
     """Draw what each camera sees of some simulated people, in their room."""
     clip = people.seen_by(_smaller(planned.rig), plan.config.detector)
     with tempfile.TemporaryDirectory() as folder:

@@ -10,13 +10,13 @@ from dmae.data.json_text import json_text
 from dmae.data.store import write_atomic
 from dmae.formats.calibrations.pose2sim import write_cameras
 from dmae.reporting.tables import Table
-from synth.planning.plan import Plan, PlannedRig
+from synth.planning.plan import CameraPlan, PlannedRig
 
 NUMBERS = "plan.json"
 _HEADER = ("camera", "mount", "x m", "y m", "height m", "pan deg", "tilt deg", "view deg", "size px")
 
 
-def write_files(plan: Plan, out: Path) -> None:
+def write_files(plan: CameraPlan, out: Path) -> None:
     """Write `cameras_<n>.toml`, `rig/planned_<n>.yaml` and `mounting_<n>.txt` of each rig, and `plan.json`."""
     for each in plan.rigs:
         number = len(each.rig)
@@ -55,7 +55,7 @@ def mounting_text(planned: PlannedRig) -> str:
     return "\n".join([table.caption, "", *lines, "", legend, ""])
 
 
-def numbers(plan: Plan) -> dict:
+def numbers(plan: CameraPlan) -> dict:
     """Return all numbers of a plan, JSON-able; None stands for a figure of nothing."""
     config = plan.config
     return {

@@ -27,7 +27,7 @@ _LIFT = 1e-3
 
 
 @dataclass(frozen=True)
-class Places:
+class CameraPlaces:
     """Places for cameras.
 
     Attributes:
@@ -69,7 +69,7 @@ class _Outline:
         return np.linalg.norm(offset, axis=1) <= reach - margin
 
 
-def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: float) -> Places:
+def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: float) -> CameraPlaces:
     """Find the places in a room at which a camera may be mounted, spread evenly.
 
     Walls are vertical surfaces, at least 1.5 m long, that reach 1.8 m or higher and face the people. Without a ceiling,
@@ -117,7 +117,7 @@ def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
             f"{name}: no places for cameras are left; widen mount.area or the heights of mount.walls or mount.tripods"
         )
     chosen = _spread(at, config.places)
-    return Places(kinds[chosen], at[chosen])
+    return CameraPlaces(kinds[chosen], at[chosen])
 
 
 def stage_of(arena: Path, middle: np.ndarray, radius: float) -> Stage:

@@ -9,7 +9,7 @@ from dmae.reporting.tables import Table
 from synth.planning.check import FIGURES, Expected
 from synth.planning.figures import curves_figure, floor_figure, people_to_show, views_figure
 from synth.planning.files import mounting_table
-from synth.planning.plan import Plan, PlannedRig
+from synth.planning.plan import CameraPlan, PlannedRig
 
 PAGE = "plan.html"
 _SHOWN = ("missing", "pcp", "error", "switches")
@@ -27,7 +27,7 @@ _WORTH = (
 )
 
 
-def numbers_table(plan: Plan) -> Table:
+def numbers_table(plan: CameraPlan) -> Table:
     """Return the figures by number of cameras."""
     header = ("cameras", *(", ".join(FIGURES[name]) for name in _SHOWN), "floor seen by 2", "by 3")
     rows = [
@@ -61,7 +61,7 @@ def worth_table(planned: PlannedRig) -> Table:
     return Table("what each camera is worth", header, rows)
 
 
-def write_page(plan: Plan, path: Path) -> None:
+def write_page(plan: CameraPlan, path: Path) -> None:
     """Write the page as one file."""
     people, config = people_to_show(plan), plan.config
     sections = [

@@ -11,14 +11,14 @@ from dmae.data.cameras import CameraRig
 from dmae.data.rng import Stream, generator
 from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import progress
-from synth.planning.candidates import Candidates, aimed_cameras, given_cameras
+from synth.planning.candidates import CandidateCameras, aimed_cameras, given_cameras
 from synth.planning.check import FIGURES, Expected, capture_all, check_rigs, expected
 from synth.planning.config import PlanConfig
-from synth.planning.evidence import Evidence, gather
+from synth.planning.evidence import JointEvidence, gather
 from synth.planning.floor import FloorCoverage, cover_floor
 from synth.planning.mounts import find_places, stage_of
 from synth.planning.rehearsal import rehearse
-from synth.planning.search import Prediction, choose, predict
+from synth.planning.search import RigPrediction, choose, predict, seconds_of_search
 from synth.rigs.rig import RigConfig, make_rig
 from synth.rooms.catalogue import arena_file
 from synth.rooms.room import load_room
@@ -33,7 +33,7 @@ class PlannedRig:
     Attributes:
         rig: V cameras, counter-clockwise around the people.
         kind: (V,) "wall", "ceiling", "tripod" or "given".
-        view_deg, pan_deg, tilt_deg: (V,) as in `synth.planning.candidates.Candidates`.
+        view_deg, pan_deg, tilt_deg: (V,) as in `synth.planning.candidates.CandidateCameras`.
         prediction: What the search expects.
         figures: What people who were not used in planning show, by name of `synth.planning.check.FIGURES`.
         worth: (V,) what each camera is worth: the figures with it less those without it; empty of two cameras.
@@ -45,14 +45,14 @@ class PlannedRig:
     view_deg: np.ndarray
     pan_deg: np.ndarray
     tilt_deg: np.ndarray
-    prediction: Prediction
+    prediction: RigPrediction
     figures: dict[str, Expected]
     worth: tuple[dict[str, Expected], ...]
     floor: FloorCoverage
 
 
 @dataclass(frozen=True)
-class Plan:
+class CameraPlan:
     """What was planned.
 
     Attributes:
@@ -89,7 +89,7 @@ class PlanForecast:
     seconds: float
 
 
-def make_plan(config: PlanConfig) -> Plan:
+def make_plan(config: PlanConfig) -> CameraPlan:
     """Plan cameras.
 
     Raises:
@@ -115,10 +115,10 @@ def make_plan(config: PlanConfig) -> Plan:
         planned.append(_planned(config, candidates, cameras, evidence, of_rig))
         first += count
     room = load_room(config.setting().arena).filled
-    return Plan(config, tuple(planned), len(candidates), room)
+    return CameraPlan(config, tuple(planned), len(candidates), room)
 
 
-def find_candidates(config: PlanConfig) -> Candidates:
+def find_candidates(config: PlanConfig) -> CandidateCameras:
     """Return the cameras to choose from: those of `rig`, or else aimed ones at all places of `mount`.
 
     Raises:
@@ -141,14 +141,14 @@ def find_candidates(config: PlanConfig) -> Candidates:
     return found
 
 
-def gather_evidence(config: PlanConfig, candidates: Candidates) -> Evidence:
+def gather_evidence(config: PlanConfig, candidates: CandidateCameras) -> JointEvidence:
     """Simulate the people that cameras are chosen by, and return the evidence of all candidates."""
     tasks = ((config, candidates, number) for number in range(config.search.clips))
     made = in_parallel(_gather, tasks, config.workers)
-    return Evidence.joined(list(progress(made, "rehearsing", config.search.clips)))
+    return JointEvidence.joined(list(progress(made, "rehearsing", config.search.clips)))
 
 
-def _gather(config: PlanConfig, candidates: Candidates, number: int) -> Evidence:
+def _gather(config: PlanConfig, candidates: CandidateCameras, number: int) -> JointEvidence:
     return gather(rehearse(config, number), candidates, config.detector, config.search.frames)
 
 
@@ -164,7 +164,7 @@ def with_one_less(cameras: Sequence[int]) -> list[list[int]]:
     return [list(cameras), *(list(rig) for rig in reversed(list(less)))]
 
 
-def _around(candidates: Candidates, cameras: list[int], config: PlanConfig) -> list[int]:
+def _around(candidates: CandidateCameras, cameras: list[int], config: PlanConfig) -> list[int]:
     """Return cameras counter-clockwise around the people; cameras that exist in their order."""
     if config.rig != _NO_RIG:
         return sorted(cameras)
@@ -173,7 +173,11 @@ def _around(candidates: Candidates, cameras: list[int], config: PlanConfig) -> l
 
 
 def _planned(
-    config: PlanConfig, candidates: Candidates, cameras: list[int], evidence: Evidence, figures: dict[str, np.ndarray]
+    config: PlanConfig,
+    candidates: CandidateCameras,
+    cameras: list[int],
+    evidence: JointEvidence,
+    figures: dict[str, np.ndarray],
 ) -> PlannedRig:
     scene = config.setting()
     rig = candidates.rig[cameras]
@@ -212,9 +216,9 @@ def forecast_plan(config: PlanConfig) -> PlanForecast:
     frames = len(rehearsal.qpos)
     simulated = (time.perf_counter() - start) / frames
     few = list(range(0, len(candidates), max(1, len(candidates) // 12)))[:12]
-    some = Candidates(candidates.rig[few], candidates.place[few], candidates.kind[few], candidates.view_deg[few])
+    some = CandidateCameras(candidates.rig[few], candidates.place[few], candidates.kind[few], candidates.view_deg[few])
     start = time.perf_counter()
-    gather(rehearsal, some, config.detector, 2)
+    evidence = gather(rehearsal, some, config.detector, 2)
     seen = (time.perf_counter() - start) / (2 * len(few))
     clip = rehearsal.seen_by(candidates.rig[few[:4]], config.detector)
     # Compiled code is loaded by the first capture.
@@ -227,5 +231,7 @@ def forecast_plan(config: PlanConfig) -> PlanForecast:
     seconds = (search.clips + check) * scene.frames * simulated
     seconds += search.clips * min(search.frames, scene.frames) * len(candidates) * seen
     seconds += check * scene.frames * (rigs * captured + 2.5 * config.cameras[1] * seen)
-    count = process_count(config.workers)
-    return PlanForecast(len(candidates), search.clips + check, check * rigs, seconds / count)
+    seconds /= process_count(config.workers)
+    rows = search.clips * search.frames * len(evidence.probability) // 2
+    seconds += seconds_of_search(evidence, rows, len(candidates), config.numbers)
+    return PlanForecast(len(candidates), search.clips + check, check * rigs, seconds)

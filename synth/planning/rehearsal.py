@@ -1,4 +1,4 @@
-"""Simulated people whom cameras are planned for: simulated once, and seen afterwards by any cameras."""
+"""People to plan cameras for: simulated once, and seen afterwards by any cameras."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from synth.datasets.labelling import label_clip
 from synth.datasets.occlusion import OcclusionConfig
 from synth.detector.config import DetectorConfig
 from synth.errors import FailedSimulation
-from synth.people.landmarks import SKELETON, landmarks
+from synth.people.landmarks import landmarks
 from synth.physics.joint_positions import moved_with
 from synth.physics.simulation import simulate
 from synth.planning.config import PlanConfig
@@ -102,6 +102,3 @@ def _attempt(config: PlanConfig, number: int, attempt: int) -> Rehearsal:
     )
     done = simulate(spec, away, motions, painted=False)
     return Rehearsal(number, spec, done.model, done.geom_ids, done.objects, done.qpos, done.joints)
-
-
-__all__ = ["SKELETON", "Rehearsal", "rehearse"]

@@ -1,19 +1,23 @@
 """Choose cameras: the best next one again and again, then each exchanged for a better one."""
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
 
-from synth.planning.evidence import Evidence
+from dmae.progress import progress
+from synth.planning.evidence import JointEvidence
 
 _EXACT = 0.05
 """m; standard error at which a joint that is measured counts half."""
 _RIDGE = 1e-3
 """1/m^2; keeps the determinant of joints that one camera sees above zero."""
+_TIMED_ROWS = 2000
+"""Joints by which the search is timed."""
 
 
 @dataclass(frozen=True)
-class Prediction:
+class RigPrediction:
     """What the search expects of a rig, before any capture.
 
     Attributes:
@@ -28,7 +32,7 @@ class Prediction:
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
-    """Return the standard errors (...) of places, m, of inverse covariances (..., 6), 1/m^2, as in `Evidence`."""
+    """Return the standard errors (...) of places, m, of inverse covariances (..., 6), 1/m^2, as in `JointEvidence`."""
     xx, yy, zz, xy, xz, yz = np.moveaxis(np.asarray(information, np.float64), -1, 0)
     xx, yy, zz = xx + _RIDGE, yy + _RIDGE, zz + _RIDGE
     minors = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
@@ -42,7 +46,7 @@ class _State:
 
     Attributes:
         none, one: (N,) probabilities that no camera and that a single one detects the joint.
-        information: (N, 6) as in `Evidence`.
+        information: (N, 6) as in `JointEvidence`.
     """
 
     none: np.ndarray
@@ -50,14 +54,14 @@ class _State:
     information: np.ndarray
 
     @staticmethod
-    def of(evidence: Evidence, chosen: list[int]) -> "_State":
+    def of(evidence: JointEvidence, chosen: list[int]) -> "_State":
         count = len(evidence.probability)
         state = _State(np.ones(count), np.zeros(count), np.zeros((count, 6)))
         for camera in chosen:
             state = state.with_camera(evidence, camera)
         return state
 
-    def with_camera(self, evidence: Evidence, camera: int) -> "_State":
+    def with_camera(self, evidence: JointEvidence, camera: int) -> "_State":
         found = evidence.probability[:, camera]
         return _State(
             self.none * (1 - found),
@@ -76,14 +80,14 @@ class _State:
         return float((self.measured * exact).mean() + 1e-3 * (1 - self.none).mean())
 
 
-def predict(evidence: Evidence, chosen: list[int]) -> Prediction:
+def predict(evidence: JointEvidence, chosen: list[int]) -> RigPrediction:
     """Return what the search expects of the cameras `chosen`."""
     state = _State.of(evidence, chosen)
     error = standard_errors(state.information)
-    return Prediction(state.value(), float(100 * (1 - state.measured.mean())), float(1000 * np.median(error)))
+    return RigPrediction(state.value(), float(100 * (1 - state.measured.mean())), float(1000 * np.median(error)))
 
 
-def choose(evidence: Evidence, place: np.ndarray, numbers: range, exchanges: int) -> dict[int, list[int]]:
+def choose(evidence: JointEvidence, place: np.ndarray, numbers: range, exchanges: int) -> dict[int, list[int]]:
     """Choose cameras for each number, by greedy search and exchange.
 
     Args:
@@ -102,7 +106,7 @@ def choose(evidence: Evidence, place: np.ndarray, numbers: range, exchanges: int
     if max(numbers) > places:
         raise ValueError(f"cameras: {max(numbers)} cameras do not fit into {places} places; raise mount.places")
     chosen, found = [], {}
-    for number in range(1, max(numbers) + 1):
+    for number in progress(range(1, max(numbers) + 1), "choosing cameras"):
         chosen = [*chosen, _best(evidence, place, chosen)]
         if number in numbers:
             chosen = _exchanged(evidence, place, chosen, exchanges)
@@ -110,19 +114,37 @@ def choose(evidence: Evidence, place: np.ndarray, numbers: range, exchanges: int
     return found
 
 
-def _best(evidence: Evidence, place: np.ndarray, others: list[int]) -> int:
+def seconds_of_search(evidence: JointEvidence, rows: int, cameras: int, numbers: range) -> float:
+    """Return about how long `choose` takes, s, by what a few cameras take.
+
+    Args:
+        evidence: Of a few cameras.
+        rows, cameras: Joints and cameras that there will be.
+        numbers: Of cameras to choose.
+    """
+    found, few = evidence.probability.shape
+    repeats = -(-_TIMED_ROWS // max(1, found))
+    larger = JointEvidence(np.tile(evidence.probability, (repeats, 1)), np.tile(evidence.information, (repeats, 1, 1)))
+    start = time.perf_counter()
+    _scores(larger, np.arange(few), [0])
+    each = (time.perf_counter() - start) / (few - 1) / (found * repeats)
+    # Exchanges mostly end after two rounds.
+    return each * rows * cameras * (max(numbers) + 2 * sum(numbers))
+
+
+def _best(evidence: JointEvidence, place: np.ndarray, others: list[int]) -> int:
     """Return the camera that is best beside others."""
     return int(_scores(evidence, place, others).argmax())
 
 
-def _scores(evidence: Evidence, place: np.ndarray, others: list[int]) -> np.ndarray:
+def _scores(evidence: JointEvidence, place: np.ndarray, others: list[int]) -> np.ndarray:
     """Return the score (C,) of each camera beside others; -1 for those at a place that is taken."""
     before = _State.of(evidence, others)
     free = ~np.isin(place, place[others])
     return np.array([before.with_camera(evidence, c).value() if free[c] else -1.0 for c in range(len(place))])
 
 
-def _exchanged(evidence: Evidence, place: np.ndarray, chosen: list[int], rounds: int) -> list[int]:
+def _exchanged(evidence: JointEvidence, place: np.ndarray, chosen: list[int], rounds: int) -> list[int]:
     """Return the cameras after each was exchanged for the best other one, in at most so many rounds."""
     chosen = list(chosen)
     for _ in range(rounds):

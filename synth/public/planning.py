@@ -10,7 +10,7 @@ from dmae.cli import compose
 from synth.cli import SYNTH
 
 if TYPE_CHECKING:
-    from synth.planning.plan import Plan
+    from synth.planning.plan import CameraPlan
 
 
 def plan(
@@ -22,7 +22,7 @@ def plan(
     seed: int = 0,
     workers: int = 1,
     out: str | Path | None = None,
-) -> Plan:
+) -> CameraPlan:
     """Plan where to mount cameras in a room, and what each number of them captures of simulated people.
 
         plan = synth.plan("mount.ceiling=false", arena="room.xml", cameras=[4, 8], persons=[1, 4], out="runs/plan")

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from synth.planning.check import expected
-from synth.planning.evidence import Evidence
+from synth.planning.evidence import JointEvidence
 from synth.planning.search import choose, predict, standard_errors
 
 
-def evidence_of(centers: np.ndarray, joints: np.ndarray, probability: np.ndarray, error: float = 0.01) -> Evidence:
+def evidence_of(centers: np.ndarray, joints: np.ndarray, probability: np.ndarray, error: float = 0.01) -> JointEvidence:
     """Evidence of cameras at (C, 3) places on (N, 3) joints."""
     toward = joints[:, None] - centers
     toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
     planes = np.eye(3) - toward[..., :, None] * toward[..., None, :]
     rows, columns = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
     weight = probability[..., None] / error**2
-    return Evidence(probability.astype(np.float32), (planes[..., rows, columns] * weight).astype(np.float32))
+    return JointEvidence(probability.astype(np.float32), (planes[..., rows, columns] * weight).astype(np.float32))
 
 
 def around(count: int, radius: float = 4.0) -> np.ndarray:
