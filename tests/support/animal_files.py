@@ -50,6 +50,7 @@ def write_sleap(folder: Path, clip: Clip | None = None, said: bool = False, anim
         with h5py.File(folder / f"{camera}.analysis.h5", "w") as file:
             file["node_names"] = np.array(skeleton.joints, "S")
             file["edge_inds"] = np.array(skeleton.bones)
+            file["track_names"] = np.array([f"animal{number}" for number in range(xy.shape[1])], "S")
             file["tracks"] = xy if said else xy.transpose(1, 3, 2, 0)
             file["point_scores"] = score if said else score.transpose(1, 2, 0)
             if said:
