@@ -5,7 +5,7 @@ import numpy as np
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.bones import median_bone_lengths
 from dmae.numerics.heading import body_rotations
-from dmae.numerics.interpolation import Interpolation, linear
+from dmae.numerics.interpolation import Interpolation, connect
 from dmae.numerics.robust import mean_known
 
 HEADING_SMOOTHING = 0.2
@@ -57,8 +57,9 @@ def interpolate(
             parent = parents[joint]
             offset = offsets[attached.index(joint)]
             bodies.place(joint, bodies.filled[:, :, parent] + offset, None if joint in torso else parent)
-        # The root, or a joint never measured together with its parent.
-        bodies.place(joint, through(bodies.filled[:, :, joint]))
+        if np.isnan(bodies.filled[:, :, joint]).any():
+            # The root, or a joint never measured together with its parent.
+            bodies.place(joint, through(bodies.filled[:, :, joint]))
     return bodies
 
 
@@ -98,7 +99,7 @@ class Bodies:
             return
         xyz = self.xyz[:, :, joint]
         # An estimate that misses the samples on both sides of a gap misses the path within it by about as much.
-        estimate = estimate + np.nan_to_num(linear(xyz - estimate))
+        estimate = estimate + connect(xyz - estimate)
         if self.rays is not None:
             hidden = np.isnan(xyz[..., 0])
             frame, person = np.nonzero(hidden & ~np.isnan(self.rays[:, :, joint, 0, 0]))
@@ -110,16 +111,16 @@ class Bodies:
             moved = np.where(hidden[..., None], np.nan, np.zeros(3))
             moved[frame, person] = _onto_rays(start, ray, *bone) - start
             # A joint does not jump back in the frame where its ray ends.
-            estimate = estimate + np.nan_to_num(linear(moved))
+            estimate = estimate + connect(moved)
         self.filled[:, :, joint] = np.where(np.isnan(self.filled[:, :, joint]), estimate, self.filled[:, :, joint])
 
     def in_body(self, vectors: np.ndarray) -> np.ndarray:
         """Return vectors (F, P, n, 3) of the world in the frame of the body."""
-        return np.einsum("fpji,fpnj->fpni", self.world_from_body, vectors)
+        return vectors @ self.world_from_body
 
     def in_world(self, vectors: np.ndarray) -> np.ndarray:
         """Return vectors (F, P, n, 3) of the body's frame in the world."""
-        return np.einsum("fpij,fpnj->fpni", self.world_from_body, vectors)
+        return vectors @ self.world_from_body.swapaxes(-1, -2)
 
 
 def _onto_rays(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, length: np.ndarray) -> np.ndarray:

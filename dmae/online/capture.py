@@ -11,7 +11,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeletons.size import resized_poses, resized_rig
-from dmae.online.completion import BATCH, FinishedFrame, OnlineCompleter, split_frames
+from dmae.online.completion import FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
@@ -26,6 +26,8 @@ from dmae.reconstruction.tracks import TrackedFrame, Tracks
 if TYPE_CHECKING:
     from dmae.completion.completer import Completer
 
+BATCH = 0.04
+"""s of frames that are finished together."""
 _MIN_MEMORY = 2.0
 """s of frames that are remembered at least: bone lengths are measured over them."""
 
@@ -135,9 +137,11 @@ class OnlineCapture:
         th_p = reassignment.th_p if reassignment.distance_m > 0 else self._config.th_p
         evidence = self._evidence(self._waiting[:ahead], th_p)
         before = np.full((past, *tracks.xyz.shape[1:]), np.nan)
-        for frame, (known, xyz) in zip(before, self._measured, strict=True):
+        if past:
+            known, xyz = (np.concatenate(part) for part in zip(*self._measured, strict=True))
+            number = np.repeat(np.arange(past), [len(people) for people, _ in self._measured])
             both = np.isin(known, persons)
-            frame[np.searchsorted(persons, known[both])] = xyz[both]
+            before[number[both], np.searchsorted(persons, known[both])] = xyz[both]
         poses, xyz = measure(evidence, tracks, slice(past, past + ahead), before, self._skeleton, self._fps)
         done, scale = poses.select(slice(count)), self._skeleton.scale
         done = done if scale == 1 else resized_poses(done, scale)
@@ -164,13 +168,14 @@ class OnlineCapture:
         settled = np.array([track in self._person_of for track in index.tolist()], bool)[first]
         number = person[first]
         tracks = inside_volume(tracks, config.volume)
-        same = same_person(tracks.xyz, self._skeleton, fps, config.tracking.reentry_s)
+        here = ~np.isnan(tracks.xyz[window]).all((0, 2, 3))
+        same = first if settled.all() else same_person(tracks.xyz, self._skeleton, fps, config.tracking.reentry_s)
         for i in np.flatnonzero(~settled):
             group = np.flatnonzero(same == same[i])
             candidates = group[settled[group]] if settled[group].any() else group
             number[i] = person[first[candidates[0]]]
         for track, i in zip(index.tolist(), np.searchsorted(first, label).tolist(), strict=True):
-            if not np.isnan(tracks.xyz[window, i]).all():
+            if here[i]:
                 self._person_of[track] = int(number[i])
 
         order = np.argsort(number, kind="stable")

@@ -1,6 +1,7 @@
 """Adaptive Triangulation (Algorithm 1 of the paper): from the detections of a clip to its people in 3D."""
 
 from functools import partial
+from math import ceil
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from dmae.reconstruction.rays import most_confident_rays
 from dmae.reconstruction.reassignment import expected_paths, reassign
 from dmae.reconstruction.tracking import track
 from dmae.reconstruction.tracks import Tracks
+
+_EXPECTED_BY = 2.0
+"""s around a window of frames by which hidden joints are expected in it."""
 
 
 def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
@@ -118,9 +122,13 @@ def measure(
     xyz = np.concatenate([before, points.xyz])
     if config.prune:
         xyz = prune(xyz, skeleton, fps)
-    around = Poses3D(skeleton, np.concatenate([xyz, tracks.xyz[window.stop :]]))
-    expected = fill_body_frame(around, fps, pchip).xyz[window]
+    # What is expected is known by the frames around: a joint that is hidden for longer is expected nowhere.
+    reach = ceil(_EXPECTED_BY * fps)
+    around = slice(max(window.start - reach, 0), window.stop + reach)
+    nearby = Poses3D(skeleton, np.concatenate([xyz, tracks.xyz[window.stop :]])[around])
     xyz = xyz[window]
+    inside = slice(window.start - around.start, window.stop - around.start)
+    expected = fill_body_frame(nearby, fps, pchip).xyz[inside]
     absent = np.isnan(xyz[..., 0])
     poses = Poses3D(
         skeleton,
