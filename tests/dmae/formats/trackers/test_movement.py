@@ -120,3 +120,15 @@ def test_keypoints_of_a_known_skeleton_are_put_in_its_order(tmp_path):
     one, other = (read_poses(tmp_path / name).poses for name in ("poses.nc", "turned.nc"))
     assert other.skeleton == BODY25
     np.testing.assert_array_equal(one.xyz, other.xyz)
+
+
+def test_texts_that_follow_themselves_end(tmp_path):
+    """The HDF5 library runs for ever on a heap with an object of no size."""
+    path = tmp_path / "poses.nc"
+    dmae.export(dog_clip(3), path, format="movement")
+    data = bytearray(path.read_bytes())
+    heap = data.index(b"GCOL\x01") + 16
+    data[heap : heap + 16] = bytes(16)
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match="its texts are damaged"):
+        read_poses(path)
