@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import TypeVar
 
@@ -17,6 +18,7 @@ _FILTERS = {1, 2, 3, 4, 32000}
 """Deflate, shuffle, Fletcher, szip and LZF; of others HDF5 would load plugins."""
 _MOST_TEXTS, _LONGEST_TEXT = 5000, 20_000
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_HEAP, _HEAD = b"GCOL\x01\0\0\0", 16
 
 
 class Hdf5:
@@ -128,6 +130,10 @@ def open_hdf5(path: Path, what: str) -> Iterator[Hdf5]:
         older = "; it is netCDF 3, save it as netCDF 4" if start.startswith(b"CDF") else ""
         raise ValueError(f"{path}: expected {what}, found no HDF5 file{older}")
     try:
+        _check_heaps(path)
+    except ValueError as error:
+        raise ValueError(f"{path}: expected {what}; {error}") from None
+    try:
         import h5py
     except ImportError:
         raise ValueError(f"{path}: h5py reads {what}; pip install dmae-synth[animals]") from None
@@ -137,6 +143,28 @@ def open_hdf5(path: Path, what: str) -> Iterator[Hdf5]:
         raise ValueError(f"{path}: expected {what}; {error}") from None
     with file:
         yield Hdf5(path, what, file)
+
+
+def _check_heaps(path: Path) -> None:
+    """Refuse damaged heaps of texts, on which the HDF5 library runs for ever: an object of no size follows itself.
+
+    A heap is `GCOL`, version 1, its size, and objects of an index, a count and a size each; index 0 is free space, the
+    size of which counts its head (HDF5 File Format Specification, III.E).
+    """
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+        # Bytes of offsets and lengths, which stand elsewhere in newer files.
+        if set(data[13:15] if data[8] < 2 else data[9:11]) != {8}:
+            raise ValueError("its offsets and lengths are not of 8 bytes")
+        start = data.find(_HEAP)
+        while start >= 0:
+            end, at = start + int.from_bytes(data[start + 8 : start + 16], "little"), start + _HEAD
+            while end <= len(data) and at + _HEAD <= end:
+                size = int.from_bytes(data[at + 8 : at + 16], "little")
+                whole = size if data[at : at + 2] == b"\0\0" else _HEAD + -(-size // 8) * 8
+                if not _HEAD <= whole <= end - at:
+                    raise ValueError(f"its texts are damaged, at byte {at}")
+                at += whole
+            start = data.find(_HEAP, start + 1)
 
 
 def _text(value: object, longest: int | None = _LONGEST_TEXT) -> str:

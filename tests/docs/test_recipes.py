@@ -4,6 +4,7 @@ import importlib
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,13 @@ import yaml
 import dmae
 import synth
 from dmae.completion.methods import completion_method
+from dmae.data.clip import Detections2D
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.registry import reader
 from dmae.metrics.registry import metric
 from synth.interactions import interaction
+from tests.support.animal_files import write_deeplabcut
+from tests.support.animals import DOG, dog_clip
 from tests.support.commands import run_command
 
 PAGES = Path(__file__).parents[2] / "docs/how-to"
@@ -89,6 +93,29 @@ def test_a_detector_error(recipe, tmp_path: Path):
         np.testing.assert_array_equal(module.Blackouts().apply(view).score, view.score)
         band = module.Blackouts(share=0.5).apply(view).xy[..., 1]
         assert not (band > view.size[1] / 2).any()
+
+
+def test_a_skeleton(tmp_path: Path):
+    """The page's file is a skeleton, and its commands run on a recording of such animals."""
+    pytest.importorskip("tables", reason="pandas writes DeepLabCut's files by PyTables")
+    page = (PAGES / "skeleton.md").read_text()
+    (tmp_path / "dog.yaml").write_text(re.search(r"```yaml\n(.*?)```", page, re.DOTALL)[1])
+    skeleton = dmae.get_skeleton(str(tmp_path / "dog.yaml"))
+    clip = dog_clip(45)
+    joints = DOG.index(*(name.replace("_paw", "_fore_paw") for name in skeleton.joints))
+    detections = Detections2D(skeleton, clip.detections.xy[..., joints, :], clip.detections.score[..., joints])
+    (tmp_path / "recordings/dog").mkdir(parents=True)
+    write_deeplabcut(tmp_path / "recordings/dog", replace(clip, detections=detections, truth=None))
+    first, *_ = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
+    for line in first.splitlines():
+        done = run_command(tmp_path, *line.split())
+        assert done.returncode == 0, done.stderr
+    for name in ("dog.html", "dog.nc", "dog.c3d"):
+        assert (tmp_path / "runs" / name).is_file()
+    poses = dmae.read_poses(tmp_path / "runs/dog.nc").poses
+    assert poses.skeleton == skeleton
+    error = np.linalg.norm(poses.xyz[:, 0] - clip.truth.xyz[:, 0, joints], axis=-1)
+    assert np.nanmedian(error) < 0.02
 
 
 @pytest.fixture(scope="module")

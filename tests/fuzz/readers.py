@@ -20,6 +20,7 @@ from dmae.data.images import (
     Images,
 )
 from dmae.data.resume import claim_folder
+from dmae.data.skeleton import get_skeleton
 from dmae.data.store import load_clip
 from dmae.evaluation.report_section import read_scores
 from dmae.evaluation.review.decisions import load_decisions
@@ -28,6 +29,7 @@ from dmae.formats.calibrations.files import read_calibration
 from dmae.formats.calibrations.registry import calibration_format
 from dmae.formats.npz import read_npz
 from dmae.formats.reading import DataConfig, load
+from dmae.formats.recordings.pose_files import read_poses
 from dmae.formats.registry import reader as recording_reader
 from dmae.formats.trc import read_trc, write_trc
 from synth.cli import SYNTH
@@ -64,6 +66,7 @@ from tests.fuzz.seed_files import (
     write_scores,
     write_weights,
 )
+from tests.support.animal_files import SPIDER, write_deeplabcut, write_dogs_nc
 from tests.support.calibrations import TEXTS
 from tests.support.clips import walkers
 from tests.support.tracked_recordings import write_mmpose
@@ -184,6 +187,13 @@ READERS = [
            ("predictions/*",)),
     Reader("recording/pose2sim video", write_pose2sim_video,
            lambda folder: list(load(DataConfig("pose2sim", str(folder)))), ("videos/*",)),
+    Reader("recording/deeplabcut fixed", partial(write_deeplabcut, kind="fixed"),
+           partial(_read_recording, "deeplabcut"), ("*.h5",)),
+    Reader("recording/deeplabcut csv", partial(write_deeplabcut, kind="csv", animals=2),
+           partial(_read_recording, "deeplabcut"), ("*.csv",)),
+    Reader("poses/movement", write_dogs_nc, lambda folder: read_poses(folder / "poses.nc").poses),
+    Reader("skeleton/skeleton", lambda folder: (folder / "spider.yaml").write_text(SPIDER),
+           lambda folder: [str(get_skeleton(str(folder / "spider.yaml")))]),
     Reader("poses/npz", write_poses, lambda folder: read_npz(folder / "poses.npz")),
     Reader("poses/trc", lambda folder: write_trc(walkers(3, 1), FPS, folder / "poses.trc"),
            lambda folder: read_trc(folder / "poses.trc"), errors=(ValueError, FileNotFoundError, KeyError)),

@@ -34,6 +34,7 @@ from synth.motion.readers.smpl import write_npz as write_smpl
 from synth.motion.source import MotionConfig
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneConfig
+from tests.support.animal_files import write_deeplabcut, write_movement, write_sleap
 from tests.support.calibrations import write as write_camera
 from tests.support.clips import full_clip, walkers
 from tests.support.completers import SMALL
@@ -300,6 +301,9 @@ WRITE_RECORDING = {
     "caliscope": write_caliscope,
     "freemocap": write_freemocap,
     "mmpose": write_mmpose,
+    "deeplabcut": lambda folder: write_deeplabcut(folder, kind="h5"),
+    "sleap": write_sleap,
+    "movement": write_movement,
     "clip": write_clip,
     "coco": lambda folder: write_recording(full_clip(3, 2), folder, "coco"),
     "easymocap": lambda folder: write_recording(full_clip(3, 2), folder, "easymocap"),

@@ -10,7 +10,20 @@ import xarray
 
 from dmae.data.clip import Clip
 from dmae.formats.calibrations.files import write_calibration
+from dmae.formats.writing import write_poses
 from tests.support.animals import dog_clip
+
+SPIDER = """name: spider
+size_m: 0.02
+joints:
+  body:
+  head: body
+  l_leg: body
+  r_leg: body
+mirror: [[l_leg, r_leg]]
+torso: [body, head]
+stretching: [head]
+"""
 
 
 def _calibrated(folder: Path, clip: Clip | None, animals: int) -> Clip:
@@ -50,6 +63,7 @@ def write_sleap(folder: Path, clip: Clip | None = None, said: bool = False, anim
         with h5py.File(folder / f"{camera}.analysis.h5", "w") as file:
             file["node_names"] = np.array(skeleton.joints, "S")
             file["edge_inds"] = np.array(skeleton.bones)
+            file["track_names"] = np.array([f"animal{number}" for number in range(xy.shape[1])], "S")
             file["tracks"] = xy if said else xy.transpose(1, 3, 2, 0)
             file["point_scores"] = score if said else score.transpose(1, 2, 0)
             if said:
@@ -77,3 +91,8 @@ def write_movement(folder: Path, clip: Clip | None = None, animals: int = 1) -> 
             {"fps": float(clip.fps), "time_unit": "seconds", "ds_type": "poses"},
         ).to_netcdf(folder / f"{camera}.nc", engine="h5netcdf")
     return clip
+
+
+def write_dogs_nc(folder: Path) -> None:
+    """Poses in 3D on a skeleton of its own, as `dmae export format=movement` writes them."""
+    write_poses(dog_clip(3), folder / "poses", "movement")

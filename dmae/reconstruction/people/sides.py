@@ -54,7 +54,7 @@ class Sides:
         if skeleton.defined:
             tops = np.array([_top(skeleton, joint) for joint in left], int)
             limbs = [list(tops == top) for top in np.unique(tops)]
-        return cls(pairs, np.array([[True] * len(pairs), *limbs]).reshape(-1, len(pairs)))
+        return cls(pairs, np.array([[True] * len(pairs), *limbs], bool).reshape(1 + len(limbs), len(pairs)))
 
 
 def _top(skeleton: Skeleton, joint: int) -> int:
