@@ -28,8 +28,8 @@ _INTERACTIONS = (
 _TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
 
 _TOUCHING = (
-    "circle_talk", "counter", "crossing", "dance", "fight", "handshake", "huddle", "hug", "pass_box", "queue", "shelving",
-    "table", "walking_together",
+    "circle_talk", "counter", "crossing", "dance", "fight", "handshake", "huddle", "hug", "pass_box", "queue",
+    "shelving", "table", "walking_together",
 )  # fmt: skip
 
 RECORDED = {
