@@ -36,7 +36,7 @@ from dmae.completion.training.reading import TrainingSet, read_training_set, spl
 from dmae.completion.training.time_limit import TimeLimit
 from dmae.completion.training.uncertainty_fitting import fit_factors
 from dmae.completion.uncertainty import CLASSES
-from dmae.completion.weights import load_model, save_model
+from dmae.completion.weights import find_shipped, load_model, save_model
 from dmae.data.clip import Clip
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import BODY25, Skeleton, get_skeleton
@@ -204,7 +204,9 @@ def _load_initial(config: TrainConfig) -> tuple[DMAE, Skeleton, dict] | None:
     """Return the model to start from, its skeleton and its record."""
     if config.init is None:
         return None
-    model, skeleton, record = load_model(Path(config.init))
+    shipped = config.init == "shipped"
+    folder = find_shipped(get_skeleton(config.skeleton or BODY25.name)) if shipped else Path(config.init)
+    model, skeleton, record = load_model(folder)
     if config.skeleton not in (None, skeleton.name):
         raise ValueError(f"{config.init}: a model of skeleton {skeleton.name!r}, and skeleton={config.skeleton}")
     wanted, found = (_flat(asdict(options), "model.") for options in (config.model, model.config))
