@@ -56,7 +56,7 @@ def main(clips: int, keep: str | None) -> None:
         kinds = [NO_INTERACTION, *sorted(interaction.keys())]
         made = (_forces(kind, clips, Path(folder, kind)) for kind in kinds)
         rows = list(progress(made, "interactions", len(kinds)))
-        surface, cost = _surface(clips, Path(folder, "office")), _cost()
+        surface, cost = _surface(Path(folder, "office")), _cost()
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "mujoco"))
     when = f"{date.today().isoformat()}, commit {commit.strip()}, python {platform.python_version()}, {versions}"
@@ -114,9 +114,9 @@ def _seconds(work) -> float:
     return time.process_time() - begun
 
 
-def _surface(clips: int, out: Path) -> list[list[str]]:
+def _surface(out: Path) -> list[list[str]]:
     """Compare surface points with id images; a row for each kind of visibility."""
-    list(synth.generate(*OFFICE, clips=clips, seed=SEED, out=out))
+    list(synth.generate(*OFFICE, clips=2, seed=SEED, out=out))
     synth.label(out, ["surface"])
     found = [surface_agreement(load_clip(each), synth.physical_labels(each).surface) for each in clip_folders(out)]
     compared, agreeing = (sum(part) for part in zip(*found, strict=True))
