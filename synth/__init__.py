@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from synth.public.labels import physical_labels as physical_labels
     from synth.public.pictures import contact_sheet as contact_sheet
     from synth.public.pictures import show as show
+    from synth.public.planning import plan as plan
+    from synth.public.realism import detector_errors as detector_errors
+    from synth.public.realism import realism as realism
     from synth.public.rendering import forecast as forecast
     from synth.public.rendering import render as render
 
@@ -37,6 +40,8 @@ _HOMES = {
     "synth.public.generation": ["export", "generate", "merge", "split", "stats", "takes", "verify"],
     "synth.public.labels": ["body_state", "label", "physical_labels"],
     "synth.public.pictures": ["contact_sheet", "show"],
+    "synth.public.planning": ["plan"],
+    "synth.public.realism": ["detector_errors", "realism"],
     "synth.public.rendering": ["forecast", "render"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

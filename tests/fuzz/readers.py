@@ -49,6 +49,7 @@ from tests.fuzz.seed_files import (
     write_calibration,
     write_checkpoint,
     write_clip,
+    write_colours,
     write_compressed,
     write_data_set,
     write_decisions,
@@ -111,8 +112,8 @@ def _read_pictures(kind: str, folder: Path) -> list:
     return list(Images(folder, ("left",), (0, 1), (kind,), ("a",)).read(kind, "left"))
 
 
-def _read_colours(format: str, ending: str, folder: Path) -> list:
-    return list(Images(folder / ending, ("left",), (0, 1), ("rgb",), (), format).read("rgb", "left"))
+def _read_colours(format: str, folder: Path) -> list:
+    return list(Images(folder, ("left",), (0, 1), ("rgb",), (), format).read("rgb", "left"))
 
 
 def _read_weights(folder: Path):
@@ -203,9 +204,8 @@ READERS = [
     Reader("clip/physics", write_physics, _read_physics),
     Reader("clip/decisions", write_decisions, lambda folder: load_decisions(folder, walkers(3, 2))),
     Reader("clip/data set", write_data_set, lambda folder: verify(folder) and None, ("*.json*", "*/clip.json")),
-    *(Reader(f"images/{kind}", write_pictures, partial(_read_pictures, kind), (f"{kind}/**/*",))
-      for kind in KINDS),
-    *(Reader(f"images/rgb as {format}", write_pictures, partial(_read_colours, format, ending), (f"{ending}/**/*",))
+    *(Reader(f"images/{kind}", partial(write_pictures, kind), partial(_read_pictures, kind)) for kind in KINDS),
+    *(Reader(f"images/rgb as {format}", partial(write_colours, ending), partial(_read_colours, format))
       for format, ending in (("png", "png"), ("jpeg", "jpg"))),
     Reader("scene/spec", lambda folder: (folder / "spec.json").write_text(spec()),
            lambda folder: SceneSpec.from_json(read_text(folder / "spec.json")),

@@ -136,19 +136,29 @@ def write_physics(folder: Path) -> None:
     save_physical_labels(physical_labels(frames=2, views=2, persons=1), folder)
 
 
-def write_pictures(folder: Path) -> None:
-    image = np.arange(16 * 16).reshape(16, 16)
+_IMAGE = np.arange(16 * 16).reshape(16, 16)
+_WRITE_PICTURE = {
+    "depth": lambda path, frame: write_depth(path, _IMAGE.astype(np.float32) / 100),
+    "ids": lambda path, frame: write_ids(path, _IMAGE),
+    "parts": lambda path, frame: write_parts(path, _IMAGE),
+    "normals": lambda path, frame: write_normals(path, np.broadcast_to([0.6, 0.0, 0.8], (16, 16, 3))),
+    "flow": lambda path, frame: write_flow(path, np.dstack([_IMAGE, -_IMAGE]) / 8.0),
+    "amodal": lambda path, frame: write_amodal(path, _IMAGE.astype(np.uint32) << 8 * frame),
+}
+
+
+def write_pictures(kind: str, folder: Path) -> None:
+    if kind == "rgb":
+        rgb = np.random.default_rng(0).integers(0, 255, (4, 16, 16, 3)).astype(np.uint8)
+        write_video(folder / "rgb/left.mp4", rgb, 25)
+        return
     for frame in range(2):
-        write_depth(folder / f"depth/left/{frame:06d}.png", image.astype(np.float32) / 100)
-        write_ids(folder / f"ids/left/{frame:06d}.png", image)
-        write_parts(folder / f"parts/left/{frame:06d}.png", image)
-        write_normals(folder / f"normals/left/{frame:06d}.png", np.broadcast_to([0.6, 0.0, 0.8], (16, 16, 3)))
-        write_flow(folder / f"flow/left/{frame:06d}.png", np.dstack([image, -image]) / 8.0)
-        write_amodal(folder / f"amodal/left/{frame:06d}.png", image.astype(np.uint32) << 8 * frame)
-        for ending in ("png", "jpg"):
-            write_rgb(folder / f"{ending}/rgb/left/{frame:06d}.{ending}", np.dstack([image] * 3).astype(np.uint8))
-    rgb = np.random.default_rng(0).integers(0, 255, (4, 16, 16, 3)).astype(np.uint8)
-    write_video(folder / "rgb/left.mp4", rgb, 25)
+        _WRITE_PICTURE[kind](folder / f"{kind}/left/{frame:06d}.png", frame)
+
+
+def write_colours(ending: str, folder: Path) -> None:
+    for frame in range(2):
+        write_rgb(folder / f"rgb/left/{frame:06d}.{ending}", np.dstack([_IMAGE] * 3).astype(np.uint8))
 
 
 @cache
