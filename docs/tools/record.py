@@ -27,7 +27,10 @@ _INTERACTIONS = (
 )
 _TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
 
-_TOUCHING = ("fight", "handshake", "hug", "pass_box")
+_TOUCHING = (
+    "circle_talk", "counter", "crossing", "dance", "fight", "handshake", "huddle", "hug", "pass_box", "queue",
+    "shelving", "table", "walking_together",
+)  # fmt: skip
 
 RECORDED = {
     "shelf": (
@@ -78,10 +81,10 @@ RECORDED = {
         "2 minutes",
     ),
     "contacts": (
-        f"synth generate -m interaction={','.join(_TOUCHING)} clips=6 seed=7 scene.seconds=7 "
+        f"synth generate -m interaction={','.join(_TOUCHING)} clips=3 seed=7 scene.seconds=6 "
         f"rig=ring rig.ring.views=2 out=touching && "
         f"synth stats data=touching/0 extra_data=[{','.join(f'touching/{k}' for k in range(1, len(_TOUCHING)))}]",
-        "4 minutes",
+        "8 minutes",
     ),
     "motion": (
         "synth generate clips=16 seed=1 rig=ring rig.ring.views=2 out=made && "

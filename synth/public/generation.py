@@ -267,7 +267,7 @@ def export(
     Args:
         path: The data set, or a clip.
         out: Folder to write, whole or not at all; it must be empty or not exist.
-        format: `coco`, `yolo`, `webdataset`, `huggingface` or `panoptic`. All but the last need images.
+        format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic` or `npz`. All but the last two need images.
         splits: File that `split` wrote; by default all clips are in the split `train`.
         skeleton: Skeleton of the joints; by default coco17, of panoptic always panoptic19.
         every: 2 for every other frame.

@@ -70,6 +70,25 @@ def test_rendering_of_four_people(quality, kinds, tmp_path, monkeypatch):
     print(f"  starting {starting:.2f} s")
 
 
+@pytest.mark.parametrize("quality", list(ImageQuality), ids=lambda quality: quality.name)
+def test_ids_beside_colour(quality, tmp_path, monkeypatch):
+    """CPU time of colour and ids, files and numbers of pixels included, as a ratio to colour alone."""
+    if not find_backend():
+        pytest.skip("no OpenGL works here")
+    monkeypatch.setenv("LP_NUM_THREADS", "1")
+    spec = sample_scene(SceneConfig(persons=[4, 4], seconds=0.4), MotionConfig(), seed=0, clip=0).spec
+    made, rig = simulate(spec, RIG), RIG[:2]
+    spent = {}
+    for kinds in (("rgb",), ("rgb", "ids")):
+        with Renderer(made.model, made.geom_ids, rig, quality) as renderer:
+            renderer.picture(made.qpos[0], 0, kinds)
+            start = time.process_time()
+            render_images(renderer, made.qpos, rig, tmp_path / "+".join(kinds), spec.fps, kinds)
+            spent[kinds] = (time.process_time() - start) / (len(made.qpos) * len(rig))
+    alone, both = spent.values()
+    print(f"\n{quality.name}: colour {1000 * alone:.0f} ms a view, with ids {both / alone:.2f} x as much")
+
+
 def test_workers(tmp_path, monkeypatch):
     """Needs a machine with four idle cores to mean anything."""
     # Mesa's rasteriser would let one worker take all cores.

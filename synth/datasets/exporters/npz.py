@@ -24,7 +24,10 @@ def export_npz(selection: Selection, out: Path) -> dict[str, Counter]:
 
 
 def _write_clip(task: ClipTask) -> Counter:
-    clip = task.load()
+    clip, counts = task.load(), Counter(clips=1)
+    for _ in task.pictures(clip, counts) if clip.images is not None else ():
+        # Pictures are counted for the card, and not written.
+        pass
     frames = slice(None, None, task.every)
     labels = joint_labels(clip, clip.truth, task.skeleton)
     arrays = {
@@ -42,7 +45,7 @@ def _write_clip(task: ClipTask) -> Counter:
     path = task.out / task.split / f"{file_part(task.name)}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, **arrays)
-    return Counter(clips=1)
+    return counts
 
 
 def physical_arrays(folder: Path, every: int = 1) -> dict[str, np.ndarray]:
