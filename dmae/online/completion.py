@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ import numpy as np
 
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D, Source
-from dmae.numerics.filling import LONGEST_ABSENCE
+from dmae.numerics.filling import LONGEST_ABSENCE, smooth
 
 if TYPE_CHECKING:
     from dmae.completion.completer import Completer
@@ -42,6 +42,21 @@ class FinishedFrame:
 
     number: int
     people: np.ndarray
+    poses: Poses3D
+
+
+@dataclass(frozen=True)
+class _Completed:
+    """Completed frames of one person, not smoothed.
+
+    Attributes:
+        first: Number of the first one.
+        end: Number of the first frame that is completed again later; those from it on are for smoothing alone.
+        poses: (n, 1, J)
+    """
+
+    first: int
+    end: int
     poses: Poses3D
 
 
@@ -75,12 +90,14 @@ class OnlineCompleter:
             raise ValueError(f"fps must be positive and delay not negative, found {fps} and {delay}")
         self._known_after, self._turns = round(delay * fps), turns
         self.delay = self._known_after + turns - 1
-        self._completer, self._fps = completer, fps
+        # Smoothing takes frames that were completed before, so that they are not completed again.
+        self._completer, self._smooth, self._fps = replace(completer, smooth=0.0), completer.smooth, fps
+        self._reach = ceil(3 * completer.smooth * fps)
         self._step = max(round(completer.stride * fps), 1)
         self._memory = ceil(MEMORY * fps / self._step) * self._step
         self._frames: list[FinishedFrame] = []
         self._waiting = 0
-        self._completed: dict[int, tuple[int, Poses3D]] = {}
+        self._completed: dict[int, _Completed] = {}
 
     @property
     def first_kept(self) -> int:
@@ -115,10 +132,7 @@ class OnlineCompleter:
 
     def _end_of(self, person: int) -> int:
         """Return the number of the first frame in which a person is not completed yet."""
-        if person not in self._completed:
-            return 0
-        first, poses = self._completed[person]
-        return first + len(poses.xyz)
+        return self._completed[person].end if person in self._completed else self._first
 
     def _recent_people(self) -> np.ndarray:
         """Return the people who may be present in frames that wait."""
@@ -126,35 +140,53 @@ class OnlineCompleter:
         return np.unique(np.concatenate([frame.people for frame in self._frames[-recent:]]))
 
     def _complete(self, people: np.ndarray, end: int) -> None:
-        """Complete people in the frames that wait, up to frame `end`."""
-        start = self._first
-        if len(people) and end > start:
-            kept = self._frames[0].number
-            poses = self._completer(join_frames(self._frames, people), self._fps, slice(start - kept, end - kept))
-            for i, person in enumerate(people.tolist()):
-                joints = {name: getattr(poses, name)[:, i : i + 1] for name in _JOINTS}
-                self._completed[person] = start, Poses3D(poses.skeleton, **joints)
+        """Complete people up to frame `end`, and those frames after it that take part in smoothing."""
+        start = min(map(self._end_of, people.tolist()), default=end)
+        if start >= end:
+            return
+        kept, known = self._frames[0].number, self._frames[-1].number + 1
+        poses = join_frames(self._frames, people)
+        done = self._completer(poses, self._fps, slice(start - kept, min(end + self._reach, known) - kept))
+        for i, person in enumerate(people.tolist()):
+            joints = {name: getattr(done, name)[:, i : i + 1] for name in _JOINTS}
+            first, before = start, self._completed.get(person)
+            if before is not None:
+                first, earlier = before.first, before.poses.select(slice(max(start - before.first, 0)))
+                joints = {name: np.concatenate([getattr(earlier, name), joint]) for name, joint in joints.items()}
+            self._completed[person] = _Completed(first, end, Poses3D(done.skeleton, **joints))
 
     def _take(self, count: int) -> list[FinishedFrame]:
         """Return the first `count` frames that wait; forget those that are not needed any more."""
         if count <= 0:
             return []
-        first = self._first
-        found = {}
-        for person, (start, poses) in sorted(self._completed.items()):
-            if start + len(poses.xyz) > first:
-                found[person] = poses.select(slice(first - start, first - start + count))
-        people = np.array(list(found), int)
+        first, reach = self._first, self._reach
+        around = max(first - reach, 0)
+        # Frames of which a person has none are absent.
         skeleton = self._completer.target or self._frames[-1].poses.skeleton
-        poses = Poses3D(skeleton, np.empty((count, 0, len(skeleton), 3)))
-        if found:
-            poses = Poses3D(
-                next(iter(found.values())).skeleton,
-                **{name: np.concatenate([getattr(part, name) for part in found.values()], 1) for name in _JOINTS},
-            )
+        people = np.array(sorted(self._completed), int)
+        parts = [
+            (i, max(done.first, around), done.poses.select(slice(max(around - done.first, 0), None)))
+            for i, done in enumerate(self._completed[person] for person in people.tolist())
+        ]
+        length = max([first + count - around, *(begin + len(part.xyz) - around for _, begin, part in parts)])
+        poses = Poses3D(skeleton, np.full((length, len(people), len(skeleton), 3), np.nan))
+        joints = {name: getattr(poses, name).copy() for name in _JOINTS}
+        for i, begin, part in parts:
+            for name in _JOINTS:
+                joints[name][begin - around : begin - around + len(part.xyz), i] = getattr(part, name)[:, 0]
+        poses = smooth(Poses3D(skeleton, **joints), self._fps, self._smooth)
+        poses = poses.select(slice(first - around, first - around + count))
         self._waiting -= count
         first += count
-        self._completed = {p: piece for p, piece in self._completed.items() if piece[0] + len(piece[1].xyz) > first}
+        for person, done in list(self._completed.items()):
+            # Those frames stay that smoothing still takes.
+            spare = max(first - reach - done.first, 0)
+            if done.end <= first - reach:
+                del self._completed[person]
+            elif spare:
+                self._completed[person] = replace(
+                    done, first=done.first + spare, poses=done.poses.select(slice(spare, None))
+                )
         spare = max(len(self._frames) - self._waiting - self._memory, 0)
         del self._frames[: spare - spare % self._step]
         return split_frames(poses, people, first - count)
