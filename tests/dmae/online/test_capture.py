@@ -86,6 +86,18 @@ def test_the_delay_is_the_time_that_steps_look_ahead():
     assert OnlineCapture(rig, BODY25, FPS, nothing_ahead).delay / FPS < 0.2
 
 
+def test_a_shorter_look_ahead_is_a_shorter_delay():
+    clip = detected_clip(crossing())
+    for look_ahead, delay in ((0.2, 7), (0.0, 2)):
+        online = OnlineCapture(clip.rig, BODY25, FPS, DEFAULT, look_ahead=look_ahead)
+        assert online.delay == delay
+        finished = [done for frame in range(60) for done in online.push(clip.select(frames=[frame]).detections)]
+        assert len(finished) >= 60 - delay
+        assert all(frame.people.tolist() == [0, 1, 2] for frame in finished[10:])
+    with pytest.raises(ValueError, match="look_ahead=-1: expected seconds, 0 or more"):
+        OnlineCapture(clip.rig, BODY25, FPS, DEFAULT, look_ahead=-1)
+
+
 def test_zero_people_and_zero_frames_are_valid_results():
     empty = Detections2D(BODY25, np.empty((FRAMES, 4, 0, 25, 2)), np.empty((FRAMES, 4, 0, 25)))
     finished = feed(replace(detected_clip(crossing()), detections=empty))
