@@ -5,7 +5,7 @@ import numpy as np
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.bones import median_bone_lengths
 from dmae.numerics.compiled import compiled
-from dmae.numerics.heading import rotation_z, smooth_heading
+from dmae.numerics.heading import body_rotations
 from dmae.numerics.interpolation import Interpolation, connect
 from dmae.numerics.robust import mean_known
 
@@ -22,8 +22,6 @@ _RELATIVE_TOLERANCE, _TOLERANCE = 0.25, 0.05
 _STEPS = 8
 """Of Gauss-Newton."""
 
-_TORSO = {"mid_hip", "neck", "l_hip", "r_hip", "l_shoulder", "r_shoulder", "bottom_head"}
-
 
 def interpolate(
     xyz: np.ndarray,
@@ -34,7 +32,8 @@ def interpolate(
 ) -> "Bodies":
     """Fill the gaps of (F, P, J, 3) wherever anything is known; `Bodies.filled` is the result.
 
-    The frame is rotated about the vertical by the heading of hips and shoulders, smoothed. A hidden joint of the torso
+    The frame is rotated about the vertical by the heading of hips and shoulders, smoothed; where a skeleton of your own
+    has none, in space by its torso. A hidden joint of the torso
     is placed by its interpolated offsets from the torso joints that are measured, a hidden joint of a limb by its
     offset from its parent. Both are then moved to meet what was measured before and after. Where the whole torso is
     hidden its root is interpolated in the world.
@@ -45,8 +44,7 @@ def interpolate(
         rays: (F, P, J, 2, 3) on which hidden joints are known to be, see `Poses3D.rays`. Joints are moved there, and
             the joints below them in the skeleton move along.
     """
-    heading = smooth_heading(xyz, skeleton, HEADING_SMOOTHING * fps)
-    bodies = Bodies(xyz, skeleton, rays, rotation_z(heading))
+    bodies = Bodies(xyz, skeleton, rays, body_rotations(xyz, skeleton, HEADING_SMOOTHING * fps))
     torso, parents = bodies.torso, bodies.parents
     for joint in torso:
         anchors = [anchor for anchor in torso if anchor != joint]
@@ -76,14 +74,15 @@ class Bodies:
         torso: Joints of the torso, parents first.
         parents: (J,) parent of each joint, -1 for none. A root outside the torso, such as COCO's nose, has the root of
             the torso for parent.
+        stretching: Joints with a bone that changes its length.
         attached: Joints that have a parent, parents first.
     """
 
     def __init__(self, xyz: np.ndarray, skeleton: Skeleton, rays: np.ndarray | None, world_from_body: np.ndarray):
         self.xyz, self.filled, self.rays, self.world_from_body = xyz, xyz.copy(), rays, world_from_body
         order = _parents_first(skeleton)
-        names = [joint.rpartition(".")[2] for joint in skeleton.joints]
-        self.torso = torso = [joint for joint in order if names[joint] in _TORSO]
+        self.stretching = skeleton.stretching
+        self.torso = torso = [joint for joint in order if joint in skeleton.trunk]
         self.parents = [torso[0] if parent < 0 and torso else parent for parent in skeleton.parents]
         self.attached = [joint for joint in order if self.parents[joint] not in (-1, joint)]
 
@@ -107,7 +106,7 @@ class Bodies:
             frame, person = np.nonzero(hidden & ~np.isnan(self.rays[:, :, joint, 0, 0]))
             start, ray = estimate[frame, person], self.rays[frame, person, joint]
             bone = (np.nan, np.nan)
-            if parent is not None:
+            if parent is not None and joint not in self.stretching:
                 lengths = median_bone_lengths(self.xyz, [(parent, joint)])[:, 0]
                 bone = self.filled[frame, person, parent], lengths[person]
             moved = np.where(hidden[..., None], np.nan, np.zeros(3))

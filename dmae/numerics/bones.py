@@ -46,17 +46,18 @@ def median_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
 
 
 def symmetric_bone_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Return each person's median length of each bone of a skeleton, left and right pooled, (P, B) m.
+    """Return each person's median length of each rigid bone of a skeleton, left and right pooled, (P, B) m.
 
     NaN where neither side was measured.
 
     Args:
         xyz: (F, P, J, 3) m, NaN where not measured.
     """
-    lengths = bone_lengths(xyz, skeleton.bones)
-    order = {bone: i for i, bone in enumerate(skeleton.bones)}
+    bones = skeleton.rigid_bones
+    lengths = bone_lengths(xyz, bones)
+    order = {bone: i for i, bone in enumerate(bones)}
     mirror = skeleton.mirror
-    partner = [order.get((mirror[a], mirror[b]), i) for i, (a, b) in enumerate(skeleton.bones)]
+    partner = [order.get((mirror[a], mirror[b]), i) for i, (a, b) in enumerate(bones)]
     return median_over_frames(np.concatenate([lengths, lengths[:, :, partner]]))
 
 

@@ -10,11 +10,13 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
+from dmae.data.skeletons.size import resized_poses, resized_rig
 from dmae.online.completion import DELAY, TURN, FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
+from dmae.reconstruction.people.body_size import resized_config
 from dmae.reconstruction.people.subjects import inside_volume
 from dmae.reconstruction.pipeline import MeasuredJoints, measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
@@ -64,8 +66,8 @@ class OnlineCapture:
                 0.28 of completion costs accuracy, and people appear later. By default as much as steps use.
 
         Raises:
-            ValueError: fewer than two cameras, a negative time, or people are asked for that only a whole recording
-                tells.
+            ValueError: fewer than two cameras, a skeleton without a size, a negative time, or people are asked for that
+                only a whole recording tells.
         """
         if look_ahead is not None and not 0 <= look_ahead < np.inf:
             raise ValueError(f"look_ahead={look_ahead}: expected seconds, 0 or more")
@@ -76,6 +78,12 @@ class OnlineCapture:
                 "capture.persons and capture.subject are decided over a whole recording, which is not known while "
                 "cameras run; give capture.volume, or leave them out"
             )
+        if skeleton.size_m is None:
+            raise ValueError(
+                f"skeleton {skeleton.name!r} states no size, which is not known before the recording; give size_m"
+            )
+        if skeleton.scale != 1:
+            rig, config = resized_rig(rig, 1 / skeleton.scale), resized_config(config, 1 / skeleton.scale)
         self._rig, self._skeleton, self._fps, self._config = rig, skeleton, fps, config
         self._tracker = Tracker(skeleton, fps, config)
         self._batch = max(round(BATCH * fps), 1)
@@ -169,7 +177,8 @@ class OnlineCapture:
             return []
         joints, persons, count = self._measuring
         self._measuring = None
-        finished = split_frames(joints.poses(count, self._skeleton, self._fps), persons, self._number)
+        poses, scale = joints.poses(count, self._skeleton, self._fps), self._skeleton.scale
+        finished = split_frames(poses if scale == 1 else resized_poses(poses, scale), persons, self._number)
         self._number += count
         return finished
 
@@ -202,7 +211,7 @@ class OnlineCapture:
         number = number[order]
         tracks = merge(tracks.select(order), np.searchsorted(number, number))
         number = np.unique(number)
-        measured = well_measured(tracks, config.tracking.birth_joints)[window.start :]
+        measured = well_measured(tracks, config.tracking.births(len(self._skeleton)))[window.start :]
         earlier = np.array([self._frames_of.get(p, 0) for p in number.tolist()], int)
         frames = self._seen
         kept = ~false_positives(tracks, earlier + measured.sum(0), frames, fps, config)

@@ -21,7 +21,7 @@ _STRETCH, _SLACK = 0.25, 0.05
 def prune(xyz: np.ndarray, skeleton: Skeleton, fps: float) -> np.ndarray:
     """Return joints (F, P, J, 3) with NaN in place of those that break bones or jump."""
     unbroken = np.where(broken(xyz, skeleton)[..., None], np.nan, xyz)
-    return np.where(jumps(unbroken, fps)[..., None], np.nan, unbroken)
+    return np.where(jumps(unbroken, fps, _ACCELERATION / skeleton.scale)[..., None], np.nan, unbroken)
 
 
 def broken(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
@@ -38,12 +38,12 @@ def broken(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     """
     usual = symmetric_bone_lengths(xyz, skeleton)
     dropped = np.zeros(xyz.shape[:3], bool)
-    lengths, bones = bone_lengths(xyz, skeleton.bones), np.array(skeleton.bones, np.int64).reshape(-1, 2)
-    drop_broken(lengths, usual, bones, _STRETCH, _SLACK, dropped)
+    bones = skeleton.rigid_bones
+    drop_broken(bone_lengths(xyz, bones), usual, np.array(bones, np.int64).reshape(-1, 2), _STRETCH, _SLACK, dropped)
     return dropped
 
 
-def jumps(xyz: np.ndarray, fps: float) -> np.ndarray:
+def jumps(xyz: np.ndarray, fps: float, acceleration: float = _ACCELERATION) -> np.ndarray:
     """Find samples of joints that leave their path and return to it faster than a body can.
 
     A run of samples is a jump when each of them is off the sample before the run, the sample after it and the chord
@@ -51,6 +51,7 @@ def jumps(xyz: np.ndarray, fps: float) -> np.ndarray:
 
     Args:
         xyz: (F, ..., 3) m, NaN where absent.
+        acceleration: m/s^2, the greatest that motion explains.
 
     Returns:
         (F, ...) True for the samples to drop.
@@ -60,7 +61,7 @@ def jumps(xyz: np.ndarray, fps: float) -> np.ndarray:
     before, wanted = known.copy(), np.ones(flat.shape[1], bool)
     while wanted.any():
         # Of runs near each other only the worst is dropped: a jump makes the samples around it look impossible.
-        runs = impossible_runs(flat, known, wanted, float(fps), widest, _NOISE, _ACCELERATION)
+        runs = impossible_runs(flat, known, wanted, float(fps), widest, _NOISE, acceleration)
         drop_runs(runs[np.lexsort((-runs[:, 0], runs[:, 1]))], known, widest)
         wanted[:] = False
         wanted[runs[:, 1].astype(int)] = True

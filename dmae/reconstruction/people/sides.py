@@ -47,11 +47,22 @@ class Sides:
         """Return those of a skeleton."""
         mirror = np.array(skeleton.mirror, int)
         names = [joint.rpartition(".")[2] for joint in skeleton.joints]
-        left = np.array([i for i, name in enumerate(names) if name.startswith("l_") and mirror[i] != i], int)
+        left = np.array(skeleton.left, int)
         pairs = np.stack([left, mirror[left]], -1).reshape(-1, 2)
         kinds = [names[i].removeprefix("l_") for i in left]
         limbs = [[kind in limb for kind in kinds] for limb in _LIMBS]
+        if skeleton.defined:
+            tops = np.array([_top(skeleton, joint) for joint in left], int)
+            limbs = [list(tops == top) for top in np.unique(tops)]
         return cls(pairs, np.array([[True] * len(pairs), *limbs]).reshape(-1, len(pairs)))
+
+
+def _top(skeleton: Skeleton, joint: int) -> int:
+    """Return the joint from which a limb hangs, its highest one with a partner on the other side."""
+    parents, mirror = skeleton.parents, skeleton.mirror
+    while parents[joint] >= 0 and mirror[parents[joint]] != parents[joint]:
+        joint = parents[joint]
+    return joint
 
 
 def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> np.ndarray:
