@@ -187,7 +187,7 @@ def main() -> None:
         commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
         versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "numba", "torch"))
         made = {
-            "command": "python -m tests.bench.costs",
+            "command": "python -m tests.bench.costs --picture docs/images/capture_cost.svg",
             "date": date.today().isoformat(),
             "commit": commit,
             "versions": f"python {platform.python_version()}, {versions}",
