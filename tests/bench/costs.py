@@ -184,15 +184,14 @@ def main() -> None:
     if asked.picture:
         draw(found, Path(asked.picture))
     if out:
+        command = "python -m tests.bench.costs --picture docs/images/capture_cost.svg"
         commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
         versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "numba", "torch"))
         made = {
-            "command": "python -m tests.bench.costs --picture docs/images/capture_cost.svg",
-            "date": date.today().isoformat(),
-            "commit": commit,
-            "versions": f"python {platform.python_version()}, {versions}",
+            "command": command,
+            "measured": f"{date.today().isoformat()}, commit {commit}, python {platform.python_version()}, {versions}",
             "found": found,
-            "tables": tables(found),
+            "tables": {name: {"command": command} | table for name, table in tables(found).items()},
         }
         Path(out).write_text(json.dumps(made, indent=1) + "\n")
 
