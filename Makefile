@@ -182,6 +182,7 @@ fuzz: setup
 endurance: setup
 	$(BIN)/python -m tests.endurance.kills --moments 20
 	$(BIN)/python -m tests.endurance.memory 100 300 1000
+	$(BIN)/python -m tests.endurance.long_recording 100000
 	$(BIN)/python -m tests.endurance.loaders
 
 # The documentation site, in site/. A warning, a stale tutorial or a figure that differs from its file fails it.

@@ -15,7 +15,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.heading import rotate_z
 from dmae.numerics.resampling import resample
 
-_BATCH = 128
+_BATCH = 32
 _SAME_RATE = 0.01
 """Rates within this share of each other are taken as equal."""
 

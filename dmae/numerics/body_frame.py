@@ -4,6 +4,7 @@ import numpy as np
 
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.bones import median_bone_lengths
+from dmae.numerics.compiled import compiled
 from dmae.numerics.heading import body_rotations
 from dmae.numerics.interpolation import Interpolation, connect
 from dmae.numerics.robust import mean_known
@@ -130,21 +131,43 @@ def _onto_rays(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, lengt
     point of the ray nearest to the estimate, and from the sphere about the parent (n, 3) of radius `length` (n,), m;
     NaN where either is unknown. Points too far from their rays, or with bones too long or too short, are NaN.
     """
-    centre, direction = rays[..., 0, :].astype(np.float64), rays[..., 1, :].astype(np.float64)
-    depth = ((estimate - centre) * direction).sum(-1, keepdims=True)
-    point = centre + depth * direction
-    far = ~((depth[..., 0] > 0) & (np.linalg.norm(point - estimate, axis=-1) < FARTHEST))
-    along = np.zeros(estimate.shape[:-1])
-    for _ in range(_STEPS):
-        bone = point + along[..., None] * direction - parent
-        current = np.maximum(np.linalg.norm(bone, axis=-1), 1e-6)
-        slope = (bone * direction).sum(-1) / current
-        gradient = along / _ALONG_RAY**2 + (current - length) * slope / _BONE_ERROR**2
-        hessian = 1 / _ALONG_RAY**2 + slope**2 / _BONE_ERROR**2
-        along = along - np.nan_to_num(gradient / hessian).clip(-_ALONG_RAY, _ALONG_RAY)
-    point = point + along[..., None] * direction
-    far |= np.abs(np.linalg.norm(point - parent, axis=-1) - length) > _RELATIVE_TOLERANCE * length + _TOLERANCE
-    return np.where(far[..., None], np.nan, point)
+    placed = np.full(estimate.shape, np.nan)
+    parent = np.broadcast_to(np.asarray(parent, np.float64), estimate.shape)
+    length = np.broadcast_to(np.asarray(length, np.float64), len(estimate))
+    _place_on_rays(np.asarray(estimate, np.float64), rays.astype(np.float64), parent, length, placed)
+    return placed
+
+
+@compiled()
+def _place_on_rays(estimate, rays, parent, length, placed):
+    """Write the points of `_onto_rays` that are near enough; `placed` (n, 3) is filled with NaN by the caller."""
+    for i in range(len(estimate)):
+        depth = 0.0
+        for k in range(3):
+            depth += (estimate[i, k] - rays[i, 0, k]) * rays[i, 1, k]
+        away, before, towards = 0.0, 0.0, 0.0
+        for k in range(3):
+            point = rays[i, 0, k] + depth * rays[i, 1, k]
+            away += (point - estimate[i, k]) ** 2
+            before += (point - parent[i, k]) ** 2
+            towards += (point - parent[i, k]) * rays[i, 1, k]
+        if not (depth > 0 and np.sqrt(away) < FARTHEST):
+            continue
+        # Along the ray the bone's length is sqrt(before + 2 along towards + along^2).
+        along = 0.0
+        for _ in range(_STEPS):
+            current = max(np.sqrt(max(before + 2 * along * towards + along * along, 0.0)), 1e-6)
+            slope = (towards + along) / current
+            gradient = along / _ALONG_RAY**2 + (current - length[i]) * slope / _BONE_ERROR**2
+            step = gradient / (1 / _ALONG_RAY**2 + slope**2 / _BONE_ERROR**2)
+            if np.isnan(step):
+                break
+            along -= min(max(step, -_ALONG_RAY), _ALONG_RAY)
+        bone = np.sqrt(max(before + 2 * along * towards + along * along, 0.0))
+        if abs(bone - length[i]) > _RELATIVE_TOLERANCE * length[i] + _TOLERANCE:
+            continue
+        for k in range(3):
+            placed[i, k] = rays[i, 0, k] + (depth + along) * rays[i, 1, k]
 
 
 def _parents_first(skeleton: Skeleton) -> list[int]:

@@ -11,14 +11,14 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeletons.size import resized_poses, resized_rig
-from dmae.online.completion import FinishedFrame, OnlineCompleter, split_frames
+from dmae.online.completion import DELAY, TURN, FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
 from dmae.reconstruction.people.body_size import resized_config
 from dmae.reconstruction.people.subjects import inside_volume
-from dmae.reconstruction.pipeline import measure
+from dmae.reconstruction.pipeline import MeasuredJoints, measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
 from dmae.reconstruction.tracking import Tracker
 from dmae.reconstruction.tracks import TrackedFrame, Tracks
@@ -26,8 +26,8 @@ from dmae.reconstruction.tracks import TrackedFrame, Tracks
 if TYPE_CHECKING:
     from dmae.completion.completer import Completer
 
-BATCH = 0.04
-"""s of frames that are finished together."""
+BATCH = 0.08
+"""s of frames that are finished together. Their joints are measured with one frame, their rays with the next."""
 _MIN_MEMORY = 2.0
 """s of frames that are remembered at least: bone lengths are measured over them."""
 
@@ -53,6 +53,7 @@ class OnlineCapture:
         fps: float,
         config: CaptureConfig,
         complete: Completer | None = None,
+        look_ahead: float | None = None,
     ):
         """
         Args:
@@ -61,11 +62,15 @@ class OnlineCapture:
             fps: Frames per second.
             config: As for `capture`.
             complete: Completes captured poses, see `dmae.completion.pipeline.completers`; None for none.
+            look_ahead: s; most that any step waits for what comes after a frame: less than the 0.4 of capture and the
+                0.28 of completion costs accuracy, and people appear later. By default as much as steps use.
 
         Raises:
-            ValueError: fewer than two cameras, a skeleton without a size, or people are asked for that only a whole
-                recording tells.
+            ValueError: fewer than two cameras, a skeleton without a size, a negative time, or people are asked for that
+                only a whole recording tells.
         """
+        if look_ahead is not None and not 0 <= look_ahead < np.inf:
+            raise ValueError(f"look_ahead={look_ahead}: expected seconds, 0 or more")
         if len(rig) < 2:
             raise ValueError(f"capture needs at least 2 cameras, found {len(rig)}")
         if config.persons is not None or config.subject != SubjectConfig():
@@ -84,14 +89,22 @@ class OnlineCapture:
         self._batch = max(round(BATCH * fps), 1)
         self._jump = ceil(LONGEST_JUMP * fps) if config.prune else 0
         gap = config.reassignment.max_gap_s if config.reassignment.distance_m > 0 else 0
-        self._ahead = max(ceil(max(gap, config.tracking.min_duration_s) * fps), self._jump) + self._batch - 1
-        self._completing = OnlineCompleter(complete, fps) if complete else None
-        self.delay = self._ahead + (self._completing.delay if self._completing else 0)
+        ahead = max(ceil(max(gap, config.tracking.min_duration_s) * fps), self._jump)
+        if look_ahead is not None:
+            ahead = min(ahead, int(look_ahead * fps))
+        self._ahead = ahead + self._batch - 1
+        self._measuring: tuple[MeasuredJoints, np.ndarray, int] | None = None
+        self._completing = None
+        if complete:
+            delay = DELAY if look_ahead is None else min(look_ahead, DELAY)
+            self._completing = OnlineCompleter(complete, fps, delay, turns=max(round(TURN * fps), 1))
+        # Of more than one frame the rays are found one frame later.
+        self.delay = self._ahead + min(self._batch - 1, 1) + (self._completing.delay if self._completing else 0)
         self._memory = ceil(max(_MIN_MEMORY, 2 * config.tracking.reentry_s) * fps)
         self._tracked: list[TrackedFrame] = []
         self._measured: list[tuple[np.ndarray, np.ndarray]] = []
         self._waiting: list[Detections2D] = []
-        self._number = 0
+        self._number = self._seen = 0
         self._person_of: dict[int, int] = {}
         self._frames_of: dict[int, int] = {}
 
@@ -107,12 +120,20 @@ class OnlineCapture:
             )
         self._tracked.append(self._tracker.step(self._evidence([detections], self._config.th_p), 0))
         self._waiting.append(detections)
-        captured = self._finish(self._batch) if len(self._waiting) > self._ahead else []
+        self._seen += 1
+        captured = self._finish()
+        if len(self._waiting) > self._ahead:
+            self._measure(self._batch)
+            if self._batch == 1:
+                captured = self._finish()
         return self._completing.push(captured) if self._completing else captured
 
     def flush(self) -> list[FinishedFrame]:
         """Return the frames that still wait, at the end of the recording."""
-        captured = self._finish(len(self._waiting)) if self._waiting else []
+        captured = self._finish()
+        if self._waiting:
+            self._measure(len(self._waiting))
+            captured += self._finish()
         return self._completing.push(captured) + self._completing.flush() if self._completing else captured
 
     def _evidence(self, frames: list[Detections2D], th_p: float) -> Evidence:
@@ -128,8 +149,8 @@ class OnlineCapture:
         clip = Clip("", self._fps, self._rig, Detections2D(self._skeleton, xy, score))
         return Evidence.of(clip, th_p, self._config)
 
-    def _finish(self, count: int) -> list[FinishedFrame]:
-        """Finish the first `count` waiting frames, as `capture` would with all frames that are remembered."""
+    def _measure(self, count: int) -> None:
+        """Measure the joints of the first `count` waiting frames, as `capture` would with all that are remembered."""
         past = len(self._tracked) - len(self._waiting)
         persons, tracks = self._persons(slice(past, past + count))
         ahead = min(count + self._jump, len(self._waiting))
@@ -142,15 +163,23 @@ class OnlineCapture:
             number = np.repeat(np.arange(past), [len(people) for people, _ in self._measured])
             both = np.isin(known, persons)
             before[number[both], np.searchsorted(persons, known[both])] = xyz[both]
-        poses, xyz = measure(evidence, tracks, slice(past, past + ahead), before, self._skeleton, self._fps)
-        done, scale = poses.select(slice(count)), self._skeleton.scale
-        done = done if scale == 1 else resized_poses(done, scale)
-        finished = split_frames(done, persons, self._number)
-        self._measured += [(persons, joints) for joints in xyz[:count]]
-        self._number += count
+        window = slice(past, past + ahead)
+        joints = measure(evidence, tracks, window, before, self._skeleton, self._fps)
+        self._measuring = joints, persons, count
+        self._measured += [(persons, xyz) for xyz in joints.points.xyz[:count]]
         del self._waiting[:count]
         self._tracked = self._tracked[-self._memory - len(self._waiting) :]
         self._measured = self._measured[len(self._measured) - (len(self._tracked) - len(self._waiting)) :]
+
+    def _finish(self) -> list[FinishedFrame]:
+        """Return the frames of which the joints were measured last, and not returned yet."""
+        if self._measuring is None:
+            return []
+        joints, persons, count = self._measuring
+        self._measuring = None
+        poses, scale = joints.poses(count, self._skeleton, self._fps), self._skeleton.scale
+        finished = split_frames(poses if scale == 1 else resized_poses(poses, scale), persons, self._number)
+        self._number += count
         return finished
 
     def _persons(self, window: slice) -> tuple[np.ndarray, Tracks]:
@@ -184,7 +213,7 @@ class OnlineCapture:
         number = np.unique(number)
         measured = well_measured(tracks, config.tracking.births(len(self._skeleton)))[window.start :]
         earlier = np.array([self._frames_of.get(p, 0) for p in number.tolist()], int)
-        frames = self._number + len(self._waiting)
+        frames = self._seen
         kept = ~false_positives(tracks, earlier + measured.sum(0), frames, fps, config)
         for p, more in zip(number.tolist(), measured[: window.stop - window.start].sum(0).tolist(), strict=True):
             self._frames_of[p] = self._frames_of.get(p, 0) + more

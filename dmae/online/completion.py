@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +12,7 @@ import numpy as np
 
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D, Source
+from dmae.numerics.filling import LONGEST_ABSENCE, smooth
 
 if TYPE_CHECKING:
     from dmae.completion.completer import Completer
@@ -21,6 +22,8 @@ BATCH = 0.2
 """s of frames that are completed together."""
 DELAY = 0.28
 """s; half a window of the default model."""
+TURN = 0.2
+"""s in which each person is completed once while cameras run, one after the other, so that frames take alike."""
 MEMORY = 5.0
 """s of frames that are kept before those that wait."""
 
@@ -42,6 +45,21 @@ class FinishedFrame:
     poses: Poses3D
 
 
+@dataclass(frozen=True)
+class _Completed:
+    """Completed frames of one person, not smoothed.
+
+    Attributes:
+        first: Number of the first one.
+        end: Number of the first frame that is completed again later; those from it on are for smoothing alone.
+        poses: (n, 1, J)
+    """
+
+    first: int
+    end: int
+    poses: Poses3D
+
+
 class OnlineCompleter:
     """`dmae.completion.completer.Completer` for frames as they come in.
 
@@ -51,27 +69,35 @@ class OnlineCompleter:
     windows are no whole number of frames apart. A person without measurements in a frame is returned only if
     measured again within the delay.
 
+    With `turns` people are completed in turn, some with each push, so that all pushes take about as long. Frames then
+    wait until the turn of each person has come.
+
     Attributes:
-        delay: Least number of frames after one that are known when it is returned.
+        delay: Largest number of frames after one that are known when it is returned.
     """
 
-    def __init__(self, completer: Completer, fps: float, delay: float = DELAY):
+    def __init__(self, completer: Completer, fps: float, delay: float = DELAY, turns: int = 1):
         """
         Args:
             fps: Frames per second at which they come in.
             delay: s.
+            turns: Pushes in which each person is completed once; 1 completes all people with each push.
 
         Raises:
             ValueError: fps is not positive or the delay negative.
         """
         if not (np.isfinite(fps) and fps > 0 and np.isfinite(delay) and delay >= 0):
             raise ValueError(f"fps must be positive and delay not negative, found {fps} and {delay}")
-        self.delay = round(delay * fps)
-        self._completer, self._fps = completer, fps
+        self._known_after, self._turns = round(delay * fps), turns
+        self.delay = self._known_after + turns - 1
+        # Smoothing takes frames that were completed before, so that they are not completed again.
+        self._completer, self._smooth, self._fps = replace(completer, smooth=0.0), completer.smooth, fps
+        self._reach = ceil(3 * completer.smooth * fps)
         self._step = max(round(completer.stride * fps), 1)
         self._memory = ceil(MEMORY * fps / self._step) * self._step
         self._frames: list[FinishedFrame] = []
         self._waiting = 0
+        self._completed: dict[int, _Completed] = {}
 
     @property
     def first_kept(self) -> int:
@@ -82,25 +108,88 @@ class OnlineCompleter:
         """Take the next frames; return those that are complete now, in order."""
         self._frames += frames
         self._waiting += len(frames)
-        return self._complete(self._waiting - self.delay)
+        if not self._frames:
+            return []
+        first, end = self._first, self._frames[-1].number + 1 - self._known_after
+        people = self._recent_people()
+        done = [self._end_of(person) for person in people.tolist()]
+        share = np.argsort(done, kind="stable")[: ceil(len(people) / self._turns)]
+        last = end - self._turns + 1
+        now = [i for i in range(len(people)) if done[i] < (end if i in share else last)]
+        self._complete(people[now], end)
+        return self._take(last - first)
 
     def flush(self) -> list[FinishedFrame]:
         """Return the frames that still wait, at the end of the recording."""
-        return self._complete(self._waiting)
+        if self._waiting:
+            self._complete(self._recent_people(), self._first + self._waiting)
+        return self._take(self._waiting)
 
-    def _complete(self, count: int) -> list[FinishedFrame]:
-        """Complete and return the first `count` frames that wait."""
+    @property
+    def _first(self) -> int:
+        """Number of the first frame that waits."""
+        return self._frames[-1].number + 1 - self._waiting
+
+    def _end_of(self, person: int) -> int:
+        """Return the number of the first frame in which a person is not completed yet."""
+        return self._completed[person].end if person in self._completed else self._first
+
+    def _recent_people(self) -> np.ndarray:
+        """Return the people who may be present in frames that wait."""
+        recent = self._waiting + ceil(LONGEST_ABSENCE * self._fps) + 1
+        return np.unique(np.concatenate([frame.people for frame in self._frames[-recent:]]))
+
+    def _complete(self, people: np.ndarray, end: int) -> None:
+        """Complete people up to frame `end`, and those frames after it that take part in smoothing."""
+        start = min(map(self._end_of, people.tolist()), default=end)
+        if start >= end:
+            return
+        kept, known = self._frames[0].number, self._frames[-1].number + 1
+        poses = join_frames(self._frames, people)
+        done = self._completer(poses, self._fps, slice(start - kept, min(end + self._reach, known) - kept))
+        for i, person in enumerate(people.tolist()):
+            joints = {name: getattr(done, name)[:, i : i + 1] for name in _JOINTS}
+            first, before = start, self._completed.get(person)
+            if before is not None:
+                first, earlier = before.first, before.poses.select(slice(max(start - before.first, 0)))
+                joints = {name: np.concatenate([getattr(earlier, name), joint]) for name, joint in joints.items()}
+            self._completed[person] = _Completed(first, end, Poses3D(done.skeleton, **joints))
+
+    def _take(self, count: int) -> list[FinishedFrame]:
+        """Return the first `count` frames that wait; forget those that are not needed any more."""
         if count <= 0:
             return []
-        first = len(self._frames) - self._waiting
-        now = slice(first, first + count)
-        people = np.unique(np.concatenate([frame.people for frame in self._frames]))
-        poses = join_frames(self._frames, people)
-        done = split_frames(self._completer(poses, self._fps, now), people, self._frames[first].number)
+        first, reach = self._first, self._reach
+        around = max(first - reach, 0)
+        # Frames of which a person has none are absent.
+        skeleton = self._completer.target or self._frames[-1].poses.skeleton
+        people = np.array(sorted(self._completed), int)
+        parts = [
+            (i, max(done.first, around), done.poses.select(slice(max(around - done.first, 0), None)))
+            for i, done in enumerate(self._completed[person] for person in people.tolist())
+        ]
+        length = max([first + count - around, *(begin + len(part.xyz) - around for _, begin, part in parts)])
+        poses = Poses3D(skeleton, np.full((length, len(people), len(skeleton), 3), np.nan))
+        joints = {name: getattr(poses, name).copy() for name in _JOINTS}
+        for i, begin, part in parts:
+            for name in _JOINTS:
+                joints[name][begin - around : begin - around + len(part.xyz), i] = getattr(part, name)[:, 0]
+        poses = smooth(Poses3D(skeleton, **joints), self._fps, self._smooth)
+        poses = poses.select(slice(first - around, first - around + count))
         self._waiting -= count
+        first += count
+        for person, done in list(self._completed.items()):
+            # Those frames stay that smoothing still takes.
+            spare = max(first - reach - done.first, 0)
+            if done.end <= first - reach:
+                del self._completed[person]
+            elif spare:
+                self._completed[person] = replace(
+                    done, first=done.first + spare, poses=done.poses.select(slice(spare, None))
+                )
         spare = max(len(self._frames) - self._waiting - self._memory, 0)
         del self._frames[: spare - spare % self._step]
-        return done
+        return split_frames(poses, people, first - count)
 
 
 @completion_method("dmae_online", learned=True, smooths=True)
@@ -134,9 +223,13 @@ def split_frames(poses: Poses3D, people: np.ndarray, number: int = 0) -> list[Fi
 def join_frames(frames: Sequence[FinishedFrame], people: np.ndarray) -> Poses3D:
     """Return poses (F, P, J) of one frame or more, with a row for each of the people (P,), ascending."""
     skeleton = frames[0].poses.skeleton
+    number = np.repeat(np.arange(len(frames)), [len(frame.people) for frame in frames])
+    person = np.concatenate([frame.people for frame in frames])
+    wanted = np.isin(person, people)
+    place = number[wanted], np.searchsorted(people, person[wanted])
+    joints = {}
     whole = Poses3D(skeleton, np.full((len(frames), len(people), len(skeleton), 3), np.nan))
-    for i, frame in enumerate(frames):
-        row = np.searchsorted(people, frame.people)
-        for name in _JOINTS:
-            getattr(whole, name)[i, row] = getattr(frame.poses, name)[0]
-    return whole
+    for name in _JOINTS:
+        joints[name] = getattr(whole, name).copy()
+        joints[name][place] = np.concatenate([getattr(frame.poses, name)[0] for frame in frames])[wanted]
+    return Poses3D(skeleton, **joints)

@@ -1,5 +1,6 @@
 """Adaptive Triangulation (Algorithm 1 of the paper): from the detections of a clip to its people in 3D."""
 
+from dataclasses import dataclass
 from functools import partial
 from math import ceil
 
@@ -23,6 +24,7 @@ from dmae.reconstruction.rays import most_confident_rays
 from dmae.reconstruction.reassignment import expected_paths, reassign
 from dmae.reconstruction.tracking import track
 from dmae.reconstruction.tracks import Tracks
+from dmae.reconstruction.triangulation import Points
 
 _EXPECTED_BY = 2.0
 """s around a window of frames by which hidden joints are expected in it."""
@@ -82,8 +84,49 @@ def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     if config.reassignment.distance_m > 0:
         evidence = Evidence.of(clip, config.reassignment.th_p, config)
     before = np.empty((0, *tracks.xyz.shape[1:]))
-    poses, _ = measure(evidence, tracks, slice(0, len(clip)), before, skeleton, fps, settle=True)
-    return poses
+    joints = measure(evidence, tracks, slice(0, len(clip)), before, skeleton, fps, settle=True)
+    return joints.poses(len(clip), skeleton, fps)
+
+
+@dataclass(frozen=True)
+class MeasuredJoints:
+    """Joints of P known people in a window of F frames, as they were triangulated.
+
+    Attributes:
+        evidence: Detections of the window, sides put right.
+        tracks: The people over N frames, from before the window to after it.
+        window: The F frames among the N.
+        assigned: (F, P, V, J) detections that the joints were measured from, or `NONE`.
+        points: (F, P, J) joints before pruning.
+        xyz: (window.stop, P, J, 3) m, joints after pruning, with those before the window.
+    """
+
+    evidence: Evidence
+    tracks: Tracks
+    window: slice
+    assigned: np.ndarray
+    points: Points
+    xyz: np.ndarray
+
+    def poses(self, count: int, skeleton: Skeleton, fps: float) -> Poses3D:
+        """Return the first `count` frames of the window, with the rays on which joints are that were not measured."""
+        window = slice(self.window.start, self.window.start + count)
+        # What is expected is known by the frames around: a joint that is hidden for longer is expected nowhere.
+        reach = ceil(_EXPECTED_BY * fps)
+        around = slice(max(window.start - reach, 0), window.stop + reach)
+        nearby = Poses3D(skeleton, np.concatenate([self.xyz, self.tracks.xyz[self.window.stop :]])[around])
+        inside = slice(window.start - around.start, window.stop - around.start)
+        expected = fill_body_frame(nearby, fps, pchip).xyz[inside]
+        xyz, first_pass = self.xyz[window], self.tracks.assigned[window]
+        absent = np.isnan(xyz[..., 0])
+        return Poses3D(
+            skeleton,
+            xyz,
+            np.where(absent, Source.ABSENT, Source.MEASURED),
+            np.where(absent[..., None, None], np.nan, self.points.cov[:count]),
+            np.where(absent, 0, self.points.views[:count]),
+            most_confident_rays(self.evidence, absent, expected, self.assigned[:count], first_pass),
+        )
 
 
 def measure(
@@ -94,8 +137,8 @@ def measure(
     skeleton: Skeleton,
     fps: float,
     settle: bool = False,
-) -> tuple[Poses3D, np.ndarray]:
-    """Measure the joints of known people in a window of frames: reassign, triangulate, prune, and select rays.
+) -> MeasuredJoints:
+    """Measure the joints of known people in a window of frames: reassign, triangulate and prune.
 
     Args:
         evidence: Detections of the F frames of the window.
@@ -104,10 +147,6 @@ def measure(
         before: (window.start, P, J, 3) m, joints triangulated in the frames before the window.
         settle: Triangulate people on which cameras disagree from those that agree, see `settle_disagreement`; for
             windows of whole recordings.
-
-    Returns:
-        poses: (F, P, J) of the window.
-        xyz: (F, P, J, 3) m, joints of the window before pruning, as `before` of a later one.
     """
     config, first_pass = evidence.config, tracks.assigned[window]
     assigned, sides = first_pass, Sides.of(skeleton)
@@ -122,20 +161,4 @@ def measure(
     xyz = np.concatenate([before, points.xyz])
     if config.prune:
         xyz = prune(xyz, skeleton, fps)
-    # What is expected is known by the frames around: a joint that is hidden for longer is expected nowhere.
-    reach = ceil(_EXPECTED_BY * fps)
-    around = slice(max(window.start - reach, 0), window.stop + reach)
-    nearby = Poses3D(skeleton, np.concatenate([xyz, tracks.xyz[window.stop :]])[around])
-    xyz = xyz[window]
-    inside = slice(window.start - around.start, window.stop - around.start)
-    expected = fill_body_frame(nearby, fps, pchip).xyz[inside]
-    absent = np.isnan(xyz[..., 0])
-    poses = Poses3D(
-        skeleton,
-        xyz,
-        np.where(absent, Source.ABSENT, Source.MEASURED),
-        np.where(absent[..., None, None], np.nan, points.cov),
-        np.where(absent, 0, points.views),
-        most_confident_rays(evidence, absent, expected, assigned, first_pass),
-    )
-    return poses, points.xyz
+    return MeasuredJoints(evidence, tracks, window, assigned, points, xyz)

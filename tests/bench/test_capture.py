@@ -8,6 +8,7 @@ from dmae.formats.shelf import read_shelf
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from dmae.reconstruction.triangulation import triangulate
+from tests.bench import costs
 from tests.support.clips import looking_at_origin, looking_inwards
 from tests.support.detected_people import detected_clip, walk
 from tests.support.timing import seconds
@@ -35,6 +36,16 @@ def test_capture_of_a_crowd_in_a_dome():
     assert poses.xyz.shape[1] == 8
     whole = seconds(lambda: capture(clip, CaptureConfig()), 1)
     print(f"\nDome, 31 views, 8 people: {len(clip) / whole:.0f} frames/s")
+
+
+def test_costs():
+    """By cameras, people, ghosts and rate, and frame by frame; see `tests.bench.costs`."""
+    found = costs.measure()
+    assert [row["people"] for row in found["people"]] == list(costs.PEOPLE)
+    for name, table in costs.tables(found).items():
+        print(f"\n{name}: {' | '.join(table['columns'])}")
+        for row in table["rows"]:
+            print("  " + " | ".join(row))
 
 
 def test_triangulation_beside_opencv():

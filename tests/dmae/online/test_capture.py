@@ -79,11 +79,23 @@ def test_a_track_of_a_moment_is_no_person():
 
 def test_the_delay_is_the_time_that_steps_look_ahead():
     rig = looking_at_origin(4)
-    assert 0.4 <= OnlineCapture(rig, BODY25, FPS, DEFAULT).delay / FPS <= 0.45
+    assert 0.4 < OnlineCapture(rig, BODY25, FPS, DEFAULT).delay / FPS <= 0.6
     nothing_ahead = CaptureConfig(
         tracking=TrackingConfig(min_duration_s=0), reassignment=ReassignmentConfig(distance_m=0), prune=False
     )
     assert OnlineCapture(rig, BODY25, FPS, nothing_ahead).delay / FPS < 0.2
+
+
+def test_a_shorter_look_ahead_is_a_shorter_delay():
+    clip = detected_clip(crossing())
+    for look_ahead, delay in ((0.2, 7), (0.0, 2)):
+        online = OnlineCapture(clip.rig, BODY25, FPS, DEFAULT, look_ahead=look_ahead)
+        assert online.delay == delay
+        finished = [done for frame in range(60) for done in online.push(clip.select(frames=[frame]).detections)]
+        assert len(finished) >= 60 - delay
+        assert all(frame.people.tolist() == [0, 1, 2] for frame in finished[10:])
+    with pytest.raises(ValueError, match="look_ahead=-1: expected seconds, 0 or more"):
+        OnlineCapture(clip.rig, BODY25, FPS, DEFAULT, look_ahead=-1)
 
 
 def test_zero_people_and_zero_frames_are_valid_results():

@@ -53,6 +53,24 @@ def test_each_frame_equals_offline_completion_of_the_last_seconds(fps, step, del
         expected += len(finished)
 
 
+def test_people_completed_in_turn_are_completed_alike():
+    """Each is completed by what is known up to four frames later than where all are completed with each frame."""
+    poses, completer = with_holes(circling(1, frames=90), 1), untrained()
+    together, in_turn = OnlineCompleter(completer, FPS), OnlineCompleter(completer, FPS, turns=5)
+    assert in_turn.delay == together.delay + 4
+    people, done = np.arange(3), []
+    for online in (together, in_turn):
+        returned = [frame for frames in pushed(online, poses) for frame in frames]
+        assert len(returned) == 90 - online.delay
+        returned += online.flush()
+        assert [frame.number for frame in returned] == list(range(90))
+        done.append(join_frames(returned, people))
+    np.testing.assert_array_equal(done[0].xyz[poses.measured], done[1].xyz[poses.measured])
+    np.testing.assert_array_equal(done[0].source[20:], done[1].source[20:])
+    filled = done[0].source == Source.COMPLETED
+    assert np.median(np.linalg.norm(done[0].xyz - done[1].xyz, axis=-1)[filled]) < 0.01
+
+
 def test_flush_returns_all_frames_that_wait():
     poses, completer = with_holes(circling(1, frames=60), 1), untrained()
     done = complete_online(completer, poses, FPS)
@@ -117,7 +135,8 @@ def test_online_capture_completes_what_it_captures():
     plain, complete = (
         OnlineCapture(clip.rig, BODY25, clip.fps, CaptureConfig(), complete=given) for given in (None, completer)
     )
-    assert complete.delay == plain.delay + 7
+    # 0.28 s, and until each person has had a turn.
+    assert complete.delay == plain.delay + 7 + 4
     captured, finished = [], []
     for frame in range(len(clip)):
         captured += plain.push(clip.select(frames=[frame]).detections)
