@@ -27,6 +27,20 @@ _INTERACTIONS = (
 )
 _TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
 
+_ROOMS = ("office", "living_room", "market", "pillars", "studio", "warehouse")
+_PICTURES = "rig.ring.views=3 rig.random.views=3 images=rgb rgb=jpeg"
+_METER = " && ".join(
+    f"synth generate -m scene={room} rig=ring,random {_PICTURES} scene.fps=1 scene.seconds=6 clips=1 seed={seed} out=meter/{room}"
+    for seed, room in enumerate(_ROOMS, 81)
+) + (
+    f" && synth generate -m scene=office,living_room,warehouse rig=ring {_PICTURES} scene.fps=1 scene.seconds=8 clips=2 seed=87 "
+    "'motion.actions=[sit,bend,crouch,lift]' out=meter/low"
+)
+_METER_SETS = [*(f"meter/{room}/{rig}" for room in _ROOMS for rig in (0, 1)), *(f"meter/low/{n}" for n in range(3))]
+_SEEN = (
+    "synth generate -m scene=office,living_room,studio,warehouse,market rig=ring,random clips=1 seed=62 scene.seconds=1.2 "
+    "images=rgb out=clips && for n in 0 1 2 3 4 5 6 7 8 9; do dmae detect clip=clips/$n out=seen/$n; done"
+)
 _TOUCHING = ("fight", "handshake", "hug", "pass_box")
 
 RECORDED = {
@@ -88,6 +102,15 @@ RECORDED = {
         "synth compare-motion real=$DMAE_DATA/cmu sim=made",
         "5 minutes",
     ),
+    "realism": (
+        f"{_METER} && synth realism data={_METER_SETS[0]} extra_data=[{','.join(_METER_SETS[1:])}] shown=24",
+        "10 minutes",
+    ),
+    "detector_errors": (
+        f"{_SEEN} && synth detector-errors data=seen/0 extra_data=[{','.join(f'seen/{n}' for n in range(1, 10))}] "
+        "simulated=[blazepose,shelf_openpose,hrnet_like]",
+        "15 minutes",
+    ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
 }
 """Results to the commands that make them, joined by &&, and about how long that takes on two cores. What the last one
@@ -131,6 +154,9 @@ def _found(out: Path) -> dict:
         return {"stress": json.loads((out / "stress.json").read_text())}
     if (out / "statistics.json").is_file():
         return {"contacts": json.loads((out / "statistics.json").read_text())["contacts"]}
+    for name in ("realism", "errors", "distances"):
+        if (out / f"{name}.json").is_file():
+            return json.loads((out / f"{name}.json").read_text())
     if (out / "motion.json").is_file():
         return {"differences": json.loads((out / "motion.json").read_text())["differences"]}
     scores = out / "scores.json"

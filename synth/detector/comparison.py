@@ -72,13 +72,15 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
             a, b = float(real.missed_by_side[k, side]), float(sim.missed_by_side[k, side])
             if np.isfinite([a, b]).all():
                 rows.append(_plain(f"missed {name}: {kind}", a, b))
-    if real.views.shape == sim.views.shape:
+    if real.views.size and real.views.shape == sim.views.shape:
         rows += [_detecting_views(kind, real.views[k], sim.views[k], limits.views) for k, kind in enumerate(real.kinds)]
         for view, (a, b) in enumerate(zip(np.nanmean(real.missed, 1), np.nanmean(sim.missed, 1), strict=True)):
             rows.append(_plain(f"missed in view {view}", float(a), float(b)))
     for pair in real.joint_misses:
         a, b = real.joint_misses[pair], sim.joint_misses[pair]
-        rows.append(Row(f"missed together: {pair}", a, b, abs(a - b), limits.joint_miss))
+        # Where none is missed, there are no neighbours of missed joints to compare.
+        known = np.isfinite([a, b]).all()
+        rows.append(Row(f"missed together: {pair}", a, b, abs(a - b), limits.joint_miss if known else None))
     rows.append(_distance("length of misses, s", real.miss_seconds, sim.miss_seconds, limits.distance))
     rows.append(_distance("error", real.error, sim.error, limits.distance))
     for k, kind in enumerate(real.kinds):

@@ -140,7 +140,7 @@ def observe(clip: Clip) -> DetectorObservations:
 
 
 def _is_cut(xy: np.ndarray, seen: Sightings) -> np.ndarray:
-    """Return (F, V, D) True for detections of people who are mostly outside the image, whom `Match` leaves out."""
+    """Return (F, V, D) True for detections of people mostly outside the image, which `Match` leaves out."""
     off = np.linalg.norm(seen.xy[:, :, None] - xy[:, :, :, None], axis=-1) / seen.height[:, :, None, :, None]
     known = ~np.isnan(off)
     middle = np.nanmedian(np.where(known.any(-1, keepdims=True), off, np.inf), -1)

@@ -11,6 +11,7 @@ from functools import partial
 from itertools import product
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
@@ -77,8 +78,8 @@ def fit_to_truth(
     )
 
 
-def held_back(recordings: Sequence[Clip], config: DetectorConfig, seed: int = 0, workers: int = 1) -> list[Row]:
-    """Compare detections with those of the fitted detector on clips that it was not fitted to, within `LIMITS`."""
+def distances(recordings: Sequence[Clip], config: DetectorConfig, seed: int = 0, workers: int = 1) -> list[Row]:
+    """Compare the detections of clips with those of a simulated detector on the same clips; `LIMITS` are allowed."""
     clips = [on_body25(clip) for clip in recordings]
     real = measure_all(clips, len(clips), workers, ErrorReference.annotated)
     sim = measure_all(_redetected(clips, config, seed), len(clips), workers, ErrorReference.annotated)
@@ -133,7 +134,19 @@ def _corrected(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> Det
                 part = _corrected_part(part, a, b, hidden, config)
         parts[kind] = part
     inversions = replace(config.inversions, body=_exchanged(config.inversions.body, real, sim))
-    return replace(config, parts=PartsConfig(**parts), inversions=inversions)
+    correlation = config.scores.error_correlation + _rank_correlation(real) - _rank_correlation(sim)
+    scores = replace(config.scores, error_correlation=round(float(np.clip(correlation, 0, 0.95)), 4))
+    return replace(config, parts=PartsConfig(**parts), inversions=inversions, scores=scores)
+
+
+def _rank_correlation(joints: JointsSeen) -> float:
+    """Return the rank correlation of confidence and small error, averaged over kinds, visible and hidden joints."""
+    found = []
+    for kind, hidden in product(dict.fromkeys(_KINDS), (False, True)):
+        some = _detected(joints, kind, hidden)
+        if len(some.error) >= _ENOUGH and np.ptp(some.score) > 0:
+            found.append(-spearmanr(some.score, some.error).statistic)
+    return float(np.mean(found)) if found else 0.0
 
 
 def _corrected_part(
