@@ -41,6 +41,13 @@ _SEEN = (
     "synth generate -m scene=office,living_room,studio,warehouse,market rig=ring,random clips=1 seed=62 scene.seconds=1.2 "
     "images=rgb out=clips && for n in 0 1 2 3 4 5 6 7 8 9; do dmae detect clip=clips/$n out=seen/$n; done"
 )
+_SINGLE = "detector.search_every=1 detector.windows=[1,0.6]"
+_ALL_ROOMS = ",".join(_ROOMS)
+_FIT = (
+    f"{_SEEN} && {_METER} && synth generate -m scene={_ALL_ROOMS} rig=ring,random {_PICTURES} scene.fps=1 scene.seconds=6 "
+    f"clips=2 seed=71 out=held && for s in meter/*/[01] held/*; do dmae detect clip=$s out=seen/$s {_SINGLE}; done"
+)
+_FITTED = [*(f"seen/{n}" for n in range(1, 10)), *(f"seen/{each}" for each in _METER_SETS if "low" not in each)]
 _TOUCHING = ("fight", "handshake", "hug", "pass_box")
 
 RECORDED = {
@@ -110,6 +117,11 @@ RECORDED = {
         f"{_SEEN} && synth detector-errors data=seen/0 extra_data=[{','.join(f'seen/{n}' for n in range(1, 10))}] "
         "simulated=[blazepose,shelf_openpose,hrnet_like]",
         "15 minutes",
+    ),
+    "detector_blazepose": (
+        f"{_FIT} && synth fit-detector detections=seen/0 extra_data=[{','.join(_FITTED)}] "
+        f"held_back=[{','.join(f'seen/held/{n}' for n in range(11))}] truth=annotated detector=hrnet_like rounds=6 name=blazepose",
+        "40 minutes",
     ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
 }

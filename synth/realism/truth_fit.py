@@ -11,7 +11,6 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
@@ -32,6 +31,8 @@ LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)
 _ENOUGH = 150
 """Fewest joints of a kind and state for their parameters to be fitted."""
 _STEP = 0.8
+_LOW, _HIGH, _UNSURE_STEP = 0.5, 0.8, 0.5
+"""Low and high confidences, whose errors determine how errors and confidences are correlated, and the step of that."""
 _KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
 _INVERTING = BODY25.index("l_shoulder", "r_shoulder")
 """Shoulders are exchanged where the whole body is."""
@@ -134,19 +135,17 @@ def _corrected(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> Det
                 part = _corrected_part(part, a, b, hidden, config)
         parts[kind] = part
     inversions = replace(config.inversions, body=_exchanged(config.inversions.body, real, sim))
-    correlation = config.scores.error_correlation + _rank_correlation(real) - _rank_correlation(sim)
+    correlation = config.scores.error_correlation + _UNSURE_STEP * (_unsureness(real) - _unsureness(sim))
     scores = replace(config.scores, error_correlation=round(float(np.clip(correlation, 0, 0.95)), 4))
     return replace(config, parts=PartsConfig(**parts), inversions=inversions, scores=scores)
 
 
-def _rank_correlation(joints: JointsSeen) -> float:
-    """Return the rank correlation of confidence and small error, averaged over kinds, visible and hidden joints."""
-    found = []
-    for kind, hidden in product(dict.fromkeys(_KINDS), (False, True)):
-        some = _detected(joints, kind, hidden)
-        if len(some.error) >= _ENOUGH and np.ptp(some.score) > 0:
-            found.append(-spearmanr(some.score, some.error).statistic)
-    return float(np.mean(found)) if found else 0.0
+def _unsureness(joints: JointsSeen) -> float:
+    """Return the logarithm of the ratio of median errors at low and at high confidence; 0 where one is rare."""
+    some = [joints.error[joints.score < _LOW], joints.error[joints.score >= _HIGH]]
+    if min(map(len, some)) < _ENOUGH:
+        return 0.0
+    return float(np.log(np.median(some[0]) / max(np.median(some[1]), 1e-6)))
 
 
 def _corrected_part(
