@@ -28,23 +28,24 @@ _INTERACTIONS = (
 _TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
 
 _ROOMS = ("office", "living_room", "market", "pillars", "studio", "warehouse")
-_PICTURES = "rig.ring.views=3 rig.random.views=3 images=rgb rgb=jpeg"
+_PICTURES = "rig.ring.views=3 rig.random.views=3 images=rgb rgb=jpeg scene.fps=1"
 _METER = " && ".join(
-    f"synth generate -m scene={room} rig=ring,random {_PICTURES} scene.fps=1 scene.seconds=6 clips=1 seed={seed} out=meter/{room}"
+    f"synth generate -m scene={room} rig=ring,random {_PICTURES} scene.seconds=6 clips=1 seed={seed} out=meter/{room}"
     for seed, room in enumerate(_ROOMS, 81)
 ) + (
-    f" && synth generate -m scene=office,living_room,warehouse rig=ring {_PICTURES} scene.fps=1 scene.seconds=8 clips=2 seed=87 "
+    f" && synth generate -m scene=office,living_room,warehouse rig=ring {_PICTURES} scene.seconds=8 clips=2 seed=87 "
     "'motion.actions=[sit,bend,crouch,lift]' out=meter/low"
 )
 _METER_SETS = [*(f"meter/{room}/{rig}" for room in _ROOMS for rig in (0, 1)), *(f"meter/low/{n}" for n in range(3))]
 _SEEN = (
-    "synth generate -m scene=office,living_room,studio,warehouse,market rig=ring,random clips=1 seed=62 scene.seconds=1.2 "
-    "images=rgb out=clips && for n in 0 1 2 3 4 5 6 7 8 9; do dmae detect clip=clips/$n out=seen/$n; done"
+    "synth generate -m scene=office,living_room,studio,warehouse,market rig=ring,random clips=1 seed=62 "
+    "scene.seconds=1.2 images=rgb out=clips && "
+    "for n in 0 1 2 3 4 5 6 7 8 9; do dmae detect clip=clips/$n out=seen/$n; done"
 )
 _SINGLE = "detector.search_every=1 detector.windows=[1,0.6]"
 _ALL_ROOMS = ",".join(_ROOMS)
 _FIT = (
-    f"{_SEEN} && {_METER} && synth generate -m scene={_ALL_ROOMS} rig=ring,random {_PICTURES} scene.fps=1 scene.seconds=6 "
+    f"{_SEEN} && {_METER} && synth generate -m scene={_ALL_ROOMS} rig=ring,random {_PICTURES} scene.seconds=6 "
     f"clips=2 seed=71 out=held && for s in meter/*/[01] held/*; do dmae detect clip=$s out=seen/$s {_SINGLE}; done"
 )
 _FITTED = [*(f"seen/{n}" for n in range(1, 10)), *(f"seen/{each}" for each in _METER_SETS if "low" not in each)]
@@ -120,7 +121,8 @@ RECORDED = {
     ),
     "detector_blazepose": (
         f"{_FIT} && synth fit-detector detections=seen/0 extra_data=[{','.join(_FITTED)}] "
-        f"held_back=[{','.join(f'seen/held/{n}' for n in range(11))}] truth=annotated detector=hrnet_like rounds=6 name=blazepose",
+        f"held_back=[{','.join(f'seen/held/{n}' for n in range(11))}] truth=annotated detector=hrnet_like rounds=6 "
+        "name=blazepose",
         "40 minutes",
     ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),

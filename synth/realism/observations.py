@@ -101,7 +101,7 @@ def observe(clip: Clip) -> DetectorObservations:
     true = replace(clip, rig=clip.true_rig or clip.rig, detections=body, poses=None, detection_labels=None)
     match = match_detections(true, convert(clip.truth, BODY25))
     # Joints that the detector's skeleton lacks, as small toes, are no misses.
-    reported = (~np.isnan(body.score)).any((0, 1, 2)) if body.score.size else np.zeros(len(BODY25), bool)
+    reported = (~np.isnan(match.score)).any((0, 1, 2))
     counted = match.matched[..., None] & (seen.visibility <= _IN_IMAGE) & reported
     height = seen.height[..., None]
     error = np.linalg.norm(match.found - seen.xy, axis=-1) / height
