@@ -39,6 +39,7 @@ LAYERS = (
     ("synth.rendering",),
     ("synth.labels", "synth.detector"),
     ("synth.datasets", "synth.realism", "synth.viewing"),
+    ("synth.planning",),
     ("dmae.commands",),
     ("dmae.cli",),
     ("dmae.public",),

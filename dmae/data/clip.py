@@ -178,7 +178,7 @@ class Clip:
         self._check_labels()
 
     def check_numbers(self) -> None:
-        """Refuse coordinates that are none, infinite ones for instance, in a clip that was read from files.
+        """Refuse coordinates and labels that are none, infinite ones for instance, in a clip that was read from files.
 
         Raises:
             ValueError: the message names the field.
@@ -188,10 +188,10 @@ class Clip:
         for name in ("truth", "poses"):
             if (poses := getattr(self, name)) is not None:
                 poses.check_numbers(name)
-        if self.occlusion is not None and self.occlusion.depth_margin is not None:
-            check_numbers("occlusion.depth_margin, m", self.occlusion.depth_margin, MOST_METRES)
-        if self.detection_labels is not None and self.detection_labels.offset_px is not None:
-            check_numbers("detection_labels.offset_px", self.detection_labels.offset_px, MOST_PIXELS)
+        if self.occlusion is not None:
+            self.occlusion.check_numbers(self.rig.size)
+        if self.detection_labels is not None:
+            self.detection_labels.check_numbers(None if self.truth is None else self.truth.xyz.shape[1])
 
     def _check_labels(self) -> None:
         if self.occlusion is not None:

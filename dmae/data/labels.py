@@ -6,6 +6,7 @@ from enum import IntEnum
 import numpy as np
 
 from dmae.data.array_fields import ANY, set_array
+from dmae.files.numbers import MOST_METRES, MOST_PIXELS, check_numbers
 
 
 class Visibility(IntEnum):
@@ -90,6 +91,14 @@ class OcclusionLabels:
         in_image = self.amodal_pixels > 0
         return np.where(in_image, self.visible_pixels / np.where(in_image, self.amodal_pixels, 1), np.nan)
 
+    def check_numbers(self, size: np.ndarray) -> None:
+        """Refuse labels that can be none, in images of the sizes (V, 2) px; ValueError names the field."""
+        check_numbers("occlusion.visibility", self.visibility, max(Visibility), 0)
+        last = self.visibility.shape[2] + len(self.objects) - 1
+        _check_known(self, {"occluder": (last, -1), "depth_margin": (MOST_METRES, -MOST_METRES)})
+        pixels = size.prod(-1)[:, None]
+        _check_known(self, {"visible_pixels": (pixels, 0), "amodal_pixels": (pixels, 0)})
+
     def select(self, frames=slice(None), views=slice(None)) -> "OcclusionLabels":
         """Return the labels of some frames and views (a slice or a list of indices each)."""
         return _select(self, frames, views)
@@ -123,6 +132,12 @@ class DetectionLabels:
         _set_known(self, {"joint_person": (np.int16, joints), "error": (np.uint8, joints)})
         _set_known(self, {"offset_px": (np.float32, joints)})
 
+    def check_numbers(self, persons: int | None) -> None:
+        """Refuse labels that can be none, of a number of true persons if known; ValueError names the field."""
+        last = np.iinfo(np.int16).max if persons is None else persons - 1
+        known = {"person": (last, -1), "joint_person": (last, -1), "error": (max(JointError), 0)}
+        _check_known(self, known | {"offset_px": (MOST_PIXELS, 0)})
+
     def select(self, frames=slice(None), views=slice(None)) -> "DetectionLabels":
         """Return the labels of some frames and views (a slice or a list of indices each)."""
         return _select(self, frames, views)
@@ -132,6 +147,13 @@ def _set_known(labels, types: dict[str, tuple[type, tuple[int, ...]]]) -> None:
     for name, (dtype, shape) in types.items():
         if getattr(labels, name) is not None:
             set_array(labels, name, dtype, shape)
+
+
+def _check_known(labels, limits: dict[str, tuple]) -> None:
+    part = "occlusion" if isinstance(labels, OcclusionLabels) else "detection_labels"
+    for name, (most, least) in limits.items():
+        if (array := getattr(labels, name)) is not None:
+            check_numbers(f"{part}.{name}", array, most, least)
 
 
 def _select(labels, frames, views):

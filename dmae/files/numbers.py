@@ -10,13 +10,14 @@ LEAST_RATE, MOST_RATE = 0.01, 100_000.0
 """Frames per second."""
 
 
-def check_numbers(what: str, values, most: float, least: float | None = None) -> None:
+def check_numbers(what: str, values, most: float | np.ndarray, least: float | None = None) -> None:
     """Raise ValueError, which names `what`, unless all numbers but NaN are from `least` (or -`most`) to `most`."""
     array = np.asarray(values)
     least = -most if least is None else least
     with np.errstate(invalid="ignore"):
         wrong = (array > most) | (array < least)
     if wrong.any():
+        most = np.broadcast_to(most, array.shape)[wrong].flat[0]
         raise ValueError(f"{what}: expected numbers from {least:g} to {most:g}, found {array[wrong].flat[0]:g}")
 
 

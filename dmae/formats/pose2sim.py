@@ -5,6 +5,7 @@ from pathlib import Path
 
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25, BODY25B, COCO17, COCO18, HALPE26, Skeleton
+from dmae.files.numbers import check_rate
 from dmae.files.structured import read_toml
 from dmae.formats import openpose
 from dmae.formats.calibrations.files import FOUND, CalibrationSource
@@ -82,7 +83,7 @@ def read_detections(path: Path, detections: Path | None = None, skeleton: Skelet
 def _rate(path: Path) -> float | None:
     rate = _setting(path, "project", "frame_rate")
     if isinstance(rate, int | float) and rate > 0:
-        return float(rate)
+        return check_rate(f"{path}: frame_rate of Config.toml", rate)
     rate = video_rate(path / "videos")
     if rate:
         return rate

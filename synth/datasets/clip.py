@@ -30,7 +30,7 @@ from synth.rooms.catalogue import arena_file
 from synth.rooms.props import PropsConfig
 from synth.rooms.room import load_room
 from synth.scene.sampling import SampledScene, sample_scene
-from synth.scene.spec import SceneConfig
+from synth.scene.spec import MOST_CLIPS, SceneConfig
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,8 @@ class GenerateConfig:
                 raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
         if self.workers == 0:
             raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+        if self.first + self.clips > MOST_CLIPS:
+            raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, got {self.first}")
         clip_numbers(self.first, self.clips, self.shard)
         if not re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)?", self.prefix):
             raise ValueError(f"prefix: expected letters, digits, _ - and ., not first, got {self.prefix!r}")

@@ -19,6 +19,8 @@ from synth.rooms.meshes import MeshUp
 
 _MOST_FRAMES, _FARTHEST = 1_000_000, 1000.0
 """Of a clip, and of people and props from the middle, m."""
+MOST_CLIPS = 1_000_000_000
+"""Of a data set."""
 PLAN_FPS = 25.0
 """Frames per second in which motion is planned and judged, whatever the frame rate of the clip."""
 USUAL_PERSONS = (2, 4)
@@ -207,10 +209,10 @@ class SceneSpec:
 
     def __post_init__(self):
         check_rate("SceneSpec.fps", self.fps)
-        if not 1 <= self.frames <= _MOST_FRAMES or self.seed < 0 or self.clip < 0:
+        if not 1 <= self.frames <= _MOST_FRAMES or self.seed < 0 or not 0 <= self.clip < MOST_CLIPS:
             raise ValueError(
-                f"SceneSpec: expected 1 to {_MOST_FRAMES} frames, and seed and clip from 0 on, found "
-                f"{self.frames:.4g}, {self.seed:.4g} and {self.clip:.4g}"
+                f"SceneSpec: expected 1 to {_MOST_FRAMES} frames, a seed from 0 on, and a clip from 0 to "
+                f"{MOST_CLIPS - 1}, found {self.frames:.4g}, {self.seed:.4g} and {self.clip:.4g}"
             )
         if not len(self.persons) <= MOST_PERSONS:
             raise ValueError(f"SceneSpec.persons: expected at most {MOST_PERSONS}, found {len(self.persons)}")

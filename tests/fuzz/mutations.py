@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from tests.fuzz.containers import unpacked
+
 NUMBERS = [
     "0", "-1", "1", "2", "0.5", "-0.0", "1e-320", "1e-30", "1e5", "1e9", "1e18", "-1e18", "1e308", "-1e308", "1e400",
     "nan", "NaN", "inf", "-inf", "Infinity", ".inf", ".nan", "65536", "2147483647", "2147483648", "4294967296",
@@ -57,8 +59,21 @@ _BOMBS = [
 Change = Callable[[bytes, np.random.Generator], bytes]
 
 
+_INSIDE = 0.7
+"""Share of the changes of a file that packs others which are made inside."""
+
+
 def mutated(data: bytes, rng: np.random.Generator) -> bytes:
-    """Return the data with one to three changes."""
+    """Return the data with one to three changes; those of archives and the like are mostly made inside."""
+    packed = unpacked(data)
+    if packed and any(packed[0]) and rng.random() < _INSIDE:
+        pieces, pack = packed
+        chosen = rng.choice([place for place, piece in enumerate(pieces) if piece])
+        return pack([_changed_bytes(piece, rng) if place == chosen else piece for place, piece in enumerate(pieces)])
+    return _changed_bytes(data, rng)
+
+
+def _changed_bytes(data: bytes, rng: np.random.Generator) -> bytes:
     text = _is_text(data)
     changes = [_flip, _cut, _repeat, _remove, _overwrite, _insert, _extreme]
     if text:

@@ -32,6 +32,7 @@ from dmae.formats.registry import reader as recording_reader
 from dmae.formats.trc import read_trc, write_trc
 from synth.cli import SYNTH
 from synth.datasets.verify import verify
+from synth.labels.physical_labels import load_physical_labels
 from synth.motion.readers import reader as motion_reader
 from synth.motion.readers.joint_names import read_mapping
 from synth.motion.readers.take_lists import read_take_list
@@ -48,11 +49,13 @@ from tests.fuzz.seed_files import (
     write_calibration,
     write_checkpoint,
     write_clip,
+    write_colours,
     write_compressed,
     write_data_set,
     write_decisions,
     write_mesh,
     write_motion,
+    write_physics,
     write_pictures,
     write_pose2sim_video,
     write_poses,
@@ -109,8 +112,8 @@ def _read_pictures(kind: str, folder: Path) -> list:
     return list(Images(folder, ("left",), (0, 1), (kind,), ("a",)).read(kind, "left"))
 
 
-def _read_colours(format: str, ending: str, folder: Path) -> list:
-    return list(Images(folder / ending, ("left",), (0, 1), ("rgb",), (), format).read("rgb", "left"))
+def _read_colours(format: str, folder: Path) -> list:
+    return list(Images(folder, ("left",), (0, 1), ("rgb",), (), format).read("rgb", "left"))
 
 
 def _read_weights(folder: Path):
@@ -159,6 +162,11 @@ def _read_motion(kind: str, folder: Path):
     return read_take(path)
 
 
+def _read_physics(folder: Path):
+    found = load_physical_labels(folder)
+    return found.contacts.persons, found.forces.residual, found.surface.visibility
+
+
 def _read_calibration(folder: Path) -> CameraRig:
     return read_calibration(folder, size=(1000, 600))
 
@@ -193,11 +201,11 @@ READERS = [
     Reader("room/mjcf", write_room, _read_room, finite=True),
     Reader("preset/generate", write_presets, _read_presets),
     Reader("clip/clip", write_clip, load_clip, repair=_CLIP),
+    Reader("clip/physics", write_physics, _read_physics),
     Reader("clip/decisions", write_decisions, lambda folder: load_decisions(folder, walkers(3, 2))),
     Reader("clip/data set", write_data_set, lambda folder: verify(folder) and None, ("*.json*", "*/clip.json")),
-    *(Reader(f"images/{kind}", write_pictures, partial(_read_pictures, kind), (f"{kind}/**/*",))
-      for kind in KINDS),
-    *(Reader(f"images/rgb as {format}", write_pictures, partial(_read_colours, format, ending), (f"{ending}/**/*",))
+    *(Reader(f"images/{kind}", partial(write_pictures, kind), partial(_read_pictures, kind)) for kind in KINDS),
+    *(Reader(f"images/rgb as {format}", partial(write_colours, ending), partial(_read_colours, format))
       for format, ending in (("png", "png"), ("jpeg", "jpg"))),
     Reader("scene/spec", lambda folder: (folder / "spec.json").write_text(spec()),
            lambda folder: SceneSpec.from_json(read_text(folder / "spec.json")),

@@ -1,7 +1,6 @@
 """Fuzz every reader: `python -m tests.fuzz.run --count 10000`; ends with status 1 where one fails.
 
 Each changed file is read in a child process with 500 MB and two seconds; what became of it is one of `OUTCOMES`.
-`--show NAME INDEX` prints a changed file's folder and what became of it.
 """
 
 import argparse
@@ -17,6 +16,8 @@ from pathlib import Path
 FINE = ("read", "refused")
 WRONG = ("refused without name", "undocumented", "crash", "hang", "memory", "nonsense")
 OUTCOMES = (*FINE, *WRONG)
+_BATCH = 500
+"""Inputs of a reader before the next reader's turn."""
 _SILENT = 20.0
 """Seconds without a line after which a child hangs in code that Python cannot interrupt."""
 
@@ -75,31 +76,51 @@ def _advance(left: list[list], name: str, index: int) -> None:
         left.pop(0)
 
 
+def read_counts(path: Path | None) -> dict:
+    """Return what a file of an earlier run holds; without one, nothing."""
+    if path is None or not path.is_file():
+        return {"counts": {}, "failures": []}
+    return json.loads(path.read_text())
+
+
+def plan_of(names: list[str], first: int, count: int, done: dict[str, dict[str, int]]) -> list[tuple[str, int, int]]:
+    """Return what is left to try: a batch of each reader in turn, so that a run that is stopped has tried all."""
+    return [
+        (name, start, min(_BATCH, first + count - start))
+        for number in range(-(-count // _BATCH))
+        for name in names
+        if (start := first + sum(done.get(name, {}).values()) + number * _BATCH) < first + count
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=10_000, help="inputs for each reader")
     parser.add_argument("--first", type=int, default=0, help="index of the first input")
     parser.add_argument("--readers", nargs="*", default=[""], help="beginnings of the names of readers; all by default")
-    parser.add_argument("--out", help="JSON file of the counts and of all failures")
+    parser.add_argument("--out", type=Path, help="JSON file of counts and failures; a run goes on where it ends")
     asked = parser.parse_args()
     from tests.fuzz.readers import READERS
 
     names = [reader.name for reader in READERS if reader.name.startswith(tuple(asked.readers))]
-    counts: dict[str, Counter] = {name: Counter() for name in names}
-    failures = []
-    for name, index, kind, why in fuzz([(name, asked.first, asked.count) for name in names]):
+    found = read_counts(asked.out)
+    failures, counts = found["failures"], {name: Counter(found["counts"].get(name, {})) for name in names}
+    plan = plan_of(names, asked.first, asked.count, found["counts"])
+    ends = {(name, first + count - 1) for name, first, count in plan}
+    for name, index, kind, why in fuzz(plan):
         counts[name][kind] += 1
         if kind in WRONG:
             failures.append([name, index, kind, why])
+            print(name, index, kind, why, flush=True)
+        if asked.out and (name, index) in ends:
+            found["counts"] |= {name: dict(each) for name, each in counts.items() if each}
+            asked.out.write_text(json.dumps(found, indent=1) + "\n")
     width = max(map(len, names))
     print(" " * width, *(f"{kind:>10.10}" for kind in OUTCOMES))
     for name in names:
         print(f"{name:{width}}", *(f"{counts[name][kind]:>10}" for kind in OUTCOMES))
     total = sum(counts.values(), Counter())
     print(f"{'all':{width}}", *(f"{total[kind]:>10}" for kind in OUTCOMES))
-    if asked.out:
-        content = {"counts": {name: dict(each) for name, each in counts.items()}, "failures": failures}
-        Path(asked.out).write_text(json.dumps(content, indent=1))
     sys.exit(1 if failures else 0)
 
 

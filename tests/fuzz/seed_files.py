@@ -29,6 +29,7 @@ from dmae.formats.calibrations.files import write_calibration as write_rig
 from dmae.formats.npz import export_npz
 from dmae.formats.panoptic import write_poses as write_panoptic_poses
 from dmae.formats.writing import write_recording
+from synth.labels.physical_labels import save_physical_labels
 from synth.motion.readers.smpl import write_npz as write_smpl
 from synth.motion.source import MotionConfig
 from synth.scene.sampling import sample_scene
@@ -39,6 +40,7 @@ from tests.support.completers import SMALL
 from tests.support.marker_files import c3d
 from tests.support.marker_files import t_pose as marker_t_pose
 from tests.support.motion_files import amc, bvh
+from tests.support.physical_labels import physical_labels
 from tests.support.recordings import recording, write_frames, write_openpose_recording
 from tests.support.tracked_recordings import write_caliscope, write_freemocap, write_mmpose
 
@@ -130,19 +132,33 @@ def write_decisions(folder: Path) -> None:
     save_decisions(folder, walkers(3, 2), decisions)
 
 
-def write_pictures(folder: Path) -> None:
-    image = np.arange(16 * 16).reshape(16, 16)
+def write_physics(folder: Path) -> None:
+    save_physical_labels(physical_labels(frames=2, views=2, persons=1), folder)
+
+
+_IMAGE = np.arange(16 * 16).reshape(16, 16)
+_WRITE_PICTURE = {
+    "depth": lambda path, frame: write_depth(path, _IMAGE.astype(np.float32) / 100),
+    "ids": lambda path, frame: write_ids(path, _IMAGE),
+    "parts": lambda path, frame: write_parts(path, _IMAGE),
+    "normals": lambda path, frame: write_normals(path, np.broadcast_to([0.6, 0.0, 0.8], (16, 16, 3))),
+    "flow": lambda path, frame: write_flow(path, np.dstack([_IMAGE, -_IMAGE]) / 8.0),
+    "amodal": lambda path, frame: write_amodal(path, _IMAGE.astype(np.uint32) << 8 * frame),
+}
+
+
+def write_pictures(kind: str, folder: Path) -> None:
+    if kind == "rgb":
+        rgb = np.random.default_rng(0).integers(0, 255, (4, 16, 16, 3)).astype(np.uint8)
+        write_video(folder / "rgb/left.mp4", rgb, 25)
+        return
     for frame in range(2):
-        write_depth(folder / f"depth/left/{frame:06d}.png", image.astype(np.float32) / 100)
-        write_ids(folder / f"ids/left/{frame:06d}.png", image)
-        write_parts(folder / f"parts/left/{frame:06d}.png", image)
-        write_normals(folder / f"normals/left/{frame:06d}.png", np.broadcast_to([0.6, 0.0, 0.8], (16, 16, 3)))
-        write_flow(folder / f"flow/left/{frame:06d}.png", np.dstack([image, -image]) / 8.0)
-        write_amodal(folder / f"amodal/left/{frame:06d}.png", image.astype(np.uint32) << 8 * frame)
-        for ending in ("png", "jpg"):
-            write_rgb(folder / f"{ending}/rgb/left/{frame:06d}.{ending}", np.dstack([image] * 3).astype(np.uint8))
-    rgb = np.random.default_rng(0).integers(0, 255, (4, 16, 16, 3)).astype(np.uint8)
-    write_video(folder / "rgb/left.mp4", rgb, 25)
+        _WRITE_PICTURE[kind](folder / f"{kind}/left/{frame:06d}.png", frame)
+
+
+def write_colours(ending: str, folder: Path) -> None:
+    for frame in range(2):
+        write_rgb(folder / f"rgb/left/{frame:06d}.{ending}", np.dstack([_IMAGE] * 3).astype(np.uint8))
 
 
 @cache

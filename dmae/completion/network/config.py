@@ -108,6 +108,10 @@ class ModelConfig:
             value = codes.get(name, getattr(self, name, None))
             if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
                 raise ValueError(f"model.{name}: expected a number from {least:g} to {most:g}, found {value!r:.40}")
+        choices = {"codes.no_time": self.codes.no_time, "codes.no_joint": self.codes.no_joint}
+        for name, value in (choices | {"residual": self.residual, "align_heading": self.align_heading}).items():
+            if not isinstance(value, bool):
+                raise ValueError(f"model.{name}: expected true or false, found {value!r:.40}")
 
 
 def model_config(options: dict) -> ModelConfig:

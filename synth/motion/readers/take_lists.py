@@ -1,6 +1,7 @@
 """Which takes there are: files, folders, and lists of takes with their subjects and sets."""
 
 import csv
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ LIST = ".tsv"
 NO_SET = "-"
 """In a list, the set of takes that are in none."""
 _MOST_BYTES = 1 << 26
-_LONGEST_NAME = 1000
+_LONGEST_PATH, _LONGEST_NAME = 1000, 250
+"""Of paths, and of each name in them with room for the extension of a compression, bytes."""
 _UNKNOWN = ("", "?")
 
 
@@ -89,7 +91,7 @@ def read_take_list(path: Path) -> list[ListedTake]:
     found: dict[Path, ListedTake] = {}
     for number, line in enumerate(lines, 2):
         name = line["file"]
-        if not name or "\0" in name or len(name) > _LONGEST_NAME:
+        if not name or not _can_be_path(name):
             raise ValueError(f"{path}, line {number}: expected the name of a file, found {name!r:.80}")
         if format_of(Path(name)) is None:
             continue
@@ -101,6 +103,11 @@ def read_take_list(path: Path) -> list[ListedTake]:
         person = subject(file) if stated in _UNKNOWN else stated
         found[file] = ListedTake(file, person, line["set"] or NO_SET)
     return list(found.values())
+
+
+def _can_be_path(name: str) -> bool:
+    longest = max(len(part.encode()) for part in re.split(r"[/\\]", name))
+    return "\0" not in name and len(name.encode()) <= _LONGEST_PATH and longest <= _LONGEST_NAME
 
 
 def find_subject_leaks(lines: Iterable[ListedTake]) -> list[str]:
