@@ -129,5 +129,5 @@ def test_pooling_adds_up(clip):
 
 
 def test_unknown_presets_are_answered_with_those_there_are():
-    with pytest.raises(ValueError, match="detector nosuch: expected a YAML file, or one of .*clean, "):
+    with pytest.raises(ValueError, match=r"detector nosuch: expected a YAML file, or one of .*clean, "):
         load_preset("nosuch")
