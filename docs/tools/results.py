@@ -120,7 +120,7 @@ def motion_table(names: dict[str, str]) -> str:
 
 def realism_table(name: str, headings: list[str]) -> str:
     """Rows of `synth realism` of some headings."""
-    from synth.realism.meter import HEAD, Rate, described
+    from synth.recognition.meter import HEAD, Rate, described
 
     rows = [Rate(**row) for row in load(name)["rows"]]
     return _table(list(HEAD), [list(described(row)) for row in rows if row.heading in headings])

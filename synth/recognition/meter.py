@@ -14,8 +14,8 @@ from dmae.formats.reading import DataConfig, load
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.detector.parts import kind_of
-from synth.realism.crops import NEAR, SIDES, Crop, crops
-from synth.realism.sightings import Sightings, scene_of, sightings
+from synth.recognition.crops import NEAR, SIDES, Crop, crops
+from synth.recognition.sightings import Sightings, scene_of, sightings
 
 _WELL_VISIBLE = 0.8
 _DISTANCES = (3.0, 5.0, 8.0)

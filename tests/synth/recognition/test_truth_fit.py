@@ -12,7 +12,7 @@ from synth.detector.config import DetectorConfig
 from synth.detector.errors.misses import Misses
 from synth.detector.parts import PartConfig, PartsConfig
 from synth.detector.simulated_detector import detect
-from synth.realism.truth_fit import distances, fit_to_truth
+from synth.recognition.truth_fit import distances, fit_to_truth
 from tests.support.circling_people import circling_people
 from tests.support.clips import looking_at_origin
 

@@ -10,7 +10,7 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.data.skeleton_conversion import convert_detections
 from dmae.detection.registry import PictureDetector
-from synth.realism.sightings import Sightings
+from synth.recognition.sightings import Sightings
 
 UNOBSTRUCTED = 0.8
 """A person is in plain sight where at least this share of the joints is hidden by nothing but the person's own body."""

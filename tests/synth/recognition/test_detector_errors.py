@@ -10,10 +10,10 @@ from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip
 from synth.detector.presets import load_preset
-from synth.realism.error_figure import draw_errors
-from synth.realism.error_tables import numbers, tables
-from synth.realism.observations import observe, pooled
-from synth.realism.study import study
+from synth.recognition.error_figure import draw_errors
+from synth.recognition.error_tables import numbers, tables
+from synth.recognition.observations import observe, pooled
+from synth.recognition.study import study
 from tests.support.clips import looking_at_origin, walkers
 
 FRAMES, VIEWS = 4, 3

@@ -24,7 +24,7 @@ from synth.detector.fitting import Fit, fit, redetect
 from synth.detector.parts import PartConfig, PartsConfig, kind_of
 from synth.detector.pooling import measure_all
 from synth.detector.statistics import ErrorReference
-from synth.realism.observations import DetectorObservations, JointsSeen, PeopleSeen, observe, pooled
+from synth.recognition.observations import DetectorObservations, JointsSeen, PeopleSeen, observe, pooled
 
 LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)
 """Greatest distances of a preset that is fitted to truth."""

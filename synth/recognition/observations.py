@@ -11,7 +11,7 @@ from dmae.data.skeleton import BODY25
 from dmae.data.skeleton_conversion import convert, convert_detections
 from synth.detector.matching import FRAGMENT, match_detections
 from synth.detector.statistics import GROSS
-from synth.realism.sightings import Sightings, sightings
+from synth.recognition.sightings import Sightings, sightings
 
 _IN_IMAGE = Visibility.HIDDEN_BY_OBJECT
 _MIRROR = list(BODY25.mirror)
