@@ -38,7 +38,7 @@ LAYERS = (
     ("synth.physics",),
     ("synth.rendering",),
     ("synth.labels", "synth.detector"),
-    ("synth.datasets", "synth.realism", "synth.viewing"),
+    ("synth.datasets", "synth.recognition", "synth.viewing"),
     ("synth.planning",),
     ("dmae.commands",),
     ("dmae.cli",),

@@ -143,6 +143,12 @@ def test_unrecognised_folder_is_answered_with_the_formats(tmp_path: Path):
         dmae.read(tmp_path)
 
 
+def test_a_folder_of_videos_is_answered_with_the_commands_for_them(tmp_path: Path):
+    (tmp_path / "left.MP4").touch()
+    with pytest.raises(ValueError, match=r"found videos, .* dmae run videos=.* dmae detect videos="):
+        dmae.read(tmp_path)
+
+
 def test_read_recognises_real_recordings(data_folder: Path):
     assert dmae.read(data_folder / "shelf", cameras=[0, 1]).provenance["format"] == "shelf"
     trial = data_folder / "pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"

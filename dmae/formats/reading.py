@@ -25,6 +25,8 @@ _OPTIONS = {
 }
 """The arguments that readers can have, and the fields of `DataConfig` that each is made of."""
 
+_VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
+
 
 class Clips(Sequence):
     """The clips of a data set, or of a single recording, each read when it is accessed.
@@ -116,11 +118,21 @@ def recognise(path: Path) -> str:
             raise ValueError(f"{path}: expected files of one format, found {', '.join(found)}; name it by data=...")
         if found:
             return found[0]
+    if _holds_videos(path):
+        raise ValueError(
+            f"{path}: found videos, expected detections in them; use dmae run videos={path} calibration=... for people "
+            f"in 3D, or dmae detect videos={path} calibration=... for detections"
+        )
     there = ", ".join(sorted(item.name for item in path.iterdir())[:6]) if path.is_dir() else "a file"
     raise ValueError(
         f"{path}: expected a clip, a data set or a recording, found {there or 'an empty folder'}; no format is "
         f"recognised, data=... names one of {', '.join(reader)}"
     )
+
+
+def _holds_videos(path: Path) -> bool:
+    files = [path] if path.is_file() else path.iterdir()
+    return any(file.suffix.lower() in _VIDEOS for file in files)
 
 
 def _is_recognised(path: Path, entry: RecordingReader) -> bool:

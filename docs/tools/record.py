@@ -27,6 +27,28 @@ _INTERACTIONS = (
 )
 _TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
 
+_ROOMS = ("office", "living_room", "market", "pillars", "studio", "warehouse")
+_PICTURES = "rig.ring.views=3 rig.random.views=3 images=rgb rgb=jpeg scene.fps=1"
+_METER = " && ".join(
+    f"synth generate -m scene={room} rig=ring,random {_PICTURES} scene.seconds=6 clips=1 seed={seed} out=meter/{room}"
+    for seed, room in enumerate(_ROOMS, 81)
+) + (
+    f" && synth generate -m scene=office,living_room,warehouse rig=ring {_PICTURES} scene.seconds=8 clips=2 seed=87 "
+    "'motion.actions=[sit,bend,crouch,lift]' out=meter/low"
+)
+_METER_SETS = [*(f"meter/{room}/{rig}" for room in _ROOMS for rig in (0, 1)), *(f"meter/low/{n}" for n in range(3))]
+_SEEN = (
+    "synth generate -m scene=office,living_room,studio,warehouse,market rig=ring,random clips=1 seed=62 "
+    "scene.seconds=1.2 images=rgb out=clips && "
+    "for n in 0 1 2 3 4 5 6 7 8 9; do dmae detect clip=clips/$n out=seen/$n; done"
+)
+_SINGLE = "detector.search_every=1 detector.windows=[1,0.6]"
+_ALL_ROOMS = ",".join(_ROOMS)
+_FIT = (
+    f"{_SEEN} && {_METER} && synth generate -m scene={_ALL_ROOMS} rig=ring,random {_PICTURES} scene.seconds=6 "
+    f"clips=2 seed=71 out=held && for s in meter/*/[01] held/*; do dmae detect clip=$s out=seen/$s {_SINGLE}; done"
+)
+_FITTED = [*(f"seen/{n}" for n in range(1, 10)), *(f"seen/{each}" for each in _METER_SETS if "low" not in each)]
 _TOUCHING = (
     "circle_talk", "counter", "crossing", "dance", "fight", "handshake", "huddle", "hug", "pass_box", "queue",
     "shelving", "table", "walking_together",
@@ -91,6 +113,21 @@ RECORDED = {
         "synth compare-motion real=$DMAE_DATA/cmu sim=made",
         "5 minutes",
     ),
+    "realism": (
+        f"{_METER} && synth realism data={_METER_SETS[0]} extra_data=[{','.join(_METER_SETS[1:])}] shown=24",
+        "10 minutes",
+    ),
+    "detector_errors": (
+        f"{_SEEN} && synth detector-errors data=seen/0 extra_data=[{','.join(f'seen/{n}' for n in range(1, 10))}] "
+        "simulated=[blazepose,shelf_openpose,hrnet_like]",
+        "15 minutes",
+    ),
+    "detector_blazepose": (
+        f"{_FIT} && synth fit-detector detections=seen/0 extra_data=[{','.join(_FITTED)}] "
+        f"held_back=[{','.join(f'seen/held/{n}' for n in range(11))}] truth=annotated detector=hrnet_like rounds=6 "
+        "name=blazepose",
+        "40 minutes",
+    ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
 }
 """Results to the commands that make them, joined by &&, and about how long that takes on two cores. What the last one
@@ -134,6 +171,9 @@ def _found(out: Path) -> dict:
         return {"stress": json.loads((out / "stress.json").read_text())}
     if (out / "statistics.json").is_file():
         return {"contacts": json.loads((out / "statistics.json").read_text())["contacts"]}
+    for name in ("realism", "errors", "distances"):
+        if (out / f"{name}.json").is_file():
+            return json.loads((out / f"{name}.json").read_text())
     if (out / "motion.json").is_file():
         return {"differences": json.loads((out / "motion.json").read_text())["differences"]}
     scores = out / "scores.json"

@@ -118,6 +118,44 @@ def motion_table(names: dict[str, str]) -> str:
     return _table(["motion", "distances over 2", "median", "greatest"], rows)
 
 
+def realism_table(name: str, headings: list[str]) -> str:
+    """Rows of `synth realism` of some headings."""
+    from synth.recognition.meter import HEAD, Rate, described
+
+    rows = [Rate(**row) for row in load(name)["rows"]]
+    return _table(list(HEAD), [list(described(row)) for row in rows if row.heading in headings])
+
+
+def errors_table(name: str, of: str, column: str, headings: list[str]) -> str:
+    """A row for each group of `joints` or `people` of `synth detector-errors`, %, a column for each detector."""
+    detectors = load(name)["detectors"]
+    keyed = {
+        detector: {(row["heading"], row["group"]): row for row in each[of]} for detector, each in detectors.items()
+    }
+    first = next(iter(keyed.values()))
+    rows = [
+        [f"{heading}: {group}" if group else heading, str(row[of]),
+         *("-" if (found := each.get((heading, group), {}).get(column)) is None else f"{100 * found:.1f}"
+           for each in keyed.values())]
+        for (heading, group), row in first.items()
+        if heading in headings
+    ]  # fmt: skip
+    return _table([of, "number", *detectors], rows)
+
+
+def distances_table(name: str) -> str:
+    """The distances of a preset that are limited, on the clips that it was fitted to and on those held back."""
+    found = load(name)
+    held = {row["what"]: row for row in found["held_back"]}
+    rows = []
+    for row in found["fitted"]:
+        other = held.get(row["what"], {})
+        if row["allowed"] is not None and row["what"] != "missed: small_toe":
+            cells = [f"{each['distance']:.3f}" if each.get("distance") is not None else "-" for each in (row, other)]
+            rows.append([row["what"], *cells, f"{row['allowed']:.2f}"])
+    return _table(["distance", "clips of the fit", "clips held back", "wanted"], rows)
+
+
 def paper_table(name: str) -> str:
     """A table of the paper with its notes, as `dmae table` writes it."""
     from dmae.evaluation.paper_tables.rendering import markdown
@@ -165,6 +203,7 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
 
 _FUNCTIONS = {
     "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
+    "realism_table": realism_table, "errors_table": errors_table, "distances_table": distances_table,
     "contacts_table": contacts_table, "motion_table": motion_table,
     "paper_table": paper_table, "benchmark_table": benchmark_table, "protocols": protocols,
     "stress_table": stress_table,

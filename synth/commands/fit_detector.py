@@ -1,10 +1,14 @@
 """`synth fit-detector`: a preset for `configs/detector/` from a recording of the user's own."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
+from dmae.data.json_text import json_text
 from dmae.data.store import write_atomic
 from dmae.files.names import child
 from dmae.formats.reading import DataConfig, load
@@ -12,15 +16,16 @@ from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
-from synth.detector.comparison import Limits, compare, table
+from synth.detector.comparison import Limits, Row, compare, table
 from synth.detector.comparison_page import write_page
 from synth.detector.config import DetectorConfig
-from synth.detector.fitting import fit
+from synth.detector.fitting import Fit, fit
 from synth.detector.presets import preset_yaml
 from synth.detector.recording import read_recording
 from synth.detector.statistics import ErrorReference, measure
 from synth.interactions import InteractionConfig
 from synth.motion.source import MotionConfig
+from synth.realism import truth_fit
 from synth.rigs.listed_cameras import CameraConfig
 from synth.rigs.rig import RigConfig
 from synth.scene.spec import SceneConfig
@@ -29,6 +34,7 @@ WRITES = "folder"
 EXAMPLES = (
     "synth fit-detector detections=$DMAE_DATA/shelf scene=shelf_twin name=mine out=runs/detector",
     "synth generate --config-dir=runs/detector detector=mine out=runs/data",
+    "synth fit-detector detections=runs/detected truth=annotated detector=hrnet_like name=mine out=runs/detector",
 )
 
 
@@ -37,9 +43,15 @@ class FitDetectorCommand:
     """Fit a detector's preset to a recording: `detector/<name>.yaml` and `compare.html`."""
 
     detections: str = "???"
-    """Folder of the recording: a clip, which `dmae convert` makes of any, or Shelf's text files."""
+    """Folder of the recording: a clip, which `dmae convert` makes of any, or Shelf's text files; with `truth=annotated`
+    also a data set."""
+    extra_data: list[str] = field(default_factory=list)
+    """With `truth=annotated`, more data sets of the same detector."""
+    held_back: list[str] = field(default_factory=list)
+    """With `truth=annotated`, data sets of it that are not fitted to; distances on them are printed and written."""
     truth: ErrorReference = ErrorReference.others
-    """What its detections are measured against."""
+    """What its detections are measured against. Clips with truth and labels of visibility, as `dmae detect clip=...`
+    keeps them, are simulated again themselves, and visible and hidden joints are fitted each by their own."""
     frames: list[int] | None = None
     """First frame that is used, and the one after the last; by default all."""
     clips: str | None = None
@@ -69,6 +81,12 @@ class FitDetectorCommand:
 
 def run(config: FitDetectorCommand, out: Path) -> None:
     """Fit, write `detector/<name>.yaml` and `compare.html`, and say what could not be determined."""
+    known = config.truth == ErrorReference.annotated
+    if (config.extra_data or config.held_back) and not known:
+        raise ValueError("extra_data and held_back need truth=annotated: clips with truth")
+    if known and (clips := _labelled(config, (config.detections, *config.extra_data))):
+        _fit_to_truth(config, clips, out)
+        return
     recording = read_recording(Path(config.detections), config.frames)
     real = measure(recording, config.truth)
     clips = _clips(config, recording, out)
@@ -76,17 +94,60 @@ def run(config: FitDetectorCommand, out: Path) -> None:
         fitted = fit(real, clips, config.detector, rounds=config.rounds, seed=config.seed, workers=config.workers)
     rows = compare(real, fitted.statistics, Limits())
     print_tables([table(rows)])
+    what = f"{len(recording)} frames of {recording.id} in {len(recording.rig)} views"
+    _write(config, fitted, what, out)
+    write_page(out / "compare.html", real, replace(fitted.statistics, name="simulated"), rows)
+    print(f"{out / 'compare.html'}")
+
+
+def _labelled(config: FitDetectorCommand, folders: Sequence[str]) -> list[Clip]:
+    """Return the clips of some folders, where all have truth and labels of visibility; none otherwise."""
+    if config.clips is not None or config.frames is not None or (Path(config.detections) / "detection").is_dir():
+        return []
+    clips = [clip for folder in folders for clip in load(DataConfig("clip", folder))]
+    return clips if all(clip.truth is not None and clip.occlusion is not None for clip in clips) else []
+
+
+def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> None:
+    with running_on(config.backend):
+        options = {"seed": config.seed, "workers": config.workers}
+        fitted = truth_fit.fit_to_truth(clips, config.detector, rounds=config.rounds, **options)
+        distances = {"fitted": truth_fit.distances(clips, fitted.config, **options)}
+        if config.held_back:
+            others = [clip for folder in config.held_back for clip in load(DataConfig("clip", folder))]
+            distances["held_back"] = truth_fit.distances(others, fitted.config, **options)
+    for name, rows in distances.items():
+        print_tables(
+            [replace(table(rows), caption=f"{name.replace('_', ' ').capitalize()} clips. {table(rows).caption}")]
+        )
+    what = f"{sum(map(len, clips))} frames of {len(clips)} clips with truth"
+    _write(config, fitted, what, out)
+    write_atomic(
+        out / "distances.json",
+        json_text({name: [_json_row(row) for row in rows] for name, rows in distances.items()}) + "\n",
+    )
+    print(f"{out / 'distances.json'}")
+
+
+def _json_row(row: Row) -> dict:
+    values = {name: None if value is None or not np.isfinite(value) else round(float(value), 5)
+              for name, value in (("real", row.real), ("simulated", row.sim), ("distance", row.distance),
+                                  ("allowed", row.allowed))}  # fmt: skip
+    return {"what": row.what, **values, "exceeded": row.exceeded}
+
+
+def _write(config: FitDetectorCommand, fitted: Fit, what: str, out: Path) -> None:
+    """Write the preset, and say what could not be determined."""
     for name, why in fitted.undetermined.items():
         print(f"undetermined, kept as it was: {name}: {why}")
     # As Hydra wants it: with --config-dir=<out> the preset is one of the group.
     path = child(out / "detector", f"{config.name}.yaml", "detector")
     comments = [
-        f"Fitted by `synth fit-detector` to {len(recording)} frames of {recording.id} in {len(recording.rig)} views.",
+        f"Fitted by `synth fit-detector` to {what}.",
         *(f"Undetermined, kept as it was: {name}: {why}." for name, why in fitted.undetermined.items()),
     ]
     write_atomic(path, preset_yaml(fitted.config, config.name, comments))
-    write_page(out / "compare.html", real, replace(fitted.statistics, name="simulated"), rows)
-    print(f"{path}, {out / 'compare.html'}")
+    print(path)
     print(f"use it by: synth generate --config-dir={out} detector={config.name} ...")
 
 

@@ -10,8 +10,8 @@ from dmae.data.store import write_atomic
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import Table, print_tables
-from synth.realism.meter import HEAD, described, judge, rates
-from synth.realism.sheet import draw_sheet, worst
+from synth.recognition.meter import HEAD, described, judge, rates
+from synth.recognition.sheet import draw_sheet, worst
 
 WRITES = "folder"
 EXAMPLES = (

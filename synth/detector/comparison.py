@@ -13,7 +13,7 @@ from synth.detector.statistics import GROSS, DetectorStatistics
 SCORE_EDGES = (0.0, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.01)
 """Edges of the classes of confidence."""
 ENOUGH = 100
-"""Fewest detected joints in a class for it to be compared."""
+"""Fewest detected joints in a class, or misses, for them to be compared."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +72,17 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
             a, b = float(real.missed_by_side[k, side]), float(sim.missed_by_side[k, side])
             if np.isfinite([a, b]).all():
                 rows.append(_plain(f"missed {name}: {kind}", a, b))
-    if real.views.shape == sim.views.shape:
+    if real.views.size and real.views.shape == sim.views.shape:
         rows += [_detecting_views(kind, real.views[k], sim.views[k], limits.views) for k, kind in enumerate(real.kinds)]
         for view, (a, b) in enumerate(zip(np.nanmean(real.missed, 1), np.nanmean(sim.missed, 1), strict=True)):
             rows.append(_plain(f"missed in view {view}", float(a), float(b)))
     for pair in real.joint_misses:
         a, b = real.joint_misses[pair], sim.joint_misses[pair]
-        rows.append(Row(f"missed together: {pair}", a, b, abs(a - b), limits.joint_miss))
-    rows.append(_distance("length of misses, s", real.miss_seconds, sim.miss_seconds, limits.distance))
+        # Where none is missed, there are no neighbours of missed joints to compare.
+        known = np.isfinite([a, b]).all()
+        rows.append(Row(f"missed together: {pair}", a, b, abs(a - b), limits.joint_miss if known else None))
+    few = min(len(real.miss_seconds), len(sim.miss_seconds)) < ENOUGH
+    rows.append(_distance("length of misses, s", real.miss_seconds, sim.miss_seconds, None if few else limits.distance))
     rows.append(_distance("error", real.error, sim.error, limits.distance))
     for k, kind in enumerate(real.kinds):
         rows.append(_distance(f"error: {kind}", real.error[real.kind == k], sim.error[sim.kind == k], None))
@@ -101,11 +104,17 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
         if real.inverted[real.kind == k].any() or sim.inverted[sim.kind == k].any():
             rows.append(_plain(f"inverted: {kind}", *(float(b.inverted[b.kind == k].mean()) for b in (real, sim))))
     for name in ("person_missed", "ghosts", "ghost_joints", "ghost_score", "fragments"):
-        a, b = (float(np.nanmean(getattr(both, name))) for both in (real, sim))
+        a, b = (_known_mean(getattr(both, name)) for both in (real, sim))
         rows.append(_plain({"person_missed": "people missed whole", "ghosts": "ghosts in a view and frame",
                             "ghost_joints": "joints of a ghost", "ghost_score": "confidence of its joints",
                             "fragments": "fragments in a view and frame"}[name], a, b))  # fmt: skip
     return rows
+
+
+def _known_mean(values: np.ndarray | float) -> float:
+    """Return the mean of the known values; NaN of none, as the confidence of ghosts where there are none."""
+    known = np.asarray(values, float)[~np.isnan(values)]
+    return float(known.mean()) if known.size else float("nan")
 
 
 def _plain(what: str, real: float, sim: float) -> Row:

@@ -1,9 +1,8 @@
 """Fit a detector's preset to a recording: simulate, measure both alike, correct, repeat.
 
 How a recording is measured biases what it shows of a detector: errors are measured against other views, misses only of
-people who are detected at all. So no parameter is read off directly. The detector is run on simulated clips, both
-recordings go through `synth.detector.statistics.measure`, and each parameter is corrected by the difference of its own
-statistic.
+people who are detected at all. So no parameter is read off directly. The detector is run on simulated clips, both go
+through `synth.detector.statistics.measure`, and each parameter is corrected by the difference of its own statistic.
 """
 
 from collections.abc import Callable, Sequence
@@ -284,7 +283,8 @@ def _burst_times(times: Sequence[float], real: np.ndarray, sim: np.ndarray) -> l
 
 
 def _pairs(statistics: DetectorStatistics, *pairs: str) -> float:
-    return float(np.nan_to_num(np.nanmean([statistics.joint_misses[pair] for pair in pairs])))
+    known = [share for share in (statistics.joint_misses[pair] for pair in pairs) if np.isfinite(share)]
+    return float(np.mean(known)) if known else 0.0
 
 
 def _whole(probability: float, real: DetectorStatistics, sim: DetectorStatistics) -> float:

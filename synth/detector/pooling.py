@@ -1,7 +1,7 @@
 """Pool the statistics of several clips."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -30,13 +30,17 @@ def _measure(clip: Clip, reference: ErrorReference) -> tuple[DetectorStatistics,
 def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> DetectorStatistics:
     """Return the statistics of several clips, of `frames` each, as one clip's.
 
+    Where clips have different numbers of cameras, shares by camera become their mean over all cameras, and `views` is
+    empty.
+
     Raises:
-        ValueError: the clips have different numbers of cameras, or skeletons.
+        ValueError: the clips are of several skeletons.
     """
+    if len({part.kinds for part in parts}) > 1:
+        raise ValueError("clips of several skeletons cannot be measured as one")
+    if len({len(part.ghosts) for part in parts}) > 1:
+        parts = [_over_views(part) for part in parts]
     values = {f.name: [getattr(part, f.name) for part in parts] for f in fields(DetectorStatistics)}
-    views = {len(part.ghosts) for part in parts}
-    if len(views) > 1 or len(set(values["kinds"])) > 1:
-        raise ValueError(f"clips of {sorted(views)} cameras, or of several skeletons, cannot be measured as one")
 
     def mean(name: str):
         if isinstance(values[name][0], dict):
@@ -48,6 +52,18 @@ def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> Detector
     return DetectorStatistics(
         **shared, **pooled, **{name: mean(name) for name in values if name not in shared | pooled}
     )
+
+
+def _over_views(part: DetectorStatistics) -> DetectorStatistics:
+    """Return statistics as of a single camera: the mean over cameras of what is known in each."""
+    shares = {}
+    for name in ("missed", "person_missed", "ghosts", "fragments"):
+        value = getattr(part, name)
+        known = ~np.isnan(value)
+        count = known.sum(0, keepdims=True)
+        total = np.where(known, value, 0).sum(0, keepdims=True)
+        shares[name] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return replace(part, **shares, views=np.empty((len(part.kinds), 0)))
 
 
 def _mean(values: list, weights: Sequence[int]):

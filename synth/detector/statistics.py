@@ -113,6 +113,8 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
     expected = whole.matched[..., None] & ~np.isnan(whole.xy[..., 0])
     missed = expected & np.isnan(whole.score)
     in_image = ~np.isnan(whole.height)
+    # A joint that the detector never reports is not missed for a while.
+    detected = (~np.isnan(clip.detections.score)).any((0, 1, 2))
     sides = _sides(clip, poses)
     ghosts = whole.left_over & ~whole.near
     ghost_joints = ~np.isnan(clip.detections.score) & ghosts[..., None]
@@ -134,7 +136,7 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
         ),
         joint_misses=_joint_misses(missed, expected, clip),
         views=np.stack([_views_histogram(whole, kind_index == k) for k in range(len(kinds))]),
-        miss_seconds=_miss_lengths(missed, expected) / clip.fps,
+        miss_seconds=_miss_lengths(missed, expected & detected) / clip.fps,
         autocorrelation={lag: _mean_ratio([part[lag] for part in energy]) for lag in (0.04, 0.2)},
         constant=_mean_ratio([part["constant"] for part in energy]),
         person_missed=_ratio((in_image & ~whole.matched).sum((0, 2)), in_image.sum((0, 2))),

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from synth.realism.meter import Rate
+    from synth.recognition.meter import Rate
 
 
 def realism(
@@ -44,7 +44,7 @@ def realism(
         ('all', True)
     """
     from dmae.detection.registry import PoseDetectorConfig
-    from synth.realism.meter import judge, rates
+    from synth.recognition.meter import judge, rates
 
     folders = [Path(each) for each in (path, *extra_data)]
     return rates(judge(folders, PoseDetectorConfig(name=detector), every, workers))
@@ -78,11 +78,12 @@ def detector_errors(
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7, out="walks"))
         >>> found = synth.detector_errors("walks", simulated=["clean"])
-        >>> [row["missed"] for row in found["clean"]["joints"] if row["heading"] == "cause"]
-        [0.0]
+        >>> row = found["clean"]["joints"][0]
+        >>> row["group"], row["missed"]
+        ('visible', 0.0)
     """
     from synth.detector.presets import load_preset
-    from synth.realism.study import study
+    from synth.recognition.study import study
 
     presets = {Path(name).stem: load_preset(name) for name in simulated}
     return study([Path(each) for each in (path, *extra_data)], presets, seed, workers)

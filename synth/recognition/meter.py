@@ -14,8 +14,8 @@ from dmae.formats.reading import DataConfig, load
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.detector.parts import kind_of
-from synth.realism.crops import NEAR, Crop, crops
-from synth.realism.sightings import Sightings, scene_of, sightings
+from synth.recognition.crops import NEAR, SIDES, Crop, crops
+from synth.recognition.sightings import Sightings, scene_of, sightings
 
 _WELL_VISIBLE = 0.8
 _DISTANCES = (3.0, 5.0, 8.0)
@@ -136,18 +136,27 @@ def _groups(clip: Clip, seen: Sightings, crop: Crop) -> dict[str, str]:
         groups["shirt"] = looks.top.pattern
         groups["sleeves"] = "long" if looks.top.long else "short"
         groups["trousers"] = "long" if looks.bottom.long else "short"
-    visible = seen.visible[place].mean()
-    return (
-        {"visible": "80 % of the joints or more" if visible >= _WELL_VISIBLE else "fewer: the body hides its own"}
-        | groups
-        | {
-            "direction": str(seen.direction[place]),
-            "posture": str(seen.posture[of_person]),
-            "distance": _range(seen.distance[place], _DISTANCES, "m"),
-            "size": _range(seen.height[place], _SIZES, "px"),
-            "contrast": "dark before dark" if crop.dark else "other",
-        }
-    )
+    well, alone = seen.visible[place].mean() >= _WELL_VISIBLE, _is_alone(seen, crop)
+    groups |= {
+        "visible": "80 % of the joints or more" if well else "fewer: the body hides its own",
+        "company": "alone in the picture" if alone else "others in the picture",
+        "direction": str(seen.direction[place]),
+        "posture": str(seen.posture[of_person]),
+        "distance": _range(seen.distance[place], _DISTANCES, "m"),
+        "size": _range(seen.height[place], _SIZES, "px"),
+        "contrast": "dark before dark" if crop.dark else "other",
+    }
+    return groups | ({"both": "80 % of the joints or more, alone"} if well and alone else {})
+
+
+def _is_alone(seen: Sightings, crop: Crop) -> bool:
+    """Return whether no joint of another person lies in the narrowest picture that the person is looked for in."""
+    people = seen.xy[crop.frame, crop.view]
+    own, others = people[crop.person], np.delete(people, crop.person, 0)
+    low, high = np.nanmin(own, 0), np.nanmax(own, 0)
+    with np.errstate(invalid="ignore"):
+        inside = np.abs(others - (low + high) / 2) < SIDES[0] / 2 * (high - low).max()
+    return not inside.all(-1).any()
 
 
 def _range(value: float, edges: Sequence[float], unit: str) -> str:

@@ -10,8 +10,8 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.reporting.tables import Table
 from synth.detector.parts import kind_of
-from synth.realism.crops import NEAR, UNOBSTRUCTED
-from synth.realism.observations import DetectorObservations, JointsSeen, PeopleSeen
+from synth.recognition.crops import NEAR, UNOBSTRUCTED
+from synth.recognition.observations import DetectorObservations, JointsSeen, PeopleSeen
 
 _MARGINS = (0.05, 0.15, 0.3, 1.0)
 _SIZES = (150.0, 250.0, 400.0)

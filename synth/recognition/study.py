@@ -8,8 +8,8 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.detector.config import DetectorConfig
 from synth.detector.fitting import redetect
-from synth.realism.error_tables import numbers
-from synth.realism.observations import DetectorObservations, observe, pooled
+from synth.recognition.error_tables import numbers
+from synth.recognition.observations import DetectorObservations, observe, pooled
 
 
 def study(
@@ -24,7 +24,7 @@ def study(
         workers: Processes; -1 for one a core.
 
     Returns:
-        By name of the detector its tables, see `synth.realism.error_tables.numbers`; that of the clips comes first.
+        By name of the detector its tables, see `synth.recognition.error_tables.numbers`; that of the clips comes first.
 
     Raises:
         FileNotFoundError: there are no clips.

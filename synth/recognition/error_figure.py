@@ -18,7 +18,7 @@ def draw_errors(studied: dict[str, dict]) -> Figure:
     """Return curves of nearness, confidence and misses by cause, margin, size and crowding, a line for each detector.
 
     Args:
-        studied: By name of the detector, as `synth.realism.error_tables.numbers` returns it.
+        studied: By name of the detector, as `synth.recognition.error_tables.numbers` returns it.
     """
     figure = Figure(figsize=(14, 8), layout="constrained")
     axes = figure.subplots(len(_ROWS), len(_COLUMNS), sharey="row", squeeze=False)

@@ -10,7 +10,7 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.data.skeleton_conversion import convert_detections
 from dmae.detection.registry import PictureDetector
-from synth.realism.sightings import Sightings
+from synth.recognition.sightings import Sightings
 
 UNOBSTRUCTED = 0.8
 """A person is in plain sight where at least this share of the joints is hidden by nothing but the person's own body."""
@@ -18,7 +18,7 @@ NEAR = 0.05
 """Of the height of the body: what counts as near the true place."""
 _MATCHED = 0.2
 """Of the height: a detection is of the person if the median of its visible joints is off by less."""
-_SIDES = (1.3, 1.6, 2.0)
+SIDES = (1.3, 1.6, 2.0)
 """Sides of what is cut out, relative to the longer side of the box around the joints. Wider ones are tried where the
 person is not found in narrower ones."""
 _LEAST = 40
@@ -104,7 +104,7 @@ def _reported(detector: PictureDetector) -> list[str]:
 def _crop(
     picture: np.ndarray, seen: Sightings, place: tuple[int, int, int], detector: PictureDetector, counted: np.ndarray
 ) -> Crop:
-    for wide in _SIDES:
+    for wide in SIDES:
         crop = _looked_for(picture, seen, place, detector, counted, wide)
         if crop.found:
             break

@@ -24,13 +24,15 @@ from synth.detector.fitting import Fit, fit, redetect
 from synth.detector.parts import PartConfig, PartsConfig, kind_of
 from synth.detector.pooling import measure_all
 from synth.detector.statistics import ErrorReference
-from synth.realism.observations import DetectorObservations, JointsSeen, PeopleSeen, observe, pooled
+from synth.recognition.observations import DetectorObservations, JointsSeen, PeopleSeen, observe, pooled
 
 LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)
 """Greatest distances of a preset that is fitted to truth."""
 _ENOUGH = 150
 """Fewest joints of a kind and state for their parameters to be fitted."""
 _STEP = 0.8
+_LOW, _HIGH, _UNSURE_STEP = 0.5, 0.8, 0.5
+"""Low and high confidences, whose errors determine how errors and confidences are correlated, and the step of that."""
 _KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
 _INVERTING = BODY25.index("l_shoulder", "r_shoulder")
 """Shoulders are exchanged where the whole body is."""
@@ -77,8 +79,8 @@ def fit_to_truth(
     )
 
 
-def held_back(recordings: Sequence[Clip], config: DetectorConfig, seed: int = 0, workers: int = 1) -> list[Row]:
-    """Compare detections with those of the fitted detector on clips that it was not fitted to, within `LIMITS`."""
+def distances(recordings: Sequence[Clip], config: DetectorConfig, seed: int = 0, workers: int = 1) -> list[Row]:
+    """Compare the detections of clips with those of a simulated detector on the same clips; `LIMITS` are allowed."""
     clips = [on_body25(clip) for clip in recordings]
     real = measure_all(clips, len(clips), workers, ErrorReference.annotated)
     sim = measure_all(_redetected(clips, config, seed), len(clips), workers, ErrorReference.annotated)
@@ -133,7 +135,17 @@ def _corrected(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> Det
                 part = _corrected_part(part, a, b, hidden, config)
         parts[kind] = part
     inversions = replace(config.inversions, body=_exchanged(config.inversions.body, real, sim))
-    return replace(config, parts=PartsConfig(**parts), inversions=inversions)
+    correlation = config.scores.error_correlation + _UNSURE_STEP * (_unsureness(real) - _unsureness(sim))
+    scores = replace(config.scores, error_correlation=round(float(np.clip(correlation, 0, 0.95)), 4))
+    return replace(config, parts=PartsConfig(**parts), inversions=inversions, scores=scores)
+
+
+def _unsureness(joints: JointsSeen) -> float:
+    """Return the logarithm of the ratio of median errors at low and at high confidence; 0 where one is rare."""
+    some = [joints.error[joints.score < _LOW], joints.error[joints.score >= _HIGH]]
+    if min(map(len, some)) < _ENOUGH:
+        return 0.0
+    return float(np.log(np.median(some[0]) / max(np.median(some[1]), 1e-6)))
 
 
 def _corrected_part(

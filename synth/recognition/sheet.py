@@ -7,9 +7,9 @@ import numpy as np
 
 from dmae.data.skeleton import BODY25
 from dmae.formats.reading import DataConfig, load
-from synth.realism.crops import cut
-from synth.realism.meter import Judged
-from synth.realism.sightings import sightings
+from synth.recognition.crops import cut
+from synth.recognition.meter import Judged
+from synth.recognition.sightings import sightings
 
 _TILE, _LINE = 200, 16
 _TRUE, _FOUND, _PAPER, _INK = (60, 220, 90), (240, 60, 50), (22, 25, 30), (233, 236, 240)

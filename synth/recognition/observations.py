@@ -11,7 +11,7 @@ from dmae.data.skeleton import BODY25
 from dmae.data.skeleton_conversion import convert, convert_detections
 from synth.detector.matching import FRAGMENT, match_detections
 from synth.detector.statistics import GROSS
-from synth.realism.sightings import Sightings, sightings
+from synth.recognition.sightings import Sightings, sightings
 
 _IN_IMAGE = Visibility.HIDDEN_BY_OBJECT
 _MIRROR = list(BODY25.mirror)
@@ -101,7 +101,7 @@ def observe(clip: Clip) -> DetectorObservations:
     true = replace(clip, rig=clip.true_rig or clip.rig, detections=body, poses=None, detection_labels=None)
     match = match_detections(true, convert(clip.truth, BODY25))
     # Joints that the detector's skeleton lacks, as small toes, are no misses.
-    reported = (~np.isnan(body.score)).any((0, 1, 2)) if body.score.size else np.zeros(len(BODY25), bool)
+    reported = (~np.isnan(match.score)).any((0, 1, 2))
     counted = match.matched[..., None] & (seen.visibility <= _IN_IMAGE) & reported
     height = seen.height[..., None]
     error = np.linalg.norm(match.found - seen.xy, axis=-1) / height
@@ -140,7 +140,7 @@ def observe(clip: Clip) -> DetectorObservations:
 
 
 def _is_cut(xy: np.ndarray, seen: Sightings) -> np.ndarray:
-    """Return (F, V, D) True for detections of people who are mostly outside the image, whom `Match` leaves out."""
+    """Return (F, V, D) True for detections of people mostly outside the image, which `Match` leaves out."""
     off = np.linalg.norm(seen.xy[:, :, None] - xy[:, :, :, None], axis=-1) / seen.height[:, :, None, :, None]
     known = ~np.isnan(off)
     middle = np.nanmedian(np.where(known.any(-1, keepdims=True), off, np.inf), -1)

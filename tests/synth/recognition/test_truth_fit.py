@@ -1,0 +1,74 @@
+"""A planted detector is found again from its detections and the truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dmae.data.clip import Clip
+from dmae.data.labels import OcclusionLabels, Visibility
+from dmae.data.rng import Stream, generator
+from synth.detector.config import DetectorConfig
+from synth.detector.errors.misses import Misses
+from synth.detector.parts import PartConfig, PartsConfig
+from synth.detector.simulated_detector import detect
+from synth.recognition.truth_fit import distances, fit_to_truth
+from tests.support.circling_people import circling_people
+from tests.support.clips import looking_at_origin
+
+PLANTED = replace(
+    DetectorConfig(),
+    parts=PartsConfig(
+        *[
+            PartConfig(
+                noise=0.012,
+                tail=4,
+                score=[18, 3],
+                miss=[0.0] * 4,
+                hidden_noise=0.04,
+                hidden_tail=2,
+                hidden_score=[4, 4],
+            )
+        ]
+        * 14
+    ),
+    misses=Misses(person=0.01, hidden_person=0.99, lost_from=0.6, steepness=8.0),
+)
+START = replace(DetectorConfig(), parts=PartsConfig(*[PartConfig(noise=0.005, score=[30, 2], miss=[0.05] * 4)] * 14))
+
+
+def clip(number: int) -> Clip:
+    """Three people; of each, the joints behind a bar that moves down the picture are hidden."""
+    rng = np.random.default_rng(number)
+    truth, rig = circling_people(60, 3, rng=rng), looking_at_origin(3)
+    xy, _ = rig.project(truth.xyz)
+    bar = np.linspace(200, 450, 60)[:, None, None, None]
+    visibility = np.where(np.abs(xy[..., 1] - bar) < 45, Visibility.HIDDEN_BY_OBJECT, Visibility.VISIBLE)
+    visibility[~rig.inside(xy)] = Visibility.OUTSIDE_IMAGE
+    hidden = visibility == Visibility.HIDDEN_BY_OBJECT
+    labels = OcclusionLabels(visibility, np.where(hidden, 0, -1), np.where(hidden, 0.5, np.nan), objects=("bar",))
+    found = detect(truth, labels, rig, 25.0, PLANTED, rng=generator(9, number, Stream.DETECTOR))
+    return Clip(str(number), 25.0, rig, found.detections, truth=truth, occlusion=labels)
+
+
+@pytest.mark.slow
+def test_a_planted_detector_is_found_again():
+    clips = [clip(number) for number in range(3)]
+    fitted = fit_to_truth(clips, START, rounds=5, seed=1)
+    wrist, ankle = fitted.config.parts.wrist, fitted.config.parts.ankle
+    for part in (wrist, ankle):
+        assert part.noise == pytest.approx(0.012, rel=0.35)
+        assert part.hidden_noise == pytest.approx(0.04, rel=0.5)
+        a, b = part.hidden_score
+        assert a / (a + b) == pytest.approx(0.5, abs=0.06)
+        assert (part.miss[0], part.miss[3]) == (0, 0)
+    assert 0.4 <= fitted.config.misses.lost_from <= 0.8
+    assert fitted.config.inversions.body < 0.01
+    rows = {row.what: row for row in distances([clip(7), clip(8)], fitted.config, seed=2)}
+    assert rows["distribution of error"].distance < 0.08
+    assert not any(row.exceeded for what, row in rows.items() if what.startswith("missed: "))
+
+
+def test_clips_without_truth_are_refused():
+    with pytest.raises(ValueError, match="truth=annotated fits to clips with truth"):
+        fit_to_truth([replace(clip(0), truth=None, occlusion=None)], START, rounds=1)
