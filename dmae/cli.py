@@ -181,7 +181,8 @@ def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -
     values = OmegaConf.to_object(config)
     interrupted.check()
     if "out" not in config:
-        interrupted.describe = lambda: "nothing is left behind"
+        describe = getattr(module, "interrupted", None)
+        interrupted.describe = lambda: describe(values, None) if describe else "nothing is left behind"
         module.run(values, None)
         return
     given = config.out

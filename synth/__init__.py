@@ -23,9 +23,14 @@ if TYPE_CHECKING:
     from synth.public.generation import stats as stats
     from synth.public.generation import takes as takes
     from synth.public.generation import verify as verify
+    from synth.public.labels import body_state as body_state
+    from synth.public.labels import label as label
+    from synth.public.labels import physical_labels as physical_labels
     from synth.public.pictures import contact_sheet as contact_sheet
     from synth.public.pictures import show as show
-    from synth.public.rendering import body_state as body_state
+    from synth.public.planning import plan as plan
+    from synth.public.realism import detector_errors as detector_errors
+    from synth.public.realism import realism as realism
     from synth.public.rendering import forecast as forecast
     from synth.public.rendering import render as render
 
@@ -33,8 +38,11 @@ _HOMES = {
     "dmae.public.recordings": ["load_dataset"],
     "synth.public.comparison": ["compare", "compare_motion", "fit_detector"],
     "synth.public.generation": ["export", "generate", "merge", "split", "stats", "takes", "verify"],
+    "synth.public.labels": ["body_state", "label", "physical_labels"],
     "synth.public.pictures": ["contact_sheet", "show"],
-    "synth.public.rendering": ["body_state", "forecast", "render"],
+    "synth.public.planning": ["plan"],
+    "synth.public.realism": ["detector_errors", "realism"],
+    "synth.public.rendering": ["forecast", "render"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

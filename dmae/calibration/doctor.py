@@ -32,14 +32,20 @@ from dmae.calibration.findings import (
     Finding,
     corrected_fault,
     disagreeing_cameras,
+    floor_faults,
     size_faults,
     unexplained_fault,
     world_faults,
 )
-from dmae.calibration.gravity_and_scale import relative_size
 from dmae.calibration.hypothesis import CHECKED_FRAMES, Hypothesis
+from dmae.calibration.world.floor import Floor, find_floor
+from dmae.calibration.world.gravity_and_scale import relative_size
+from dmae.calibration.world.placement import FLOOR_KEY
 from dmae.data.clip import Clip
 from dmae.formats.calibrations.conventions import Convention
+from dmae.formats.recordings.selection import shift_views
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
 
 _MIN_SENSITIVITY = 0.08
 """Agreement that motion must cost at wrong offsets, to decide whether cameras are synchronised."""
@@ -79,6 +85,8 @@ class Diagnosis:
         findings: Faults, in the order in which to correct them; empty for a sound recording.
         unknown: What could not be decided, and why.
         cameras: How each camera fits with the findings corrected, and which differences would go unnoticed.
+        floor: Where the floor is and which way is up, with the findings corrected; None where people cannot be
+            measured.
     """
 
     pairs: tuple[PairFit, ...]
@@ -86,6 +94,7 @@ class Diagnosis:
     findings: tuple[Finding, ...]
     unknown: tuple[str, ...]
     cameras: tuple[CameraFit, ...] = ()
+    floor: Floor | None = None
 
 
 def diagnose(
@@ -105,6 +114,7 @@ def diagnose(
     if max_offset < 0:
         raise ValueError(f"max_offset={max_offset}: expected a number of frames, 0 or more")
     hypothesis = Hypothesis.of(clip, convention or Convention())
+    as_read = hypothesis.xy
     pairs = pairs_to_compare(len(clip.rig))
     frames = hypothesis.sample_frames(CHECKED_FRAMES)
     detected = np.isfinite(hypothesis.xy[..., 0]).any((0, 2, 3))
@@ -144,6 +154,7 @@ def diagnose(
     found = measure_agreement(sample, pairs)
     people = triangulate_matches(sample, pairs, found)
     disagreeing, apart = disagreeing_cameras(hypothesis, people, found, pairs)
+    floor = None
     if disagreeing:
         findings.append(unexplained_fault(hypothesis, disagreeing))
     unknown += tuple(f"camera {name} sees no people that the others see" for name in apart)
@@ -153,11 +164,24 @@ def diagnose(
         more, undecided = world_faults(hypothesis, people, convention is not None)
         findings += more
         unknown += undecided
+        if not more:
+            floor = find_floor(
+                capture(_corrected(clip, hypothesis, hypothesis.xy is not as_read), CaptureConfig()), clip.fps
+            )
+            findings += floor_faults(floor, clip.provenance.get(FLOOR_KEY, 0.0), clip.rig.names)
     findings += size_faults(hypothesis)
     if not disagreeing:
         unknown += undetermined(hypothesis, examination and examination[0])
     cameras = camera_fits(hypothesis, examination and examination[0])
-    return Diagnosis(fits, _pair_fits(hypothesis, pairs, frames), tuple(findings), unknown, cameras)
+    return Diagnosis(fits, _pair_fits(hypothesis, pairs, frames), tuple(findings), unknown, cameras, floor)
+
+
+def _corrected(clip: Clip, hypothesis: Hypothesis, changed: bool) -> Clip:
+    """Return the clip with its corrections: with all its joints, where these are of cameras and clocks alone."""
+    if changed:
+        return hypothesis.clip()
+    found = Clip(clip.id, clip.fps, hypothesis.rig, clip.detections)
+    return shift_views(found, hypothesis.offsets.tolist())
 
 
 def _examine(hypothesis: Hypothesis, correction: Correction | None) -> tuple[Examination, ImageTracks] | None:

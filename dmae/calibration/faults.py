@@ -31,5 +31,7 @@ class Fault(StrEnum):
     differs = "camera differs from its calibration"
     unit = "unit of length is wrong"
     up = "another axis is up"
+    tilted = "z is not vertical"
+    floor = "floor is off"
     size = "image size is transposed"
     unexplained = "calibration and detections disagree"

@@ -7,9 +7,10 @@ import numpy as np
 from dmae.calibration.agreement import SOUND, Agreement, Pairs, mean_agreement, pairs_to_compare, score_pairs
 from dmae.calibration.corrections import Correction
 from dmae.calibration.faults import Fault
-from dmae.calibration.gravity_and_scale import relative_size, upright_direction
 from dmae.calibration.hypothesis import Hypothesis
 from dmae.calibration.remedies import camera_names, remedy, unit_remedy, up_remedy
+from dmae.calibration.world.floor import Floor
+from dmae.calibration.world.gravity_and_scale import relative_size, upright_direction
 from dmae.formats.calibrations.conventions import Convention
 from dmae.numerics.robust import mean_known
 
@@ -17,6 +18,8 @@ MIN_DETECTIONS = 20
 """Fewest detections from which a pair of views is judged."""
 _UPRIGHT = 0.7
 """Smallest agreement of people in where up is."""
+_SOUND_TILT_DEG, _SOUND_HEIGHT_M = 0.3, 0.005
+"""Beyond it, intervals of the tilt and of the height of the floor exclude a sound world."""
 _INSIDE = 0.3
 """Share of joints inside the image above which a camera looks at the people of the others."""
 
@@ -137,6 +140,34 @@ def world_faults(
         axis = ", ".join(f"{x:.2f}" for x in standing[0])
         findings.append(Finding(Fault.up, names, f"people stand along ({axis}), not along z", what))
     return findings, unknown
+
+
+def floor_faults(floor: Floor, expected_m: float, names: tuple[str, ...]) -> list[Finding]:
+    """Find a world that is tilted, or a floor that is not where it is expected.
+
+    Args:
+        expected_m: z of the floor.
+        names: All cameras.
+    """
+    findings = []
+    what = "dmae calibrate with the same data refine.extrinsics=false refine.level=true, or dmae capture level=true"
+    if floor.tilt_deg is not None and floor.tilt_interval_deg[0] > _SOUND_TILT_DEG:
+        low, high = floor.tilt_interval_deg
+        axis = ", ".join(f"{x:.3f}" for x in floor.up)
+        evidence = (
+            f"feet and bodies have ({axis}) as the vertical, {floor.tilt_deg:.1f} degrees from z "
+            f"(95 %: {low:.1f} to {high:.1f})"
+        )
+        findings.append(Finding(Fault.tilted, names, evidence, what))
+    if floor.height_m is not None:
+        low, high = floor.height_interval_m
+        if max(low - expected_m, expected_m - high) > _SOUND_HEIGHT_M:
+            evidence = (
+                f"feet stand at z = {100 * floor.height_m:+.0f} cm (95 %: {100 * low:+.0f} to {100 * high:+.0f}), "
+                f"not at {100 * expected_m:+.0f} cm"
+            )
+            findings.append(Finding(Fault.floor, names, evidence, what))
+    return findings
 
 
 def size_faults(hypothesis: Hypothesis) -> list[Finding]:

@@ -14,6 +14,7 @@ WRITES = "file"
 EXAMPLES = (
     "dmae calibrate data=pose2sim data.path=session/trial out=runs/rig.toml",
     "dmae calibrate data=openpose data.path=session refine.cameras=[all] refine.focal=true out=runs/rig.toml",
+    "dmae calibrate data=pose2sim data.path=session/trial refine.extrinsics=false refine.level=true out=runs/rig.toml",
     "dmae calibrate data=runs/data/000000 refine.offsets=true refine.drift=true out=runs/rig.toml",
 )
 
@@ -44,13 +45,14 @@ def run(config: CalibrateCommand, out: Path) -> None:
         "offset_s": refined.offset.tolist(),
         "drift": refined.drift.tolist(),
         "covariance": refined.covariance.tolist(),
+        "floor": refined.floor and asdict(refined.floor),
     }
     write_atomic(out.with_suffix(".json"), json.dumps(facts, indent=1) + "\n")
-    _print(refined)
+    _print(refined, config.refine.frees_cameras)
     print(out)
 
 
-def _print(refined: Refined) -> None:
+def _print(refined: Refined, freed: bool) -> None:
     header = ("camera", "moved cm", "turned deg", "focal %", "k1", "late frames", "px before", "px after")
     rows = []
     for each in refined.changes:
@@ -68,5 +70,7 @@ def _print(refined: Refined) -> None:
             )
         )
     print_tables([Table("what changed; reprojection errors are medians", header, rows)])
-    if not any(each.refined for each in refined.changes):
+    if refined.floor is not None:
+        print(f"the world is made level; before, {refined.floor.describe()}")
+    if freed and not any(each.refined for each in refined.changes):
         print("no camera clearly differs from its calibration; refine.cameras=[all] refines all the same")

@@ -2,11 +2,13 @@
 
 import sys
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from dmae.calibration.world.floor import Floor, find_floor
+from dmae.calibration.world.placement import place_clip, upright_world
 from dmae.commands.data_sets import Manifest, describe_joints, describe_sides, finished, part_of
 from dmae.commands.unfinished import UNFINISHED, settings_of, whole_clips
 from dmae.completion.methods.registry import METHODS, completion_method
@@ -54,6 +56,9 @@ class CaptureCommand:
     `source`."""
     smooth: float = 0.0
     """s; light smoothing after that (0.1 suits people; 0: none). What it moves is marked denoised."""
+    level: bool = False
+    """Turn the world so that z is up, and move its floor to z = 0, as feet and bodies show them: cameras, people and
+    truth together."""
     draw: list[int] = field(default_factory=list)
     """Capture each clip of a data set with cameras drawn at random, as many as one of these, and keep no others: to
     learn what few cameras measure."""
@@ -122,6 +127,7 @@ def run(config: CaptureCommand, out: Path) -> None:
             else:
                 made.write(folder.name, partial(save_clip, captured, to), persons=poses.xyz.shape[1])
             print(f"{captured.id}: {len(captured)} frames, {poses.xyz.shape[1]} persons, {describe_joints(poses)}")
+            print(f"{captured.id}: {_world(captured)}")
             persons += poses.xyz.shape[1]
             errors = reprojection(captured)
             measured, completed = added_groups(measured, errors.measured), added_groups(completed, errors.completed)
@@ -166,7 +172,20 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
     if config.fill != "none":
         poses = METHODS[config.fill](poses, clip.fps)
     exchanges = [f"{note}, put right by the other cameras" for note in describe_sides(clip, measured)]
-    return replace(clip, poses=smooth(poses, clip.fps, config.smooth)), exchanges, spent
+    floor = find_floor(measured, clip.fps)
+    clip = replace(clip, poses=smooth(poses, clip.fps, config.smooth))
+    world = upright_world(floor) if config.level else None
+    levelled = world is not None
+    clip = place_clip(clip, world) if levelled else clip
+    known = clip.provenance | {"floor": asdict(floor) | {"levelled": levelled}}
+    return replace(clip, provenance=known), exchanges, spent
+
+
+def _world(clip: Clip) -> str:
+    """Return what is known of the floor and the vertical."""
+    facts = dict(clip.provenance["floor"])
+    levelled = facts.pop("levelled")
+    return f"{'made level; before, ' if levelled else ''}{Floor(**facts).describe()}"
 
 
 def _forecast(config: CaptureCommand, clips: Clips) -> str:

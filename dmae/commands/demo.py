@@ -14,15 +14,19 @@ class DemoSize(StrEnum):
     """How much is simulated and learned."""
 
     small = "small"
-    """A minute on two cores: enough to see every step work. The model learns next to nothing."""
+    """About a minute on two cores: enough to see every step work. The model is the shipped one, tuned for a moment."""
     full = "full"
     """Under five minutes on two cores: enough for a model that is better than interpolation on what it was made for."""
 
 
 _TRAINING_SET = {DemoSize.small: ("clips=3", "scene.seconds=2"), DemoSize.full: ("clips=40",)}
-_TEST_SET = {DemoSize.small: ("clips=1", "scene.seconds=1"), DemoSize.full: ("clips=2", "scene.seconds=4")}
+_THREE_CAMERAS = ("rig=ring", "rig.ring.views=3", "scene.persons=[3,3]")
+_TEST_SET = {
+    DemoSize.small: ("clips=1", "scene.seconds=2", *_THREE_CAMERAS),
+    DemoSize.full: ("clips=2", "scene.seconds=4"),
+}
 _LEARNING = {
-    DemoSize.small: ("learning.steps=40", "learning.epoch=20", "learning.batch=16"),
+    DemoSize.small: ("init=shipped", "learning.steps=20", "learning.epoch=20", "learning.batch=16"),
     DemoSize.full: ("max_minutes=2",),
 }
 

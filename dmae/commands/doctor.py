@@ -78,6 +78,8 @@ def _print(clip: Clip, diagnosis: Diagnosis) -> None:
         print_tables([Table(f"{clip.id}: pairs of cameras, worst first", header, [rows[row] for row in worst_first])])
     if diagnosis.cameras:
         print_tables([_cameras(clip, diagnosis)])
+    if diagnosis.floor is not None:
+        print(f"{clip.id}: {diagnosis.floor.describe()}")
     for number, finding in enumerate(diagnosis.findings, 1):
         print(f"{number}. {finding.fault}: {', '.join(finding.cameras)}\n   because {finding.evidence}")
         print(f"   correction: {finding.remedy}")

@@ -18,7 +18,8 @@ from torch import Tensor
 from dmae.completion.network.build import build_network
 from dmae.completion.network.config import ModelConfig, model_config
 from dmae.completion.network.paper import DMAE
-from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton import Skeleton, decode_skeleton, get_skeleton
+from dmae.data.skeletons.definition import encode
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
 from dmae.files.structured import read_json
@@ -43,6 +44,8 @@ _FORMAT_4_FEATURES = {"carried": "held", "mended": "bone_length", "roughness": "
 _FORMAT_4_LAYERS = {"amount": "residual_scale", "embed_base": "embed_hidden"}
 """Names of format 4, which the models of version 0.1 have, and those of today. The tensors are the same."""
 
+OF_PEOPLE = {"l_hip", "r_hip", "l_shoulder", "r_shoulder"}
+"""Joints by which the network knows where a body is and faces."""
 _LARGEST = 1e6
 """Of a weight."""
 SHIPPED = Path(__file__).parents[1] / "models"
@@ -62,7 +65,7 @@ def save_model(model: DMAE, skeleton: Skeleton, folder: Path, record: dict) -> N
     data = save_tensors({name: tensor.contiguous().cpu() for name, tensor in model.state_dict().items()})
     meta = {
         "format": FORMAT,
-        "skeleton": skeleton.name,
+        "skeleton": encode(skeleton),
         "model": asdict(model.config),
         "versions": {name: metadata.version(name) for name in ("dmae-synth", "torch")},
         **record,
@@ -94,7 +97,8 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
     if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
         raise ValueError(f"{path}: does not match the checksum in model.json; the weights are damaged, train again")
     try:
-        skeleton, tensors, options = get_skeleton(meta["skeleton"]), load_tensors(data), meta["model"]
+        skeleton = decode_skeleton(meta["skeleton"], "skeleton")
+        tensors, options = load_tensors(data), meta["model"]
         if meta["format"] == 4:
             tensors, options = _from_format_4(tensors, options)
         config = model_config(options)
@@ -149,8 +153,15 @@ def find_shipped(skeleton: Skeleton) -> Path:
     """Return the folder of the shipped weights for a skeleton, or else for the one that shares most joints with it.
 
     Raises:
-        ValueError: no weights are shipped for a skeleton with a joint of the same name.
+        ValueError: no weights are shipped for a skeleton with a joint of the same name, or it is of a body of your own
+            without the hips and shoulders of people.
     """
+    if skeleton.defined and not set(skeleton.joints) >= OF_PEOPLE:
+        raise ValueError(
+            f"the weights of this package know people, on {', '.join(shipped())}, and nothing of {skeleton.name!r}; "
+            "fill it with a method that learns from the recording itself, dmae capture fill=gaussian_process. A "
+            f"network can be trained (dmae train skeleton=...) on bodies with {', '.join(sorted(OF_PEOPLE))}"
+        )
     common = {name: len(set(get_skeleton(name).joints) & set(skeleton.joints)) for name in shipped()}
     best = max(common, key=lambda name: (name == skeleton.name, common[name]), default=None)
     if best is None or not common[best]:

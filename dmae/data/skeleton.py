@@ -1,82 +1,12 @@
-"""Skeletons: their joints, in order, and the tree that connects them."""
+"""The skeletons that come with the package, and any skeleton by name or file."""
 
-from dataclasses import dataclass
-from functools import cached_property
+from pathlib import Path
 
+from dmae.data.skeletons.definition import define, read_skeleton
+from dmae.data.skeletons.tree import Skeleton as Skeleton
+from dmae.data.skeletons.tree import fuse as fuse
 
-@dataclass(frozen=True)
-class Skeleton:
-    """An ordered set of named joints forming one or more trees.
-
-    Left and right joints are named `l_*` and `r_*`. The same name in two skeletons is the same body part, though
-    annotators and detectors may put the point a few centimetres apart (see `dmae.data.skeleton_conversion`).
-
-    Attributes:
-        name: Key in the registry, lower case.
-        joints: J joint names, unique.
-        parents: (J,) index of each joint's parent; -1 at a root.
-
-    Raises:
-        ValueError: names are not unique, or parents are not a tree.
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    parents: tuple[int, ...]
-
-    def __post_init__(self):
-        if len(set(self.joints)) != len(self.joints):
-            raise ValueError(f"skeleton {self.name!r}: joint names must be unique, got {self.joints}")
-        if len(self.parents) != len(self.joints):
-            raise ValueError(
-                f"skeleton {self.name!r}: expected {len(self.joints)} parents, one a joint, got {len(self.parents)}"
-            )
-        if any(not -1 <= parent < len(self.joints) for parent in self.parents):
-            raise ValueError(f"skeleton {self.name!r}: parents must lie in -1..{len(self.joints) - 1}: {self.parents}")
-        ancestors = list(self.parents)
-        for _ in self.joints:
-            ancestors = [self.parents[joint] if joint >= 0 else -1 for joint in ancestors]
-        if max(ancestors, default=-1) >= 0:
-            raise ValueError(f"skeleton {self.name!r}: parents run in a circle: {self.parents}")
-
-    def __len__(self) -> int:
-        return len(self.joints)
-
-    def index(self, *names: str) -> list[int]:
-        """Return the indices of the named joints.
-
-        Raises:
-            KeyError: no such joint; the message lists the joints of the skeleton.
-        """
-        unknown = [name for name in names if name not in self._index]
-        if unknown:
-            raise KeyError(f"skeleton {self.name!r} has no joint {unknown}; it has {list(self.joints)}")
-        return [self._index[name] for name in names]
-
-    @cached_property
-    def _index(self) -> dict[str, int]:
-        return {joint: i for i, joint in enumerate(self.joints)}
-
-    @cached_property
-    def parts(self) -> tuple["Skeleton", ...]:
-        """The two skeletons of a fused one; otherwise only this one."""
-        return tuple(SKELETONS[name] for name in self.name.split("+")) if "+" in self.name else (self,)
-
-    @cached_property
-    def bones(self) -> tuple[tuple[int, int], ...]:
-        """Index pairs (parent, child), one for each joint with a parent."""
-        return tuple((parent, child) for child, parent in enumerate(self.parents) if parent >= 0)
-
-    @cached_property
-    def mirror(self) -> tuple[int, ...]:
-        """(J,) index of each joint's partner of the other side; its own on the mid line."""
-        return tuple(self._index.get(_swap_side(joint), i) for i, joint in enumerate(self.joints))
-
-
-def _swap_side(joint: str) -> str:
-    prefix, dot, part = joint.rpartition(".")
-    sides = {"l_": "r_", "r_": "l_"}
-    return prefix + dot + sides.get(part[:2], part[:2]) + part[2:]
+_FILES = (".yaml", ".yml")
 
 
 def _skeleton(name: str, *joints: str) -> Skeleton:
@@ -84,18 +14,6 @@ def _skeleton(name: str, *joints: str) -> Skeleton:
     names = [joint.partition("<")[0] for joint in joints]
     parents = [joint.partition("<")[2] for joint in joints]
     return Skeleton(name, tuple(names), tuple(names.index(parent) if parent else -1 for parent in parents))
-
-
-def fuse(first: Skeleton, second: Skeleton) -> Skeleton:
-    """Return both skeletons side by side, joints named `<skeleton>.<joint>`.
-
-    The paper's pose fusion learns the target skeleton from the tokens of such a pair. The generator writes its truth in
-    `body25+shelf14`.
-    """
-    name = f"{first.name}+{second.name}"
-    joints = tuple(f"{part.name}.{joint}" for part in (first, second) for joint in part.joints)
-    shifted = tuple(parent + len(first) if parent >= 0 else -1 for parent in second.parents)
-    return Skeleton(name, joints, first.parents + shifted)
 
 
 _BODY25 = (
@@ -181,15 +99,45 @@ SKELETONS = {
 
 
 def get_skeleton(name: str) -> Skeleton:
-    """Return a skeleton by name, or two fused: `body25`, `body21+shelf14`.
+    """Return a skeleton by name, two fused, or one of your own: `body25`, `body21+shelf14`, `my_skeleton.yaml`.
+
+    Args:
+        name: Name of a skeleton that comes with the package, two of them joined by `+`, or path of a YAML file, see
+            `dmae.data.skeletons.definition.read_skeleton`.
 
     Raises:
         KeyError: no such skeleton; the message lists the known ones.
+        FileNotFoundError, ValueError: no such file, or it is no skeleton; the message names it.
     """
     if not isinstance(name, str):
         raise KeyError(f"expected the name of a skeleton, found {name!r:.60}")
+    if name.endswith(_FILES):
+        return check_name(read_skeleton(Path(name)), name)
     parts = name.split("+")
     unknown = [part for part in parts if part not in SKELETONS]
     if unknown or len(parts) > 2:
-        raise KeyError(f"no skeleton {name!r}; there are {sorted(SKELETONS)}, and two of them joined by '+'")
+        raise KeyError(
+            f"no skeleton {name!r}; there are {sorted(SKELETONS)}, two of them joined by '+', and your own in a YAML "
+            "file, by its path"
+        )
     return SKELETONS[name] if len(parts) == 1 else fuse(SKELETONS[parts[0]], SKELETONS[parts[1]])
+
+
+def check_name(skeleton: Skeleton, where: str) -> Skeleton:
+    """Return a skeleton from a file; ValueError where it has the name of one of the package, and is another."""
+    if skeleton.name in SKELETONS and skeleton != SKELETONS[skeleton.name]:
+        raise ValueError(f"{where}: {skeleton.name!r} is the name of a skeleton of this package; choose another name")
+    return skeleton
+
+
+def decode_skeleton(value: str | dict, where: str) -> Skeleton:
+    """Return a skeleton from what `dmae.data.skeletons.definition.encode` made of it: a name, or a definition.
+
+    Raises:
+        KeyError, ValueError: it is neither the name of a skeleton nor the definition of one.
+    """
+    if isinstance(value, dict):
+        return check_name(define(value, where), where)
+    if isinstance(value, str) and value.endswith(_FILES):
+        raise ValueError(f"{where}: expected a skeleton, found the name of a file, {value!r:.60}")
+    return get_skeleton(value)

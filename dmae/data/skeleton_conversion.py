@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dmae.data.clip import Detections2D, Poses3D, Source
-from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton import Skeleton
 
 _MIDPOINTS = {"neck": ("l_shoulder", "r_shoulder"), "mid_hip": ("l_hip", "r_hip")}
 _HEAD = ("bottom_head", "top_head")
@@ -29,11 +29,11 @@ def convert(poses: Poses3D, target: Skeleton) -> Poses3D:
         KeyError: no joint of the target can be derived from the source.
     """
     source = poses.skeleton
-    if source.name == target.name:
+    if source == target:
         return poses
-    parts = source.name.split("+")
+    parts = source.parts
     if len(parts) > 1:
-        part = get_skeleton(target.name if target.name in parts else parts[0])
+        part = target if target in parts else parts[0]
         return convert(Poses3D(part, **_take(poses, [f"{part.name}.{joint}" for joint in part.joints])), target)
 
     derived = [joint for joint in target.joints if joint not in source.joints and _derivable(joint, source)]
@@ -59,7 +59,7 @@ def convert_detections(detections: Detections2D, target: Skeleton) -> Detections
         KeyError: the skeletons have no joint in common.
     """
     source = detections.skeleton
-    if source.name == target.name:
+    if source == target:
         return detections
     if not set(target.joints) & set(source.joints):
         raise KeyError(f"no way from skeleton {source.name!r} to {target.name!r}: they have no joint in common")

@@ -19,7 +19,8 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
-from dmae.data.skeleton import get_skeleton
+from dmae.data.skeleton import decode_skeleton
+from dmae.data.skeletons.definition import encode
 from dmae.files.contents import read_bytes, read_text
 from dmae.files.names import child
 from dmae.files.structured import parse_json, read_json
@@ -128,7 +129,7 @@ def save_clip(clip: Clip, folder: Path) -> None:
         "fps": clip.fps,
         "cameras": clip.rig.names,
         "skeletons": {
-            name: getattr(clip, name).skeleton.name
+            name: encode(getattr(clip, name).skeleton)
             for name in ("detections", "truth", "poses")
             if getattr(clip, name) is not None
         },
@@ -235,13 +236,13 @@ def _rig(name: str, meta: dict, arrays: dict[str, np.ndarray]) -> CameraRig:
     return CameraRig(meta["cameras"], **values, fisheye=arrays.get(f"{name}.fisheye"))
 
 
-def _part(name: str, skeleton: str, arrays: dict[str, np.ndarray]) -> Detections2D | Poses3D:
+def _part(name: str, skeleton: str | dict, arrays: dict[str, np.ndarray]) -> Detections2D | Poses3D:
     kind = Detections2D if name == "detections" else Poses3D
     values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(kind) if f.name not in ("skeleton", "rays")}
     if kind is Poses3D:
         # Poses without any ray are stored without rays.
         values["rays"] = arrays.get(f"{name}.rays")
-    return kind(get_skeleton(skeleton), **values)
+    return kind(decode_skeleton(skeleton, name), **values)
 
 
 def _labels(part: str, kind: type, arrays: dict[str, np.ndarray], **more) -> OcclusionLabels | DetectionLabels | None:

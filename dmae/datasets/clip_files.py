@@ -9,7 +9,7 @@ from safetensors import SafetensorError, safe_open
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.labels import Visibility
-from dmae.data.skeleton import get_skeleton
+from dmae.data.skeleton import decode_skeleton
 from dmae.data.store import FORMAT, assemble_clip, clip_folders, is_of_frames
 from dmae.files.contents import check_file
 from dmae.files.structured import read_json
@@ -30,7 +30,7 @@ class ClipFile:
         frames: F.
         cameras: V names.
         persons: By `truth` and `poses`, their P, where the clip has them.
-        skeletons: By the same, the names of their skeletons.
+        skeletons: By the same, their skeletons as `dmae.data.skeletons.definition.encode` gives them.
         kinds: Kinds of its images.
     """
 
@@ -38,7 +38,7 @@ class ClipFile:
     frames: int
     cameras: tuple[str, ...]
     persons: dict[str, int]
-    skeletons: dict[str, str]
+    skeletons: dict[str, str | dict]
     kinds: tuple[str, ...]
 
     def read(self, start: int = 0, stop: int | None = None, view: int | None = None) -> Clip:
@@ -84,7 +84,7 @@ class ClipFile:
             if of == "truth" and "visibility" in file.keys():  # noqa: SIM118
                 seen = file.get_slice("visibility")[start:stop, :, person : person + 1] == Visibility.VISIBLE
                 views = seen.sum(1)
-            poses = Poses3D(get_skeleton(self.skeletons[of]), xyz, source, views=views)
+            poses = Poses3D(decode_skeleton(self.skeletons[of], str(self.folder)), xyz, source, views=views)
             poses.check_numbers(of)
         except _DAMAGED as error:
             raise ValueError(f"{path}: {error}; the clip is damaged, make it again") from None

@@ -229,7 +229,7 @@ def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
 
 def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig, path: Path | None) -> Trial:
     truth, wanted = truth_of(clip), clip.detections.skeleton
-    truth = convert(truth, wanted if wanted.name in truth.skeleton.name.split("+") else truth.skeleton)
+    truth = convert(truth, wanted if wanted in truth.skeleton.parts else truth.skeleton)
     rng = generator(config.seed, number, Stream.STRESS)
     given = cut_gaps(truth, clip.fps, config.gaps, rng=rng)
     if config.input == Input.perturbed_poses:
@@ -248,7 +248,8 @@ def _predicted_trial(clip: Clip, config: EvaluateConfig, path: Path) -> Trial:
 
 
 def _compared_truth(clip: Clip, config: EvaluateConfig) -> Poses3D:
-    return convert(truth_of(clip), get_skeleton(config.skeleton or clip.truth.skeleton.parts[-1].name))
+    truth = truth_of(clip)
+    return convert(truth, get_skeleton(config.skeleton) if config.skeleton else truth.skeleton.parts[-1])
 
 
 def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:

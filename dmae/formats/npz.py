@@ -10,22 +10,25 @@ For F frames, P persons and J joints it holds:
 | `cov` | (F, P, J, 3, 3) float32 | covariance of each joint, m^2; NaN where unknown |
 | `views` | (F, P, J) uint8 | how many cameras measured the joint |
 | `names` | (J,) text | names of the joints |
-| `skeleton` | text | name of the skeleton |
+| `skeleton` | text | name of the skeleton; of one of your own its definition, as JSON |
 | `fps` | float64 | frames per second |
 
 Where all joints of a person are absent in a frame, the person is not there.
 """
 
 import io
+import json
 from pathlib import Path
 
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton import Skeleton, decode_skeleton
+from dmae.data.skeletons.definition import encode
 from dmae.data.store import write_atomic
 from dmae.files.arrays import read_arrays
 from dmae.files.numbers import check_rate
+from dmae.files.structured import parse_json
 from dmae.formats.recordings.pose_files import PoseFile
 from dmae.formats.registry import pose_reader, pose_writer
 
@@ -53,7 +56,7 @@ def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
         cov=poses.cov,
         views=poses.views,
         names=np.array(poses.skeleton.joints),
-        skeleton=np.array(poses.skeleton.name),
+        skeleton=np.array(_written(poses.skeleton)),
         fps=np.float64(fps),
     )
     write_atomic(Path(path), buffer.getvalue())
@@ -78,11 +81,20 @@ def read_npz(path: Path) -> tuple[Poses3D, float]:
         raise ValueError(f"{path}: {error}") from None
 
 
+def _written(skeleton: Skeleton) -> str:
+    encoded = encode(skeleton)
+    return encoded if isinstance(encoded, str) else json.dumps(encoded)
+
+
 def _skeleton(path: Path, name: str, joints: tuple[str, ...]) -> Skeleton:
     try:
-        skeleton = get_skeleton(name)
+        skeleton = decode_skeleton(parse_json(name) if name.startswith("{") else name, "skeleton")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     except KeyError as error:
         raise ValueError(f"{path}: {error.args[0]}") from None
     if skeleton.joints != joints:
-        raise ValueError(f"{path}: expected the joints of {name}, {list(skeleton.joints)}, found {list(joints)}")
+        raise ValueError(
+            f"{path}: expected the joints of {skeleton.name}, {list(skeleton.joints)}, found {list(joints)}"
+        )
     return skeleton

@@ -67,7 +67,8 @@ class RecordingWriter(Entry):
     lacks: list[str] = field(default_factory=list)
 
 
-reader = Registry("reader", RecordingReader, __package__, f"{__package__}.trackers", option="data")
-pose_reader = Registry("pose_reader", PoseReader, __package__, f"{__package__}.motion_capture")
-pose_writer = Registry("pose_writer", PoseWriter, __package__, f"{__package__}.motion_capture", option="format")
+_TRACKERS, _MOTION_CAPTURE = f"{__package__}.trackers", f"{__package__}.motion_capture"
+reader = Registry("reader", RecordingReader, __package__, _TRACKERS, option="data")
+pose_reader = Registry("pose_reader", PoseReader, __package__, _MOTION_CAPTURE, _TRACKERS)
+pose_writer = Registry("pose_writer", PoseWriter, __package__, _MOTION_CAPTURE, _TRACKERS, option="format")
 recording_writer = Registry("recording_writer", RecordingWriter, __package__, option="format")

@@ -16,6 +16,8 @@ from dmae.formats.registry import reader
 FPS = 25.0
 FIRST_FRAME = 300
 """Number of the bundle's frame 0 in the recording as published."""
+FLOOR_M = -0.08
+"""m; z of the recording's floor, by the feet that its cameras see and by the annotated ankles."""
 _BODY25_TYPE = 4
 _TRUTH_JOINTS = 15
 _ACTORS = 4
@@ -55,7 +57,7 @@ def read_shelf(path: Path) -> Clip:
         rig=rig,
         detections=Detections2D(BODY25, values[..., :2], values[..., 2]),
         truth=_read_truth(truth, frames) if truth.is_file() else None,
-        provenance={"format": "shelf", "path": str(path), "first_frame": FIRST_FRAME},
+        provenance={"format": "shelf", "path": str(path), "first_frame": FIRST_FRAME, "floor_m": FLOOR_M},
     )
 
 

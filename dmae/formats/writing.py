@@ -12,7 +12,7 @@ from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
 from dmae.numerics.likely_error import without_unlikely
 
-_SUFFIXES = {"coco": ".json"}
+_SUFFIXES = {"coco": ".json", "movement": ".nc"}
 """Of files that are not called like their format."""
 
 
@@ -90,7 +90,8 @@ def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
     if writer.name != "clip":
         _check_folder(path, clip)
     writer.function(clip, path)
-    values = {"fps": f"{clip.fps:g}", "skeleton": clip.detections.skeleton.name}
+    skeleton = clip.detections.skeleton
+    values = {"fps": f"{clip.fps:g}", "skeleton": f"{skeleton.name}.yaml" if skeleton.defined else skeleton.name}
     return " ".join(f"data.{option}={values[option]}" for option in writer.lacks)
 
 
@@ -104,8 +105,15 @@ def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleto
     if only and wanted not in (None, only):
         raise ValueError(f"skeleton={wanted}: format={writer.name} is always of {only}; leave it out")
     if only or wanted:
-        return get_skeleton(only or wanted)
-    return poses.skeleton if writer.fused else get_skeleton(poses.skeleton.name.split("+")[0])
+        skeleton = get_skeleton(only or wanted)
+        common = set(skeleton.joints) & set(poses.skeleton.joints)
+        if only and poses.skeleton.defined and 2 * len(common) < len(skeleton):
+            raise ValueError(
+                f"format={writer.name} is always of {only}, and {poses.skeleton.name} has {len(common)} of its "
+                f"{len(skeleton)} joints; npz, trc, c3d, coco and movement hold any skeleton"
+            )
+        return skeleton
+    return poses.skeleton if writer.fused else poses.skeleton.parts[0]
 
 
 def _check_folder(folder: Path, clip: Clip) -> None:

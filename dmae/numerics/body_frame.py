@@ -4,8 +4,8 @@ import numpy as np
 
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.bones import median_bone_lengths
-from dmae.numerics.heading import rotation_z, smooth_heading
-from dmae.numerics.interpolation import Interpolation, linear
+from dmae.numerics.heading import body_rotations
+from dmae.numerics.interpolation import Interpolation, connect
 from dmae.numerics.robust import mean_known
 
 HEADING_SMOOTHING = 0.2
@@ -21,8 +21,6 @@ _RELATIVE_TOLERANCE, _TOLERANCE = 0.25, 0.05
 _STEPS = 8
 """Of Gauss-Newton."""
 
-_TORSO = {"mid_hip", "neck", "l_hip", "r_hip", "l_shoulder", "r_shoulder", "bottom_head"}
-
 
 def interpolate(
     xyz: np.ndarray,
@@ -33,7 +31,8 @@ def interpolate(
 ) -> "Bodies":
     """Fill the gaps of (F, P, J, 3) wherever anything is known; `Bodies.filled` is the result.
 
-    The frame is rotated about the vertical by the heading of hips and shoulders, smoothed. A hidden joint of the torso
+    The frame is rotated about the vertical by the heading of hips and shoulders, smoothed; where a skeleton of your own
+    has none, in space by its torso. A hidden joint of the torso
     is placed by its interpolated offsets from the torso joints that are measured, a hidden joint of a limb by its
     offset from its parent. Both are then moved to meet what was measured before and after. Where the whole torso is
     hidden its root is interpolated in the world.
@@ -44,8 +43,7 @@ def interpolate(
         rays: (F, P, J, 2, 3) on which hidden joints are known to be, see `Poses3D.rays`. Joints are moved there, and
             the joints below them in the skeleton move along.
     """
-    heading = smooth_heading(xyz, skeleton, HEADING_SMOOTHING * fps)
-    bodies = Bodies(xyz, skeleton, rays, rotation_z(heading))
+    bodies = Bodies(xyz, skeleton, rays, body_rotations(xyz, skeleton, HEADING_SMOOTHING * fps))
     torso, parents = bodies.torso, bodies.parents
     for joint in torso:
         anchors = [anchor for anchor in torso if anchor != joint]
@@ -59,8 +57,9 @@ def interpolate(
             parent = parents[joint]
             offset = offsets[attached.index(joint)]
             bodies.place(joint, bodies.filled[:, :, parent] + offset, None if joint in torso else parent)
-        # The root, or a joint never measured together with its parent.
-        bodies.place(joint, through(bodies.filled[:, :, joint]))
+        if np.isnan(bodies.filled[:, :, joint]).any():
+            # The root, or a joint never measured together with its parent.
+            bodies.place(joint, through(bodies.filled[:, :, joint]))
     return bodies
 
 
@@ -74,14 +73,15 @@ class Bodies:
         torso: Joints of the torso, parents first.
         parents: (J,) parent of each joint, -1 for none. A root outside the torso, such as COCO's nose, has the root of
             the torso for parent.
+        stretching: Joints with a bone that changes its length.
         attached: Joints that have a parent, parents first.
     """
 
     def __init__(self, xyz: np.ndarray, skeleton: Skeleton, rays: np.ndarray | None, world_from_body: np.ndarray):
         self.xyz, self.filled, self.rays, self.world_from_body = xyz, xyz.copy(), rays, world_from_body
         order = _parents_first(skeleton)
-        names = [joint.rpartition(".")[2] for joint in skeleton.joints]
-        self.torso = torso = [joint for joint in order if names[joint] in _TORSO]
+        self.stretching = skeleton.stretching
+        self.torso = torso = [joint for joint in order if joint in skeleton.trunk]
         self.parents = [torso[0] if parent < 0 and torso else parent for parent in skeleton.parents]
         self.attached = [joint for joint in order if self.parents[joint] not in (-1, joint)]
 
@@ -99,28 +99,28 @@ class Bodies:
             return
         xyz = self.xyz[:, :, joint]
         # An estimate that misses the samples on both sides of a gap misses the path within it by about as much.
-        estimate = estimate + np.nan_to_num(linear(xyz - estimate))
+        estimate = estimate + connect(xyz - estimate)
         if self.rays is not None:
             hidden = np.isnan(xyz[..., 0])
             frame, person = np.nonzero(hidden & ~np.isnan(self.rays[:, :, joint, 0, 0]))
             start, ray = estimate[frame, person], self.rays[frame, person, joint]
             bone = (np.nan, np.nan)
-            if parent is not None:
+            if parent is not None and joint not in self.stretching:
                 lengths = median_bone_lengths(self.xyz, [(parent, joint)])[:, 0]
                 bone = self.filled[frame, person, parent], lengths[person]
             moved = np.where(hidden[..., None], np.nan, np.zeros(3))
             moved[frame, person] = _onto_rays(start, ray, *bone) - start
             # A joint does not jump back in the frame where its ray ends.
-            estimate = estimate + np.nan_to_num(linear(moved))
+            estimate = estimate + connect(moved)
         self.filled[:, :, joint] = np.where(np.isnan(self.filled[:, :, joint]), estimate, self.filled[:, :, joint])
 
     def in_body(self, vectors: np.ndarray) -> np.ndarray:
         """Return vectors (F, P, n, 3) of the world in the frame of the body."""
-        return np.einsum("fpji,fpnj->fpni", self.world_from_body, vectors)
+        return vectors @ self.world_from_body
 
     def in_world(self, vectors: np.ndarray) -> np.ndarray:
         """Return vectors (F, P, n, 3) of the body's frame in the world."""
-        return np.einsum("fpij,fpnj->fpni", self.world_from_body, vectors)
+        return vectors @ self.world_from_body.swapaxes(-1, -2)
 
 
 def _onto_rays(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, length: np.ndarray) -> np.ndarray:

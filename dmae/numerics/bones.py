@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.compiled import compiled
 from dmae.numerics.robust import median_over_frames
 
 Bones = Sequence[tuple[int, int]]
@@ -17,8 +18,22 @@ def bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
     Args:
         xyz: (F, P, J, 3) m.
     """
-    start, end = np.array(bones, int).reshape(-1, 2).T
-    return np.linalg.norm(xyz[:, :, end] - xyz[:, :, start], axis=-1)
+    lengths = np.empty((*xyz.shape[:2], len(bones)))
+    _lengths(np.asarray(xyz, np.float64), np.array(bones, np.int64).reshape(-1, 2), lengths)
+    return lengths
+
+
+@compiled()
+def _lengths(xyz, bones, lengths):
+    """Write the length of each bone (B, 2) of (F, P, J, 3)."""
+    frames, persons, count = lengths.shape
+    for f in range(frames):
+        for p in range(persons):
+            for b in range(count):
+                square = 0.0
+                for k in range(3):
+                    square += (xyz[f, p, bones[b, 1], k] - xyz[f, p, bones[b, 0], k]) ** 2
+                lengths[f, p, b] = np.sqrt(square)
 
 
 def median_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
@@ -31,17 +46,18 @@ def median_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
 
 
 def symmetric_bone_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Return each person's median length of each bone of a skeleton, left and right pooled, (P, B) m.
+    """Return each person's median length of each rigid bone of a skeleton, left and right pooled, (P, B) m.
 
     NaN where neither side was measured.
 
     Args:
         xyz: (F, P, J, 3) m, NaN where not measured.
     """
-    lengths = bone_lengths(xyz, skeleton.bones)
-    order = {bone: i for i, bone in enumerate(skeleton.bones)}
+    bones = skeleton.rigid_bones
+    lengths = bone_lengths(xyz, bones)
+    order = {bone: i for i, bone in enumerate(bones)}
     mirror = skeleton.mirror
-    partner = [order.get((mirror[a], mirror[b]), i) for i, (a, b) in enumerate(skeleton.bones)]
+    partner = [order.get((mirror[a], mirror[b]), i) for i, (a, b) in enumerate(bones)]
     return median_over_frames(np.concatenate([lengths, lengths[:, :, partner]]))
 
 

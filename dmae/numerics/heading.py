@@ -1,9 +1,14 @@
 """The heading of bodies: the direction in which they face, an angle about the vertical."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.interpolation import linear, local_parabola
+from dmae.numerics.robust import median_over_frames
+
+_FEWEST_POINTS, _LINE = 3, 0.02
+"""Points that tell a rotation, and their extent across the longest direction as a share of that, squared."""
 
 
 def body_heading(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
@@ -38,6 +43,62 @@ def smooth_heading(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.nda
     direction = linear(np.stack([np.cos(heading), np.sin(heading)], -1))
     heading = np.unwrap(np.nan_to_num(np.arctan2(direction[..., 1], direction[..., 0])), axis=0)
     return local_parabola(heading[..., None], frames)[..., 0]
+
+
+def body_rotations(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.ndarray:
+    """Return how bodies (F, P, J, 3) are turned in the world, (F, P, 3, 3): by their heading, or by their torso.
+
+    The second holds for skeletons of your own that name a torso, or have neither hips nor shoulders: the rotation that
+    brings the torso nearest to its usual shape, in the frames that show three of its joints or more (Kabsch 1976),
+    interpolated in the others. Where no frame does bodies are not turned.
+
+    Args:
+        frames: As for `smooth_heading`; torsos are smoothed a quarter of it.
+    """
+    pairs = [{f"l_{part}", f"r_{part}"} for part in ("hip", "shoulder")]
+    if not skeleton.defined or (skeleton.torso is None and any(pair <= set(skeleton.joints) for pair in pairs)):
+        return rotation_z(smooth_heading(xyz, skeleton, frames))
+    turned = np.broadcast_to(np.eye(3), (*xyz.shape[:2], 3, 3)).copy()
+    for person in range(xyz.shape[1]):
+        found = _torso_rotations(xyz[:, person][:, list(skeleton.trunk)])
+        known = np.flatnonzero(~np.isnan(found).any((1, 2)))
+        if len(known):
+            quaternion = np.full((len(xyz), 4), np.nan)
+            quaternion[known] = Rotation.from_matrix(found[known]).as_quat()
+            # A quaternion and its negative are one rotation.
+            signs = np.sign((quaternion[known[1:]] * quaternion[known[:-1]]).sum(-1))
+            quaternion[known[1:]] *= np.cumprod(np.where(signs == 0, 1, signs))[:, None]
+            turned[:, person] = Rotation.from_quat(local_parabola(linear(quaternion), frames / 4)).as_matrix()
+    return turned
+
+
+def _torso_rotations(points: np.ndarray) -> np.ndarray:
+    """Return the rotations (F, 3, 3) from the usual shape of n points (F, n, 3) to theirs; NaN where unknown."""
+    known = ~np.isnan(points).any(-1)
+    if not len(points) or known.sum(1).max() < _FEWEST_POINTS:
+        return np.full((len(points), 3, 3), np.nan)
+    reference = points[known.sum(1).argmax()]
+    found = _fitted(points, reference)
+    # Once more, with what is usual over all frames.
+    middle = np.where(known[..., None], points, 0).sum(1) / np.maximum(known.sum(1), 1)[:, None]
+    shapes = np.einsum("fji,fnj->fni", found, points - middle[:, None])
+    complete = known.sum(1) == known.any(0).sum()
+    usual = median_over_frames(shapes[complete]) if complete.any() else reference
+    return _fitted(points, usual)
+
+
+def _fitted(points: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Return the rotations (F, 3, 3) that bring points (n, 3) nearest to others (F, n, 3); NaN where unknown."""
+    both = (~np.isnan(points).any(-1) & ~np.isnan(reference).any(-1))[..., None]
+    count = np.maximum(both.sum(1), 1)
+    there, here = np.where(both, points, 0), np.where(both, reference, 0)
+    there = np.where(both, there - (there.sum(1) / count)[:, None], 0)
+    here = np.where(both, here - (here.sum(1) / count)[:, None], 0)
+    left, sizes, right = np.linalg.svd(np.einsum("fni,fnj->fij", there, here))
+    sign = np.sign(np.linalg.det(left @ right))
+    left[..., 2] *= sign[:, None]
+    sure = (both.sum((1, 2)) >= _FEWEST_POINTS) & (sizes[:, 1] > _LINE * sizes[:, 0])
+    return np.where(sure[:, None, None], left @ right, np.nan)
 
 
 def rotation_z(angle: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from math import prod
 import numpy as np
 from scipy.ndimage import correlate1d
 
+from dmae.numerics.compiled import compiled
 from dmae.numerics.gaps import neighbours
 
 Interpolation = Callable[[np.ndarray], np.ndarray]
@@ -23,26 +24,67 @@ def hold(values: np.ndarray) -> np.ndarray:
 
 def linear(values: np.ndarray) -> np.ndarray:
     """Fill each gap with a straight line; hold the first and the last sample beyond them."""
-    frames = len(values)
-    before, after = neighbours(~np.isnan(values).any(-1))
-    start = np.where(before >= 0, before, after)
-    end = np.where(after < frames, after, before)
-    index = np.arange(frames).reshape(-1, *(1,) * (before.ndim - 1))
-    weight = np.where(end > start, (index - start) / np.maximum(end - start, 1), 0)[..., None]
-    first = take_frames(values, start)
-    return first + weight * (take_frames(values, end) - first)
+    flat = _columns(values)
+    return _linear(flat, *neighbours(~np.isnan(flat).any(-1)), np.nan).reshape(values.shape)
+
+
+def connect(values: np.ndarray) -> np.ndarray:
+    """Return what `linear` does, and 0 where there is no sample at all."""
+    flat = _columns(values)
+    return _linear(flat, *neighbours(~np.isnan(flat).any(-1)), 0.0).reshape(values.shape)
+
+
+@compiled()
+def _linear(values, before, after, unknown):
+    """Return (F, n, C) with straight lines in gaps; `before` and `after` (F, n) are the samples on both sides."""
+    frames, columns, components = values.shape
+    filled = np.full(values.shape, unknown)
+    for frame in range(frames):
+        for column in range(columns):
+            start, end = before[frame, column], after[frame, column]
+            if start < 0:
+                start = end
+            elif end == frames:
+                end = start
+            if start == frames:
+                continue
+            weight = (frame - start) / (end - start) if end > start else 0.0
+            for k in range(components):
+                first = values[start, column, k]
+                filled[frame, column, k] = first + weight * (values[end, column, k] - first)
+    return filled
 
 
 def pchip(values: np.ndarray) -> np.ndarray:
     """Fill each gap with a monotone cubic (Fritsch & Butland 1984); hold the first and the last sample beyond them."""
-    frames = len(values)
-    flat = values.reshape(frames, prod(values.shape[1:-1]), values.shape[-1])
-    filled = hold(flat)
-    before, after = neighbours(~np.isnan(flat).any(-1))
-    frame, column = np.nonzero(np.isnan(flat).any(-1) & (before >= 0) & (after < frames))
-    times = surrounding_frames(before, after, frame, column)
-    filled[frame, column] = pchip_between(times, take_samples(flat, times, column), frame)
-    return filled.reshape(values.shape)
+    flat = _columns(values)
+    return _pchip(flat, *neighbours(~np.isnan(flat).any(-1))).reshape(values.shape)
+
+
+@compiled()
+def _pchip(values, before, after):
+    """Return (F, n, C) with monotone cubics in gaps; `before` and `after` (F, n) are the samples on both sides."""
+    frames, columns, components = values.shape
+    filled = np.full(values.shape, np.nan)
+    times = np.empty(4, np.int64)
+    for frame in range(frames):
+        for column in range(columns):
+            low, high = before[frame, column], after[frame, column]
+            if low == high or low < 0 or high == frames:
+                edge = low if low >= 0 else high
+                if edge < frames:
+                    filled[frame, column] = values[edge, column]
+                continue
+            times[1], times[2] = low, high
+            times[0] = before[low - 1, column] if low > 0 else -1
+            times[3] = after[high + 1, column] if high < frames - 1 else frames
+            for k in range(components):
+                first = values[times[0], column, k] if times[0] >= 0 else np.nan
+                last = values[times[3], column, k] if times[3] < frames else np.nan
+                filled[frame, column, k] = _cubic(
+                    times, first, values[low, column, k], values[high, column, k], last, frame
+                )
+    return filled
 
 
 def surrounding_frames(
@@ -88,39 +130,73 @@ def pchip_between(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.n
         times: (4, n) increasing; values: (4, n, C), the first and the fourth NaN where there is none.
         at: (n,)
     """
-    step = np.diff(times, axis=0)[..., None].astype(float)
-    rise = np.diff(values, axis=0) / step
-    whole = step[1]
-    start = _slope(step[0], rise[0], whole, rise[1])
-    start = np.where(np.isnan(start), _end_slope(whole, rise[1], step[2], rise[2]), start)
-    end = _slope(whole, rise[1], step[2], rise[2])
-    end = np.where(np.isnan(end), _end_slope(whole, rise[1], step[0], rise[0]), end)
-    s = (at - times[1])[:, None] / whole
-    bend = s * (1 - s) * ((1 - s) * (start - rise[1]) - s * (end - rise[1]))
-    return values[1] + whole * (rise[1] * s + bend)
+    return _pchip_between(np.ascontiguousarray(times), np.ascontiguousarray(values, np.float64), at)
 
 
-def _slope(h0: np.ndarray, m0: np.ndarray, h1: np.ndarray, m1: np.ndarray) -> np.ndarray:
-    """Return the slope at a sample between lines of slopes m0 and m1 over times h0 and h1; NaN where either is NaN."""
+@compiled()
+def _pchip_between(times, values, at):
+    """Return the cubics at times (n,), (n, C)."""
+    found = np.empty(values.shape[1:])
+    for i in range(found.shape[0]):
+        for k in range(found.shape[1]):
+            found[i, k] = _cubic(times[:, i], values[0, i, k], values[1, i, k], values[2, i, k], values[3, i, k], at[i])
+    return found
+
+
+@compiled()
+def _cubic(times, before, start, end, after, at):
+    """Return the cubic of `pchip_between` for one component."""
+    h0, h1, h2 = float(times[1] - times[0]), float(times[2] - times[1]), float(times[3] - times[2])
+    m0, m1, m2 = (start - before) / h0, (end - start) / h1, (after - end) / h2
+    first = _end_slope(h1, m1, h2, m2) if np.isnan(before) else _slope(h0, m0, h1, m1)
+    last = _end_slope(h1, m1, h0, m0) if np.isnan(after) else _slope(h1, m1, h2, m2)
+    s = (at - times[1]) / h1
+    return start + h1 * (m1 * s + s * (1 - s) * ((1 - s) * (first - m1) - s * (last - m1)))
+
+
+@compiled()
+def _slope(h0, m0, h1, m1):
+    """Return the slope at a sample between lines of slopes m0 and m1 over times h0 and h1."""
+    if not m0 * m1 > 0:
+        return 0.0
     first, second = 2 * h1 + h0, h1 + 2 * h0
-    same = m0 * m1 > 0
     # Written without quotients of slopes, which may be close to zero.
-    mean = np.divide((first + second) * m0 * m1, first * m1 + second * m0, out=np.zeros_like(m0), where=same)
-    return np.where(np.isnan(m0 * m1), np.nan, mean)
+    return (first + second) * m0 * m1 / (first * m1 + second * m0)
 
 
-def _end_slope(h0: np.ndarray, m0: np.ndarray, h1: np.ndarray, m1: np.ndarray) -> np.ndarray:
+@compiled()
+def _end_slope(h0, m0, h1, m1):
     """Return the slope at the outer end of a line of slope m0 whose neighbour has slope m1, or NaN."""
+    if np.isnan(m1):
+        return m0
     slope = ((2 * h0 + h1) * m0 - h0 * m1) / (h0 + h1)
-    slope = np.where((m0 * m1 <= 0) & (np.abs(slope) > 3 * np.abs(m0)), 3 * m0, slope)
-    return np.where(np.isnan(m1), m0, np.where(slope * m0 <= 0, 0, slope))
+    if m0 * m1 <= 0 and abs(slope) > 3 * abs(m0):
+        slope = 3 * m0
+    return 0.0 if slope * m0 <= 0 else slope
 
 
 def take_frames(values: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """Return values (F, ..., C) of other frames (F, ...); NaN where there is no such frame."""
-    inside = (frame >= 0) & (frame < len(values))
-    taken = np.take_along_axis(values, np.where(inside, frame, 0)[..., None], 0)
-    return np.where(inside[..., None], taken, np.nan)
+    flat = _columns(values)
+    at = np.ascontiguousarray(frame).reshape(len(frame), flat.shape[1])
+    return _take_frames(flat, at).reshape(*frame.shape, values.shape[-1])
+
+
+@compiled()
+def _take_frames(values, frame):
+    """Return values (F, n, C) of frames (m, n)."""
+    taken = np.full((len(frame), values.shape[1], values.shape[2]), np.nan)
+    for i in range(len(frame)):
+        for column in range(values.shape[1]):
+            if 0 <= frame[i, column] < len(values):
+                taken[i, column] = values[frame[i, column], column]
+    return taken
+
+
+def _columns(values: np.ndarray) -> np.ndarray:
+    """Return (F, ..., C) as (F, n, C), float64 in rows."""
+    flat = values.reshape(len(values), prod(values.shape[1:-1]), values.shape[-1])
+    return np.ascontiguousarray(flat, np.float64)
 
 
 def local_parabola(values: np.ndarray, reach: float) -> np.ndarray:

@@ -1,6 +1,10 @@
 """Means and medians of what is known."""
 
+from math import prod
+
 import numpy as np
+
+from dmae.numerics.compiled import compiled
 
 
 def mean_known(values: np.ndarray, axis=0):
@@ -12,14 +16,29 @@ def mean_known(values: np.ndarray, axis=0):
 
 def median_known(values: np.ndarray) -> np.ndarray:
     """Return the median (..., C) of the known rows of (..., N, C); a row is known whole or not at all. NaN of none."""
-    ordered, count = np.sort(values, -2), (~np.isnan(values[..., :1])).sum(-2, keepdims=True)
-    low, high = (np.take_along_axis(ordered, np.maximum(count - k, 0) // 2, -2) for k in (1, 0))
-    return ((low + high) / 2)[..., 0, :]
+    *shape, rows, columns = values.shape
+    flat = np.ascontiguousarray(values, np.float64).reshape(prod(shape), rows, columns)
+    return _medians(flat.swapaxes(0, 1)).reshape(*shape, columns)
 
 
 def median_over_frames(values: np.ndarray) -> np.ndarray:
     """Return the median (...) over frames of what is not NaN in (F, ...); NaN, without a warning, where nothing is."""
-    medians = np.full(values.shape[1:], np.nan)
-    known = ~np.isnan(values).all(0)
-    medians[known] = np.nanmedian(values[:, known], 0)
+    flat = np.ascontiguousarray(values, np.float64).reshape(len(values), prod(values.shape[1:]), 1)
+    return _medians(flat).reshape(values.shape[1:])
+
+
+@compiled()
+def _medians(values):
+    """Return the medians (n, C) of what is not NaN in (N, n, C); NaN of none."""
+    rows, count, columns = values.shape
+    medians, known = np.full((count, columns), np.nan), np.empty(rows)
+    for i in range(count):
+        for column in range(columns):
+            number = 0
+            for row in range(rows):
+                if not np.isnan(values[row, i, column]):
+                    known[number] = values[row, i, column]
+                    number += 1
+            if number:
+                medians[i, column] = np.median(known[:number])
     return medians

@@ -10,11 +10,13 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
-from dmae.online.completion import BATCH, FinishedFrame, OnlineCompleter, split_frames
+from dmae.data.skeletons.size import resized_poses, resized_rig
+from dmae.online.completion import FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
+from dmae.reconstruction.people.body_size import resized_config
 from dmae.reconstruction.people.subjects import inside_volume
 from dmae.reconstruction.pipeline import measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
@@ -24,6 +26,8 @@ from dmae.reconstruction.tracks import TrackedFrame, Tracks
 if TYPE_CHECKING:
     from dmae.completion.completer import Completer
 
+BATCH = 0.04
+"""s of frames that are finished together."""
 _MIN_MEMORY = 2.0
 """s of frames that are remembered at least: bone lengths are measured over them."""
 
@@ -59,7 +63,8 @@ class OnlineCapture:
             complete: Completes captured poses, see `dmae.completion.pipeline.completers`; None for none.
 
         Raises:
-            ValueError: fewer than two cameras, or people are asked for that only a whole recording tells.
+            ValueError: fewer than two cameras, a skeleton without a size, or people are asked for that only a whole
+                recording tells.
         """
         if len(rig) < 2:
             raise ValueError(f"capture needs at least 2 cameras, found {len(rig)}")
@@ -68,6 +73,12 @@ class OnlineCapture:
                 "capture.persons and capture.subject are decided over a whole recording, which is not known while "
                 "cameras run; give capture.volume, or leave them out"
             )
+        if skeleton.size_m is None:
+            raise ValueError(
+                f"skeleton {skeleton.name!r} states no size, which is not known before the recording; give size_m"
+            )
+        if skeleton.scale != 1:
+            rig, config = resized_rig(rig, 1 / skeleton.scale), resized_config(config, 1 / skeleton.scale)
         self._rig, self._skeleton, self._fps, self._config = rig, skeleton, fps, config
         self._tracker = Tracker(skeleton, fps, config)
         self._batch = max(round(BATCH * fps), 1)
@@ -126,11 +137,15 @@ class OnlineCapture:
         th_p = reassignment.th_p if reassignment.distance_m > 0 else self._config.th_p
         evidence = self._evidence(self._waiting[:ahead], th_p)
         before = np.full((past, *tracks.xyz.shape[1:]), np.nan)
-        for frame, (known, xyz) in zip(before, self._measured, strict=True):
+        if past:
+            known, xyz = (np.concatenate(part) for part in zip(*self._measured, strict=True))
+            number = np.repeat(np.arange(past), [len(people) for people, _ in self._measured])
             both = np.isin(known, persons)
-            frame[np.searchsorted(persons, known[both])] = xyz[both]
+            before[number[both], np.searchsorted(persons, known[both])] = xyz[both]
         poses, xyz = measure(evidence, tracks, slice(past, past + ahead), before, self._skeleton, self._fps)
-        finished = split_frames(poses.select(slice(count)), persons, self._number)
+        done, scale = poses.select(slice(count)), self._skeleton.scale
+        done = done if scale == 1 else resized_poses(done, scale)
+        finished = split_frames(done, persons, self._number)
         self._measured += [(persons, joints) for joints in xyz[:count]]
         self._number += count
         del self._waiting[:count]
@@ -153,20 +168,21 @@ class OnlineCapture:
         settled = np.array([track in self._person_of for track in index.tolist()], bool)[first]
         number = person[first]
         tracks = inside_volume(tracks, config.volume)
-        same = same_person(tracks.xyz, self._skeleton, fps, config.tracking.reentry_s)
+        here = ~np.isnan(tracks.xyz[window]).all((0, 2, 3))
+        same = first if settled.all() else same_person(tracks.xyz, self._skeleton, fps, config.tracking.reentry_s)
         for i in np.flatnonzero(~settled):
             group = np.flatnonzero(same == same[i])
             candidates = group[settled[group]] if settled[group].any() else group
             number[i] = person[first[candidates[0]]]
         for track, i in zip(index.tolist(), np.searchsorted(first, label).tolist(), strict=True):
-            if not np.isnan(tracks.xyz[window, i]).all():
+            if here[i]:
                 self._person_of[track] = int(number[i])
 
         order = np.argsort(number, kind="stable")
         number = number[order]
         tracks = merge(tracks.select(order), np.searchsorted(number, number))
         number = np.unique(number)
-        measured = well_measured(tracks, config.tracking.birth_joints)[window.start :]
+        measured = well_measured(tracks, config.tracking.births(len(self._skeleton)))[window.start :]
         earlier = np.array([self._frames_of.get(p, 0) for p in number.tolist()], int)
         frames = self._number + len(self._waiting)
         kept = ~false_positives(tracks, earlier + measured.sum(0), frames, fps, config)

@@ -48,7 +48,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
     poses = clip.poses if poses is None else poses
     if clip.truth is None or poses is None:
         raise ValueError(f"clip {clip.id!r} has no {'truth to score against' if poses else 'poses; run dmae.capture'}")
-    truth = convert(clip.truth, get_skeleton(skeleton or clip.truth.skeleton.parts[-1].name))
+    truth = convert(clip.truth, get_skeleton(skeleton) if skeleton else clip.truth.skeleton.parts[-1])
     poses = fitting(poses, truth, f"clip {clip.id!r}")
     captured = poses.without(poses.source == Source.COMPLETED)
     return score(poses, captured, truth, scored_actors(clip), fps=clip.fps)

@@ -37,7 +37,8 @@ class TorsoColours:
         if clip.images is None or "rgb" not in clip.images.kinds:
             raise ValueError(f"clip {clip.id!r} has no rgb images")
         skeleton = clip.detections.skeleton
-        torso = clip.detections.xy[:, :, :, skeleton.index(*(joint for joint in _TORSO if joint in skeleton.joints))]
+        joints = skeleton.index(*(joint for joint in _TORSO if joint in skeleton.joints))
+        torso = clip.detections.xy[:, :, :, list(skeleton.trunk) if skeleton.defined else joints]
         known = np.isfinite(torso).all(-1, keepdims=True)
         low = np.where(known, torso, np.inf).min(-2)
         high = np.where(known, torso, -np.inf).max(-2)

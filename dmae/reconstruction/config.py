@@ -89,6 +89,10 @@ class TrackingConfig:
     """Largest number of people that ghosts alone would make in a frame, as well supported as a new person or more. A
     track of which this is not so for `coasting_s` ends. null accepts all."""
 
+    def births(self, joints: int) -> int:
+        """Return `birth_joints`; of skeletons with so few joints that this is nearly all, two thirds of them."""
+        return min(self.birth_joints, fewer_of_few(joints))
+
 
 @dataclass(frozen=True)
 class ReassignmentConfig:
@@ -160,6 +164,11 @@ class CaptureConfig:
         if self.th_v < 2:
             raise ValueError(f"th_v={self.th_v}: expected 2 or more, as a point needs at least 2 views")
         _check_positive("", self, "th_d")
+
+
+def fewer_of_few(joints: int) -> int:
+    """Return two thirds of the joints of a skeleton, at least one: detectors miss some in most frames."""
+    return max(1, round(2 * joints / 3))
 
 
 def _check_positive(group: str, config: object, *names: str) -> None:

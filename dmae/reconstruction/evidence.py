@@ -9,6 +9,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.reconstruction.association import NONE
+from dmae.reconstruction.compiled.reprojection import measure_distances
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.triangulation import Points, triangulate
 
@@ -78,10 +79,9 @@ class Evidence:
 
     def distances(self, frames: slice, xyz: np.ndarray, unit: DistanceUnit) -> np.ndarray:
         """Return distances (F, V, P, D, J) from reprojections of people (F, P, J, 3) to detections of F frames."""
-        pixels, depth = self.rig.project(xyz)
-        if unit == DistanceUnit.metres:
-            scale = depth / np.sqrt(self.rig.K[:, 0, 0] * self.rig.K[:, 1, 1])[:, None, None]
-        else:
-            scale = np.broadcast_to(1 / np.hypot(*self.rig.size.T)[:, None, None], depth.shape)
-        offset = pixels[:, :, :, None] - self.xy[frames, :, None]
-        return np.sqrt(offset[..., 0] ** 2 + offset[..., 1] ** 2) * scale[:, :, :, None]
+        rig, xy = self.rig, self.xy[frames]
+        focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
+        scale = np.full(len(rig), np.nan) if unit == DistanceUnit.metres else 1 / np.hypot(*rig.size.T)
+        distances = np.empty((len(xy), len(rig), xyz.shape[1], *xy.shape[2:4]))
+        measure_distances(rig.projections, focal, scale, xy, np.asarray(xyz, np.float64), distances)
+        return distances

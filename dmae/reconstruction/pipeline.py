@@ -1,6 +1,7 @@
 """Adaptive Triangulation (Algorithm 1 of the paper): from the detections of a clip to its people in 3D."""
 
 from functools import partial
+from math import ceil
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
+from dmae.reconstruction.people.body_size import in_units_of_people
 from dmae.reconstruction.people.disagreement import settle_disagreement
 from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged
 from dmae.reconstruction.people.subjects import inside_volume, wanted_people
@@ -21,6 +23,9 @@ from dmae.reconstruction.rays import most_confident_rays
 from dmae.reconstruction.reassignment import expected_paths, reassign
 from dmae.reconstruction.tracking import track
 from dmae.reconstruction.tracks import Tracks
+
+_EXPECTED_BY = 2.0
+"""s around a window of frames by which hidden joints are expected in it."""
 
 
 def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
@@ -41,6 +46,9 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     change nothing. Cameras that share no field of view, or stand too close to each other to measure depth, find no
     people. Zero people and zero frames are valid results.
 
+    People are bodies of any skeleton. Lengths of the configuration are for bodies of a person's size: where a skeleton
+    has another, they are multiplied by its `Skeleton.scale`.
+
     Args:
         clip: F frames of V cameras; only its rig, detections, frame rate and images are read.
         config: Thresholds.
@@ -55,6 +63,11 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     """
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: capture needs at least 2 cameras, found {len(clip.rig)}")
+    return in_units_of_people(_capture, clip, config)
+
+
+def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
+    """Reconstruct bodies as large as people."""
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
     evidence = Evidence.of(clip, config.th_p, config)
     tracks = track(evidence, clip, config)
@@ -63,7 +76,7 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
         differs = partial(appearance_differs, clip, tracks.assigned, tracking.reentry_colour_difference)
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s, differs))
     tracks = inside_volume(tracks, config.volume)
-    measured = well_measured(tracks, tracking.birth_joints).sum(0)
+    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(0)
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
     tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
     if config.reassignment.distance_m > 0:
@@ -109,9 +122,13 @@ def measure(
     xyz = np.concatenate([before, points.xyz])
     if config.prune:
         xyz = prune(xyz, skeleton, fps)
-    around = Poses3D(skeleton, np.concatenate([xyz, tracks.xyz[window.stop :]]))
-    expected = fill_body_frame(around, fps, pchip).xyz[window]
+    # What is expected is known by the frames around: a joint that is hidden for longer is expected nowhere.
+    reach = ceil(_EXPECTED_BY * fps)
+    around = slice(max(window.start - reach, 0), window.stop + reach)
+    nearby = Poses3D(skeleton, np.concatenate([xyz, tracks.xyz[window.stop :]])[around])
     xyz = xyz[window]
+    inside = slice(window.start - around.start, window.stop - around.start)
+    expected = fill_body_frame(nearby, fps, pchip).xyz[inside]
     absent = np.isnan(xyz[..., 0])
     poses = Poses3D(
         skeleton,

@@ -6,6 +6,7 @@ import numpy as np
 
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.bones import bone_lengths, symmetric_bone_lengths
+from dmae.reconstruction.compiled.jumps import drop_broken, drop_runs, impossible_runs
 
 LONGEST_JUMP = 0.2
 """s"""
@@ -20,7 +21,7 @@ _STRETCH, _SLACK = 0.25, 0.05
 def prune(xyz: np.ndarray, skeleton: Skeleton, fps: float) -> np.ndarray:
     """Return joints (F, P, J, 3) with NaN in place of those that break bones or jump."""
     unbroken = np.where(broken(xyz, skeleton)[..., None], np.nan, xyz)
-    return np.where(jumps(unbroken, fps)[..., None], np.nan, unbroken)
+    return np.where(jumps(unbroken, fps, _ACCELERATION / skeleton.scale)[..., None], np.nan, unbroken)
 
 
 def broken(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
@@ -35,24 +36,14 @@ def broken(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     Returns:
         (F, P, J) True for the joints to drop.
     """
-    start, end = np.array(skeleton.bones).T
-    length = bone_lengths(xyz, skeleton.bones)
     usual = symmetric_bone_lengths(xyz, skeleton)
-    with np.errstate(invalid="ignore"):
-        wrong = np.abs(length - usual) > _STRETCH * usual + _SLACK
-    touches = np.zeros((len(start), len(skeleton)))
-    touches[np.arange(len(start)), start] = touches[np.arange(len(start)), end] = 1
-    count = wrong @ touches
-    score = count + 0.5 * count / np.maximum(~np.isnan(length) @ touches, 1)
-    at_end = score[:, :, end] >= score[:, :, start]
     dropped = np.zeros(xyz.shape[:3], bool)
-    for bone, (a, b) in enumerate(skeleton.bones):
-        dropped[:, :, b] |= wrong[..., bone] & at_end[..., bone]
-        dropped[:, :, a] |= wrong[..., bone] & ~at_end[..., bone]
+    bones = skeleton.rigid_bones
+    drop_broken(bone_lengths(xyz, bones), usual, np.array(bones, np.int64).reshape(-1, 2), _STRETCH, _SLACK, dropped)
     return dropped
 
 
-def jumps(xyz: np.ndarray, fps: float) -> np.ndarray:
+def jumps(xyz: np.ndarray, fps: float, acceleration: float = _ACCELERATION) -> np.ndarray:
     """Find samples of joints that leave their path and return to it faster than a body can.
 
     A run of samples is a jump when each of them is off the sample before the run, the sample after it and the chord
@@ -60,46 +51,18 @@ def jumps(xyz: np.ndarray, fps: float) -> np.ndarray:
 
     Args:
         xyz: (F, ..., 3) m, NaN where absent.
+        acceleration: m/s^2, the greatest that motion explains.
 
     Returns:
         (F, ...) True for the samples to drop.
     """
-    flat = xyz.reshape(len(xyz), prod(xyz.shape[1:-1]), 3)
-    found = np.zeros(flat.shape[:2], bool)
-    widest = max(round(LONGEST_JUMP * fps), 1)
-    for series in range(flat.shape[1]):
-        kept = np.flatnonzero(~np.isnan(flat[:, series, 0]))
-        while (dropped := _worst_jumps(flat[kept, series], kept / fps, widest)).any():
-            found[kept[dropped], series] = True
-            kept = kept[~dropped]
-    return found.reshape(xyz.shape[:-1])
-
-
-def _worst_jumps(x: np.ndarray, t: np.ndarray, widest: int) -> np.ndarray:
-    """Return (n,) True for the least possible runs of at most `widest` samples (n, 3) at times (n,).
-
-    Of runs near each other only the worst is returned: a jump makes the samples around it look impossible.
-    """
-    ratios, runs = [], []
-    # A jump starts with a step that is too long, so most of the path need not be examined.
-    step, dt = np.linalg.norm(np.diff(x, axis=0), axis=-1), np.diff(t)
-    leaps = np.flatnonzero(step > _NOISE + _ACCELERATION / 2 * dt * dt.min(initial=np.inf))
-    for width in range(1, min(widest, len(x) - 2) + 1) if len(leaps) else ():
-        before = leaps[leaps + width + 1 < len(x)]
-        a, b, ta, tb = x[before], x[before + width + 1], t[before], t[before + width + 1]
-        ratio = np.full(len(a), np.inf)
-        for k in range(1, width + 1):
-            c, tc = x[before + k], t[before + k]
-            chord = a + (b - a) * ((tc - ta) / (tb - ta))[:, None]
-            allowed = _NOISE + _ACCELERATION / 2 * (tc - ta) * (tb - tc)
-            deviation = np.linalg.norm(c - np.stack([chord, a, b]), axis=-1).min(0)
-            ratio = np.minimum(ratio, deviation / allowed)
-        ratios.append(ratio[ratio > 1])
-        runs += [(start + 1, start + 1 + width) for start in before[ratio > 1]]
-    dropped, touched = np.zeros(len(x), bool), np.zeros(len(x), bool)
-    for run in np.argsort(-np.concatenate(ratios)) if runs else ():
-        start, end = runs[run]
-        if not touched[start:end].any():
-            dropped[start:end] = True
-            touched[max(start - widest, 0) : end + widest] = True
-    return dropped
+    flat = np.ascontiguousarray(xyz, np.float64).reshape(len(xyz), prod(xyz.shape[1:-1]), 3)
+    known, widest = ~np.isnan(flat[..., 0]), max(round(LONGEST_JUMP * fps), 1)
+    before, wanted = known.copy(), np.ones(flat.shape[1], bool)
+    while wanted.any():
+        # Of runs near each other only the worst is dropped: a jump makes the samples around it look impossible.
+        runs = impossible_runs(flat, known, wanted, float(fps), widest, _NOISE, acceleration)
+        drop_runs(runs[np.lexsort((-runs[:, 0], runs[:, 1]))], known, widest)
+        wanted[:] = False
+        wanted[runs[:, 1].astype(int)] = True
+    return (before & ~known).reshape(xyz.shape[:-1])

@@ -33,6 +33,10 @@ def most_confident_rays(
     confidence = np.where(near == NONE, np.nan, evidence.confidence[frame, views, near, joint])
     view = np.nan_to_num(confidence, nan=-1).argmax(-1)
     frame, person, joint = frame[..., 0], person[..., 0], joint[..., 0]
-    directions = evidence.rig.rays(evidence.xy)[frame, view, near[frame, person, joint, view], joint]
+    pixels = evidence.xy[frame, view, near[frame, person, joint, view], joint]
+    directions = (
+        evidence.rig.world_from_pixel[view] @ np.append(pixels, np.ones_like(pixels[..., :1]), -1)[..., None]
+    )[..., 0]
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     unknown = np.isnan(confidence).all(-1)[..., None, None]
     return np.where(unknown, np.nan, np.stack([evidence.rig.centers[view], directions], -2))

@@ -5,13 +5,9 @@ import numpy as np
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.gaps import neighbours
 from dmae.numerics.interpolation import linear
-from dmae.reconstruction.association import NONE
-from dmae.reconstruction.config import DistanceUnit
+from dmae.reconstruction.compiled.reprojection import nearest_detections
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.pruning import prune
-
-_CHUNK = 16
-"""Frames compared at once: some 50 MB for six people in five views."""
 
 
 def expected_paths(xyz: np.ndarray, skeleton: Skeleton, fps: float, max_gap_s: float) -> np.ndarray:
@@ -43,16 +39,8 @@ def reassign(evidence: Evidence, assigned: np.ndarray, paths: np.ndarray, max_di
     """
     if not assigned.size:
         return assigned
-    persons = np.arange(paths.shape[1])[:, None]
-    reassigned = assigned.copy()
-    for start in range(0, len(paths), _CHUNK):
-        frames = slice(start, start + _CHUNK)
-        distance = evidence.distances(frames, paths[frames], DistanceUnit.metres)
-        distance = np.where(distance < max_distance, distance, np.inf)
-        nearest = distance.argmin(3)
-        owner = np.take_along_axis(distance.argmin(2), nearest, 2)
-        found = np.isfinite(distance.min(3)) & (owner == persons)
-        best = np.where(found, nearest, NONE).swapaxes(1, 2)
-        has_path = ~np.isnan(paths[frames, :, None, :, 0])
-        reassigned[frames] = np.where(has_path, best, assigned[frames])
+    rig, reassigned = evidence.rig, assigned.copy()
+    focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
+    paths = np.asarray(paths, np.float64)
+    nearest_detections(rig.projections, focal, evidence.xy[: len(paths)], paths, max_distance, reassigned)
     return reassigned

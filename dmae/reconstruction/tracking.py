@@ -11,12 +11,13 @@ from scipy.optimize import linear_sum_assignment
 
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
+from dmae.data.skeletons.tree import PERSON_M
 from dmae.numerics.robust import median_known
 from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
 from dmae.reconstruction.compiled.chance import beyond_chance
-from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit
+from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit, fewer_of_few
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged, nearer_side
 from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
@@ -24,7 +25,8 @@ from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
 _MIN_JOINTS = 3
 """Fewest joints of a person that is measured, and of a detection that is compared."""
 _LONGEST_BONE = 0.8
-"""m; a person with a longer bone is made of the detections of two."""
+"""m; a person with a longer bone is made of the detections of two. Bodies of your own skeletons have bones up to their
+size."""
 _DUPLICATE_DISTANCE = 0.2
 """m; a new person at a smaller median distance from a tracked one is a duplicate of it."""
 _REENTRY_DISTANCE, _WALKING_SPEED = 0.3, 1.5
@@ -40,9 +42,12 @@ class Tracker:
         self._config, self._dt = config, 1 / fps
         self._compared = _compared_joints(skeleton, config.association.joints)
         self._sides, self._mirror = Sides.of(skeleton), list(skeleton.mirror)
-        self._bones = np.array(skeleton.bones).reshape(-1, 2)
+        self._bones = np.array(skeleton.bones, int).reshape(-1, 2)
         self._state = TrackState.birth(0, np.empty((0, len(skeleton), 3)))
         self._births = 0
+        self._longest = PERSON_M if skeleton.defined else _LONGEST_BONE
+        self._fewest = _fewest(len(skeleton))
+        self._birth_joints = config.tracking.births(len(skeleton))
 
     def step(self, evidence: Evidence, frame: int, colours: TorsoColours | None = None) -> TrackedFrame:
         """Track people into the next frame, which has index `frame` in the evidence."""
@@ -55,13 +60,13 @@ class Tracker:
             evidence, frame = exchange(evidence.at(frame), 0, *wrong, self._sides), 0
         points = evidence.triangulate(frame, assigned, _ITERATIONS)
         xyz, used = points.xyz, points.used
-        plausible = _plausible(xyz, assigned, bones, _MIN_JOINTS, config.th_v)
+        plausible = _plausible(xyz, assigned, bones, self._longest, self._fewest, config.th_v)
         xyz[~plausible] = np.nan
         free = (owner == NONE) | ~np.append(plausible, False)[owner]
         groups = _match(evidence, frame, free, colours_here, self._compared)
         if len(groups):
             points = evidence.triangulate(frame, groups, _ITERATIONS)
-            plausible = _plausible(points.xyz, groups, bones, config.tracking.birth_joints, config.th_v)
+            plausible = _plausible(points.xyz, groups, bones, self._longest, self._birth_joints, config.th_v)
             groups, new, used = groups[plausible], points.xyz[plausible], np.concatenate([used, points.used[plausible]])
         else:
             new = np.empty((0, *xyz.shape[1:]))
@@ -98,7 +103,14 @@ def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
     """Return the indices of the joints to compare."""
     if joints == ComparedJoints.all:
         return list(range(len(skeleton)))
+    if skeleton.defined and not {"l_hip", "r_hip"} <= set(skeleton.joints) and "mid_hip" not in skeleton.joints:
+        raise ValueError(f"association.joints={joints}: skeleton {skeleton.name!r} has no hips; compare all joints")
     return skeleton.index("mid_hip") if "mid_hip" in skeleton.joints else skeleton.index("l_hip", "r_hip")
+
+
+def _fewest(joints: int) -> int:
+    """Return the fewest joints of a person that is measured, of a skeleton with so many."""
+    return min(_MIN_JOINTS, fewer_of_few(joints))
 
 
 def _propagate(
@@ -140,7 +152,9 @@ def _match(
     """Identity matching: group free detections (V, D) by rays and clothes; return (G, V, J) detections, or `NONE`."""
     config, confidence = evidence.config.association, evidence.confidence[frame]
     present = ~np.isnan(confidence)
-    view, detection = np.nonzero(free & (present.sum(-1) >= _MIN_JOINTS) & present[..., compared].any(-1))
+    view, detection = np.nonzero(
+        free & (present.sum(-1) >= _fewest(present.shape[-1])) & present[..., compared].any(-1)
+    )
     if len(np.unique(view)) < 2:
         return np.empty((0, len(confidence), confidence.shape[-1]), int)
     rays = evidence.rays(frame, view, detection)[:, compared]
@@ -157,16 +171,18 @@ def _match(
     return np.where(shown, found[..., None], NONE)
 
 
-def _plausible(xyz: np.ndarray, assigned: np.ndarray, bones: np.ndarray, min_joints: int, views: int) -> np.ndarray:
+def _plausible(
+    xyz: np.ndarray, assigned: np.ndarray, bones: np.ndarray, longest: float, min_joints: int, views: int
+) -> np.ndarray:
     """Return (T,) True where assigned detections (T, V, J) are of one person, judging by their joints (T, J, 3).
 
     At least `min_joints` are known, and at least half of those that so many views detected: of two people, hardly any
-    two rays meet. No bone is longer than that of a body.
+    two rays meet. No bone is longer than `longest`, m.
     """
     known = (~np.isnan(xyz[..., 0])).sum(-1)
     detected = ((assigned != NONE).sum(1) >= views).sum(-1)
     length = np.linalg.norm(xyz[:, bones[:, 0]] - xyz[:, bones[:, 1]], axis=-1)
-    return (known >= min_joints) & (2 * known >= detected) & ~(length > _LONGEST_BONE).any(-1)
+    return (known >= min_joints) & (2 * known >= detected) & ~(length > longest).any(-1)
 
 
 def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -180,7 +196,7 @@ def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.nda
     rig, most = evidence.rig, evidence.config.tracking.max_by_chance
     supported = np.ones(len(assigned), bool)
     if len(assigned) and most is not None:
-        figures = ((~np.isnan(evidence.confidence[frame])).sum(-1) >= _MIN_JOINTS).sum(-1).astype(float)
+        figures = ((~np.isnan(evidence.confidence[frame])).sum(-1) >= _fewest(xyz.shape[1])).sum(-1).astype(float)
         focal, width = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1]), rig.size[:, 0].astype(float)
         beyond_chance(
             rig.projections, focal, width, evidence.xy[frame], assigned, xyz, used, figures, float(most), supported

@@ -51,11 +51,13 @@ class Tracks:
         assigned = np.full((len(frames), len(track), views, joints), NONE, np.int16)
         xyz = np.full((len(frames), len(track), joints, 3), np.nan)
         supported = np.zeros((len(frames), len(track)), bool)
-        for number, frame in enumerate(frames):
-            wanted = np.isin(frame.track, track)
-            column = np.searchsorted(track, frame.track[wanted])
-            assigned[number, column], xyz[number, column] = frame.assigned[wanted], frame.xyz[wanted]
-            supported[number, column] = frame.supported[wanted]
+        if frames:
+            number = np.repeat(np.arange(len(frames)), [len(frame.track) for frame in frames])
+            tracks, *parts = (np.concatenate(part) for part in zip(*frames, strict=True))
+            wanted = np.isin(tracks, track)
+            place = number[wanted], np.searchsorted(track, tracks[wanted])
+            for array, part in zip((assigned, xyz, supported), parts, strict=True):
+                array[place] = part[wanted]
         return cls(assigned, xyz, supported)
 
     def select(self, persons: np.ndarray) -> Tracks:

@@ -19,7 +19,7 @@ from synth.detector.config import DetectorConfig
 from synth.detector.parts import PartConfig, PartsConfig
 from synth.detector.pooling import measure_all
 from synth.detector.simulated_detector import detect
-from synth.detector.statistics import DetectorStatistics
+from synth.detector.statistics import DetectorStatistics, ErrorReference
 
 _STEP = 0.7
 """Exponent of each correction; below 1 because parameters depend on each other."""
@@ -64,6 +64,7 @@ def fit(
     rounds: int = 8,
     seed: int = 0,
     workers: int = 1,
+    reference: ErrorReference = ErrorReference.others,
 ) -> Fit:
     """Fit a detector to what was measured of a recording.
 
@@ -74,6 +75,7 @@ def fit(
         rounds: Number of simulations; each takes as long as measuring the clips.
         seed: Seed of the detector, the same in all rounds.
         workers: Processes; -1 for one a core.
+        reference: What the detections of the clips are measured against, as those of the recording were.
 
     Raises:
         ValueError: the clips carry no visibility, or are of another skeleton than the recording.
@@ -84,7 +86,7 @@ def fit(
     undetermined = _undetermined(real)
     config, best = start, None
     for _ in progress(range(rounds), "fitting the detector"):
-        sim = measure_all((redetect(clip, config, seed) for clip in clips), len(clips), workers)
+        sim = measure_all((redetect(clip, config, seed) for clip in clips), len(clips), workers, reference)
         if sim.kinds != real.kinds:
             raise ValueError(f"the recording has joints {list(real.kinds)}, the simulation {list(sim.kinds)}")
         off = distance(real, sim)

@@ -26,8 +26,15 @@ class PartConfig:
     """Fractions: where the detector puts the joint relative to its annotation, in the image. The first is outwards, of
     the distance to its partner of the other side; the second is down the trunk, of the way from neck to mid hip."""
 
+    hidden_noise: float = 0.0
+    """As `noise`, where the joint is hidden; 0 for `noise` times `noise.hidden` of the detector."""
+    hidden_tail: float = 0.0
+    """As `tail`, where the joint is hidden; 0 for `tail`."""
+    hidden_score: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    """As `score`, where the joint is hidden; [0, 0] for `scores.hidden` of the detector."""
+
     def __post_init__(self):
-        for name, length in (("score", 2), ("miss", 4), ("offset", 2)):
+        for name, length in (("score", 2), ("miss", 4), ("offset", 2), ("hidden_score", 2)):
             found = getattr(self, name)
             if len(found) != length:
                 raise ValueError(f"detector part: expected {length} numbers of {name}, got {list(found)}")
@@ -35,7 +42,11 @@ class PartConfig:
             raise ValueError(
                 f"detector part: expected noise >= 0, tail > 0 and probabilities of misses from 0 to 1, got {self}"
             )
+        if not self.hidden_noise >= 0 or not self.hidden_tail >= 0:
+            raise ValueError(f"detector part: expected hidden_noise and hidden_tail of 0 or more, got {self}")
         check_beta("detector part: score", self.score)
+        if any(self.hidden_score):
+            check_beta("detector part: hidden_score", self.hidden_score)
 
 
 @dataclass(frozen=True)

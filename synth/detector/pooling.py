@@ -8,21 +8,23 @@ import numpy as np
 from dmae.data.clip import Clip
 from dmae.parallel import in_parallel
 from dmae.progress import progress
-from synth.detector.statistics import DetectorStatistics, measure
+from synth.detector.statistics import DetectorStatistics, ErrorReference, measure
 
 _SAMPLES = ("kind", "error", "inverted", "score", "miss_seconds")
 """Fields of `DetectorStatistics` that are concatenated; others are averaged."""
 
 
-def measure_all(clips: Iterable[Clip], count: int, workers: int = 1) -> DetectorStatistics:
+def measure_all(
+    clips: Iterable[Clip], count: int, workers: int = 1, reference: ErrorReference = ErrorReference.others
+) -> DetectorStatistics:
     """Measure `count` clips as one: samples concatenated, fractions averaged by the clips' lengths."""
-    jobs = in_parallel(_measure, ((clip,) for clip in clips), workers)
+    jobs = in_parallel(_measure, ((clip, reference) for clip in clips), workers)
     parts, frames = zip(*progress(jobs, "measuring", count), strict=True)
     return pool(parts, frames)
 
 
-def _measure(clip: Clip) -> tuple[DetectorStatistics, int]:
-    return measure(clip), len(clip)
+def _measure(clip: Clip, reference: ErrorReference) -> tuple[DetectorStatistics, int]:
+    return measure(clip, reference), len(clip)
 
 
 def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> DetectorStatistics:

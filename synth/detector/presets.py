@@ -1,9 +1,13 @@
-"""Write detectors as presets, YAML files of the option group `detector`."""
+"""Presets of detectors, YAML files of the option group `detector`: write them, and read them."""
 
 import json
 from collections.abc import Mapping
 from dataclasses import is_dataclass
+from pathlib import Path
 
+from dmae.data.from_json import decode
+from dmae.data.resources import resource_folder
+from dmae.files.structured import read_yaml
 from synth.detector.config import DetectorConfig
 
 
@@ -39,3 +43,17 @@ def _flow(value) -> str:
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items()) + "}"
     return json.dumps(value)
+
+
+def load_preset(name: str) -> DetectorConfig:
+    """Return a preset by its name, or of a YAML file.
+
+    Raises:
+        ValueError: there is no such preset, or the file is no preset.
+    """
+    folder = resource_folder("dmae", "configs") / "detector"
+    path = Path(name) if name.endswith(".yaml") else folder / f"{name}.yaml"
+    if not path.is_file():
+        there = ", ".join(sorted(each.stem for each in folder.glob("*.yaml")))
+        raise ValueError(f"detector {name}: expected a YAML file, or one of {there}")
+    return decode(DetectorConfig, read_yaml(path), str(path))

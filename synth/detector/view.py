@@ -29,6 +29,7 @@ class ErrorStream(IntEnum):
     DROP = 14
     ORDER = 15
     CUSTOM = 16
+    BODY_INVERSION = 17
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Which joints does each camera see, and what hides the others? Visibility by rays, silhouettes by images of ids."""
+"""Which joints does each camera see, what hides the others, and what carries people? Rays, images of ids, forces."""

@@ -8,6 +8,7 @@ import numpy as np
 from dmae.data.clip import Clip
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
+from synth.labels.surface_visibility import SurfaceLabels
 
 
 class PixelAgreement(NamedTuple):
@@ -32,16 +33,34 @@ def agreement(clip: Clip, margin: int = 5) -> PixelAgreement:
         clip: With truth, visibility and images of ids. Its true cameras are used.
         margin: px.
     """
+    on_body = np.array([not name.endswith("top_head") for name in clip.truth.skeleton.joints])
+    return _agreement(clip, clip.truth.xyz, clip.occlusion.visibility, clip.occlusion.occluder, on_body, margin)
+
+
+def surface_agreement(clip: Clip, surface: SurfaceLabels, margin: int = 2) -> PixelAgreement:
+    """Compare the visibility of points on surfaces with the images of ids, as `agreement` does that of joints.
+
+    Args:
+        clip: With images of ids. Its true cameras are used.
+        surface: Its points.
+        margin: px.
+    """
+    all_points = np.ones(len(surface.names), bool)
+    return _agreement(clip, surface.xyz, surface.visibility, surface.hidden_by, all_points, margin)
+
+
+def _agreement(
+    clip: Clip, points: np.ndarray, visibility: np.ndarray, hidden_by: np.ndarray, which: np.ndarray, margin: int
+) -> PixelAgreement:
+    """Compare labels (F, V, P, K) of points (F, P, K, 3) with images of ids; `which` (K,) of them."""
     rig = clip.rig if clip.true_rig is None else clip.true_rig
-    xy, _ = rig.project(clip.truth.xyz)
-    on_body = [not name.endswith("top_head") for name in clip.truth.skeleton.joints]
+    xy, _ = rig.project(points)
     neighbourhood = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
     compared, agreeing = np.zeros(4, int), np.zeros(4, int)
     for view, name in enumerate(clip.rig.names):
         for frame, ids in enumerate(clip.images.read("ids", name)):
-            codes = clip.occlusion.visibility[frame, view]
-            owner = clip.occlusion.occluder[frame, view].astype(int)
-            judged = (codes <= Visibility.HIDDEN_BY_OBJECT) & on_body & np.isfinite(xy[frame, view]).all(-1)
+            codes, owner = visibility[frame, view], hidden_by[frame, view].astype(int)
+            judged = (codes <= Visibility.HIDDEN_BY_OBJECT) & which & np.isfinite(xy[frame, view]).all(-1)
             person, joint = np.nonzero(judged)
             column, row = np.clip(np.round(xy[frame, view, person, joint]).astype(int), 0, rig.size[view] - 1).T
             clear = cv2.dilate(ids, neighbourhood)[row, column] == cv2.erode(ids, neighbourhood)[row, column]

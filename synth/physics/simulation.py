@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.skeleton import Skeleton
 from synth.errors import FailedSimulation
 from synth.motion.motion import Motion
@@ -123,14 +122,7 @@ def _body_state(
     spec: SceneSpec, scene: Scene, states: StatesAt, motions: list[Motion], planned: np.ndarray
 ) -> BodyState:
     """Return what the recorder took; `planned` (F,) are the times of its frames in frames of the plan."""
-    model, joints = scene.model, find_joints(scene.model, len(spec.persons))
-    # Bodies of people have names; what else there is are objects.
-    names = [
-        model.body(model.geom_bodyid[geom]).name
-        if person >= 0
-        else scene.objects[scene.geom_ids[geom] - FIRST_OBJECT_ID]
-        for geom, person in enumerate(scene.geom_persons)
-    ]
+    joints, names = find_joints(scene.model, len(spec.persons)), scene.geom_names
     contact_names = tuple(dict.fromkeys(names))
     frame, geoms, *contact = states.contacts()
     doing, taking_part = [], len(spec.persons) - spec.interaction.bystanders

@@ -1,4 +1,4 @@
-"""Pictures of simulated clips: forecast their cost, render them again, read the state of bodies."""
+"""Pictures of simulated clips: forecast their cost, render them again."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from synth.cli import SYNTH
 from synth.datasets import forecast as datasets_forecast
 from synth.datasets.forecast import Forecast
 from synth.datasets.images import render as rendering
-from synth.physics.body_state import BodyState, load_state
 
 
 def forecast(*overrides: str, out: str | Path = "runs/data") -> Forecast:
@@ -68,22 +67,3 @@ def render(data: str | Path, *overrides: str, out: str | Path, rig: str | None =
     given = [f"data={data}", f"out={out}", *([f"rig={rig}"] if rig else []), *overrides]
     rendering.render(compose(SYNTH.commands["render"], given))
     return (load_clip(folder) for folder in clip_folders(Path(out)))
-
-
-def body_state(clip: str | Path) -> BodyState:
-    """Read the state of the bodies of a simulated clip: pose, shape, forces, contacts, actions.
-
-    Args:
-        clip: Folder of the clip.
-
-    Raises:
-        FileNotFoundError: the clip has no state: it is no simulated one, or of an older version.
-        ValueError: the file is malformed.
-
-    Examples:
-        >>> for clip in synth.generate("scene.seconds=0.2", "scene.persons=[1,1]", clips=1, out="walks"): pass
-        >>> state = synth.body_state("walks/000000")
-        >>> state.rotations.shape, len(state.action_names) > 0
-        ((5, 1, 16, 4), True)
-    """
-    return load_state(Path(clip))

@@ -53,6 +53,16 @@ class Scene:
     obstacles: np.ndarray
     holds: np.ndarray
 
+    @property
+    def geom_names(self) -> list[str]:
+        """Name of what each geom belongs to: `person<p>/<segment>`, or an object."""
+        return [
+            self.model.body(self.model.geom_bodyid[geom]).name
+            if person >= 0
+            else self.objects[self.geom_ids[geom] - FIRST_OBJECT_ID]
+            for geom, person in enumerate(self.geom_persons)
+        ]
+
 
 def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Scene:
     """Assemble a room, its props, people in T-pose and cameras.

@@ -18,6 +18,7 @@ from synth.datasets import splits
 from synth.datasets.exporters import export
 from synth.datasets.exporters.export import export as export_data_set
 from synth.datasets.exporters.huggingface import PERSONS
+from synth.datasets.exporters.physical_entries import KEYS
 from synth.datasets.splits import SplitBy, write_splits
 from synth.datasets.statistics import page as statistics
 from tests.support.clips import pictured_clip
@@ -135,7 +136,9 @@ def test_keys_of_exports_are_those_of_the_page(tmp_path):
     documented = {name for first, _ in tables for name in names(first)}
     amodal = {"amodal_segmentation", "amodal_bbox"}
     assert set(content["images"][0]) | set(content["annotations"][0]) | amodal == documented
-    assert set(PERSONS) <= documented | {"xyz"}
+    physical = {name for first, _ in rows(section("exports", "What `synth label` found")) for name in names(first)}
+    assert physical == set(KEYS)
+    assert set(PERSONS) <= documented | physical | {"xyz"}
     summary = json.loads((tmp_path / "coco/export.json").read_text())
     page = (REFERENCE / "exports.md").read_text()
     counted = set(summary["splits"]["train"])

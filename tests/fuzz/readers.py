@@ -30,6 +30,7 @@ from dmae.formats.registry import reader as recording_reader
 from dmae.formats.trc import read_trc, write_trc
 from synth.cli import SYNTH
 from synth.datasets.verify import verify
+from synth.labels.physical_labels import load_physical_labels
 from synth.motion.readers import reader as motion_reader
 from synth.motion.readers.joint_names import read_mapping
 from synth.motion.readers.take_lists import read_take_list
@@ -54,6 +55,7 @@ from tests.fuzz.seed_files import (
     write_decisions,
     write_mesh,
     write_motion,
+    write_physics,
     write_pictures,
     write_pose2sim_video,
     write_poses,
@@ -125,6 +127,11 @@ def _read_motion(kind: str, folder: Path):
     return read_take(path)
 
 
+def _read_physics(folder: Path):
+    found = load_physical_labels(folder)
+    return found.contacts.persons, found.forces.residual, found.surface.visibility
+
+
 def _read_calibration(folder: Path) -> CameraRig:
     return read_calibration(folder, size=(1000, 600))
 
@@ -159,6 +166,7 @@ READERS = [
     Reader("room/mjcf", write_room, _read_room, finite=True),
     Reader("preset/generate", write_presets, _read_presets),
     Reader("clip/clip", write_clip, load_clip, repair=_CLIP),
+    Reader("clip/physics", write_physics, _read_physics),
     Reader("clip/decisions", write_decisions, lambda folder: load_decisions(folder, walkers(3, 2))),
     Reader("clip/data set", write_data_set, lambda folder: verify(folder) and None, ("*.json*", "*/clip.json")),
     *(Reader(f"images/{kind}", partial(write_pictures, kind), partial(_read_pictures, kind)) for kind in KINDS),

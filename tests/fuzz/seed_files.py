@@ -29,6 +29,7 @@ from dmae.formats.calibrations.files import write_calibration as write_rig
 from dmae.formats.npz import export_npz
 from dmae.formats.panoptic import write_poses as write_panoptic_poses
 from dmae.formats.writing import write_recording
+from synth.labels.physical_labels import save_physical_labels
 from synth.motion.readers.smpl import write_npz as write_smpl
 from synth.motion.source import MotionConfig
 from synth.scene.sampling import sample_scene
@@ -39,6 +40,7 @@ from tests.support.completers import SMALL
 from tests.support.marker_files import c3d
 from tests.support.marker_files import t_pose as marker_t_pose
 from tests.support.motion_files import amc, bvh
+from tests.support.physical_labels import physical_labels
 from tests.support.recordings import recording, write_frames, write_openpose_recording
 from tests.support.tracked_recordings import write_caliscope, write_freemocap, write_mmpose
 
@@ -128,6 +130,10 @@ def write_data_set(folder: Path) -> None:
 def write_decisions(folder: Path) -> None:
     decisions = [Decision(1, "neck", 0, 2, ReviewVerdict.blank), Decision(0, "nose", 1, 1, ReviewVerdict.accept)]
     save_decisions(folder, walkers(3, 2), decisions)
+
+
+def write_physics(folder: Path) -> None:
+    save_physical_labels(physical_labels(frames=2, views=2, persons=1), folder)
 
 
 _IMAGE = np.arange(16 * 16).reshape(16, 16)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from dmae.calibration.adjustment.joints import coarse_skeleton
-from dmae.calibration.gravity_and_scale import relative_size
+from dmae.calibration.world.gravity_and_scale import relative_size
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.numerics.closest_approach import closest_approach

@@ -13,9 +13,12 @@ from dmae.calibration.adjustment.initial import initial_rig
 from dmae.calibration.adjustment.matching import match_tracks
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
-from dmae.calibration.adjustment.world import place_world
+from dmae.calibration.world.floor import Floor, find_floor
+from dmae.calibration.world.placement import place_rig, place_world, upright_world
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
 
 AUTO = "auto"
 """The cameras that differ from their calibration."""
@@ -54,15 +57,21 @@ class RefineConfig:
     stature: float | None = None
     """m; scale the world so that the people, on average, are so tall."""
     level: bool = False
-    """Turn the world so that people stand along z, and move the floor to z = 0."""
+    """Turn the world so that z is up, by the feet and bodies of people, and move the floor to z = 0. With
+    extrinsics=false nothing else changes."""
 
     def __post_init__(self):
         if self.bodies < 20:
             raise ValueError(f"bodies={self.bodies}: expected 20 or more")
         if self.stature is not None and not 0.5 <= self.stature <= 2.5:
             raise ValueError(f"stature={self.stature:g}: expected metres, 0.5 to 2.5")
-        if not any((self.extrinsics, self.focal, self.distortion, self.offsets, self.drift)):
-            raise ValueError("nothing to refine: set extrinsics, focal, distortion, offsets or drift")
+        if not self.frees_cameras and not self.level and self.stature is None:
+            raise ValueError("nothing to refine: set extrinsics, focal, distortion, offsets, drift, stature or level")
+
+    @property
+    def frees_cameras(self) -> bool:
+        """Whether anything of a camera may change, apart from the world that it stands in."""
+        return any((self.extrinsics, self.focal, self.distortion, self.offsets, self.drift))
 
 
 @dataclass(frozen=True)
@@ -106,7 +115,8 @@ class Refined:
         offset, drift: (V,) s and s/s, as in `Calibration`.
         covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment.parameters`); from the
             scatter over stretches of time, as detectors err alike for some tenths of a second. 0 where not refined.
-        changes: What changed, a camera each.
+        changes: What changed, a camera each, in the world as it was.
+        floor: Where the floor was and how the world was tilted, if the world was made level.
     """
 
     rig: CameraRig
@@ -114,6 +124,7 @@ class Refined:
     drift: np.ndarray
     covariance: np.ndarray
     changes: tuple[CameraChange, ...]
+    floor: Floor | None = None
 
 
 def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
@@ -154,12 +165,21 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
     covariance = _covariance(observations, adjusted, freedom)
     after = adjust(observations, calibration, iterations=5, tolerance=1e-4)
     changes = _changes(origin, calibration, covariance, views, before, after, clip.fps)
-    rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, config.level)
-    return Refined(rig, calibration.offset, calibration.drift, covariance, changes)
+    rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, level=False)
+    floor = None
+    if config.level:
+        floor = find_floor(capture(replace(clip, rig=rig), CaptureConfig()), clip.fps)
+        if floor.up is not None and floor.height_m is not None:
+            rig = place_rig(rig, upright_world(floor))
+        else:
+            rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, level=True)
+    return Refined(rig, calibration.offset, calibration.drift, covariance, changes, floor)
 
 
 def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:
     """Return the indices of the cameras that may change; None to find them."""
+    if not config.frees_cameras:
+        return []
     if config.cameras == [AUTO]:
         return list(range(len(rig))) if config.offsets or config.drift else None
     if config.cameras == [ALL]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dmae.data.skeletons.size import for_any_size
 from dmae.registry import Entry, Registry
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class CompletionMethod(Entry):
             weights: Folder that `dmae train` wrote, for a learned method; by default the weights that come with the
                 package.
         """
-        return self.function(weights) if self.learned else self.function
+        return self.function(weights) if self.learned else for_any_size(self.function)
 
 
 completion_method = Registry(
@@ -59,7 +60,7 @@ class _Untrained(Mapping):
             raise KeyError(str(error)) from error
         if method.learned:
             raise KeyError(f"completion method {name!r} needs weights: use find_method({name!r}).load(weights)")
-        return method.function
+        return for_any_size(method.function)
 
     def __iter__(self) -> Iterator[str]:
         return (name for name, method in completion_method.items() if not method.learned)

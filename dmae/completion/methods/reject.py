@@ -3,7 +3,7 @@
 from dmae.completion.methods.gaussian_process import fill_gaussian_process
 from dmae.completion.methods.pchip_body import fill_pchip_body
 from dmae.completion.methods.registry import completion_method
-from dmae.completion.rejection import contradicted
+from dmae.completion.rejection import ACCELERATION, contradicted
 from dmae.data.clip import Poses3D
 from dmae.numerics.filling import without_infinite
 
@@ -11,7 +11,7 @@ from dmae.numerics.filling import without_infinite
 def reject(poses: Poses3D, fps: float) -> Poses3D:
     """Return the poses without measured joints that the frames around contradict (`dmae.completion.rejection`)."""
     poses = without_infinite(poses, fps)
-    return poses.without(poses.measured & contradicted(poses.xyz, fps))
+    return poses.without(poses.measured & contradicted(poses.xyz, fps, ACCELERATION / poses.skeleton.scale))
 
 
 @completion_method("reject_pchip")

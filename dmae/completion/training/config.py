@@ -108,7 +108,7 @@ class TrainConfig:
     """Folders of data sets to validate and calibrate on, with motion that is in none of the others; by default clips
     are held back (`examples.held_back`), and uncertainty is calibrated for motion like that of the training."""
     init: str | None = None
-    """Folder of a trained model to start from."""
+    """Folder of a trained model to start from; `shipped`: the weights that come with the package."""
     skeleton: str | None = None
     """Skeleton of the model; by default that of `init`, or else body25. Two joined by + turn poses of one into those of
     the other, see `dmae.completion.fusion`."""

@@ -36,10 +36,11 @@ from dmae.completion.training.reading import TrainingSet, read_training_set, spl
 from dmae.completion.training.time_limit import TimeLimit
 from dmae.completion.training.uncertainty_fitting import fit_factors
 from dmae.completion.uncertainty import CLASSES
-from dmae.completion.weights import load_model, save_model
+from dmae.completion.weights import OF_PEOPLE, find_shipped, load_model, save_model
 from dmae.data.clip import Clip
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import BODY25, Skeleton, get_skeleton
+from dmae.data.skeletons.definition import encode
 
 _PRECISION = {Precision.single: "32-true", Precision.bf16: "bf16-mixed"}
 _QUIET = {"enable_progress_bar": False, "enable_model_summary": False}
@@ -83,6 +84,12 @@ def train(
     out, limit = Path(out), TimeLimit(config.max_minutes, since)
     initial = _load_initial(config)
     skeleton = initial[1] if initial else get_skeleton(config.skeleton or BODY25.name)
+    lacking = OF_PEOPLE - set(skeleton.parts[0].joints)
+    if skeleton.defined and lacking:
+        raise ValueError(
+            f"skeleton={config.skeleton}: the network places bodies by hips and shoulders; {skeleton.name!r} lacks "
+            f"{', '.join(sorted(lacking))}. Methods that need no training fill any skeleton: fill=gaussian_process"
+        )
     weight = config.learning.observed_weight
     if weight and len(skeleton.parts) > 1:
         raise ValueError(f"learning.observed_weight={weight}: {skeleton.name!r} has no observed joint to learn")
@@ -204,8 +211,10 @@ def _load_initial(config: TrainConfig) -> tuple[DMAE, Skeleton, dict] | None:
     """Return the model to start from, its skeleton and its record."""
     if config.init is None:
         return None
-    model, skeleton, record = load_model(Path(config.init))
-    if config.skeleton not in (None, skeleton.name):
+    shipped = config.init == "shipped"
+    folder = find_shipped(get_skeleton(config.skeleton or BODY25.name)) if shipped else Path(config.init)
+    model, skeleton, record = load_model(folder)
+    if config.skeleton is not None and get_skeleton(config.skeleton) != skeleton:
         raise ValueError(f"{config.init}: a model of skeleton {skeleton.name!r}, and skeleton={config.skeleton}")
     wanted, found = (_flat(asdict(options), "model.") for options in (config.model, model.config))
     differing = ", ".join(f"{name}={value}" for name, value in found.items() if value != wanted[name])
@@ -234,7 +243,7 @@ def _claim(out: Path, config: TrainConfig, skeleton: Skeleton, init: dict | None
     if config.learning.precision == Precision.single:
         # As models made before there was a choice.
         del wanted["learning"]["precision"]
-    wanted |= {"skeleton": skeleton.name, "init": init and init["sha256"]}
+    wanted |= {"skeleton": encode(skeleton), "init": init and init["sha256"]}
     wanted["clips"] = {name: _digest(pair) for name, pair in pairs.items()}
     claim_folder(out / "training.json", wanted, "a model")
 

@@ -5,6 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from dmae.calibration.world.floor import Floor, find_floor
 from dmae.data.clip import Clip, Source
 from dmae.evaluation.report.breakdown import breakdowns
 from dmae.evaluation.report.joint_groups import JointGroup, tally
@@ -53,6 +54,7 @@ class Findings:
         error: (F,) mean error of each frame, mm; None without truth.
         doubts: The joints that are likeliest to be off, by signs that need no truth.
         poses_checksum: Of the poses, which decisions on them name.
+        floor: Where the floor is and which way is up, as the people show it; None without people.
     """
 
     id: str
@@ -73,6 +75,7 @@ class Findings:
     error: np.ndarray | None = None
     doubts: list[Doubt] = field(default_factory=list)
     poses_checksum: str = ""
+    floor: Floor | None = None
 
     def share(self, *sources: Source) -> float | None:
         """Return the share of the joints that have one of these sources; None of no joints."""
@@ -111,6 +114,7 @@ def examine(clip: Clip) -> Findings:
         error=mean_known(error, (1, 2)) if facts["has_truth"] else None,
         doubts=rank_doubts(clip)[:_DOUBTS],
         poses_checksum=checksum(clip.poses),
+        floor=find_floor(clip.poses, clip.fps),
     )
 
 

@@ -16,7 +16,7 @@ def summary(findings: Sequence[Findings]) -> list[str]:
         for sentences in (
             [*_subject(findings), *_states(findings)],
             _sources(findings),
-            [*_errors(findings), *_uncertainty(findings), *_residuals(findings)],
+            [*_errors(findings), *_uncertainty(findings), *_residuals(findings), *_floor(findings)],
             _pictures(findings),
         )
         if sentences
@@ -110,6 +110,11 @@ def _residuals(findings: Sequence[Findings]) -> list[str]:
     if overall is None or overall.mean is None:
         return []
     return [f"Measured joints reproject {overall.mean:.1f}\N{NO-BREAK SPACE}px from their detections on average."]
+
+
+def _floor(findings: Sequence[Findings]) -> list[str]:
+    floors = [each.floor for each in findings if each.floor is not None]
+    return [f"By feet and bodies, {floors[0].describe()}."] if len(floors) == len(findings) == 1 else []
 
 
 def _pictures(findings: Sequence[Findings]) -> list[str]:

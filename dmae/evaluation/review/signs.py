@@ -10,7 +10,7 @@ from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.report.reprojection import reprojection_errors
 
 _UNKNOWN = 0.2
-"""m; the error that is assumed where none is stated."""
+"""m; the error that is assumed where none is stated, of people."""
 _FRAMES = 200
 """Frames that are compared at a time, so that memory stays flat."""
 _REACH = 0.04
@@ -23,7 +23,7 @@ def signs(clip: Clip) -> dict[str, np.ndarray]:
     """Return the signs of each joint by name, (F, P, J) m; 0 where a sign says nothing.
 
     - stated error: the square root of the trace of its covariance.
-    - no stated error: 0.2 m where the covariance is not known.
+    - no stated error: 0.2 m where the covariance is not known, of people; less of smaller bodies.
     - bone length: the largest deviation of its bones from their median length over the clip.
     - jump: its distance from the middle between where it was just before and just after, the largest in that time.
     - reprojection: the median distance from its detections, at its depth.
@@ -34,7 +34,7 @@ def signs(clip: Clip) -> dict[str, np.ndarray]:
     stated = np.sqrt(np.trace(poses.cov.astype(np.float64), axis1=-2, axis2=-1))
     return {
         STATED: np.nan_to_num(stated),
-        UNSTATED: np.where(np.isnan(stated), _UNKNOWN, 0),
+        UNSTATED: np.where(np.isnan(stated), _UNKNOWN * poses.skeleton.scale, 0),
         BONE: _bone_deviation(poses),
         JUMP: _jump(poses, clip.fps),
         RESIDUAL: _residual(clip),

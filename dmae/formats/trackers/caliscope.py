@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.data.skeleton import BLAZEPOSE33, COCO17, HALPE26, Skeleton, get_skeleton
+from dmae.data.skeleton import BLAZEPOSE33, COCO17, HALPE26, Skeleton
 from dmae.files.contents import read_text
 from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.formats.calibrations.files import FOUND, CalibrationSource
@@ -100,7 +100,7 @@ def _skeleton(file: Path) -> Skeleton:
     tracker = file.stem.upper()
     for part, skeleton in _TRACKERS.items():
         if part in tracker:
-            return get_skeleton(skeleton.name)
+            return skeleton
     raise ValueError(
         f"{file}: expected a tracker called {', '.join(_TRACKERS)}, found {file.stem}; data.skeleton=... names the "
         "skeleton of its points"

@@ -8,12 +8,14 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
+from dmae.data.skeletons.tree import PERSON_M
 from dmae.numerics.robust import median_known
 from dmae.reconstruction.association import NONE, Candidates, count_pairs, find_groups
-from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.config import CaptureConfig, fewer_of_few
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.false_positives import coincidental, too_brief, well_measured
 from dmae.reconstruction.merging import merge, same_person
+from dmae.reconstruction.people.body_size import resized_clip, resized_config, sized
 from dmae.reconstruction.people.subjects import inside_volume, leg_lengths, wanted_people
 from dmae.reconstruction.tracking import track
 from dmae.reconstruction.tracks import Tracks
@@ -69,6 +71,12 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
     Where detections of different cameras do not fit each other, it is tried whether they do with other units, inverted
     extrinsics, or images of another size.
     """
+    if clip.detections.skeleton.defined and clip.detections.observed.any():
+        try:
+            skeleton = sized(clip, config)
+        except ValueError as error:
+            return Explanation((("cameras", len(clip.rig)), ("frames", len(clip))), (str(error),))
+        clip, config = resized_clip(clip, skeleton), resized_config(config, 1 / skeleton.scale)
     score, skeleton = clip.detections.score, clip.detections.skeleton
     observed = clip.detections.observed
     people, joints, sure = int(observed.any(-1).sum()), int(observed.sum()), int((score >= config.th_p).sum())
@@ -88,7 +96,7 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
         suggestion = f"the greatest confidence is {np.nanmax(score):.2g}: give a smaller capture.th_p"
         return Explanation(tuple(stages), (suggestion,))
     evidence = Evidence.of(clip, config.th_p, config)
-    enough = (~np.isnan(evidence.confidence)).sum(-1) >= _MIN_JOINTS
+    enough = (~np.isnan(evidence.confidence)).sum(-1) >= min(_MIN_JOINTS, fewer_of_few(len(skeleton)))
     shared = np.flatnonzero(enough.any(-1).sum(1) >= max(2, config.th_v))
     stages += [(f"frames in which {max(2, config.th_v)} cameras or more detect people (th_v)", len(shared))]
     if not len(shared):
@@ -145,11 +153,11 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
     config = evidence.config
     pairs = agreeing = bodies = joints = 0
     part = Evidence(rig, evidence.xy[frames] * zoom, evidence.confidence[frames], config)
-    start, end = np.array(skeleton.bones).reshape(-1, 2).T
+    start, end = np.array(skeleton.bones, int).reshape(-1, 2).T
     all_rays = rig.rays(part.xy)
     for frame in range(len(frames)):
         confidence = part.confidence[frame]
-        view, detection = np.nonzero((~np.isnan(confidence)).sum(-1) >= _MIN_JOINTS)
+        view, detection = np.nonzero((~np.isnan(confidence)).sum(-1) >= min(_MIN_JOINTS, fewer_of_few(len(skeleton))))
         weights = confidence[view, detection]
         candidates = Candidates.of(view, rig.centers, all_rays[frame, view, detection], weights)
         compared, agreed = count_pairs(candidates, config.association)
@@ -164,9 +172,11 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
             xyz = points.xyz
             known = (~np.isnan(xyz[..., 0])).sum(-1)
             length = np.linalg.norm(xyz[:, start] - xyz[:, end], axis=-1)
-            whole = (known >= config.tracking.birth_joints) & ~(length > _LONGEST_BONE).any(-1)
+            whole = (known >= config.tracking.births(len(skeleton))) & ~(
+                length > (PERSON_M if skeleton.defined else _LONGEST_BONE)
+            ).any(-1)
             # In a world that is too small all rays meet, and bones have no length.
-            whole &= (length > _SHORTEST_BONE).any(-1)
+            whole &= (length > _SHORTEST_BONE).any(-1) | (not len(start))
             bodies += int(whole.sum())
             views = points.views[whole]
             joints += int(views[views >= min(3, len(rig))].sum())
@@ -205,7 +215,7 @@ def _kept(tracks: Tracks, clip: Clip, config: CaptureConfig) -> tuple[list[tuple
                 f"all people are outside capture.volume: x is {low[0]:.1f} to {high[0]:.1f} m, y {low[1]:.1f} to "
                 f"{high[1]:.1f}, z {low[2]:.1f} to {high[2]:.1f}"
             ]
-    measured = well_measured(tracks, tracking.birth_joints).sum(0)
+    measured = well_measured(tracks, tracking.births(len(skeleton))).sum(0)
     brief = too_brief(measured, len(clip), fps, tracking.min_duration_s)
     stages.append((f"of these measured for {tracking.min_duration_s:g} s or more", int((~brief).sum())))
     if brief.all():

@@ -5,12 +5,14 @@ frames around, show where left and right are.
 """
 
 from dataclasses import dataclass, replace
+from math import prod
 
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.reconstruction.association import NONE
+from dmae.reconstruction.compiled.reprojection import judge_sides
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.evidence import Evidence
 
@@ -34,22 +36,33 @@ class Sides:
 
     Attributes:
         pairs: (n, 2) indices of left joints and of their partners on the right.
-        groups: Indices into `pairs` of what is exchanged together: the whole body, and its limbs.
+        groups: (G, n) True for the pairs that are exchanged together: the whole body, and its limbs.
     """
 
     pairs: np.ndarray
-    groups: tuple[np.ndarray, ...]
+    groups: np.ndarray
 
     @classmethod
     def of(cls, skeleton: Skeleton) -> "Sides":
         """Return those of a skeleton."""
         mirror = np.array(skeleton.mirror, int)
         names = [joint.rpartition(".")[2] for joint in skeleton.joints]
-        left = np.array([i for i, name in enumerate(names) if name.startswith("l_") and mirror[i] != i], int)
+        left = np.array(skeleton.left, int)
         pairs = np.stack([left, mirror[left]], -1).reshape(-1, 2)
         kinds = [names[i].removeprefix("l_") for i in left]
-        limbs = [np.flatnonzero([kind in limb for kind in kinds]) for limb in _LIMBS]
-        return cls(pairs, (np.arange(len(pairs)), *limbs))
+        limbs = [[kind in limb for kind in kinds] for limb in _LIMBS]
+        if skeleton.defined:
+            tops = np.array([_top(skeleton, joint) for joint in left], int)
+            limbs = [list(tops == top) for top in np.unique(tops)]
+        return cls(pairs, np.array([[True] * len(pairs), *limbs]).reshape(-1, len(pairs)))
+
+
+def _top(skeleton: Skeleton, joint: int) -> int:
+    """Return the joint from which a limb hangs, its highest one with a partner on the other side."""
+    parents, mirror = skeleton.parents, skeleton.mirror
+    while parents[joint] >= 0 and mirror[parents[joint]] != parents[joint]:
+        joint = parents[joint]
+    return joint
 
 
 def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> np.ndarray:
@@ -147,13 +160,8 @@ def _is_exchanged(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> 
 
     The whole body is judged first, then its limbs, then each pair alone.
     """
-    known = ~np.isnan(distance) & ~np.isnan(exchanged)
-    before, after = (np.where(known, np.minimum(each, _FARTHEST), 0) for each in (distance, exchanged))
-    evidence = (before**2 - after**2).sum(-1) / (2 * _SIGMA**2)
-    after, count = after.sum(-1), known.sum(-1)
-    wrong = np.zeros(evidence.shape, bool)
-    for group in sides.groups:
-        near = after[..., group].sum(-1) <= _MAX_DISTANCE * count[..., group].sum(-1)
-        wrong[..., group] |= ((evidence[..., group].sum(-1) > _MIN_EVIDENCE) & near)[..., None]
-    alone = (evidence > _MIN_EVIDENCE) & (after <= _MAX_DISTANCE * count)
-    return (wrong | alone) & (evidence > -_MIN_EVIDENCE) & (count > 0)
+    *shape, pairs, _ = distance.shape
+    wrong = np.empty((prod(shape), pairs), bool)
+    rows = [np.ascontiguousarray(each).reshape(*wrong.shape, 2) for each in (distance, exchanged)]
+    judge_sides(*rows, sides.groups, _SIGMA, _FARTHEST, _MAX_DISTANCE, _MIN_EVIDENCE, wrong)
+    return wrong.reshape(*shape, pairs)

@@ -68,6 +68,9 @@ def wanted_people(tracks: Tracks, rig: CameraRig, skeleton: Skeleton, fps: float
 
 def leg_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     """Return the length from hip to knee to ankle of people (F, P, J, 3), (P,) m; NaN where no leg was measured."""
+    joints = {f"{side}_{joint}" for side in "lr" for joint in ("hip", "knee", "ankle")}
+    if not joints <= set(skeleton.joints):
+        raise ValueError(f"subject.leg_m: skeleton {skeleton.name!r} lacks {', '.join(sorted(joints))}; leave it out")
     sides = [skeleton.index(*(f"{side}_{joint}" for joint in ("hip", "knee", "ankle"))) for side in "lr"]
     legs = [bone_lengths(xyz, [(hip, knee), (knee, ankle)]) for hip, knee, ankle in sides]
     thigh, shank = (median_over_frames(np.concatenate([leg[..., bone] for leg in legs])) for bone in (0, 1))

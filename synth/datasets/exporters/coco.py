@@ -8,6 +8,7 @@ from typing import TextIO
 
 from dmae.files.structured import read_json
 from dmae.formats.labelled_images.coco_entries import annotation_entry, category_entry, clip_entry, image_entry
+from synth.datasets.exporters.physical_entries import PhysicalEntries
 from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection, write_lines
 
@@ -31,10 +32,12 @@ def _write_clip(task: ClipTask) -> Counter:
     """Write the pictures of a clip, and entries numbered from 1."""
     clip, counts = task.load(), Counter(clips=1)
     images, annotations = [], []
+    physical = PhysicalEntries(task.folder, clip.rig)
     for picture in task.pictures(clip, counts):
         images.append(image_entry(picture, len(images) + 1, task.write(picture, "images")) | {"clip": task.name})
         for person in picture.persons:
-            annotations.append(annotation_entry(person, len(annotations) + 1, len(images)))
+            entry = annotation_entry(person, len(annotations) + 1, len(images))
+            annotations.append(entry | physical.of(picture, person))
     write_lines(task.part("images"), images)
     write_lines(task.part("annotations"), annotations)
     task.part("clip").write_text(json.dumps(clip_entry(clip)))

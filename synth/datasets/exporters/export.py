@@ -13,6 +13,8 @@ from dmae.files.structured import read_json
 from synth.datasets.exporters.registry import Exporter, exporter
 from synth.datasets.exporters.selection import PARTS, PictureFormat, Selection
 from synth.datasets.splits import read_splits
+from synth.labels.physical_labels import FILE as PHYSICS
+from synth.labels.surface_points import NAMES
 
 FORMAT = 1
 SUMMARY = "export.json"
@@ -113,6 +115,7 @@ def _skeleton(entry: Exporter, folders: list[Path], wanted: str | None) -> Skele
 
 def _summary(entry: Exporter, selection: Selection, found: dict[str, Counter], clips: int) -> dict:
     skeleton = selection.skeleton
+    points = any((selection.data / name / PHYSICS).is_file() for names in selection.splits.values() for name in names)
     return {
         "format": FORMAT,
         "exporter": entry.name,
@@ -121,6 +124,7 @@ def _summary(entry: Exporter, selection: Selection, found: dict[str, Counter], c
         "joints": list(skeleton.joints),
         "every": selection.every,
         "clips_of_the_data_set": clips,
+        **({"surface_points": list(NAMES)} if points else {}),
         "splits": {split: {**counts, "names": selection.splits[split]} for split, counts in found.items()},
     }
 

@@ -5,6 +5,7 @@ from collections import Counter
 from pathlib import Path
 
 from dmae.formats.labelled_images.coco_entries import annotation_entry, clip_entry
+from synth.datasets.exporters.physical_entries import KEYS, PhysicalEntries
 from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection, world_joints, write_lines
 from synth.datasets.exporters.webdataset import camera_entry
@@ -12,7 +13,7 @@ from synth.datasets.exporters.webdataset import camera_entry
 METADATA = "metadata.jsonl"
 PERSONS = (
     "track_id", "bbox", "bbox_of", "area", "keypoints", "xyz", "segmentation", "visibility", "hidden_by",
-    "visible_pixels", "amodal_pixels", "amodal_segmentation", "amodal_bbox",
+    "visible_pixels", "amodal_pixels", "amodal_segmentation", "amodal_bbox", *KEYS,
 )  # fmt: skip
 """Keys of `persons`, as in COCO's annotations: each a list, an entry a person. What a clip does not have is left out: a
 column of nothing but null has no type."""
@@ -32,11 +33,16 @@ def export_huggingface(selection: Selection, out: Path) -> dict[str, Counter]:
 def _write_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     about = clip_entry(clip) | {"clip": task.name}
-    lines, of_persons = [], []
+    lines, of_persons, physical = [], [], PhysicalEntries(task.folder, clip.rig)
     for picture in task.pictures(clip, counts):
         camera = camera_entry(clip.rig, picture.view)
         lines.append({"file_name": task.write(picture, ""), **about, "camera": camera, "frame": picture.number})
-        of_persons.append([annotation_entry(each, 0, 0) | {"xyz": world_joints(each)} for each in picture.persons])
+        of_persons.append(
+            [
+                annotation_entry(each, 0, 0) | {"xyz": world_joints(each)} | physical.of(picture, each)
+                for each in picture.persons
+            ]
+        )
     known = [key for key in PERSONS if any(entry.get(key, []) != [] for entries in of_persons for entry in entries)]
     for line, entries in zip(lines, of_persons, strict=True):
         line["persons"] = {key: [entry[key] for entry in entries] for key in known}

@@ -5,13 +5,17 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from dmae.data.skeleton_conversion import convert
 from dmae.formats.labelled_images.pictures import file_part
 from dmae.formats.panoptic import write_panoptic
+from synth.datasets.exporters.npz import physical_arrays
 from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
 
 IMAGES = "hdImgs"
+PHYSICS = "physics.npz"
 
 
 @exporter("panoptic", pictures=False, skeleton="panoptic19", only=True)
@@ -36,4 +40,6 @@ def _write_clip(task: ClipTask) -> Counter:
         path.write_bytes(picture.encoded(task.suffix))
     named = replace(clip, id=file_part(clip.id), rig=replace(clip.rig, names=tuple(names)), images=None)
     write_panoptic(convert(clip.truth, task.skeleton), named, folder)
+    if physical := physical_arrays(task.folder):
+        np.savez_compressed(folder / PHYSICS, **physical)
     return counts

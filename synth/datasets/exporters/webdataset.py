@@ -9,6 +9,7 @@ from pathlib import Path
 from dmae.data.cameras import CameraRig
 from dmae.formats.labelled_images.coco_entries import annotation_entry, clip_entry
 from dmae.formats.recordings.coco_categories import joint_names
+from synth.datasets.exporters.physical_entries import PhysicalEntries
 from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection, world_joints
 
@@ -44,6 +45,7 @@ def export_webdataset(selection: Selection, out: Path) -> dict[str, Counter]:
 def _write_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     about = clip_entry(clip) | {"clip": task.name, "joints": joint_names(task.skeleton)}
+    physical = PhysicalEntries(task.folder, clip.rig)
     with tarfile.open(task.part("tar"), "w") as tar:
         for picture in task.pictures(clip, counts):
             persons = []
@@ -52,7 +54,7 @@ def _write_clip(task: ClipTask) -> Counter:
                 persons.append(
                     {key: value for key, value in entry.items() if not key.endswith("id") or key == "track_id"}
                 )
-                persons[-1]["xyz"] = world_joints(person)
+                persons[-1] |= {"xyz": world_joints(person)} | physical.of(picture, person)
             label = about | {
                 "camera": camera_entry(clip.rig, picture.view),
                 "frame": picture.number,

@@ -6,12 +6,13 @@ import numpy as np
 
 from dmae.data.labels import JointError
 from dmae.data.skeleton import BODY25
-from dmae.numerics.noise import bursts, multiscale_noise
+from dmae.numerics.noise import ar1_noise, bursts, multiscale_noise
 from synth.detector.parts import LEG_KINDS, kind_of
 from synth.detector.ranges import check_probabilities
 from synth.detector.view import ErrorStream, View
 
 _LEGS = [i for i, joint in enumerate(BODY25.joints) if kind_of(joint) in LEG_KINDS]
+_SIDED = [i for i, partner in enumerate(BODY25.mirror) if partner != i]
 _ARMS = BODY25.index("l_elbow", "l_wrist", "r_elbow", "r_wrist")
 
 
@@ -23,9 +24,15 @@ class Inversions:
     """Probability that knees, ankles and feet of a person are inverted in a frame."""
     arms: float = 0.0
     """Probability that elbows and wrists of a person are inverted in a frame."""
+    body: float = 0.0
+    """Probability that all joints of a person are inverted in a frame, as of a person taken to be seen from behind."""
+    seconds: float = 1.0
+    """s; correlation time of `body`: how long sides stay exchanged."""
 
     def __post_init__(self):
-        check_probabilities("inversions", self, ("legs", "arms"))
+        check_probabilities("inversions", self, ("legs", "arms", "body"))
+        if not 0 < self.seconds < float("inf"):
+            raise ValueError(f"detector.inversions.seconds: expected a time above 0 s, got {self.seconds}")
 
     def apply(self, view: View) -> View:
         for probability, limbs, stream in (
@@ -35,6 +42,9 @@ class Inversions:
             if probability:
                 noise = multiscale_noise(view.score.shape[:2], view.fps, view.times.bursts, rng=view.random(stream))
                 view = _inverted(view, bursts(probability, noise), limbs)
+        if self.body:
+            noise = ar1_noise(view.score.shape[:2], view.fps, self.seconds, rng=view.random(ErrorStream.BODY_INVERSION))
+            view = _inverted(view, bursts(self.body, noise), _SIDED)
         return view
 
 

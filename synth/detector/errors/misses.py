@@ -8,7 +8,7 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.numerics.noise import bursts, multiscale_noise
 from synth.detector.parts import joint_groups, kind_of
-from synth.detector.ranges import check_probabilities
+from synth.detector.ranges import check_amounts, check_probabilities
 from synth.detector.view import ErrorStream, View
 
 _LIMBS = np.array(
@@ -54,9 +54,17 @@ class Misses:
     hidden_person: float = 0.0
     """Probability that a person wholly hidden or outside the image is missed whole. In between it grows with the cube
     of the fraction of joints that are."""
+    lost_from: float = 1.0
+    """Fraction of joints hidden or outside the image from which on `hidden_person` holds."""
+    steepness: float = 3.0
+    """Power of that fraction with which the probability grows; 3 is its cube."""
 
     def __post_init__(self):
-        check_probabilities("misses", self, ("limb_correlation", "neighbour_correlation", "person", "hidden_person"))
+        names = ("limb_correlation", "neighbour_correlation", "person", "hidden_person", "lost_from")
+        check_probabilities("misses", self, names)
+        check_amounts("misses", self, ("steepness",))
+        if not self.lost_from > 0:
+            raise ValueError(f"detector.misses.lost_from: expected a number above 0, got {self.lost_from}")
 
     def apply(self, view: View) -> View:
         missed = self._joints_and_limbs(view)
@@ -69,22 +77,49 @@ class Misses:
                 lost = missed[..., BODY25.index(*inner)].all(-1) & torn[..., i]
                 missed[..., BODY25.index(*outer)] |= lost[..., None]
         if self.person or self.hidden_person:
-            hidden = (view.visibility != Visibility.VISIBLE).mean(-1)
-            probability = self.person + (self.hidden_person - self.person) * hidden**3
             noise = multiscale_noise(persons, view.fps, view.times.bursts, rng=view.random(ErrorStream.PERSON_MISS))
-            missed |= bursts(probability, noise)[..., None]
+            missed |= bursts(self._person_probability(view), noise)[..., None]
         return view.without(missed)
 
+    def probability(self, view: View) -> np.ndarray:
+        """Return the probability (F, P, 25) that each joint is missed, whatever happened before.
+
+        Of joints that are missed with their inner neighbours it is an estimate between that of events that exclude each
+        other as little as possible, within a limb, and of independent ones.
+        """
+        outside, missed = self._joint_probability(view)
+        missed = np.where(outside, 1.0, missed)
+        for outer, inner in _OUTER_AND_INNER:
+            inner_missed = missed[..., BODY25.index(*inner)].min(-1, keepdims=True)
+            own = missed[..., BODY25.index(*outer)]
+            within, apart = np.maximum(inner_missed - own, 0), inner_missed * (1 - own)
+            alone = self.limb_correlation * within + (1 - self.limb_correlation) * apart
+            missed[..., BODY25.index(*outer)] = own + self.neighbour_correlation * alone
+        return 1 - (1 - missed) * (1 - self._person_probability(view)[..., None])
+
+    def _person_probability(self, view: View) -> np.ndarray:
+        """Return the probability (F, P) that a person is missed whole."""
+        hidden = (view.visibility != Visibility.VISIBLE).mean(-1)
+        share = np.minimum(hidden / self.lost_from, 1) ** self.steepness
+        return self.person + (self.hidden_person - self.person) * share
+
     def _joints_and_limbs(self, view: View) -> np.ndarray:
-        frames, persons, joints = view.visibility.shape
         rng = view.random(ErrorStream.MISS)
-        of_limbs = multiscale_noise((frames, persons, len(_LIMBS)), view.fps, view.times.bursts, rng=rng)[..., _LIMB]
+        of_limbs = multiscale_noise((*view.visibility.shape[:2], len(_LIMBS)), view.fps, view.times.bursts, rng=rng)[
+            ..., _LIMB
+        ]
         of_joints = multiscale_noise(view.visibility.shape, view.fps, view.times.bursts, rng=rng)
         noise = np.sqrt(self.limb_correlation) * of_limbs + np.sqrt(1 - self.limb_correlation) * of_joints
+        outside, probability = self._joint_probability(view)
+        return outside | bursts(probability, noise)
+
+    def _joint_probability(self, view: View) -> tuple[np.ndarray, np.ndarray]:
+        """Return where joints are outside the image, and the probability that they are missed, (F, P, 25) each."""
+        joints = view.visibility.shape[-1]
         outside = view.visibility > Visibility.HIDDEN_BY_OBJECT
         code = np.where(outside, Visibility.VISIBLE, view.visibility)
         probability = view.parts["miss"][np.arange(joints), code]
         # What hides half a limb makes the other half hard to detect; half a face is detected as well as a whole one.
         of_limb = np.stack([probability[..., limb].mean(-1) for limb in _LIMBS], -1)[..., _LIMB]
         alone = (probability == 0) | (probability == 1) | _IN_FACE
-        return outside | bursts(np.where(alone, probability, (probability + of_limb) / 2), noise)
+        return outside, np.where(alone, probability, (probability + of_limb) / 2)

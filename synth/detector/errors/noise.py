@@ -48,6 +48,9 @@ class Noise:
         square, by its quantiles).
         """
         joints, tail = view.visibility.shape, view.parts["tail"]
+        if view.parts["hidden_tail"].any():
+            hidden_tail = np.where(view.parts["hidden_tail"] > 0, view.parts["hidden_tail"], tail)
+            tail = np.where(view.hidden, hidden_tail, tail)
         rng = view.random(ErrorStream.NOISE)
         times = [view.times.correlation * _SCALES, view.times.correlation / _SCALES]
         gaussian = np.sqrt(1 - self.bias) * multiscale_noise((*joints, 2), view.fps, times, rng=rng)
@@ -63,7 +66,12 @@ class Noise:
     def _scale(self, view: View) -> np.ndarray:
         """(F, P, 25) px: by kind of joint, size in the image, motion, truncation and visibility."""
         xy = view.true_xy
-        scale = view.parts["noise"] * height(xy)[..., None]
+        size, hidden = height(xy)[..., None], self.hidden
+        scale = view.parts["noise"] * size
+        if view.parts["hidden_noise"].any():
+            own = view.parts["hidden_noise"]
+            scale = np.where(view.hidden & (own > 0), own * size, scale)
+            hidden = np.where(own > 0, 1, hidden)
         if self.minimum:
             scale = np.hypot(scale, self.minimum)
         if self.blur and len(xy) > 1:
@@ -72,7 +80,7 @@ class Noise:
             with np.errstate(invalid="ignore"):
                 outside = ~((xy >= -0.5) & (xy <= view.size - 0.5)).all(-1)
             scale = scale * (1 + self.truncation * outside.mean(-1, keepdims=True))
-        return scale * np.where(view.hidden, self.hidden, 1)
+        return scale * np.where(view.hidden, hidden, 1)
 
     def _offset(self, view: View) -> np.ndarray:
         """(F, P, 25, 2) px from where joints are annotated to where the detector puts them."""

@@ -30,5 +30,7 @@ class Scores:
         noise = ar1_noise(view.error_rank.shape, view.fps, view.times.correlation, rng=view.random(ErrorStream.SCORE))
         smallness = -ndtri(np.clip(view.error_rank, 1e-9, 1 - 1e-9))
         level = self.error_correlation * smallness + np.sqrt(1 - self.error_correlation**2) * noise
-        shape = np.where(view.hidden[..., None], self.hidden, view.parts["score"])
+        own = view.parts["hidden_score"]
+        hidden = np.where(own.any(-1, keepdims=True), own, self.hidden)
+        shape = np.where(view.hidden[..., None], hidden, view.parts["score"])
         return replace(view, score=beta_quantile(shape, ndtr(level))).reported()

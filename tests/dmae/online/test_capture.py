@@ -79,7 +79,7 @@ def test_a_track_of_a_moment_is_no_person():
 
 def test_the_delay_is_the_time_that_steps_look_ahead():
     rig = looking_at_origin(4)
-    assert 0.4 < OnlineCapture(rig, BODY25, FPS, DEFAULT).delay / FPS <= 0.6
+    assert 0.4 <= OnlineCapture(rig, BODY25, FPS, DEFAULT).delay / FPS <= 0.45
     nothing_ahead = CaptureConfig(
         tracking=TrackingConfig(min_duration_s=0), reassignment=ReassignmentConfig(distance_m=0), prune=False
     )

@@ -1,0 +1,159 @@
+"""Skeletons of your own: defined in a YAML file, or beside what is stored of their joints.
+
+name: hand
+size_m: 0.19                  # optional
+joints:                       # each with its parent; without one it is a root
+  wrist:
+  thumb_1: wrist
+  thumb_2: thumb_1
+mirror: [[l_ear, r_ear]]      # optional: pairs of left and right
+torso: [wrist, thumb_1]       # optional: joints that keep their places relative to each other
+stretching: [thumb_2]         # optional: joints with a bone that changes its length
+"""
+
+from difflib import get_close_matches
+from pathlib import Path
+
+from dmae.data.skeletons.tree import Skeleton
+from dmae.files.structured import read_yaml
+
+_KEYS = {"name", "joints", "mirror", "torso", "stretching", "size_m"}
+_MOST_JOINTS = 500
+_LONGEST_NAME = 60
+_SIZES = (1e-3, 100.0)
+"""m"""
+
+
+def read_skeleton(path: Path) -> Skeleton:
+    """Read a skeleton from a YAML file as the module shows one.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: malformed YAML, a joint twice, an unknown parent, a circle of parents, or mirror pairs that do not
+            match; the message names the file and the joint.
+    """
+    path = Path(path)
+    return define(read_yaml(path), str(path))
+
+
+def define(values: object, where: str) -> Skeleton:
+    """Return the skeleton that values as of the YAML file define.
+
+    Args:
+        values: A dictionary with the keys that the module shows.
+        where: They are from, for messages.
+
+    Raises:
+        ValueError: as `read_skeleton`.
+    """
+    try:
+        return _define(values)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def encode(skeleton: Skeleton) -> str | dict:
+    """Return what `dmae.data.skeleton.decode_skeleton` makes a skeleton of: the name of one of this package, or a
+    definition as JSON.
+    """
+    if not skeleton.defined:
+        return skeleton.name
+    names = skeleton.joints
+    found: dict = {
+        "name": skeleton.name,
+        "joints": {
+            joint: names[parent] if parent >= 0 else None for joint, parent in zip(names, skeleton.parents, strict=True)
+        },
+        "mirror": [[names[left], names[right]] for left, right in skeleton.pairs],
+        "stretching": [names[joint] for joint in skeleton.stretching],
+    }
+    if skeleton.torso is not None:
+        found["torso"] = [names[joint] for joint in skeleton.torso]
+    if skeleton.size_m is not None:
+        found["size_m"] = skeleton.size_m
+    return found
+
+
+def _define(values: object) -> Skeleton:
+    if not isinstance(values, dict) or not {"name", "joints"} <= values.keys():
+        found = ", ".join(map(str, values)) if isinstance(values, dict) else type(values).__name__
+        raise ValueError(f"expected a skeleton with name and joints, found {found:.200}")
+    unknown = [key for key in values if key not in _KEYS]
+    if unknown:
+        raise ValueError(f"unknown key {unknown[0]!r:.60}; a skeleton has {', '.join(sorted(_KEYS))}")
+    name, joints = _name(values["name"], "name"), values["joints"]
+    if not isinstance(joints, dict) or not 1 <= len(joints) <= _MOST_JOINTS:
+        raise ValueError(f"joints: expected 1 to {_MOST_JOINTS} lines 'joint: parent', found {_short(joints)}")
+    names = [_name(joint, "joints") for joint in joints]
+    parents = []
+    for joint, parent in joints.items():
+        if parent in (None, ""):
+            parents.append(-1)
+            continue
+        if parent not in names:
+            raise ValueError(f"joint {joint!r}: its parent {_short(parent)} is no joint{_near(parent, names)}")
+        parents.append(names.index(parent))
+    pairs = _pairs(values.get("mirror"), names, parents)
+    torso = None if values.get("torso") is None else _joints(values["torso"], names, "torso")
+    stretching = _joints(values.get("stretching") or [], names, "stretching")
+    return Skeleton(name, tuple(names), tuple(parents), pairs, torso, stretching, _size(values.get("size_m")))
+
+
+def _pairs(values: object, names: list[str], parents: list[int]) -> tuple[tuple[int, int], ...]:
+    """Return the mirror pairs, left first; without any, those of joints named `l_*` and `r_*`."""
+    if values is None:
+        both = [(name, f"r_{name[2:]}") for name in names if name.startswith("l_")]
+        values = [list(pair) for pair in both if pair[1] in names]
+    if not isinstance(values, list) or any(not isinstance(pair, list) or len(pair) != 2 for pair in values):
+        raise ValueError(f"mirror: expected pairs [left, right], found {_short(values)}")
+    flat = _joints([joint for pair in values for joint in pair], names, "mirror")
+    pairs = tuple(zip(flat[::2], flat[1::2], strict=True))
+    partner = dict(pairs) | {right: left for left, right in pairs}
+    for left, right in pairs:
+        above = [parents[left], parents[right]]
+        if partner.get(above[0], above[0]) != above[1] and above != [right, -1] and above != [-1, left]:
+            shown = [repr(names[parent]) if parent >= 0 else "none" for parent in above]
+            raise ValueError(
+                f"mirror: {names[left]!r} and {names[right]!r} do not match, as their parents {shown[0]} and "
+                f"{shown[1]} are neither one joint nor a mirror pair"
+            )
+    return pairs
+
+
+def _joints(values: object, names: list[str], key: str) -> tuple[int, ...]:
+    """Return the indices of different joints."""
+    if not isinstance(values, list):
+        raise ValueError(f"{key}: expected a list of joints, found {_short(values)}")
+    for number, joint in enumerate(values):
+        if joint not in names:
+            raise ValueError(f"{key}: {_short(joint)} is no joint{_near(joint, names)}")
+        if joint in values[:number]:
+            raise ValueError(f"{key}: {joint!r} occurs twice")
+    return tuple(names.index(joint) for joint in values)
+
+
+def _name(value: object, key: str) -> str:
+    fine = isinstance(value, str) and 0 < len(value) <= _LONGEST_NAME and value.isprintable()
+    if not fine or value != value.strip() or set(value) & set("+./\\\t,"):
+        raise ValueError(
+            f"{key}: expected a name of up to {_LONGEST_NAME} characters without + . , / and \\, found "
+            f"{_short(value)}; names such as no, on and 1 stand in quotes"
+        )
+    return value
+
+
+def _size(value: object) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not _SIZES[0] <= value <= _SIZES[1]:
+        raise ValueError(f"size_m: expected a number from {_SIZES[0]:g} to {_SIZES[1]:g} m, found {_short(value)}")
+    return float(value)
+
+
+def _near(name: object, names: list[str]) -> str:
+    near = get_close_matches(name, names, 1) if isinstance(name, str) else []
+    return f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(names)[:200]}"
+
+
+def _short(value: object) -> str:
+    return f"{value!r:.60}" if not isinstance(value, dict | list) else f"{value!s:.60}"

@@ -1,0 +1,92 @@
+"""The size of bodies: worlds in which a body of any size is as large as a person.
+
+The lengths of configurations and methods are those of people. Bodies of other sizes are brought to that size, and their
+poses back. Accelerations and durations are not: animals of all sizes reach about the same accelerations.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import wraps
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Poses3D, Source
+from dmae.data.skeletons.tree import PERSON_M
+
+Fill = Callable[[Poses3D, float], Poses3D]
+
+_USUAL = 0.8
+"""Quantile of the extents of poses that counts as size: bodies are bent, and rarely longer than they are."""
+_WHOLE = 0.6
+"""Share of the joints that a pose has at least; extents of fewer say little."""
+_MOST = 400
+"""Frames that are measured, evenly spaced."""
+
+
+def resized_poses(poses: Poses3D, factor: float) -> Poses3D:
+    """Return the poses of a world `factor` times as large."""
+    rays = poses.rays.copy()
+    rays[..., 0, :] *= np.float32(factor)
+    return replace(
+        poses,
+        xyz=poses.xyz.astype(np.float64) * factor,
+        cov=poses.cov.astype(np.float64) * factor**2,
+        rays=rays,
+    )
+
+
+def resized_rig(rig: CameraRig, factor: float) -> CameraRig:
+    """Return the cameras of a world `factor` times as large; they see the same."""
+    world = rig.cam_from_world.copy()
+    world[:, :3, 3] *= factor
+    return replace(rig, cam_from_world=world)
+
+
+def usual_size(xyz: np.ndarray) -> float | None:
+    """Return the usual distance between the two joints farthest apart of bodies (..., J, 3), m.
+
+    None where too few joints are known, or all are at one place.
+    """
+    flat = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64)
+    known = ~np.isnan(flat).any(-1)
+    flat = flat[known.sum(-1) >= max(2, _WHOLE * known.any(0).sum())]
+    flat = flat[np.unique(np.linspace(0, len(flat) - 1, _MOST).astype(int))] if len(flat) else flat
+    extents = [extent(body) for body in flat]
+    size = float(np.quantile(extents, _USUAL)) if extents else 0.0
+    return size if size > 0 else None
+
+
+def extent(body: np.ndarray) -> float:
+    """Return the distance between the two joints farthest apart of a body (J, 3), NaN where a joint is absent."""
+    distance = np.linalg.norm(body[:, None] - body[None], axis=-1)
+    return float(np.nanmax(distance, initial=0.0))
+
+
+def for_any_size(fill: Fill) -> Fill:
+    """Return a function that fills poses of people, and does so for bodies of any size.
+
+    Poses of other sizes are filled in a world in which they are as large as people. What is measured stays as it is, to
+    the bit.
+    """
+
+    @wraps(fill)
+    def filled(poses: Poses3D, fps: float) -> Poses3D:
+        skeleton = poses.skeleton
+        if not skeleton.defined:
+            return fill(poses, fps)
+        finite = np.where(np.isfinite(poses.xyz).all(-1, keepdims=True), poses.xyz, np.nan)
+        size = skeleton.size_m or usual_size(finite) or PERSON_M
+        factor = size / PERSON_M
+        body = replace(resized_poses(poses, 1 / factor), skeleton=replace(skeleton, size_m=size))
+        done = resized_poses(fill(body, fps), factor)
+        kept = (done.source == Source.MEASURED)[..., None]
+        return replace(
+            done,
+            skeleton=skeleton,
+            xyz=np.where(kept, poses.xyz, done.xyz),
+            cov=np.where(kept[..., None], poses.cov, done.cov),
+            rays=poses.rays,
+        )
+
+    return filled

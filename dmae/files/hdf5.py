@@ -1,0 +1,146 @@
+"""Arrays and texts in HDF5 files, which netCDF 4 is too: sizes and filters are checked before anything is allocated."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from dmae.files.contents import check_file
+
+T = TypeVar("T")
+
+_LEAST_LIMIT, _EXPANSION = 1 << 28, 100
+"""Bytes that an array may have: so many, or so many times the size of the file."""
+_FILTERS = {1, 2, 3, 4, 32000}
+"""Deflate, shuffle, Fletcher, szip and LZF; of others HDF5 would load plugins."""
+_MOST_TEXTS, _LONGEST_TEXT = 5000, 20_000
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+class Hdf5:
+    """An open HDF5 file. Links to other files are not followed.
+
+    Raises (in all methods):
+        ValueError: the file is damaged, or lacks what is asked for; the message names the file.
+    """
+
+    def __init__(self, path: Path, what: str, file):
+        self._path, self._what, self._file = path, what, file
+        self._most = max(_LEAST_LIMIT, _EXPANSION * path.stat().st_size)
+
+    def __contains__(self, name: str) -> bool:
+        return self._try(lambda: self._found(name) is not None)
+
+    def array(self, name: str) -> np.ndarray:
+        """Return an array of numbers, or a table with fields of numbers."""
+
+        def read() -> np.ndarray:
+            found = self._dataset(name)
+            if found.dtype.hasobject or (found.dtype.names is None and found.dtype.kind not in "fiub"):
+                raise ValueError(f"expected numbers as {name}, found {found.dtype}")
+            return np.asarray(found[()])
+
+        return self._try(read)
+
+    def texts(self, name: str) -> list[str]:
+        """Return a list of texts."""
+
+        def read() -> list[str]:
+            found = self._dataset(name)
+            if found.ndim != 1 or found.dtype.kind not in "SO" or len(found) > _MOST_TEXTS:
+                raise ValueError(f"expected up to {_MOST_TEXTS} texts as {name}, found {found.dtype} {found.shape}")
+            # One at a time: many could refer to one long text.
+            return [_text(found[number]) for number in range(len(found))]
+
+        return self._try(read)
+
+    def attribute(self, name: str, of: str = "/") -> object:
+        """Return an attribute of a group or an array: a text, a number or None where it is not there."""
+
+        def read() -> object:
+            found = self._found(of) if of != "/" else self._file
+            value = None if found is None or name not in found.attrs else found.attrs[name]
+            if isinstance(value, np.ndarray) and value.size == 1:
+                value = value.reshape(-1)[0]
+            return _text(value, longest=None) if isinstance(value, bytes | str) else value
+
+        return self._try(read)
+
+    def axes(self, name: str) -> list[str]:
+        """Return the names of the axes of an array, as netCDF has them."""
+
+        def read() -> list[str]:
+            return [each[0].name.rpartition("/")[2] if len(each) else "" for each in self._dataset(name).dims]
+
+        return self._try(read)
+
+    def _found(self, name: str):
+        import h5py
+
+        group = self._file
+        for part in name.split("/"):
+            if not isinstance(group, h5py.Group) or not isinstance(group.get(part, getlink=True), h5py.HardLink):
+                return None
+            group = group[part]
+        return group
+
+    def _dataset(self, name: str):
+        import h5py
+
+        found = self._found(name)
+        if not isinstance(found, h5py.Dataset) or found.shape is None:
+            raise ValueError(f"it lacks {name}")
+        if found.external or found.is_virtual:
+            raise ValueError(f"{name} is kept in another file, which is not read")
+        plan = found.id.get_create_plist()
+        if not {plan.get_filter(number)[0] for number in range(plan.get_nfilters())} <= _FILTERS:
+            raise ValueError(f"{name} is compressed by a plugin, which is not loaded; save it with gzip")
+        if found.nbytes > self._most:
+            raise ValueError(f"{name} of shape {found.shape} would take {found.nbytes:.3g} bytes")
+        return found
+
+    def _try(self, read: Callable[[], T]) -> T:
+        try:
+            return read()
+        # Of damaged files h5py raises errors of many types. The functions hold nothing but their reading.
+        except Exception as error:
+            raise ValueError(f"{self._path}: expected {self._what}; {error}") from None
+
+
+@contextmanager
+def open_hdf5(path: Path, what: str) -> Iterator[Hdf5]:
+    """Open an HDF5 file.
+
+    Args:
+        what: The kind of file expected, for messages.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is no HDF5 file, or h5py is not installed.
+    """
+    path = Path(path)
+    check_file(path)
+    with path.open("rb") as file:
+        start = file.read(len(_SIGNATURE))
+    if start != _SIGNATURE:
+        older = "; it is netCDF 3, save it as netCDF 4" if start.startswith(b"CDF") else ""
+        raise ValueError(f"{path}: expected {what}, found no HDF5 file{older}")
+    try:
+        import h5py
+    except ImportError:
+        raise ValueError(f"{path}: h5py reads {what}; pip install dmae-synth[animals]") from None
+    try:
+        file = h5py.File(path, "r", locking=False)
+    except Exception as error:
+        raise ValueError(f"{path}: expected {what}; {error}") from None
+    with file:
+        yield Hdf5(path, what, file)
+
+
+def _text(value: object, longest: int | None = _LONGEST_TEXT) -> str:
+    text = value.decode() if isinstance(value, bytes) else value
+    if not isinstance(text, str) or (longest and len(text) > longest):
+        raise ValueError(f"expected a text, found {value!r:.60}")
+    return text

@@ -1,0 +1,227 @@
+"""movement: netCDF files of its data sets of poses, 2D of each camera, and 3D.
+
+For F frames, P individuals and J keypoints a data set of poses in 3D holds:
+
+| Variable | Axes | What it is |
+|---|---|---|
+| `position` | time, space, keypoints, individuals | places, m, world z up; NaN where absent |
+| `confidence` | time, keypoints, individuals | 1 where measured, 0 where completed, NaN where absent |
+| `source` | time, keypoints, individuals | 0 absent, 1 measured, 2 denoised (measured, then moved), 3 completed |
+| `standard_error` | time, keypoints, individuals | m, along an axis; NaN where unknown |
+
+Coordinates are `time` in s, `space` x, y, z, `keypoints` and `individuals` by name. Attributes are `fps`, `time_unit`,
+`source_software`, `ds_type` and `skeleton`, its name or, of one of your own, its definition as JSON. movement reads the
+first two variables.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.skeleton import Skeleton, decode_skeleton
+from dmae.data.skeletons.definition import encode
+from dmae.data.store import write_atomic
+from dmae.files.hdf5 import Hdf5, open_hdf5
+from dmae.files.numbers import MOST_METRES, MOST_PIXELS, check_numbers, check_rate
+from dmae.files.structured import parse_json
+from dmae.formats.calibrations.files import FOUND, CalibrationSource
+from dmae.formats.recordings.camera_matching import natural
+from dmae.formats.recordings.named_joints import named_skeleton
+from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.recordings.pose_files import PoseFile
+from dmae.formats.registry import pose_reader, pose_writer, reader
+
+_WHAT = "a data set of movement"
+_AXES = ("time", "space", "keypoints", "individuals")
+_MOST = {"time": 10_000_000, "individuals": 1000}
+
+
+@reader("movement", signs=[["*.nc"]])
+def read_movement(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """movement's <camera>.nc, poses in 2D of each camera, with a calibration of any format.
+
+    Args:
+        path: The recording.
+        calibration: Where its calibration is, and what that does not say.
+        detections: Folder of the files; by default `path`.
+        fps: Frames per second; by default those of the files.
+        skeleton: As in `read_detections`.
+
+    Raises:
+        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
+    """
+    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
+
+
+def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
+    """Read a file for each camera, whose name is that of the file. Keypoints without a confidence count as 1.
+
+    Args:
+        skeleton: By default the one that the files name, or known by their keypoints, or made of them, see
+            `dmae.formats.recordings.named_joints.named_skeleton`.
+
+    Raises:
+        FileNotFoundError: there are no such files.
+        ValueError: a file is malformed or in 3D, or its keypoints are not the joints of the skeleton.
+    """
+    path = Path(path)
+    files = sorted(path.glob("*.nc"), key=lambda file: natural(file.name))
+    if not files:
+        raise FileNotFoundError(f"{path}: expected <camera>.nc, found none")
+    views: dict[str, dict[int, np.ndarray]] = {}
+    rates, keypoints, notes = set(), None, ()
+    for file in files:
+        with open_hdf5(file, _WHAT) as data_set:
+            names, position, confidence, _, rate = _read(file, data_set, ["x", "y"])
+            said = _said_skeleton(file, data_set)
+        if keypoints is None:
+            skeleton, index, notes = named_skeleton(names, [], skeleton or said, file)
+            keypoints = names
+        elif names != keypoints:
+            raise ValueError(f"{file}: expected the keypoints of the other cameras, {', '.join(keypoints)}; found "
+                             f"{', '.join(names)}")  # fmt: skip
+        check_numbers(f"{file}: position", position, MOST_PIXELS)
+        score = np.where(np.isnan(confidence), 1.0, confidence)
+        found = np.concatenate([position, score[..., None]], -1)[:, :, index]
+        found[~np.isfinite(found).all(-1)] = np.nan
+        there = ~np.isnan(found[..., 0]).all(-1)
+        views[file.stem] = {n: each[shown] for n, (each, shown) in enumerate(zip(found, there, strict=True))}
+        rates.add(rate)
+    return NumberedDetections(skeleton, views, rates.pop() if len(rates) == 1 else None, notes=notes)
+
+
+@pose_reader("movement", file="*.nc")
+def read_movement_poses(path: Path) -> PoseFile:
+    """movement's poses in 3D, m; keypoints without a source count as measured."""
+    path = Path(path)
+    with open_hdf5(path, _WHAT) as data_set:
+        names, position, _, source, rate = _read(path, data_set, ["x", "y", "z"])
+        skeleton, index, _ = named_skeleton(names, [], _said_skeleton(path, data_set), path)
+    check_numbers(f"{path}: position", position, MOST_METRES)
+    xyz = np.where(np.isfinite(position).all(-1, keepdims=True), position, np.nan)[:, :, index]
+    try:
+        poses = Poses3D(skeleton, xyz, None if source is None else _whole(source)[:, :, index])
+        poses.check_numbers()
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return PoseFile(poses, rate)
+
+
+@pose_writer("movement")
+def write_movement(poses: Poses3D, clip: Clip, path: Path) -> None:
+    """A netCDF file of movement: positions, sources and standard errors of all joints.
+
+    Raises:
+        ValueError: xarray or h5netcdf is not installed.
+    """
+    write_atomic(path, bytes(movement_data_set(poses, clip.fps).to_netcdf(engine="h5netcdf")))
+
+
+def movement_data_set(poses: Poses3D, fps: float):
+    """Return poses as the xarray data set that the module describes.
+
+    Raises:
+        ValueError: xarray or h5netcdf is not installed.
+    """
+    try:
+        import h5netcdf  # noqa: F401
+        import xarray
+    except ImportError:
+        raise ValueError("format=movement: xarray and h5netcdf write it; pip install dmae-synth[animals]") from None
+    frames, persons, _ = poses.source.shape
+    encoded = encode(poses.skeleton)
+    measured, absent = poses.measured, poses.source == Source.ABSENT
+    variance = np.trace(poses.cov.astype(np.float64), axis1=-2, axis2=-1) / 3
+    per_joint = ("time", "keypoints", "individuals")
+    return xarray.Dataset(
+        {
+            "position": (_AXES, poses.xyz.astype(np.float64).transpose(0, 3, 2, 1)),
+            "confidence": (per_joint, np.where(absent, np.nan, measured.astype(float)).swapaxes(1, 2)),
+            "source": (
+                per_joint,
+                poses.source.swapaxes(1, 2),
+                {"flag_values": [int(kind) for kind in Source],
+                 "flag_meanings": " ".join(kind.name.lower() for kind in Source)},
+            ),
+            "standard_error": (per_joint, np.sqrt(variance).swapaxes(1, 2), {"units": "m"}),
+        },
+        {
+            "time": np.arange(frames) / fps,
+            "space": ["x", "y", "z"],
+            "keypoints": list(poses.skeleton.joints),
+            "individuals": [f"individual_{number}" for number in range(persons)],
+        },
+        {
+            "fps": float(fps),
+            "time_unit": "seconds",
+            "source_software": "dmae",
+            "ds_type": "poses",
+            "skeleton": encoded if isinstance(encoded, str) else json.dumps(encoded),
+        },
+    )  # fmt: skip
+
+
+def _read(
+    path: Path, data_set: Hdf5, space: list[str]
+) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray | None, float | None]:
+    """Return keypoints, positions (F, P, J, 2 or 3), confidences and sources (F, P, J), and frames per second."""
+    found, names = data_set.texts("space"), data_set.texts("keypoints")
+    if found != space:
+        kind = "2D of one camera" if len(space) == 2 else "3D"
+        raise ValueError(f"{path}: expected {_WHAT} in {kind}, with space {', '.join(space)}; found {', '.join(found)}")
+    position = _in_order(path, data_set, "position", _AXES)
+    frames, persons, joints, _ = position.shape
+    if position.shape[2:] != (len(names), len(space)) or any(
+        count > most for count, most in zip((frames, persons), _MOST.values(), strict=True)
+    ):
+        raise ValueError(f"{path}: expected positions of {len(names)} keypoints, found the shape {position.shape}")
+    others = []
+    for name in ("confidence", "source"):
+        values = None
+        if name in data_set:
+            values = _in_order(path, data_set, name, tuple(axis for axis in _AXES if axis != "space"))
+            if values.shape != (frames, persons, joints):
+                raise ValueError(f"{path}: expected {name} of shape {(frames, persons, joints)}, found {values.shape}")
+        others.append(values)
+    confidence = np.full((frames, persons, joints), np.nan) if others[0] is None else others[0]
+    return names, position, confidence, others[1], _rate(path, data_set)
+
+
+def _in_order(path: Path, data_set: Hdf5, name: str, axes: tuple[str, ...]) -> np.ndarray:
+    """Return an array with its axes in the order time, individuals, keypoints, space."""
+    values, there = data_set.array(name), data_set.axes(name)
+    if sorted(there) != sorted(axes) or values.ndim != len(axes) or values.dtype.names:
+        raise ValueError(f"{path}: expected {name} with the axes {', '.join(axes)}, found {', '.join(there)}")
+    wanted = ("time", "individuals", "keypoints", "space")
+    return values.astype(np.float64).transpose([there.index(axis) for axis in wanted if axis in axes])
+
+
+def _rate(path: Path, data_set: Hdf5) -> float | None:
+    """Return frames per second, by the attribute; None where time counts frames."""
+    rate = data_set.attribute("fps")
+    return None if rate is None or isinstance(rate, str) else check_rate(f"{path}: fps", rate)
+
+
+def _said_skeleton(path: Path, data_set: Hdf5) -> Skeleton | None:
+    said = data_set.attribute("skeleton")
+    if not isinstance(said, str):
+        return None
+    try:
+        return decode_skeleton(parse_json(said) if said.startswith("{") else said, "skeleton")
+    except (ValueError, KeyError) as error:
+        raise ValueError(f"{path}: {error.args[0] if error.args else error}") from None
+
+
+def _whole(source: np.ndarray) -> np.ndarray:
+    """Return sources as whole numbers; others become one that is refused."""
+    fine = np.isfinite(source) & (source == np.round(source)) & (source >= 0) & (source <= 255)
+    return np.where(fine, source, 255).astype(np.uint8)

@@ -1,0 +1,120 @@
+"""Distances between reprojections of people and detections, and what follows from them, compiled."""
+
+import numpy as np
+
+from dmae.numerics.compiled import compiled
+
+
+@compiled()
+def project(projection, point):
+    """Return x and y, px, and depth, m, of a point; NaN for points that are NaN or not in front of the camera."""
+    x, y, depth = projection[0, 3], projection[1, 3], projection[2, 3]
+    for k in range(3):
+        x += projection[0, k] * point[k]
+        y += projection[1, k] * point[k]
+        depth += projection[2, k] * point[k]
+    if not depth > 0:
+        return np.nan, np.nan, depth
+    return x / depth, y / depth, depth
+
+
+@compiled()
+def measure_distances(projections, focal, scale, xy, xyz, distances):
+    """Write distances from reprojections of people to detections.
+
+    Args:
+        projections: (V, 3, 4) pinhole projection matrices.
+        focal: (V,) px.
+        scale: (V,) by which pixels are multiplied; NaN for metres at the depth of the person.
+        xy: (F, V, D, J, 2) px; NaN where absent.
+        xyz: (F, P, J, 3) m; NaN where unknown.
+        distances: (F, V, P, D, J), written; NaN where either is absent.
+    """
+    frames, views, persons, detections, joints = distances.shape
+    for f in range(frames):
+        for v in range(views):
+            for p in range(persons):
+                for j in range(joints):
+                    x, y, depth = project(projections[v], xyz[f, p, j])
+                    size = depth / focal[v] if np.isnan(scale[v]) else scale[v]
+                    for d in range(detections):
+                        dx, dy = x - xy[f, v, d, j, 0], y - xy[f, v, d, j, 1]
+                        distances[f, v, p, d, j] = np.sqrt(dx * dx + dy * dy) * size
+
+
+@compiled()
+def nearest_detections(projections, focal, xy, paths, most, assigned):
+    """Write, for joints with a path, the detection nearest to it that is nearest to no other person, or -1.
+
+    Args:
+        projections: (V, 3, 4) pinhole projection matrices.
+        focal: (V,) px.
+        xy: (F, V, D, J, 2) px; NaN where absent.
+        paths: (F, P, J, 3) m; NaN where a joint has no path, and keeps its assignment.
+        most: m, less than which a detection is from its path.
+        assigned: (F, P, V, J), written.
+    """
+    frames, persons, views, joints = assigned.shape
+    detections = xy.shape[2]
+    nearest, least = np.empty(persons, np.int64), np.empty(persons)
+    owner, closest = np.empty(detections, np.int64), np.empty(detections)
+    for f in range(frames):
+        for v in range(views):
+            for j in range(joints):
+                nearest[:], least[:], owner[:], closest[:] = -1, most, -1, most
+                for p in range(persons):
+                    x, y, depth = project(projections[v], paths[f, p, j])
+                    if np.isnan(x):
+                        continue
+                    for d in range(detections):
+                        dx, dy = x - xy[f, v, d, j, 0], y - xy[f, v, d, j, 1]
+                        distance = np.sqrt(dx * dx + dy * dy) * depth / focal[v]
+                        if distance < least[p]:
+                            least[p], nearest[p] = distance, d
+                        if distance < closest[d]:
+                            closest[d], owner[d] = distance, p
+                for p in range(persons):
+                    if not np.isnan(paths[f, p, j, 0]):
+                        d = nearest[p]
+                        assigned[f, p, v, j] = d if d >= 0 and owner[d] == p else -1
+
+
+@compiled()
+def judge_sides(distance, exchanged, groups, sigma, farthest, most, least, wrong):
+    """Write where pairs of joints are clearly nearer to their expected places with sides exchanged.
+
+    Args:
+        distance: (m, n, 2) m, of the joints of n pairs from their places.
+        exchanged: (m, n, 2) m, from the places of their partners.
+        groups: (G, n) True for the pairs that are exchanged together.
+        sigma: m, of the distances.
+        farthest: m; larger distances count as this.
+        most: m, mean distance of joints once they are exchanged.
+        least: Logarithm of the ratio of likelihoods from which on sides are exchanged.
+        wrong: (m, n) bool, written.
+    """
+    rows, pairs = wrong.shape
+    evidence, after, count = np.empty(pairs), np.empty(pairs), np.empty(pairs)
+    for i in range(rows):
+        for pair in range(pairs):
+            evidence[pair], after[pair], count[pair] = 0.0, 0.0, 0.0
+            for side in range(2):
+                here, there = distance[i, pair, side], exchanged[i, pair, side]
+                if not (np.isnan(here) or np.isnan(there)):
+                    here, there = min(here, farthest), min(there, farthest)
+                    evidence[pair] += (here * here - there * there) / (2 * sigma * sigma)
+                    after[pair] += there
+                    count[pair] += 1
+            wrong[i, pair] = evidence[pair] > least and after[pair] <= most * count[pair]
+        for group in range(len(groups)):
+            total, near, number = 0.0, 0.0, 0.0
+            for pair in range(pairs):
+                if groups[group, pair]:
+                    total += evidence[pair]
+                    near += after[pair]
+                    number += count[pair]
+            if total > least and near <= most * number:
+                for pair in range(pairs):
+                    wrong[i, pair] |= groups[group, pair]
+        for pair in range(pairs):
+            wrong[i, pair] &= evidence[pair] > -least and count[pair] > 0

@@ -1,0 +1,106 @@
+"""Bodies of other sizes than people's: capture in a world in which they are as large as people."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations, product
+
+import numpy as np
+
+from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.skeleton import Skeleton
+from dmae.data.skeletons.size import extent, resized_poses, resized_rig
+from dmae.numerics.closest_approach import closest_approach
+from dmae.reconstruction.config import CaptureConfig
+
+_FRAMES, _PAIRS, _DETECTIONS = 40, 10, 8
+"""Most frames in which bodies are measured, pairs of cameras in a frame, and detections of a camera."""
+_GAP = 0.05
+"""Largest median distance between the rays of two cameras to the joints of one body, as a share of its extent."""
+_WHOLE = 0.6
+"""Share of the joints that two cameras have to share."""
+_SIZE_QUANTILE = 0.8
+"""As of `dmae.data.skeletons.size.usual_size`."""
+
+
+def in_units_of_people(steps: Callable[[Clip, CaptureConfig], Poses3D], clip: Clip, config: CaptureConfig) -> Poses3D:
+    """Return what steps of capture find in a world in which bodies are as large as people, in the world of the clip.
+
+    Raises:
+        ValueError: the skeleton states no size, and the detections do not show it.
+    """
+    skeleton = sized(clip, config)
+    if skeleton.scale == 1:
+        return steps(clip, config)
+    poses = steps(resized_clip(clip, skeleton), resized_config(config, 1 / skeleton.scale))
+    return resized_poses(poses, skeleton.scale)
+
+
+def sized(clip: Clip, config: CaptureConfig) -> Skeleton:
+    """Return the skeleton of a clip with a size, measured where it states none; ValueError where that cannot be."""
+    skeleton = clip.detections.skeleton
+    if skeleton.size_m is not None:
+        return skeleton
+    size = measured_size(clip, config.th_p)
+    if size is None:
+        raise ValueError(
+            f"clip {clip.id!r}: no two cameras show the size of a {skeleton.name!r}; state size_m in its file, the "
+            "usual distance between its two joints farthest apart, m, or check the cameras with dmae doctor"
+        )
+    return replace(skeleton, size_m=size)
+
+
+def resized_clip(clip: Clip, skeleton: Skeleton) -> Clip:
+    """Return cameras and detections of a clip in a world in which bodies of a skeleton are as large as people."""
+    found = clip.detections
+    return Clip(
+        id=clip.id,
+        fps=clip.fps,
+        rig=resized_rig(clip.rig, 1 / skeleton.scale),
+        detections=Detections2D(skeleton, found.xy, found.score),
+        images=clip.images,
+        provenance=clip.provenance,
+    )
+
+
+def resized_config(config: CaptureConfig, factor: float) -> CaptureConfig:
+    """Return the configuration for a world `factor` times as large: its places move, lengths on the body stay."""
+    subject = config.subject
+    if subject.at is not None and subject.camera is None:
+        subject = replace(subject, at=[subject.at[0], *(factor * value for value in subject.at[1:])])
+    if subject.leg_m is not None:
+        subject = replace(subject, leg_m=[factor * value for value in subject.leg_m])
+    volume = None if config.volume is None else [factor * value for value in config.volume]
+    return replace(config, subject=subject, volume=volume)
+
+
+def measured_size(clip: Clip, th_p: float) -> float | None:
+    """Return the usual distance between the two joints farthest apart, m; None where no two cameras show it.
+
+    In some frames each detection of a camera is compared with those of another: the rays to the joints of one body
+    nearly meet, and where they do is its extent.
+    """
+    xy = np.where((clip.detections.score >= th_p)[..., None], clip.detections.xy, np.nan).astype(np.float64)
+    enough = (np.isfinite(xy[..., 0]).sum(-1) >= max(2, _WHOLE * xy.shape[-2])).any(-1)
+    frames = np.flatnonzero(enough.sum(1) >= 2)
+    frames = frames[np.unique(np.linspace(0, len(frames) - 1, _FRAMES).astype(int))] if len(frames) else frames
+    rays, centers, sizes = clip.rig.rays(xy[frames]), clip.rig.centers, []
+    for directions, shown in zip(rays, enough[frames], strict=True):
+        for a, b in list(combinations(np.flatnonzero(shown), 2))[:_PAIRS]:
+            sizes += _sizes(directions[a], directions[b], centers[a], centers[b])
+    return float(np.quantile(sizes, _SIZE_QUANTILE)) if sizes else None
+
+
+def _sizes(one: np.ndarray, other: np.ndarray, start: np.ndarray, end: np.ndarray) -> list[float]:
+    """Return the extents of bodies that two cameras show, whose rays to D detections of J joints are (D, J, 3)."""
+    found = []
+    for first, second in product(one[:_DETECTIONS], other[:_DETECTIONS]):
+        both = np.isfinite(first[:, 0]) & np.isfinite(second[:, 0])
+        if both.sum() < max(2, _WHOLE * len(both)):
+            continue
+        a, b = first[both], second[both]
+        along_a, along_b, _ = closest_approach(end - start, a, b)
+        on_a, on_b = start + along_a[:, None] * a, end + along_b[:, None] * b
+        size = extent((on_a + on_b) / 2)
+        if min(along_a.min(), along_b.min()) > 0 and np.median(np.linalg.norm(on_a - on_b, axis=-1)) < _GAP * size:
+            found.append(size)
+    return found

@@ -1,0 +1,141 @@
+"""Measure what `synth label` says of all interactions: the tables of `docs/results/forces.json`.
+
+    python docs/tools/forces.py             # two clips of each interaction: 10 minutes
+    python docs/tools/forces.py clips=1 keep=runs/interactions     # and keep the clips
+
+Of forces: how much of what the motion needs no contact explains, how the weight balances at rest, and what labels cost,
+relative to generation. Of surface points: how well their visibility agrees with id images.
+"""
+
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import nullcontext
+from datetime import date
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+import synth
+from dmae.data.json_text import json_text
+from dmae.data.labels import Visibility
+from dmae.data.store import clip_folders, load_clip
+from dmae.progress import progress
+from synth.interactions.registry import NO_INTERACTION, interaction
+from synth.labels.silhouettes import surface_agreement
+
+ROOT = Path(__file__).parents[2]
+FILE = ROOT / "docs/results/forces.json"
+SEED = 7
+INTERACTIONS = ("scene.seconds=6", "rig=ring", "rig.ring.views=2")
+OFFICE = (
+    "scene=office",
+    "scene.seconds=1",
+    "scene.persons=[4,5]",
+    "scene.gathering=0.3",
+    "images=ids",
+    "quality=draft",
+)
+FORCE_COLUMNS = [
+    "interaction", "clips", "residual force, % of the weight: median", "95 % below",
+    "residual moment, mm of the weight: median",
+    "rests", "weight borne at rest, %: least", "median", "most", "cost of contacts and forces, % of generation",
+    "of surface points, 2 views",
+]  # fmt: skip
+SURFACE_COLUMNS = ["points that are", "compared", "agree, %"]
+_STILL, _REST = 0.5, 0.5
+"""Greatest acceleration of a centre of mass at rest, m/s^2, and least duration of rest, s."""
+
+
+def main(clips: int, keep: str | None) -> None:
+    with nullcontext(keep) if keep else tempfile.TemporaryDirectory() as folder:
+        kinds = [NO_INTERACTION, *sorted(interaction.keys())]
+        made = (_forces(kind, clips, Path(folder, kind)) for kind in kinds)
+        rows = list(progress(made, "interactions", len(kinds)))
+        surface = _surface(clips, Path(folder, "office"))
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "mujoco"))
+    when = f"{date.today().isoformat()}, commit {commit.strip()}, python {platform.python_version()}, {versions}"
+    command = f"python docs/tools/forces.py clips={clips}"
+    tables = {
+        "forces": {"command": command, "columns": FORCE_COLUMNS, "rows": rows},
+        "surface": {"command": command, "columns": SURFACE_COLUMNS, "rows": surface},
+    }
+    FILE.write_text(json_text({"measured": when, "tables": tables}) + "\n")
+
+
+def _forces(kind: str, clips: int, out: Path) -> list[str]:
+    """Generate clips of an interaction, label them, and return a row of the table."""
+    cost = [_seconds(lambda: list(synth.generate(*INTERACTIONS, clips=clips, seed=SEED, interaction=kind, out=out)))]
+    cost += [
+        _seconds(lambda labels=labels: synth.label(out, labels)) for labels in (["contacts", "forces"], ["surface"])
+    ]
+    found = [_measured(folder) for folder in clip_folders(out)]
+    residual, moment, rests = (np.concatenate(part) for part in zip(*found, strict=True))
+    least, middle, most = np.percentile(rests, (0, 50, 100)) if len(rests) else [np.nan] * 3
+    return [
+        kind,
+        str(len(found)),
+        f"{100 * np.median(residual):.1f}",
+        f"{100 * np.percentile(residual, 95):.0f}",
+        f"{1000 * np.median(moment):.0f}",
+        str(len(rests)),
+        *(f"{100 * share:.1f}" if np.isfinite(share) else "" for share in (least, middle, most)),
+        *(f"{100 * each / cost[0]:.0f}" for each in cost[1:]),
+    ]
+
+
+def _seconds(work) -> float:
+    begun = time.process_time()
+    work()
+    return time.process_time() - begun
+
+
+def _surface(clips: int, out: Path) -> list[list[str]]:
+    """Compare surface points with id images; a row for each kind of visibility."""
+    list(synth.generate(*OFFICE, clips=clips, seed=SEED, out=out))
+    synth.label(out, ["surface"])
+    found = [surface_agreement(load_clip(each), synth.physical_labels(each).surface) for each in clip_folders(out)]
+    compared, agreeing = (sum(part) for part in zip(*found, strict=True))
+    return [
+        [
+            kind.name.lower().replace("_", " "),
+            str(compared[kind]),
+            f"{100 * agreeing[kind] / max(1, compared[kind]):.2f}",
+        ]
+        for kind in list(Visibility)[:4]
+    ]
+
+
+def _measured(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return residual forces as shares of the weight and moments as levers of it, m, of all people and frames.
+
+    Then the share of the weight that contacts bear in each rest.
+    """
+    forces, fps = synth.physical_labels(folder).forces, load_clip(folder).fps
+    sizes = np.linalg.norm(forces.residual, axis=-1) / forces.weights[:, None]
+    speed = np.gradient(forces.centre_of_mass.astype(float), 1 / fps, axis=0)
+    change = np.linalg.norm(np.gradient(speed, 1 / fps, axis=0), axis=-1)
+    borne = [
+        forces.supported[first:last, person, 0, 2].mean() / forces.weights[person]
+        for person, first, last in _rests(change, round(_REST * fps))
+    ]
+    return sizes[..., 0].ravel(), sizes[..., 1].ravel(), np.array(borne)
+
+
+def _rests(change: np.ndarray, least: int) -> Iterator[tuple[int, int, int]]:
+    """Yield person, first frame and the one after the last of each rest in accelerations (F, P)."""
+    for person, still in enumerate((change < _STILL).T):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+        for first, last in edges.reshape(-1, 2):
+            if last - first >= least:
+                yield person, first, last
+
+
+if __name__ == "__main__":
+    options = dict(argument.split("=") for argument in sys.argv[1:])
+    main(int(options.get("clips", 2)), options.get("keep"))

@@ -1,0 +1,137 @@
+"""Recordings into which faults are planted, and rows of results that are kept while a run goes on.
+
+Shelf, Pose2Sim's trial, and generated rigs of five kinds with four detectors. Generated clips and finished rows lie in
+`runs/planted`: a run that was stopped goes on where it was, and one of another commit starts with `rm -r runs/planted`.
+"""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from datetime import date
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+import dmae
+import synth
+from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, ROTATION, Calibration, Q
+from dmae.calibration.faults import Fault
+from dmae.data.clip import Clip, Detections2D
+from dmae.data.json_text import json_text
+from dmae.formats.reading import DataConfig, load
+from dmae.progress import progress
+
+ROOT = Path(__file__).parents[2]
+KEPT = ROOT / "runs/planted"
+POSE2SIM = "pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"
+SHELF, TRIAL = 0, 1
+"""Numbers of the real recordings; generated ones follow."""
+RIGS = ["rig=ring rig.ring.views=4", "rig=ring rig.ring.views=6", "rig=studio5", "rig=random", "rig=shelf"]
+DETECTORS = ["shelf_openpose", "hrnet_like", "posefix", "clean"]
+_SECONDS = 12
+
+
+@lru_cache(2)
+def sound_clip(number: int) -> Clip:
+    """Return a recording by its number."""
+    data = Path(os.environ["DMAE_DATA"])
+    if number == SHELF:
+        return load(DataConfig(name="shelf", path=str(data / "shelf")))[0]
+    if number == TRIAL:
+        return load(DataConfig(name="pose2sim", path=str(data / POSE2SIM)))[0]
+    kept = KEPT / "clips" / str(number)
+    if not (kept / "clip.json").exists():
+        options = f"{RIGS[number % len(RIGS)]} detector={detector(number)} scene.seconds={_SECONDS} scene.persons=[2,3]"
+        dmae.save(next(iter(synth.generate(*options.split(), clips=1, seed=900 + number))), kept)
+    return dmae.load(kept)
+
+
+def detector(number: int) -> str:
+    """Return the detector's preset of a generated recording."""
+    return DETECTORS[number % len(DETECTORS)]
+
+
+def recording_name(number: int) -> str:
+    """Return what a recording is called in the tables."""
+    return ["Shelf", "Pose2Sim", "generated"][min(number, 2)]
+
+
+def planted(clip: Clip, view: int, fault: Fault, size: float, rng: np.random.Generator) -> Clip:
+    """Return a clip with a fault of one camera, in a random direction."""
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    if fault == Fault.delay:
+        return late(clip, view, int(size))
+    step = np.zeros((len(clip.rig), Q))
+    if fault in (Fault.moved, Fault.displaced):
+        step[view, CENTRE] = direction * size
+    if fault == Fault.displaced:
+        direction = rng.normal(size=3)
+        step[view, ROTATION] = np.radians(20 * size) * direction / np.linalg.norm(direction)
+    if fault == Fault.turned:
+        step[view, ROTATION] = direction * np.radians(size)
+    step[view, FOCAL] = np.log1p(size) if fault == Fault.focal_length else 0
+    step[view, K1] = size if fault == Fault.lens else 0
+    return replace(clip, rig=Calibration.of(clip.rig).changed(step).rig, true_rig=clip.rig)
+
+
+def late(clip: Clip, view: int, frames: int) -> Clip:
+    """Return a clip in which a camera shows at each frame what happens so many frames later."""
+    found, early = clip.detections, clip.select(frames=slice(0, len(clip) - frames))
+    xy, score = early.detections.xy.copy(), early.detections.score.copy()
+    xy[:, view], score[:, view] = found.xy[frames:, view], found.score[frames:, view]
+    return replace(early, detections=Detections2D(found.skeleton, xy, score), detection_labels=None)
+
+
+def kept_rows(name: str, cases: Iterable[tuple], measured: Callable[..., list], minutes: float = np.inf) -> list[list]:
+    """Return a row for each case, `[*case, *measured(*case)]`, from `runs/planted/<name>.jsonl` where it is there.
+
+    After so many minutes the other cases are left out. Cases are taken in a fixed random order, so that those measured
+    are a fair choice.
+    """
+    end = time.monotonic() + 60 * minutes
+    file = KEPT / f"{name}.jsonl"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    lines = file.read_text().splitlines() if file.exists() else []
+    cases = list(cases)
+    rows = {tuple(case): row for case, row in map(json.loads, lines)}
+    wanted = [case for case in cases if case not in rows]
+    for index in progress(np.random.default_rng(0).permutation(len(wanted)), name, len(wanted)):
+        if time.monotonic() > end:
+            break
+        case = wanted[index]
+        rows[case] = [*case, *measured(*case)]
+        with file.open("a") as kept:
+            kept.write(json.dumps([case, rows[case]]) + "\n")
+        print(*rows[case], flush=True)
+    return [rows[case] for case in cases if case in rows]
+
+
+def write_tables(name: str, tables: dict[str, tuple[list[str], list[list[str]]]]) -> None:
+    """Write `docs/results/<name>.json`: tables of columns and rows, and what made them."""
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
+    versions = ", ".join(f"{part} {metadata.version(part)}" for part in ("dmae-synth", "numpy", "mujoco"))
+    command = " ".join(["python", f"docs/tools/{Path(sys.argv[0]).name}", *sys.argv[1:]])
+    content = {
+        "measured": f"{date.today()}, commit {commit.strip()}, python {platform.python_version()}, {versions}",
+        "tables": {
+            key: {"command": command, "columns": columns, "rows": rows} for key, (columns, rows) in tables.items()
+        },
+    }
+    (ROOT / "docs/results" / f"{name}.json").write_text(json_text(content) + "\n")
+
+
+def options(**defaults: int) -> dict[str, int]:
+    """Return the numbers given on the command line as name=number; exits where one is unknown."""
+    given = dict(each.split("=") for each in sys.argv[1:])
+    if not os.environ.get("DMAE_DATA") or set(given) - set(defaults):
+        known = " ".join(f"{name}={value}" for name, value in defaults.items())
+        sys.exit(f"set DMAE_DATA to the folder that holds shelf/ and pose2sim/; options are {known}")
+    return defaults | {name: int(value) for name, value in given.items()}

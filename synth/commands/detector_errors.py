@@ -1,0 +1,61 @@
+"""`synth detector-errors`: how a detector errs, by what hides a joint, and simulated ones on the same clips."""
+
+import io
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dmae.data.json_text import json_text
+from dmae.data.store import write_atomic
+from dmae.parallel import Backend, running_on
+from dmae.reporting.tables import print_tables
+from synth.detector.presets import load_preset
+from synth.realism.error_figure import draw_errors
+from synth.realism.error_tables import tables
+from synth.realism.study import study
+
+WRITES = "folder"
+EXAMPLES = (
+    "synth detector-errors data=runs/detected",
+    "synth detector-errors data=runs/detected simulated=[blazepose,shelf_openpose] out=runs/errors",
+)
+_NUMBERS, _FIGURE = "errors.json", "errors.png"
+
+
+@dataclass(frozen=True)
+class DetectorErrorsCommand:
+    """Measure the errors of a detector against the truth: by what hides a joint, how far behind it the joint is, the
+    size of people, how near others are, and their direction.
+
+    Detections are those of the clips, as `dmae detect clip=...` makes them of images.
+    """
+
+    data: str = "???"
+    """Folder of a data set, or of a clip, with truth and detections."""
+    extra_data: list[str] = field(default_factory=list)
+    """More data sets that count in the same rows."""
+    simulated: list[str] = field(default_factory=lambda: ["shelf_openpose", "hrnet_like"])
+    """Presets of the simulated detector that are run on the same clips: names, or YAML files."""
+    seed: int = 0
+    """Seed of the simulated detectors."""
+    workers: int = 1
+    """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    out: str | None = None
+    """Folder of the numbers and of the figure; by default `errors` in the data set."""
+
+
+def default_out(config: DetectorErrorsCommand) -> Path:
+    return Path(config.data) / "errors"
+
+
+def run(config: DetectorErrorsCommand, out: Path) -> None:
+    simulated = {Path(name).stem: load_preset(name) for name in config.simulated}
+    folders = [Path(path) for path in (config.data, *config.extra_data)]
+    with running_on(config.backend):
+        studied = study(folders, simulated, config.seed, config.workers)
+    print_tables(tables(studied))
+    write_atomic(out / _NUMBERS, json_text({"detectors": studied}) + "\n")
+    draw_errors(studied).savefig(buffer := io.BytesIO(), format="png", dpi=90)
+    write_atomic(out / _FIGURE, buffer.getvalue())
+    print(f"{out / _NUMBERS}, {out / _FIGURE}")

@@ -1,0 +1,45 @@
+"""`synth plan`: how many cameras, and where to mount them."""
+
+from pathlib import Path
+
+from dmae.data.store import check_vacant, whole_folder
+from dmae.parallel import running_on
+from dmae.progress import duration
+from dmae.reporting.tables import print_tables
+from synth.planning.config import PlanConfig
+from synth.planning.files import mounting_table, write_files
+from synth.planning.page import PAGE, numbers_table, write_page
+from synth.planning.plan import forecast_plan, make_plan
+from synth.rooms.room import load_room
+
+WRITES = "folder"
+EXAMPLES = (
+    "synth plan arena=room.xml cameras=[4,8] persons=[1,4] out=runs/plan",
+    "synth plan arena=room.xml mount.walls=[2.2,2.6] mount.ceiling=false lens.view_deg=[60,90] workers=2",
+    "synth plan scene=office rig=shelf cameras=[3,5] dry_run=true",
+)
+
+
+def run(config: PlanConfig, out: Path) -> None:
+    """Plan, print the figures and where to mount the cameras, and write the page, the rigs and the lists."""
+    for clause in load_room(config.setting().arena).filled:
+        print(f"{config.setting().arena}: {clause}")
+    if config.dry_run:
+        with running_on(config.backend):
+            found = forecast_plan(config)
+        print(
+            f"{out}: {found.candidates} candidate cameras, {found.clips} clips to simulate, {found.captures} captures: "
+            f"about {duration(found.seconds)}"
+        )
+        return
+    check_vacant(out, "the plan")
+    plan = make_plan(config)
+    with whole_folder(out) as partial:
+        write_files(plan, partial)
+        write_page(plan, partial / PAGE)
+    print_tables([numbers_table(plan), *(mounting_table(each) for each in plan.rigs)])
+    print(out / PAGE)
+
+
+def interrupted(config: PlanConfig, out: Path) -> str:
+    return f"nothing was written to {out}; the same command begins anew"

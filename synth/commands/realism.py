@@ -1,0 +1,70 @@
+"""`synth realism`: what a real detector finds in rendered pictures of people in plain sight."""
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import cv2
+
+from dmae.data.json_text import json_text
+from dmae.data.store import write_atomic
+from dmae.detection.registry import PoseDetectorConfig
+from dmae.parallel import Backend, running_on
+from dmae.reporting.tables import Table, print_tables
+from synth.realism.meter import HEAD, described, judge, rates
+from synth.realism.sheet import draw_sheet, worst
+
+WRITES = "folder"
+EXAMPLES = (
+    "synth realism data=runs/data",
+    "synth realism data=runs/office extra_data=[runs/market] every=5 workers=2 out=runs/realism",
+)
+_NUMBERS, _PICTURE = "realism.json", "worst.jpg"
+
+
+@dataclass(frozen=True)
+class RealismCommand:
+    """Run a detector on people in plain sight in rendered pictures: how many it finds, how near it puts their joints.
+
+    In plain sight are people of whose joints at least 80 % are hidden by nothing but their own body. Each is cut out of
+    the picture, and looked for as if nothing were known.
+    """
+
+    data: str = "???"
+    """Folder of a data set with colour images, or of a clip."""
+    extra_data: list[str] = field(default_factory=list)
+    """More data sets that count in the same rows."""
+    detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
+    every: int = 1
+    """frames; from one picture of a camera that is looked at to the next."""
+    shown: int = 36
+    """How many people, those that the detector does worst on, the picture shows."""
+    workers: int = 1
+    """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    out: str | None = None
+    """Folder of the numbers and of the picture; by default `realism` in the data set."""
+
+    def __post_init__(self):
+        for name in ("every", "shown"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}: expected 1 or more, got {getattr(self, name)}")
+
+
+def default_out(config: RealismCommand) -> Path:
+    return Path(config.data) / "realism"
+
+
+def run(config: RealismCommand, out: Path) -> None:
+    folders = [Path(path) for path in (config.data, *config.extra_data)]
+    with running_on(config.backend):
+        judged = judge(folders, config.detector, config.every, config.workers)
+    if not judged:
+        raise ValueError(f"{config.data}: in no picture is a person in plain sight, there is nothing to look at")
+    rows = rates(judged)
+    print_tables([Table(f"{config.detector.name} on {len(judged)} people", HEAD, [described(row) for row in rows])])
+    numbers = {"detector": config.detector.name, "rows": [asdict(row) for row in rows]}
+    write_atomic(out / _NUMBERS, json_text(numbers) + "\n")
+    sheet = cv2.cvtColor(draw_sheet(worst(judged, config.shown)), cv2.COLOR_RGB2BGR)
+    write_atomic(out / _PICTURE, cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes())
+    print(f"{out / _NUMBERS}, {out / _PICTURE}")

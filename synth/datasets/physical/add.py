@@ -1,0 +1,121 @@
+"""Add labels that only physics has to clips that exist: from the states of their bodies; nothing is simulated."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from dmae.data.store import MANIFEST, clip_folders, load_clip
+from dmae.files.checksums import (
+    Checksum,
+    begin_data_set,
+    checksum,
+    clip_checksum,
+    end_data_set,
+    find_damage,
+    read_checksums,
+    write_checksums,
+)
+from dmae.parallel import in_parallel
+from dmae.parts import SHARD
+from dmae.progress import progress
+from synth.datasets.set_folder import CONFIG
+from synth.labels.ground_reaction import carry
+from synth.labels.physical_labels import (
+    FILE,
+    KINDS,
+    PhysicalLabels,
+    check_kinds,
+    load_physical_labels,
+    save_physical_labels,
+)
+from synth.labels.surface_points import NAMES, surface_points
+from synth.labels.surface_visibility import surface_labels
+from synth.physics.body_state import load_state
+from synth.scene.build import build_scene
+from synth.scene.spec import SceneSpec
+
+
+def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) -> int:
+    """Add labels to the clips of a data set, or to one clip, in place; return to how many, of those that lacked any.
+
+    A clip gets `physics.safetensors`; its other files stay as they are. Checksums are kept up to date.
+
+    Args:
+        data: Data set that `synth generate` made, or one clip of it.
+        kinds: Of `synth.labels.physical_labels.KINDS`. Those that a clip has already are kept.
+        workers: Processes; -1 for one a core.
+
+    Raises:
+        FileNotFoundError: there is no clip, or it holds no state of bodies.
+        ValueError: a kind is unknown, a clip is damaged, or its frames are too far apart.
+    """
+    data, kinds = Path(data), check_kinds(kinds)
+    if workers == 0:
+        raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+    folders = clip_folders(data)
+    for folder in folders:
+        load_state(folder)
+    data_set = data if (data / MANIFEST).is_file() else data.parent
+    sealed = (data_set / MANIFEST).is_file() and any(clip_checksum(folder) for folder in folders)
+    checksums = _checksums(data_set) if sealed else {}
+    made = 0
+    try:
+        tasks = ((folder, kinds) for folder in folders)
+        done = in_parallel(_label, tasks, workers)
+        for folder, added in zip(folders, progress(done, "labelling clips", len(folders)), strict=True):
+            made += added
+            checksums[folder.name] = clip_checksum(folder)
+    finally:
+        if sealed:
+            end_data_set(data_set, (CONFIG, SHARD), checksums)
+    return made
+
+
+def _checksums(data_set: Path) -> dict[str, Checksum | None]:
+    """Return the checksums of all clips of a data set, and remove them while it is written to."""
+    there = {folder.name: clip_checksum(folder) for folder in clip_folders(data_set)}
+    return there | begin_data_set(data_set)
+
+
+def _label(folder: Path, kinds: tuple[str, ...]) -> bool:
+    """Add the labels that one clip lacks; return whether there were any."""
+    damage = [what for what in find_damage(folder, fast=True) if not what.startswith(FILE)]
+    if damage:
+        raise ValueError(f"{folder}: {damage[0]}; make the clip again")
+    try:
+        before = load_physical_labels(folder)
+    except (FileNotFoundError, ValueError):
+        before = PhysicalLabels()
+    sums = read_checksums(folder)
+    missing = tuple(kind for kind in kinds if kind not in before.kinds)
+    if missing:
+        found = make_labels(folder, missing)
+        kept = {kind: getattr(before, kind) for kind in before.kinds}
+        save_physical_labels(PhysicalLabels(**kept | {kind: getattr(found, kind) for kind in missing}), folder)
+    if sums is not None and sums.get(FILE) != (now := checksum(folder / FILE)):
+        write_checksums(folder, sums | {FILE: now})
+    return bool(missing)
+
+
+def make_labels(folder: Path, kinds: Sequence[str] = KINDS) -> PhysicalLabels:
+    """Return labels of one clip, of these kinds.
+
+    Raises:
+        FileNotFoundError: there is no clip, no state of its bodies, or a file of its room does not exist.
+        ValueError: it is damaged, its room has changed, or its frames are too far apart.
+    """
+    kinds = check_kinds(kinds)
+    clip, state = load_clip(folder), load_state(folder)
+    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    spec = SceneSpec.from_json(json.dumps(clip.provenance["spec"]))
+    scene = build_scene(spec, rig, painted=False)
+    if scene.model.nq != state.qpos.shape[1] or tuple(dict.fromkeys(scene.geom_names)) != state.contact_names:
+        raise ValueError(f"clip {clip.id!r}: its states are of another scene; has the room {spec.arena} changed?")
+    contacts = forces = surface = None
+    if {"contacts", "forces"} & set(kinds):
+        contacts, forces = carry(scene, state, clip.fps)
+    if "surface" in kinds:
+        points = surface_points(scene, [person.body for person in spec.persons])
+        surface = surface_labels(scene, points, NAMES, state.qpos, rig)
+    found = {"contacts": contacts, "forces": forces, "surface": surface}
+    return PhysicalLabels(**{kind: found[kind] for kind in kinds})

@@ -1,0 +1,180 @@
+"""What carries people: forces at their contacts by inverse dynamics of the recorded motion, and what is left over.
+
+In the simulation a force at the pelvis carries people, and their feet hardly press on the floor. Here the motion is
+taken as given. What it needs from outside follows from Newton's and Euler's laws; what other people and carried objects
+exert is known; contacts with what stands still take as much of the rest as pushing and friction can. What remains is
+the residual at the pelvis: the part of the motion that no contact explains.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from synth.labels.momentum import LEAST_FPS, Movement, movement, needed_forces, smoothed
+from synth.labels.people_contacts import (
+    ContactSource,
+    PeopleContacts,
+    held_contacts,
+    join,
+    make_contacts,
+    simulated_contacts,
+)
+from synth.labels.shapes import check_shapes
+from synth.labels.support import Places, SeenStates, look, solve
+from synth.motion.feet import FEET
+from synth.people.segments import SEGMENTS
+from synth.physics.body_state import BodyState
+from synth.scene.build import Scene
+
+_LEAST = 1.0
+"""Force below which a contact is left out, N."""
+_PAIRS = ("ground_reaction", "centre_of_pressure", "supported", "residual")
+
+
+@dataclass(frozen=True)
+class BodyForces:
+    """What carries P people in F frames; world axes.
+
+    Attributes:
+        weights: (P,) float32 mass times gravity, N.
+        centre_of_mass: (F, P, 3) float32 m.
+        ground_reaction: (F, P, 2, 3) float32 N on the left and the right foot, of what stands still.
+        centre_of_pressure: (F, P, 2, 3) float32 m, where it acts; NaN without a force.
+        supported: (F, P, 2, 3) float32 force, N, and moment about the mid hip, N m, of all contacts with anything else.
+            Those that the simulation has are smoothed as the motion is.
+        residual: (F, P, 2, 3) float32 force at the mid hip, N, and moment, N m, that the motion needs and no contact
+            supplies.
+        penetration: (F, P, 2) float32 deepest overlap with another person, and with an object, m; 0 for none.
+    """
+
+    weights: np.ndarray
+    centre_of_mass: np.ndarray
+    ground_reaction: np.ndarray
+    centre_of_pressure: np.ndarray
+    supported: np.ndarray
+    residual: np.ndarray
+    penetration: np.ndarray
+
+    def __post_init__(self):
+        frames, persons = self.centre_of_mass.shape[:2]
+        pairs = dict.fromkeys(_PAIRS, (frames, persons, 2, 3))
+        of_frames = {"centre_of_mass": (frames, persons, 3), "penetration": (frames, persons, 2)}
+        check_shapes("forces", self, {"weights": (persons,)} | of_frames | pairs)
+
+
+def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, BodyForces]:
+    """Find what carries people, from the states of a clip: all of their contacts, and the sums of them.
+
+    Args:
+        scene: Of the clip.
+        state: Of its bodies, F frames.
+        fps: Frames per second.
+
+    Raises:
+        ValueError: frames are too far apart for accelerations.
+    """
+    if fps < LEAST_FPS:
+        raise ValueError(
+            f"forces: expected {LEAST_FPS:g} frames per second or more, got {fps:g}: accelerations cannot be told from "
+            "positions so far apart; generate the clips with a higher scene.fps"
+        )
+    seen, persons = look(scene, state.qpos), range(len(state.shapes))
+    known = join([simulated_contacts(scene, state), *held_contacts(scene, state, seen, fps)])
+    found = [_carry_one(scene, state, seen, known, person, fps) for person in persons]
+    values = {name: [each[name] for _, each in found] for name in BodyForces.__dataclass_fields__}
+    weights = np.array(values.pop("weights"), np.float32)
+    of_frames = {name: np.stack(each, axis=1, dtype=np.float32) for name, each in values.items()}
+    contacts = join([known, *(contacts for contacts, _ in found)])
+    return contacts, BodyForces(weights, **of_frames)
+
+
+def _carry_one(
+    scene: Scene, state: BodyState, seen: SeenStates, known: PeopleContacts, person: int, fps: float
+) -> tuple[PeopleContacts, dict]:
+    """Return the contacts of a person with what stands still, and the fields of `BodyForces` without the axis P."""
+    model, frames = scene.model, len(state.qpos)
+    bodies = model.body(f"person{person}/{SEGMENTS[0]}").id + np.arange(len(SEGMENTS))
+    moves = movement(model, seen.places[:, bodies], seen.turns[:, bodies], bodies, fps)
+    centre, force, moment = needed_forces(model, moves, bodies)
+    weight = float(-model.opt.gravity[2] * model.body_mass[bodies].sum())
+    pushes = smoothed(known.wrench(person, centre), fps)
+    missing = np.concatenate([force, moment], axis=1) - pushes
+
+    places = _still_places(scene, seen, moves, person, bodies)
+    borne = np.zeros((len(places.frame), 3))
+    ends = np.searchsorted(places.frame, np.arange(frames + 1))
+    for frame in range(frames):
+        chosen = np.arange(ends[frame], ends[frame + 1])
+        borne[chosen] = solve(places, chosen, centre[frame], missing[frame], weight)
+    pressing = np.flatnonzero(np.linalg.norm(borne, axis=1) > _LEAST)
+    names = np.array([state.contact_names.index(name) for name in scene.geom_names])
+    contacts = make_contacts(
+        state.contact_names,
+        places.frame[pressing],
+        # The thing presses on the person.
+        names[places.geoms[pressing, ::-1]],
+        places.point[pressing],
+        borne[pressing],
+        -places.gap[pressing],
+        ContactSource.SOLVED,
+    )
+    supported = contacts.wrench(person, centre)
+    part = model.geom_bodyid[places.geoms[pressing, 0]] - bodies[0]
+    reaction, pressure = _feet(contacts, part, frames)
+    hips = state.root[:, person].astype(float)
+    return contacts, {
+        "weights": weight,
+        "centre_of_mass": centre,
+        "ground_reaction": reaction,
+        "centre_of_pressure": pressure,
+        "supported": _about(pushes + supported, centre - hips),
+        "residual": _about(missing - supported, centre - hips),
+        "penetration": _penetration(scene, seen, person, frames),
+    }
+
+
+def _about(wrench: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """Return (F, 2, 3) forces and moments about another point, from which `lever` (F, 3) leads to the present one."""
+    force, moment = wrench[:, :3], wrench[:, 3:]
+    return np.stack([force, moment + np.cross(lever, force)], axis=1)
+
+
+def _still_places(scene: Scene, seen: SeenStates, moves: Movement, person: int, bodies: np.ndarray) -> Places:
+    """Return where a person touches, or nearly touches, what stands still."""
+    persons, on = scene.geom_persons[seen.geoms], scene.model.geom_bodyid[seen.geoms]
+    still = scene.model.body_weldid[on] == 0
+    swapped = (persons[:, 1] == person) & still[:, 0]
+    chosen = np.flatnonzero(swapped | ((persons[:, 0] == person) & still[:, 1]))
+    swapped, geoms, normal = swapped[chosen, None], seen.geoms[chosen], seen.normal[chosen]
+    geoms = np.where(swapped, geoms[:, ::-1], geoms)
+    normal = np.where(swapped, normal, -normal)
+    frame, point, part = seen.frame[chosen], seen.point[chosen], scene.model.geom_bodyid[geoms[:, 0]] - bodies[0]
+    speed = moves.velocities[frame, part] + np.cross(moves.turning[frame, part], point - moves.places[frame, part])
+    along = np.linalg.norm(speed - (speed * normal).sum(1, keepdims=True) * normal, axis=1)
+    return Places(frame, geoms, point, normal, seen.friction[chosen], seen.gap[chosen], along)
+
+
+def _feet(contacts: PeopleContacts, part: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return reaction (F, 2, 3), N, and centre of pressure (F, 2, 3), m, from contacts of segments `part` (C,)."""
+    reaction, pressure = np.zeros((frames, 2, 3)), np.full((frames, 2, 3), np.nan)
+    for side, foot in enumerate(FEET):
+        on = part == foot
+        frame, force, point = contacts.frame[on], contacts.force[on].astype(float), contacts.point[on].astype(float)
+        np.add.at(reaction[:, side], frame, force)
+        strength = np.linalg.norm(force, axis=1)
+        total, moment = np.zeros(frames), np.zeros((frames, 3))
+        np.add.at(total, frame, strength)
+        np.add.at(moment, frame, strength[:, None] * point)
+        some = total > 0
+        pressure[some, side] = moment[some] / total[some, None]
+    return reaction, pressure
+
+
+def _penetration(scene: Scene, seen: SeenStates, person: int, frames: int) -> np.ndarray:
+    """Return the deepest overlap (F, 2) of a person with another, and with an object, m."""
+    deepest, persons = np.zeros((frames, 2)), scene.geom_persons[seen.geoms]
+    for side in (0, 1):
+        other = persons[:, 1 - side]
+        of = np.flatnonzero((persons[:, side] == person) & (other != person) & (seen.gap < 0))
+        np.maximum.at(deepest, (seen.frame[of], (other[of] < 0).astype(int)), -seen.gap[of])
+    return deepest

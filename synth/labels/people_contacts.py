@@ -1,0 +1,145 @@
+"""Contacts of people in a clip: as the simulation has them, with what they carry, and with what stands still."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from synth.labels.momentum import movement, needed_forces, smoothed
+from synth.labels.shapes import check_shapes
+from synth.labels.support import SeenStates
+from synth.physics.body_state import BodyState
+from synth.scene.build import Scene
+
+_TOUCHES = 0.002
+"""Gap below which an object lies on what stands still, m."""
+
+
+class ContactSource(IntEnum):
+    """Where the force of a contact is from."""
+
+    SIMULATED = 0
+    """The simulation: with other people, with an object that moves, with oneself."""
+    SOLVED = 1
+    """Inverse dynamics: with what stands still."""
+    HELD = 2
+    """What an object needs that palms hold, shared equally by them."""
+
+
+@dataclass(frozen=True)
+class PeopleContacts:
+    """C contacts of people in a clip.
+
+    Attributes:
+        frame: (C,) int32, sorted.
+        between: (C, 2) int16 index into `names`.
+        names: `person<p>/<segment>`, or names of objects.
+        point: (C, 3) float32 m, world.
+        force: (C, 3) float32 N, world, of the first on the second.
+        depth: (C,) float32 m, overlap of solid parts; below 0 for a gap.
+        source: (C,) uint8, of `ContactSource`.
+    """
+
+    frame: np.ndarray
+    between: np.ndarray
+    names: tuple[str, ...]
+    point: np.ndarray
+    force: np.ndarray
+    depth: np.ndarray
+    source: np.ndarray
+
+    def __post_init__(self):
+        count = len(self.frame)
+        shapes = {"frame": (count,), "between": (count, 2), "depth": (count,), "source": (count,)}
+        check_shapes("contacts", self, shapes | {"point": (count, 3), "force": (count, 3)})
+        if count and not 0 <= self.between.min() <= self.between.max() < len(self.names):
+            raise ValueError(f"contacts: expected between to count {len(self.names)} names")
+
+    @property
+    def persons(self) -> np.ndarray:
+        """(C, 2) person on each side, -1 for objects."""
+        return owners(self.names)[self.between]
+
+    def wrench(self, person: int, centre: np.ndarray) -> np.ndarray:
+        """Return the force, N, and the moment, N m, about `centre` (F, 3) on a person in each frame: (F, 6)."""
+        total, persons = np.zeros((len(centre), 6)), self.persons
+        for side, sign in ((1, 1.0), (0, -1.0)):
+            on = np.flatnonzero((persons[:, side] == person) & (persons[:, 1 - side] != person))
+            force, frame = sign * self.force[on].astype(float), self.frame[on]
+            np.add.at(total[:, :3], frame, force)
+            np.add.at(total[:, 3:], frame, np.cross(self.point[on] - centre[frame], force))
+        return total
+
+
+def owners(names: Sequence[str]) -> np.ndarray:
+    """Return the person that each name of `PeopleContacts` belongs to, -1 for objects."""
+    return np.array([int(n.partition("/")[0][len("person") :]) if n.startswith("person") else -1 for n in names])
+
+
+def join(parts: Sequence[PeopleContacts]) -> PeopleContacts:
+    """Join contacts with the same names, and sort them by frame."""
+    columns = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("frame", "between", "point", "force", "depth", "source")
+    }
+    order = np.argsort(columns["frame"], kind="stable")
+    return make_contacts(parts[0].names, **{name: values[order] for name, values in columns.items()})
+
+
+def make_contacts(names: tuple[str, ...], frame, between, point, force, depth, source) -> PeopleContacts:
+    """Return contacts with the types of `PeopleContacts`; one source for all will do."""
+    single = (np.asarray(values, np.float32) for values in (point, force, depth))
+    point, force, depth = single
+    source = np.full(len(frame), source, np.uint8) if np.ndim(source) == 0 else np.asarray(source, np.uint8)
+    between = np.asarray(between, np.int16).reshape(-1, 2)
+    return PeopleContacts(np.asarray(frame, np.int32), between, names, point, force, depth, source)
+
+
+def simulated_contacts(scene: Scene, state: BodyState) -> PeopleContacts:
+    """Return the contacts of people with what moves, themselves included."""
+    moving = {
+        name for name, body in zip(scene.geom_names, scene.model.geom_bodyid, strict=True)
+        if scene.model.body_weldid[body]
+    }  # fmt: skip
+    moves = np.array([name in moving for name in state.contact_names], bool)
+    kept = np.flatnonzero(moves[state.contact_between].all(1))
+    return make_contacts(
+        state.contact_names,
+        state.contact_frame[kept],
+        state.contact_between[kept],
+        state.contact_point[kept],
+        state.contact_force[kept],
+        state.contact_depth[kept],
+        ContactSource.SIMULATED,
+    )
+
+
+def held_contacts(scene: Scene, state: BodyState, seen: SeenStates, fps: float) -> Iterator[PeopleContacts]:
+    """Yield the contacts of each carried object with the palms that hold it.
+
+    While it lies on nothing that stands still, what its motion needs, less what bodies press on it, is shared equally
+    by the palms.
+    """
+    model, frames, names = scene.model, len(state.qpos), list(state.contact_names)
+    holds, begin, end = scene.holds[:, 0].astype(int), *scene.holds[:, 1:].T
+    loads, palms = model.site_bodyid[model.eq_obj1id[holds]], model.eq_obj2id[holds]
+    hands = np.array([names.index(model.body(body).name) for body in model.site_bodyid[palms]], int)
+    times, persons = np.arange(frames)[:, None] / fps, owners(names)
+    bodies = model.geom_bodyid[seen.geoms]
+    still = (model.body_weldid[bodies] == 0).any(1) & (seen.gap < _TOUCHES)
+    for load in np.unique(loads):
+        alone = np.ones(frames, bool)
+        alone[seen.frame[still & (bodies == load).any(1)]] = False
+        used = (begin <= times) & (times < end) & (loads == load) & alone[:, None]
+        moves = movement(model, seen.places[:, [load]], seen.turns[:, [load]], np.array([load]), fps)
+        needed = needed_forces(model, moves, np.array([load])).force
+        own, pushes = names.index(model.body(load).name), np.zeros((frames, 3))
+        for side, sign in ((1, 1.0), (0, -1.0)):
+            on = (state.contact_between[:, side] == own) & (persons[state.contact_between[:, 1 - side]] >= 0)
+            np.add.at(pushes, state.contact_frame[on], sign * state.contact_force[on])
+        share = (needed - smoothed(pushes, fps)) / np.maximum(used.sum(1), 1)[:, None]
+        frame, hold = np.nonzero(used)
+        between = np.stack([hands[hold], np.full(len(hold), own)], axis=1)
+        point, depth = seen.sites[frame, palms[hold]], np.zeros(len(frame))
+        yield make_contacts(state.contact_names, frame, between, point, share[frame], depth, ContactSource.HELD)

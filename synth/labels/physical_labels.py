@@ -1,0 +1,100 @@
+"""Labels that only physics has, in the folder of a clip: contacts, what carries people, points on their surfaces."""
+
+import json
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from dmae.data.store import write_atomic
+from dmae.files.structured import parse_json
+from synth.labels.ground_reaction import BodyForces
+from synth.labels.people_contacts import PeopleContacts
+from synth.labels.surface_visibility import SurfaceLabels
+
+FORMAT = 1
+FILE = "physics.safetensors"
+"""The file of a clip's folder that holds the labels."""
+KINDS = ("contacts", "forces", "surface")
+_TYPES = {"contacts": PeopleContacts, "forces": BodyForces, "surface": SurfaceLabels}
+_TEXTS = ("names",)
+
+
+@dataclass(frozen=True)
+class PhysicalLabels:
+    """Labels of a clip that only physics has; None for kinds that were not asked for.
+
+    Attributes:
+        contacts: Of people, with their forces and the deepest overlaps.
+        forces: What carries people.
+        surface: 256 points on each person, and which camera sees them.
+    """
+
+    contacts: PeopleContacts | None = None
+    forces: BodyForces | None = None
+    surface: SurfaceLabels | None = None
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Those of `KINDS` that there are."""
+        return tuple(kind for kind in KINDS if getattr(self, kind) is not None)
+
+
+def check_kinds(kinds: list[str] | tuple[str, ...]) -> tuple[str, ...]:
+    """Return kinds of labels in the order of `KINDS`.
+
+    Raises:
+        ValueError: one is unknown, or there is none.
+    """
+    if not kinds or set(kinds) - set(KINDS):
+        raise ValueError(f"labels: expected a list of {', '.join(KINDS)}; got {list(kinds)}")
+    return tuple(kind for kind in KINDS if kind in kinds)
+
+
+def save_physical_labels(labels: PhysicalLabels, folder: Path) -> None:
+    """Write labels into the folder of their clip, whole or not at all."""
+    arrays, words = {}, {"format": FORMAT, "kinds": labels.kinds}
+    for kind in labels.kinds:
+        for name, value in _values(getattr(labels, kind)).items():
+            if name in _TEXTS:
+                words[f"{kind}.{name}"] = value
+            else:
+                arrays[f"{kind}.{name}"] = np.ascontiguousarray(value)
+    # One entry: safetensors writes several in any order.
+    write_atomic(Path(folder) / FILE, save(arrays, {"physics": json.dumps(words)}))
+
+
+def load_physical_labels(folder: Path) -> PhysicalLabels:
+    """Read the labels of a clip from its folder.
+
+    Raises:
+        FileNotFoundError: the clip has no such labels.
+        ValueError: the file is malformed, or of another format version.
+    """
+    path = Path(folder) / FILE
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; `synth label data={folder}` makes it from the state of bodies")
+    try:
+        with safe_open(path, "np") as file:
+            words = parse_json((file.metadata() or {}).get("physics", "{}"))
+            if not isinstance(words, dict) or words.get("format") != FORMAT:
+                raise ValueError(f"expected physical labels of format {FORMAT}")
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        return PhysicalLabels(**{kind: _part(kind, arrays, words) for kind in check_kinds(words["kinds"])})
+    except (SafetensorError, ValueError, KeyError, TypeError, IndexError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _values(part: object) -> dict:
+    return {field.name: getattr(part, field.name) for field in fields(part)}
+
+
+def _part(kind: str, arrays: dict[str, np.ndarray], words: dict) -> object:
+    """Return one kind of labels, with shapes that agree with each other."""
+    values = {}
+    for field in fields(_TYPES[kind]):
+        key = f"{kind}.{field.name}"
+        values[field.name] = tuple(words[key]) if field.name in _TEXTS else arrays[key]
+    return _TYPES[kind](**values)

@@ -1,0 +1,133 @@
+"""Check rigs: capture people who were not used in planning through them, and score what comes of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.skeleton import Skeleton, get_skeleton
+from dmae.data.skeleton_conversion import convert
+from dmae.metrics.comparison import Comparison
+from dmae.metrics.identity import identity_switches, idf1
+from dmae.metrics.pcp import correct_limbs
+from dmae.metrics.percentage import percent
+from dmae.numerics.filling import fill_world, smooth
+from dmae.numerics.interpolation import linear
+from dmae.numerics.robust import mean_known
+from dmae.parallel import in_parallel
+from dmae.progress import progress
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
+from synth.detector.config import DetectorConfig
+from synth.planning.config import PlanConfig
+from synth.planning.rehearsal import rehearse
+
+FIGURES = {
+    "missing": ("joints not measured", "%"),
+    "pcp": ("PCP", "%"),
+    "error": ("error", "mm"),
+    "switches": ("identities confused", "a minute"),
+    "idf1": ("IDF1", "%"),
+}
+"""What is scored: heading and unit. PCP and the error are of joints filled by straight lines and smoothed, as
+`dmae evaluate methods=[linear]` scores them."""
+_SMOOTH = 0.1
+_LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Expected:
+    """A figure that a rig is expected to reach, with its interval of 95 % over clips."""
+
+    value: float
+    low: float
+    high: float
+
+
+def measure(captured: Poses3D, truth: Poses3D, fps: float) -> dict[str, float]:
+    """Return the figures of `FIGURES` of one capture, NaN for a figure of nothing.
+
+    Args:
+        captured: As `dmae.capture` returned it.
+        truth: (F, T) true people, on the skeleton that is compared.
+        fps: Frames per second.
+    """
+    filled = convert(smooth(fill_world(captured, fps, linear), fps, _SMOOTH), truth.skeleton)
+    actors = tuple(np.flatnonzero(np.isfinite(truth.xyz).all(-1).any((0, 2))))
+    compared = Comparison(filled, convert(captured, truth.skeleton), truth, actors, fps=fps)
+    correct, known = correct_limbs(compared.matched, truth.xyz, truth.skeleton)
+    error = np.linalg.norm(compared.matched - truth.xyz.astype(np.float64), axis=-1)
+    minutes = len(truth.xyz) / fps / 60
+    return {
+        "missing": float(percent(compared.hidden & compared.known, compared.known, None)),
+        "pcp": float(mean_known(percent(correct, known, (0, 2))[list(actors)])),
+        "error": 1000 * float(mean_known(error, None)),
+        "switches": identity_switches(compared.matches) / minutes,
+        "idf1": idf1(filled.xyz, truth.xyz),
+    }
+
+
+def scored_skeleton(clip: Clip) -> Skeleton:
+    """Return the skeleton that captures are scored on: of a fused one the second part."""
+    return get_skeleton(clip.truth.skeleton.parts[-1].name)
+
+
+def check_rigs(
+    config: PlanConfig, cameras: CameraRig, rigs: Sequence[Sequence[int]], numbers: Sequence[int]
+) -> dict[str, np.ndarray]:
+    """Capture clips through rigs.
+
+    People are simulated once for all rigs, and each camera sees the same detections in every rig that it is in.
+
+    Args:
+        config: The plan.
+        cameras: All cameras that any rig has.
+        rigs: Indices of the cameras of each of R rigs, two or more each.
+        numbers: Of N clips.
+
+    Returns:
+        The figures of `FIGURES`, (R, N) each.
+
+    Raises:
+        FailedSimulation: a clip failed with every seed.
+    """
+    tasks = ((config, cameras, [list(rig) for rig in rigs], number) for number in numbers)
+    made = in_parallel(_check_clip, tasks, config.workers)
+    clips = list(progress(made, "capturing people not used in planning", len(numbers)))
+    return {name: np.array([[found[name] for found in clip] for clip in clips]).T for name in FIGURES}
+
+
+def _check_clip(config: PlanConfig, cameras: CameraRig, rigs: list[list[int]], number: int) -> list[dict]:
+    return capture_all(_seen(config, config.detector, cameras, number), rigs)
+
+
+def _seen(config: PlanConfig, detector: DetectorConfig, cameras: CameraRig, number: int) -> Clip:
+    return rehearse(config, number).seen_by(cameras, detector)
+
+
+def capture_all(clip: Clip, rigs: Sequence[Sequence[int]]) -> list[dict[str, float]]:
+    """Return the figures of a clip for each of several subsets of its cameras."""
+    truth = convert(clip.truth, scored_skeleton(clip))
+    return [measure(capture(clip.select(views=list(rig)), CaptureConfig()), truth, clip.fps) for rig in rigs]
+
+
+def expected(figures: np.ndarray, least: float = -np.inf, greatest: float = np.inf) -> Expected:
+    """Return the mean of a figure of N clips, with the interval for clips of other people (Student's t).
+
+    Clips without the figure are left out; the interval of fewer than two is NaN.
+
+    Args:
+        figures: (N,)
+        least, greatest: Range of the figure, beyond which the interval does not reach.
+    """
+    known = figures[np.isfinite(figures)]
+    if not len(known):
+        return Expected(np.nan, np.nan, np.nan)
+    mean = float(known.mean())
+    if len(known) < 2:
+        return Expected(mean, np.nan, np.nan)
+    half = stats.t.ppf((1 + _LEVEL) / 2, len(known) - 1) * known.std(ddof=1) / np.sqrt(len(known))
+    return Expected(mean, max(mean - float(half), least), min(mean + float(half), greatest))

@@ -1,0 +1,163 @@
+"""The configuration of a plan: room, people, where cameras may be mounted, lenses, and how to search."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dmae.parallel import Backend
+from synth.detector.config import DetectorConfig
+from synth.interactions import InteractionConfig
+from synth.motion.source import MotionConfig
+from synth.rigs.camera_geometry import intrinsics
+from synth.rigs.rig import RigConfig
+from synth.scene.spec import SceneConfig
+
+MOST_CAMERAS = 32
+"""Of a plan."""
+
+
+@dataclass(frozen=True)
+class MountConfig:
+    """Where cameras may be mounted. Heights are the least and the greatest, m above the floor.
+
+    Attributes:
+        walls: Heights of cameras on walls; empty for none there.
+        ceiling: Whether cameras may hang from the ceiling, or from a frame at the top of the walls.
+        tripods: Heights of cameras on tripods, which stand outside the people's area; empty for none.
+        area: Cameras stand and hang only in this rectangle: least x, least y, greatest x, greatest y, m; empty for the
+            whole room. Rooms without walls need it.
+        places: How many places are tried, spread evenly over what is allowed.
+        wall_distance: Distance of a camera from the wall or the ceiling that it is mounted on, m.
+        steepest_deg: Greatest angle at which cameras look down, degrees. The detectors' presets are fitted to views
+            from the side, and know nothing of views from above.
+    """
+
+    walls: list[float] = field(default_factory=lambda: [1.8, 2.6])
+    ceiling: bool = True
+    tripods: list[float] = field(default_factory=lambda: [1.2, 2.0])
+    area: list[float] = field(default_factory=list)
+    places: int = 120
+    wall_distance: float = 0.15
+    steepest_deg: float = 50.0
+
+    def __post_init__(self):
+        for name in ("walls", "tripods"):
+            pair = getattr(self, name)
+            if pair and (len(pair) != 2 or not 0 < pair[0] <= pair[1] < np.inf):
+                raise ValueError(f"mount.{name}: expected [least, greatest] height, m, above 0, got {list(pair)}")
+        if not (self.walls or self.ceiling or self.tripods):
+            raise ValueError("mount: no camera can be mounted anywhere; allow walls, ceiling or tripods")
+        x0, y0, x1, y1 = self.area or (0, 0, 1, 1)
+        if len(self.area) not in (0, 4) or not (x0 < x1 and y0 < y1) or not np.isfinite((x0, y0, x1, y1)).all():
+            raise ValueError(
+                f"mount.area: expected least x, least y, greatest x and greatest y, m, got {list(self.area)}"
+            )
+        if not 2 <= self.places <= 2000:
+            raise ValueError(f"mount.places: expected 2 to 2000 places, got {self.places}")
+        if not 0 < self.wall_distance < 2:
+            raise ValueError(f"mount.wall_distance: expected more than 0 and less than 2 m, got {self.wall_distance}")
+        if not 0 < self.steepest_deg <= 90:
+            raise ValueError(f"mount.steepest_deg: expected more than 0 and at most 90, got {self.steepest_deg}")
+
+
+@dataclass(frozen=True)
+class LensConfig:
+    """The cameras that are bought: pinholes of one image size.
+
+    Attributes:
+        view_deg: Horizontal fields of view, degrees. Of several, the search chooses one for each camera.
+        size: Image width and height, px.
+    """
+
+    view_deg: list[float] = field(default_factory=lambda: [65.0])
+    size: list[int] = field(default_factory=lambda: [1280, 960])
+
+    def __post_init__(self):
+        if not self.view_deg or not all(1 <= angle <= 150 for angle in self.view_deg):
+            raise ValueError(f"lens.view_deg: expected fields of view from 1 to 150 degrees, got {list(self.view_deg)}")
+        if len(self.size) != 2 or not all(1 <= side <= 20_000 for side in self.size):
+            raise ValueError(f"lens.size: expected [width, height], 1 to 20000 px each, got {list(self.size)}")
+
+    def matrix(self, view_deg: float) -> np.ndarray:
+        """Return (3, 3) K of a field of view, px."""
+        return intrinsics(self.size[0] / 2 / np.tan(np.radians(view_deg) / 2), self.size)
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """How cameras are searched for, and how the rigs that are found are checked.
+
+    Attributes:
+        clips: Simulated clips that cameras are chosen by.
+        frames: Frames of each of them, evenly spread, in which the visibility of joints is computed.
+        exchanges: How often at most each camera of a rig is exchanged for the best one of all places.
+        check_clips: Simulated clips of other people, through whose captures the rigs are checked.
+    """
+
+    clips: int = 6
+    frames: int = 12
+    exchanges: int = 3
+    check_clips: int = 8
+
+    def __post_init__(self):
+        for name, least in (("clips", 1), ("frames", 1), ("exchanges", 0), ("check_clips", 2)):
+            if getattr(self, name) < least:
+                raise ValueError(f"search.{name}: expected {least} or more, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class PlanConfig:
+    """Plan where to mount cameras: which places are best for 4, 5, ... cameras, and what each number captures.
+
+    People are simulated once. Cameras are chosen by the visibility of joints, and the rigs that are found are checked
+    by capturing the simulated detections of people who were not used in choosing.
+    """
+
+    arena: str | None = None
+    """Room of `scenes/`, or path of an MJCF file; by default that of `scene`."""
+    cameras: list[int] = field(default_factory=lambda: [4, 6])
+    """Least and greatest number of cameras."""
+    persons: list[int] = field(default_factory=list)
+    """Least and greatest number of people; by default those of `scene`."""
+    mount: MountConfig = field(default_factory=MountConfig)
+    lens: LensConfig = field(default_factory=LensConfig)
+    rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
+    """Cameras that exist: the best of them are chosen, and none are mounted."""
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    interaction: InteractionConfig = field(default_factory=InteractionConfig)
+    detector: DetectorConfig = field(default_factory=DetectorConfig)
+    search: SearchConfig = field(default_factory=SearchConfig)
+    seed: int = 0
+    """Seed of people, detector and ties; 0 is a seed."""
+    workers: int = 1
+    """Processes; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    dry_run: bool = False
+    """Only print what is to be simulated and captured, and about how long it takes."""
+    out: str = "runs/plan"
+    """Folder of the page, the rigs and the lists to print; written whole or not at all."""
+
+    def __post_init__(self):
+        numbers = list(self.cameras)
+        if len(numbers) != 2 or not 2 <= numbers[0] <= numbers[1] <= MOST_CAMERAS:
+            raise ValueError(
+                f"cameras: expected [least, greatest] number, from 2 (one camera measures no joint) to {MOST_CAMERAS}, "
+                f"got {numbers}"
+            )
+        if self.seed < 0:
+            raise ValueError(f"seed: expected 0 or more, got {self.seed}")
+        if self.workers == 0:
+            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+        self.setting()
+
+    @property
+    def numbers(self) -> range:
+        """Numbers of cameras that rigs are planned for."""
+        return range(self.cameras[0], self.cameras[1] + 1)
+
+    def setting(self) -> SceneConfig:
+        """Return what scenes are drawn from, with `arena` and `persons` in it."""
+        given = {"arena": self.arena or self.scene.arena}
+        return replace(self.scene, **given, persons=list(self.persons) or list(self.scene.persons))

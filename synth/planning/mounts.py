@@ -1,0 +1,235 @@
+"""Places in a room where cameras can be mounted: on walls, under the ceiling, on tripods."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from synth.planning.config import MountConfig
+from synth.rigs.coverage import Stage
+from synth.rooms.footprints import footprints, geom_corners
+from synth.rooms.mjcf import compile_mjcf
+from synth.rooms.rays import cast_rays, opaque_model
+
+_DIRECTIONS = 240
+"""In which walls are looked for, around the people."""
+_LONG, _HIGH = 1.5, 1.8
+"""A wall is at least so long and reaches at least so high, m."""
+_GRID = 0.5
+"""m between places before they are thinned out."""
+_LEVEL_STEP = 0.6
+"""m between levels of one kind of mount, at most."""
+_APART = 0.4
+"""Distance of tripods from the people's area and from furniture, m."""
+_LIFT = 1e-3
+
+
+@dataclass(frozen=True)
+class Places:
+    """Places for cameras.
+
+    Attributes:
+        kind: (K,) "wall", "ceiling" or "tripod".
+        at: (K, 3) m, world.
+    """
+
+    kind: np.ndarray
+    at: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.at)
+
+
+@dataclass(frozen=True)
+class _Outline:
+    """The walls around the people, as seen from their middle.
+
+    Attributes:
+        middle: (2,) m.
+        reach: (N,) distance of the wall in each of N directions, evenly around from +x, m; inf for none.
+        top: Height of the walls, m; 0 for none.
+    """
+
+    middle: np.ndarray
+    reach: np.ndarray
+    top: float
+
+    @property
+    def walled(self) -> np.ndarray:
+        """(N,) True for directions with a wall."""
+        return np.isfinite(self.reach)
+
+    def holds(self, points: np.ndarray, margin: float) -> np.ndarray:
+        """Return whether points (n, 2) are within the walls, by a margin, m. Where there is no wall, nothing is."""
+        offset = points - self.middle
+        angle = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) * len(self.reach)
+        reach = np.where(self.walled, self.reach, 0)[np.round(angle).astype(int) % len(self.reach)]
+        return np.linalg.norm(offset, axis=1) <= reach - margin
+
+
+def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: float) -> Places:
+    """Find the places in a room at which a camera may be mounted, spread evenly.
+
+    Walls are vertical surfaces, at least 1.5 m long, that reach 1.8 m or higher and face the people. Without a ceiling,
+    cameras hang at the top of the walls.
+
+    Args:
+        config: What is allowed.
+        arena: MJCF file of the room.
+        middle: (2,) of the people's area, m.
+        radius: Of the people's area, m.
+
+    Raises:
+        ValueError: the room has no walls where they are needed, a height is outside the room, or nothing is left.
+    """
+    model = compile_mjcf(arena)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    outline = _outline(model, data, np.asarray(middle, float))
+    name, walled = arena.name, outline.walled.any()
+    if config.walls and not walled:
+        raise ValueError(
+            f"{name} has no walls around ({middle[0]:g}, {middle[1]:g}) to mount cameras on (mount.walls="
+            f"{list(config.walls)}); set mount.walls=[] and mount.ceiling=false, and mount.area for tripods"
+        )
+    if (config.ceiling or config.tripods) and not (walled or config.area):
+        raise ValueError(f"{name} has no walls, so that it ends nowhere; say where cameras may be: mount.area=[...]")
+    for kind in ("walls", "tripods"):
+        heights = getattr(config, kind)
+        if walled and heights and heights[1] > outline.top:
+            raise ValueError(
+                f"mount.{kind}={list(heights)}: {name} is {outline.top:.2f} m high; expected heights below that"
+            )
+    grid = _grid(config, outline)
+    found = {
+        "wall": _on_walls(config, outline) if config.walls else np.empty((0, 3)),
+        "ceiling": _under_ceiling(config, model, data, outline, grid) if config.ceiling else np.empty((0, 3)),
+        "tripod": _on_tripods(config, arena, middle, radius, grid) if config.tripods else np.empty((0, 3)),
+    }
+    kinds = np.concatenate([np.full(len(at), kind) for kind, at in found.items()])
+    at = np.concatenate([*found.values()])
+    kept = _inside_area(at, config.area) & _possible(model, data, at)
+    kinds, at = kinds[kept], at[kept]
+    if len(at) < 2:
+        raise ValueError(
+            f"{name}: no places for cameras are left; widen mount.area or the heights of mount.walls or mount.tripods"
+        )
+    chosen = _spread(at, config.places)
+    return Places(kinds[chosen], at[chosen])
+
+
+def stage_of(arena: Path, middle: np.ndarray, radius: float) -> Stage:
+    """Return the people's area as seen from the origin, which cameras are checked against."""
+    return Stage(radius + float(np.hypot(*middle)), arena)
+
+
+def _outline(model: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray) -> _Outline:
+    """Cast rays from the middle, at the height of heads, and keep the first wall of each direction."""
+    corners = geom_corners(model, data, np.arange(model.ngeom))
+    planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    # Boxes around planes are not theirs: MuJoCo gives them without end.
+    up = np.abs(data.geom_xmat.reshape(-1, 3, 3)[:, 2, 2])
+    long = np.linalg.norm(np.ptp(corners[..., :2], axis=1), axis=1) >= _LONG
+    wall = np.where(planes, up < 0.1, long & (corners[..., 2].max(1) >= _HIGH))
+    angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    directions = np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1)
+    opaque = opaque_model(model, wall.astype(int))
+    geom, reach, outward = cast_rays(opaque, data, np.array([*middle, _HIGH - _LIFT]), directions)
+    found = (geom >= 0) & (np.abs(outward[:, 2]) < 0.3)
+    tops = [_top(opaque, data, middle, direction) for direction in directions[found][:: max(1, _DIRECTIONS // 24)]]
+    return _Outline(middle, np.where(found, reach, np.inf), float(np.median(tops)) if tops else 0.0)
+
+
+def _top(opaque: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray, direction: np.ndarray) -> float:
+    """Return the height at which the wall in a direction ends, to 5 cm."""
+    low, high = _HIGH - _LIFT, 100.0
+    while high - low > 0.05:
+        half = (low + high) / 2
+        geom, *_ = cast_rays(opaque, data, np.array([*middle, half]), direction[None])
+        low, high = (half, high) if geom[0] >= 0 else (low, half)
+    return low
+
+
+def _levels(heights: list[float]) -> np.ndarray:
+    """Return the heights at which cameras of one kind are tried, m."""
+    low, high = heights
+    return np.linspace(low, high, 1 + int(np.ceil((high - low) / _LEVEL_STEP)))
+
+
+def _on_walls(config: MountConfig, outline: _Outline) -> np.ndarray:
+    """Return (K, 3) places before the walls."""
+    angle = 2 * np.pi * np.flatnonzero(outline.walled) / _DIRECTIONS
+    # Along the ray, so that places stay in front of the wall in corners as well.
+    reach = outline.reach[outline.walled] - config.wall_distance * np.sqrt(2)
+    flat = outline.middle + reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    return _stacked(flat[reach > 0], _levels(config.walls))
+
+
+def _grid(config: MountConfig, outline: _Outline) -> np.ndarray:
+    """Return (n, 2) points on the floor within the walls, or else within `area`."""
+    if config.area:
+        (x0, y0), (x1, y1) = config.area[:2], config.area[2:]
+    else:
+        most = outline.reach[outline.walled].max()
+        (x0, y0), (x1, y1) = outline.middle - most, outline.middle + most
+    xs, ys = (np.arange(a, b + 1e-9, max(_GRID, (b - a) / 200)) for a, b in ((x0, x1), (y0, y1)))
+    points = np.stack(np.meshgrid(xs, ys, indexing="ij"), -1).reshape(-1, 2)
+    return points[outline.holds(points, config.wall_distance + 0.1)] if outline.walled.any() else points
+
+
+def _under_ceiling(
+    config: MountConfig, model: mujoco.MjModel, data: mujoco.MjData, outline: _Outline, grid: np.ndarray
+) -> np.ndarray:
+    """Return (K, 3) places under the ceiling, or at the top of the walls where there is none."""
+    places = []
+    for x, y in grid:
+        # mj_multiRay misses some geoms in rays that are exactly vertical.
+        height = mujoco.mj_ray(model, data, (x, y, _HIGH), (0, 0, 1), None, 1, -1, np.zeros(1, np.int32))
+        top = _HIGH + height if height > 0 else outline.top
+        if top - config.wall_distance > _HIGH:
+            places.append((x, y, top - config.wall_distance))
+    return np.reshape(places, (-1, 3))
+
+
+def _on_tripods(config: MountConfig, arena: Path, middle: np.ndarray, radius: float, grid: np.ndarray) -> np.ndarray:
+    """Return (K, 3) places on the floor, away from people and furniture."""
+    discs = footprints(arena)
+    free = np.linalg.norm(grid - middle, axis=1) >= radius + _APART
+    free &= (np.linalg.norm(grid[:, None] - discs[:, :2], axis=-1) >= discs[:, 2] + _APART).all(1)
+    return _stacked(grid[free], _levels(config.tripods))
+
+
+def _stacked(flat: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """Return (n L, 3) points (n, 2) at each of L heights."""
+    return np.concatenate([np.column_stack([flat, np.full(len(flat), level)]) for level in levels])
+
+
+def _inside_area(at: np.ndarray, area: list[float]) -> np.ndarray:
+    return ((at[:, :2] >= area[:2]) & (at[:, :2] <= area[2:])).all(1) if area else np.ones(len(at), bool)
+
+
+def _possible(model: mujoco.MjModel, data: mujoco.MjData, at: np.ndarray) -> np.ndarray:
+    """Return which places (K, 3) are not inside an object: from inside, rays meet surfaces from behind."""
+    around = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
+    around /= np.linalg.norm(around, axis=1, keepdims=True)
+
+    def inside(place: np.ndarray) -> bool:
+        geom, _, outward = cast_rays(model, data, place, around, tuple(range(6)))
+        return bool(((geom >= 0) & (np.einsum("rx,rx->r", outward, around) > 1e-3)).any())
+
+    return np.array([not inside(place) for place in at], bool)
+
+
+def _spread(at: np.ndarray, count: int) -> np.ndarray:
+    """Return the indices of at most `count` places, each the farthest from those before it."""
+    return _farthest(at, count, lambda place: np.linalg.norm(at - place, axis=1))
+
+
+def _farthest(at: np.ndarray, count: int, distance: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    chosen, gap = [0], distance(at[0])
+    while len(chosen) < count and gap.max() > 1e-6:
+        chosen.append(int(gap.argmax()))
+        gap = np.minimum(gap, distance(at[chosen[-1]]))
+    return np.sort(chosen)

@@ -1,0 +1,80 @@
+"""What bodies do in simulated clips: their state, contacts, what carries them, points on their surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from synth.datasets.physical.add import add_labels
+from synth.labels.physical_labels import KINDS, PhysicalLabels, load_physical_labels
+from synth.physics.body_state import BodyState, load_state
+
+
+def label(data: str | Path, labels: Sequence[str] = KINDS, *, workers: int = 1) -> int:
+    """Add labels that only physics has to clips that exist, in place. Nothing is simulated.
+
+    Args:
+        data: Data set that `generate` made, or one clip of it.
+        labels: `contacts` (which parts touch what, where, with what force), `forces` (ground reaction of each foot,
+            residual at the pelvis), `surface` (256 named points on each person, and which camera sees them). Those
+            that a clip has already are kept.
+        workers: Processes; -1 for one a core.
+
+    Returns:
+        How many clips lacked any of them.
+
+    Raises:
+        FileNotFoundError: there is no clip, or it holds no state of bodies.
+        ValueError: a label is unknown, a clip is damaged, or its frames are too far apart.
+
+    Examples:
+        >>> for clip in synth.generate("scene.seconds=1", "scene.persons=[1,1]", clips=1, out="walks"): pass
+        >>> synth.label("walks", ["forces"])
+        1
+        >>> forces = synth.physical_labels("walks/000000").forces
+        >>> forces.ground_reaction.shape
+        (25, 1, 2, 3)
+        >>> synth.verify("walks")
+        []
+    """
+    return add_labels(Path(data), labels, workers=workers)
+
+
+def physical_labels(clip: str | Path) -> PhysicalLabels:
+    """Read the labels that `label` added to a clip: `contacts`, `forces`, `surface`, None where not asked for.
+
+    Args:
+        clip: Folder of the clip.
+
+    Raises:
+        FileNotFoundError: the clip has none.
+        ValueError: the file is malformed.
+
+    Examples:
+        >>> for clip in synth.generate("scene.seconds=0.2", "scene.persons=[1,1]", clips=1, out="walks"): pass
+        >>> synth.label("walks", ["surface"])
+        1
+        >>> points = synth.physical_labels("walks/000000").surface
+        >>> points.names[0], points.xyz.shape
+        ('pelvis.1.front', (5, 1, 256, 3))
+    """
+    return load_physical_labels(Path(clip))
+
+
+def body_state(clip: str | Path) -> BodyState:
+    """Read the state of the bodies of a simulated clip: pose, shape, forces, contacts, actions.
+
+    Args:
+        clip: Folder of the clip.
+
+    Raises:
+        FileNotFoundError: the clip has no state: it is no simulated one, or of an older version.
+        ValueError: the file is malformed.
+
+    Examples:
+        >>> for clip in synth.generate("scene.seconds=0.2", "scene.persons=[1,1]", clips=1, out="walks"): pass
+        >>> state = synth.body_state("walks/000000")
+        >>> state.rotations.shape, len(state.action_names) > 0
+        ((5, 1, 16, 4), True)
+    """
+    return load_state(Path(clip))

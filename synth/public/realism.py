@@ -1,0 +1,88 @@
+"""Realism: what a real detector finds in rendered pictures, and how detectors err by what hides a joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from synth.realism.meter import Rate
+
+
+def realism(
+    path: str | Path,
+    *,
+    extra_data: Sequence[str | Path] = (),
+    detector: str = "blazepose",
+    every: int = 1,
+    workers: int = 1,
+) -> list[Rate]:
+    """Run a detector on people in plain sight in rendered pictures: how many it finds, how near it puts their joints.
+
+    Args:
+        path: Data set with colour images, or a clip.
+        extra_data: More data sets that count in the same rows.
+        detector: `blazepose`, or `package.module:function`.
+        every: Frames from one picture of a camera that is looked at to the next.
+        workers: Processes; -1 for one a core.
+
+    Returns:
+        Rows: of all people first, then by room, clothing, direction, posture, distance, size, contrast and joint, with
+        `people`, the share that is `found`, and of their visible joints the share that is `near`, within 5 % of the
+        height of the body.
+
+    Raises:
+        FileNotFoundError: there are no clips.
+        ValueError: a clip has no truth, no labels or no colour images.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=0.2", clips=1, seed=7, out="walks"))
+        >>> seen = next(synth.render("walks", "quality=draft", "images=[rgb]", out="seen"))
+        >>> rows = synth.realism("seen", every=5)
+        >>> rows[0].heading, rows[0].people > 0
+        ('all', True)
+    """
+    from dmae.detection.registry import PoseDetectorConfig
+    from synth.realism.meter import judge, rates
+
+    folders = [Path(each) for each in (path, *extra_data)]
+    return rates(judge(folders, PoseDetectorConfig(name=detector), every, workers))
+
+
+def detector_errors(
+    path: str | Path,
+    *,
+    extra_data: Sequence[str | Path] = (),
+    simulated: Sequence[str] = ("shelf_openpose", "hrnet_like"),
+    seed: int = 0,
+    workers: int = 1,
+) -> dict[str, dict]:
+    """Measure the errors of a detector against the truth, by what hides a joint, and those of simulated ones.
+
+    Args:
+        path: Data set with truth and detections, as `dmae detect clip=...` writes it, or a clip.
+        extra_data: More data sets that count in the same rows.
+        simulated: Presets of the simulated detector that are run on the same clips: names, or YAML files.
+        seed: Of these.
+        workers: Processes; -1 for one a core.
+
+    Returns:
+        By detector, that of the clips first: rows of `joints` by cause, depth margin, size, crowding, direction and
+        kind; rows of `people`; and the numbers of `pictures`, `ghosts` and `duplicates`.
+
+    Raises:
+        FileNotFoundError: there are no clips.
+        ValueError: a clip has no truth or labels, the clips are of several detectors, or there is no such preset.
+
+    Examples:
+        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7, out="walks"))
+        >>> found = synth.detector_errors("walks", simulated=["clean"])
+        >>> [row["missed"] for row in found["clean"]["joints"] if row["heading"] == "cause"]
+        [0.0]
+    """
+    from synth.detector.presets import load_preset
+    from synth.realism.study import study
+
+    presets = {Path(name).stem: load_preset(name) for name in simulated}
+    return study([Path(each) for each in (path, *extra_data)], presets, seed, workers)

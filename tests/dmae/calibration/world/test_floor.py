@@ -1,0 +1,110 @@
+"""The floor and the vertical by feet and bodies, in worlds that are tilted and off by known amounts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dmae.calibration.faults import Fault
+from dmae.calibration.findings import floor_faults
+from dmae.calibration.world.floor import find_floor, turn_to_z
+from dmae.calibration.world.placement import place_clip, place_rig, upright_world
+from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
+from tests.support.faulty_recordings import ring
+from tests.support.stepping_people import stepping_people
+
+FPS = 25.0
+
+
+def world(tilt_deg: float, height_m: float, angle: float = 0.7) -> np.ndarray:
+    """new_from_old of a world that is off."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec(np.radians(tilt_deg) * np.array([np.cos(angle), np.sin(angle), 0])).as_matrix()
+    T[2, 3] = height_m
+    return T
+
+
+def people(T: np.ndarray, persons: int = 2, places: int = 6, seed: int = 0) -> Poses3D:
+    truth = stepping_people(persons, places, rng=np.random.default_rng(seed))
+    return Poses3D(truth.skeleton, truth.xyz @ T[:3, :3].T + T[:3, 3])
+
+
+@pytest.mark.parametrize("tilt", [0.0, 2.0, 35.0, 120.0])
+@pytest.mark.parametrize("height", [0.0, 0.05, -0.59])
+def test_tilt_and_height_are_found_within_their_intervals(tilt, height):
+    T = world(tilt, height)
+    floor = find_floor(people(T), FPS)
+    assert floor.tilt_interval_deg[0] - 0.01 <= tilt <= floor.tilt_interval_deg[1]
+    assert abs(floor.tilt_deg - tilt) < 0.8
+    # The point lies on the floor, where the floor was before the world was moved.
+    on_floor = np.linalg.inv(T) @ (*floor.place, 1)
+    assert abs(on_floor[2]) < 0.02
+    np.testing.assert_allclose(floor.up, T[:3, 2], atol=0.015)
+    assert floor.height_interval_m[0] < floor.height_m < floor.height_interval_m[1]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_sound_world_has_no_finding_and_planted_ones_have(seed):
+    def faults(T):
+        return {finding.fault for finding in floor_faults(find_floor(people(T, seed=seed), FPS), 0.0, ("a", "b"))}
+
+    assert faults(world(0, 0, seed)) == set()
+    assert faults(world(2, 0, seed)) >= {Fault.tilted}
+    assert faults(world(0, 0.05, seed)) == faults(world(0, -0.05, seed)) == {Fault.floor}
+
+
+def test_lean_of_people_is_not_taken_for_tilt():
+    leaning = stepping_people(2, 8, rng=np.random.default_rng(3), lean_deg=8)
+    assert find_floor(leaning, FPS).tilt_deg < 0.5
+
+
+def test_feet_on_boxes_and_chairs_do_not_raise_the_floor():
+    poses = stepping_people(3, 6, rng=np.random.default_rng(4))
+    xyz = poses.xyz.copy()
+    xyz[:, 0, :, 2] += 0.45
+    assert abs(find_floor(replace(poses, xyz=xyz), FPS).height_m) < 0.02
+
+
+def test_too_little_is_said_to_be_not_determined():
+    standing = stepping_people(1, 1, rng=np.random.default_rng(5))
+    floor = find_floor(standing, FPS)
+    assert floor.height_m is None
+    assert "not determined" in floor.describe()
+    nothing = find_floor(Poses3D(standing.skeleton, np.full_like(standing.xyz, np.nan)), FPS)
+    assert (nothing.up, nothing.height_m, nothing.stances) == (None, None, 0)
+    assert upright_world(nothing) is None
+    assert floor_faults(nothing, 0.0, ("a",)) == []
+    assert find_floor(Poses3D(standing.skeleton, standing.xyz[:0]), FPS).up is None
+
+
+def test_joints_that_were_completed_are_not_used():
+    poses = stepping_people(2, 6, rng=np.random.default_rng(6))
+    completed = replace(poses, source=np.full_like(poses.source, 3))
+    assert find_floor(completed, FPS).stances == 0
+
+
+def test_a_clip_is_placed_with_everything_in_it_and_its_pictures_stay():
+    T, rig = world(4, 0.3), ring()
+    truth = people(T, persons=1)
+    rig = place_rig(rig, T)
+    xy, _ = rig.project(truth.xyz)
+    found = Detections2D(truth.skeleton, xy[:, :, :], np.where(np.isnan(xy[..., 0]), np.nan, 0.9))
+    clip = Clip("off", FPS, rig, found, truth=truth, provenance={"floor_m": 0.3})
+    clip = replace(clip, poses=capture(clip, CaptureConfig()))
+    level = place_clip(clip, upright_world(find_floor(clip.poses, FPS)))
+    np.testing.assert_allclose(level.rig.project(level.truth.xyz)[0], xy, atol=0.01)
+    assert find_floor(level.poses, FPS).tilt_deg < 0.05
+    assert abs(find_floor(level.poses, FPS).height_m) < 1e-3
+    assert level.provenance == {}
+    np.testing.assert_allclose(np.linalg.norm(level.poses.rays[..., 1, :], axis=-1), 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.3, -0.4, 0.2)])
+def test_the_smallest_rotation_to_z(up):
+    R = turn_to_z(np.array(up, float))
+    np.testing.assert_allclose(R @ up / np.linalg.norm(up), (0, 0, 1), atol=1e-12)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R) == pytest.approx(1)

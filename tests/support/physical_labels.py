@@ -1,0 +1,29 @@
+"""Physical labels of any numbers, made in no time."""
+
+import numpy as np
+
+from synth.labels.ground_reaction import BodyForces
+from synth.labels.people_contacts import ContactSource, make_contacts
+from synth.labels.physical_labels import PhysicalLabels
+from synth.labels.surface_points import NAMES
+from synth.labels.surface_visibility import SurfaceLabels
+
+
+def physical_labels(frames: int, views: int, persons: int) -> PhysicalLabels:
+    """Labels of people who stand on the right foot; in each frame the first touches the floor."""
+    rng = np.random.default_rng(0)
+    names = ("floor", *(f"person{p}/{part}" for p in range(persons) for part in ("l_foot", "r_foot")))
+    contacts = make_contacts(
+        names, np.arange(frames), [(0, 2)] * frames, rng.random((frames, 3)), [(1, 2, 700.0)] * frames,
+        np.zeros(frames), ContactSource.SOLVED,
+    )  # fmt: skip
+    pairs = rng.random((4, frames, persons, 2, 3)).astype(np.float32)
+    pairs[1, :, :, 0] = np.nan
+    forces = BodyForces(
+        np.full(persons, 700, np.float32), rng.random((frames, persons, 3)).astype(np.float32), *pairs,
+        np.zeros((frames, persons, 2), np.float32),
+    )  # fmt: skip
+    xyz = rng.random((frames, persons, 256, 3)).astype(np.float32)
+    codes = rng.integers(0, 4, (frames, views, persons, 256)).astype(np.uint8)
+    surface = SurfaceLabels(NAMES, xyz, xyz, codes, np.where(codes == 0, -1, 0).astype(np.int16))
+    return PhysicalLabels(contacts, forces, surface)
