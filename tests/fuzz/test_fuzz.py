@@ -17,7 +17,7 @@ FOUND = [
     ("model/checkpoint", 20107), ("model/paper", 1), ("model/weights", 650), ("model/weights", 1039),
     ("motion/amc", 20037), ("motion/list", 434), ("motion/list", 616), ("recording/clip", 358),
     ("recording/clip", 1065), ("recording/clip", 60302), ("recording/easymocap", 60217), ("recording/panoptic", 1056),
-    ("recording/pose2sim", 150), ("room/mjcf", 20166), ("scene/spec", 280),
+    ("recording/pose2sim", 150), ("room/mjcf", 20166), ("scene/spec", 280), ("scores/scores", 1746),
 ]  # fmt: skip
 """Inputs that failed once, by reader and index."""
 
