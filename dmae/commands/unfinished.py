@@ -17,7 +17,7 @@ _NO_SETTINGS = ("out", "workers", "backend", "dry_run")
 def settings_of(command: str, config) -> dict:
     """Return all that the clips of a run depend on, JSON-able: options, data, and versions of packages.
 
-    Data without checksums are told by their path alone.
+    Of data without checksums, only the path is compared.
 
     Args:
         command: As "dmae capture".

@@ -118,8 +118,10 @@ def _head(folder: Path, meta: dict) -> ClipFile:
         kinds = tuple(meta["images"]["kinds"]) if meta["images"] else ()
         skeletons = {name: meta["skeletons"][name] for name in persons}
         return ClipFile(folder, frames, tuple(meta["cameras"]), persons, skeletons, kinds)
-    except (*_DAMAGED, OSError) as error:
-        raise ValueError(f"{folder / ARRAYS}, or {META}: {error}; the clip is damaged, make it again") from None
+    except (SafetensorError, OSError) as error:
+        raise ValueError(f"{folder / ARRAYS}: {error}; the clip is damaged, make it again") from None
+    except _DAMAGED as error:
+        raise ValueError(f"{folder / META}: {error}; the clip is damaged, make it again") from None
 
 
 def _modified(path: Path) -> int:

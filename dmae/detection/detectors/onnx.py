@@ -79,7 +79,12 @@ class OnnxDetector:
     def _joints(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return places (J, 2), px from the corner, and scores (J,) of the person in a picture (H, W, 3) uint8."""
         pixels = ((picture.astype(np.float32) - _MEAN) / _DEVIATION).transpose(2, 0, 1)
-        outputs = [each[0] for each in self._session.run(None, {self._input: pixels[None]})]
+        try:
+            outputs = [each[0] for each in self._session.run(None, {self._input: pixels[None]})]
+        # onnxruntime raises errors of its own kinds, and outputs can be of no array.
+        except Exception as error:
+            first, _, _ = str(error).partition("\n")
+            raise ValueError(f"{self._path}: this model cannot be run, {first}") from None
         if not all(np.isfinite(each).all() for each in outputs):
             raise ValueError(f"{self._path}: expected heat maps or SimCC of finite numbers, found NaN or infinite ones")
         size = (self._width, self._height)
