@@ -178,9 +178,11 @@ N ?= 10000
 fuzz: setup
 	$(BIN)/python -m tests.fuzz.run --count $(N)
 
-# Generation, capture and training killed at 20 random moments each; memory by the number of clips; speed of loaders.
+# Generation, capture and training killed at 20 random moments each; 500 flipped bits and 60 other damages of a data set
+# with images; memory by the number of clips; speed of loaders.
 endurance: setup
 	$(BIN)/python -m tests.endurance.kills --moments 20
+	$(BIN)/python -m tests.endurance.damages --flips 500 --structural 60
 	$(BIN)/python -m tests.endurance.memory 100 300 1000
 	$(BIN)/python -m tests.endurance.long_recording 100000
 	$(BIN)/python -m tests.endurance.loaders

@@ -10,10 +10,11 @@ from tempfile import TemporaryDirectory
 from dmae.calibration.world.floor import Floor, find_floor
 from dmae.calibration.world.placement import place_clip, upright_world
 from dmae.commands.data_sets import Manifest, describe_joints, describe_sides, finished, part_of
+from dmae.commands.unfinished import UNFINISHED, settings_of, whole_clips
 from dmae.completion.methods.registry import METHODS, completion_method
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
-from dmae.data.store import save_clip
+from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.report.pooled import Groups, added_groups
 from dmae.evaluation.report.reprojection import Reprojection, reprojection
 from dmae.evaluation.report.residual_tables import BREAKDOWNS, residual_tables
@@ -100,19 +101,31 @@ def run(config: CaptureCommand, out: Path) -> None:
     frames, spent, persons = 0, 0.0, 0
     measured: Groups = {}
     completed: Groups = {}
-    tasks = ((config, part.part(range(number, number + 1))) for number in part.numbers)
+    settings = settings_of("dmae capture", config)
+    whole = whole_clips(out, settings) if several else set()
+    if whole := whole & {folder.name for folder in part.folders}:
+        print(f"{out}: goes on, {len(whole)} of {len(part)} clips are whole")
+    numbered = zip(part.numbers, part.folders, strict=True)
+    tasks = ((config, part.part(range(n, n + 1))) for n, folder in numbered if folder.name not in whole)
     with (
         running_on(config.backend),
-        Manifest(out, several, part_of("dmae capture", config, clips, part.numbers)) as made,
+        Manifest(out, several, part_of("dmae capture", config, clips, part.numbers), settings=settings) as made,
     ):
-        done = zip(in_parallel(_capture, tasks, config.workers), part.folders, strict=True)
-        for (captured, exchanges, seconds), folder in progress(done, "capturing", len(part)):
+        done = in_parallel(_capture, tasks, config.workers)
+        for folder in progress(part.folders, "capturing", len(part)):
+            if folder.name in whole:
+                captured, exchanges, seconds = load_clip(out / folder.name), [], 0.0
+            else:
+                captured, exchanges, seconds = next(done)
             for note in [*captured.provenance.get("notes", ()), *exchanges]:
                 print(f"{captured.id}: {note}")
             spent += seconds
-            frames += len(captured)
+            frames += len(captured) * (folder.name not in whole)
             to, poses = out / folder.name if several else out, captured.poses
-            made.write(folder.name, partial(save_clip, captured, to), persons=poses.xyz.shape[1])
+            if folder.name in whole:
+                made.keep(folder.name, persons=poses.xyz.shape[1])
+            else:
+                made.write(folder.name, partial(save_clip, captured, to), persons=poses.xyz.shape[1])
             print(f"{captured.id}: {len(captured)} frames, {poses.xyz.shape[1]} persons, {describe_joints(poses)}")
             print(f"{captured.id}: {_world(captured)}")
             persons += poses.xyz.shape[1]
@@ -124,7 +137,8 @@ def run(config: CaptureCommand, out: Path) -> None:
     if tables:
         print("Reprojection errors, px, of joints that a camera detected:")
         print_tables(tables)
-    print(f"{out}: {frames / spent:.0f} frames/s")
+    if frames:
+        print(f"{out}: {frames / spent:.0f} frames/s")
     # A part of a data set may be of empty rooms.
     if not persons and len(part) == len(clips):
         sys.exit(1)
@@ -195,7 +209,8 @@ def _forecast(config: CaptureCommand, clips: Clips) -> str:
 
 
 def interrupted(config: CaptureCommand, out: Path) -> str:
-    return f"{finished(out)}; the same command captures all clips anew"
+    goes_on = (Path(out) / UNFINISHED).is_file()
+    return f"{finished(out)}; the same command {'goes on' if goes_on else 'captures all clips anew'}"
 
 
 def _drawn(config: CaptureCommand, views: int, number: int) -> list[int]:

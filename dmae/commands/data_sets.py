@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TypeVar
 
+from dmae.commands.unfinished import begin_run, end_run
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.store import MANIFEST, read_manifest, write_manifest
 from dmae.files.checksums import (
@@ -68,10 +69,14 @@ class Manifest:
         several: Whether it is a data set.
         part: Which part of a larger one it is; None for a whole one.
         sealed: Whether clips are in our own format, and so get checksums.
+        settings: What the clips depend on (`settings_of`), where an interrupted run can go on; else None.
     """
 
-    def __init__(self, out: Path, several: bool, part: Part | None = None, *, sealed: bool = True):
+    def __init__(
+        self, out: Path, several: bool, part: Part | None = None, *, sealed: bool = True, settings: dict | None = None
+    ):
         self.out, self.several, self.part, self.sealed = Path(out), several, part, several and sealed
+        self.settings = settings if several else None
         self.lines: list[dict] = []
         self.checksums: dict[str, Checksum | None] = {}
         self.earlier: list[str] = []
@@ -87,6 +92,13 @@ class Manifest:
         self.lines.append({"id": name, "status": "ok", **facts})
         return written
 
+    def keep(self, name: str, **facts) -> None:
+        """Note a clip as whole that an interrupted run of the same settings has written (`whole_clips`)."""
+        if not self.lines:
+            self._begin()
+        self.checksums[name] = clip_checksum(self.out / name)
+        self.lines.append({"id": name, "status": "ok", **facts})
+
     def _begin(self) -> None:
         if (self.out / _GENERATED).is_file():
             raise ValueError(
@@ -100,6 +112,8 @@ class Manifest:
         begin_data_set(self.out)
         for earlier in (MANIFEST, PART, RECORD):
             (self.out / earlier).unlink(missing_ok=True)
+        if self.settings is not None:
+            begin_run(self.out, self.settings)
 
     def __enter__(self) -> "Manifest":
         return self
@@ -115,6 +129,8 @@ class Manifest:
         write_manifest(self.out, self.lines)
         if self.sealed:
             end_data_set(self.out, (PART,), self.checksums)
+        if error is None and self.settings is not None:
+            end_run(self.out)
 
 
 def finished(out: Path) -> str:

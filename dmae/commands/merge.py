@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -41,21 +42,37 @@ class MergePartsCommand:
 
 
 def run(config: MergePartsCommand, out: Path) -> None:
+    """Join the parts, and print what was joined."""
+    said = join_parts([Path(folder) for folder in config.data], out, partial=config.partial, clips=config.clips)
+    print(f"{out}: {said}")
+
+
+def join_parts(folders: Sequence[Path], out: Path, *, partial: bool, clips: str | None) -> str:
+    """Join parts into a folder, which is written whole or not at all; return what was joined.
+
+    Args:
+        folders: Of the parts, in any order.
+        out: Does not exist yet, or is empty.
+        partial, clips: As of the command.
+
+    Raises:
+        FileNotFoundError: a folder holds no part.
+        ValueError: parts do not belong together or are damaged, clips are missing, or `out` is not empty.
+    """
     check_vacant(out, "what is joined")
-    parts = read_parts([Path(folder) for folder in config.data], partial=config.partial)
+    parts = read_parts(folders, partial=partial)
     command = parts[0][1].command
     if command not in _JOIN:
         raise ValueError(f"{parts[0][0]}: expected a part made by {', '.join(_JOIN)}, found one by {command!r}")
     with whole_folder(out) as folder:
-        said = _JOIN[command](parts, folder, out, config)
-    print(f"{out}: {said}")
+        return _JOIN[command](parts, folder, out, clips)
 
 
 def interrupted(config: MergePartsCommand, out: Path) -> str:
     return f"nothing was written to {out}; the same command begins anew"
 
 
-def _join_captured(parts: list[tuple[Path, Part]], folder: Path, out: Path, config: MergePartsCommand) -> str:
+def _join_captured(parts: list[tuple[Path, Part]], folder: Path, out: Path, clips: str | None) -> str:
     """Join data sets. Files are hard links to those of the parts, where the file system has links."""
     for path, _ in parts:
         refuse_damaged(path, None)
@@ -84,15 +101,15 @@ def _move_images(source: Path, folder: Path, final: Path) -> None:
         write_atomic(folder / "clip.json", json.dumps(meta, indent=1))
 
 
-def _join_scores(parts: list[tuple[Path, Part]], folder: Path, out: Path, config: MergePartsCommand) -> str:
+def _join_scores(parts: list[tuple[Path, Part]], folder: Path, out: Path, clips: str | None) -> str:
     total = sum(part.stop - part.first for _, part in parts)
     scores = join_scores([read_scores(path) for path, _ in parts], total)
     write_atomic(folder / "scores.json", json_text(scores))
     return f"scores.json of {total} clips"
 
 
-def _join_stress(parts: list[tuple[Path, Part]], folder: Path, out: Path, config: MergePartsCommand) -> str:
-    write_result(join_stress(parts, folder, config.clips), folder)
+def _join_stress(parts: list[tuple[Path, Part]], folder: Path, out: Path, clips: str | None) -> str:
+    write_result(join_stress(parts, folder, clips), folder)
     return f"stress.json and stress.html of {sum(part.stop - part.first for _, part in parts)} clips"
 
 

@@ -11,9 +11,12 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import decode_skeleton
 from dmae.data.store import FORMAT, assemble_clip, clip_folders, is_of_frames
+from dmae.files.contents import check_file
 from dmae.files.structured import read_json
 
 ARRAYS, META = "arrays.safetensors", "clip.json"
+_DAMAGED = (SafetensorError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError)
+"""What reading a clip raises where its JSON or its arrays are not as they were written."""
 _OPEN = 32
 """Files that a process keeps open. They are memory-mapped: what is not asked for is not read."""
 
@@ -56,7 +59,8 @@ class ClipFile:
             arrays = {name: file.get_slice(name)[start:stop] for name in stored if is_of_frames(name)}
             arrays |= {name: file.get_tensor(name) for name in stored if name.startswith(("rig.", "true_rig."))}
             clip = assemble_clip(self.folder, meta, arrays)
-        except (SafetensorError, ValueError) as error:
+            clip.check_numbers()
+        except _DAMAGED as error:
             raise ValueError(f"{path}: {error}; the clip is damaged, make it again") from None
         images = clip.images and clip.images.select(slice(start, stop), clip.rig.names)
         provenance = clip.provenance | {"first_frame": clip.provenance.get("first_frame", 0) + start}
@@ -80,9 +84,11 @@ class ClipFile:
             if of == "truth" and "visibility" in file.keys():  # noqa: SIM118
                 seen = file.get_slice("visibility")[start:stop, :, person : person + 1] == Visibility.VISIBLE
                 views = seen.sum(1)
-        except SafetensorError as error:
+            poses = Poses3D(decode_skeleton(self.skeletons[of], str(self.folder)), xyz, source, views=views)
+            poses.check_numbers(of)
+        except _DAMAGED as error:
             raise ValueError(f"{path}: {error}; the clip is damaged, make it again") from None
-        return Poses3D(decode_skeleton(self.skeletons[of], str(self.folder)), xyz, source, views=views)
+        return poses
 
 
 def clip_files(path: Path) -> Iterator[ClipFile]:
@@ -96,19 +102,26 @@ def clip_files(path: Path) -> Iterator[ClipFile]:
         meta = read_json(folder / META)
         if not isinstance(meta, dict) or meta.get("format") != FORMAT:
             raise ValueError(f"{folder / META}: expected a clip of format {FORMAT}")
-        try:
-            with safe_open(folder / ARRAYS, framework="numpy") as file:
-                frames = file.get_slice("detections.score").get_shape()[0]
-                persons = {
-                    name: file.get_slice(f"{name}.xyz").get_shape()[1]
-                    for name in ("truth", "poses")
-                    if name in meta["skeletons"]
-                }
-        except (SafetensorError, OSError) as error:
-            raise ValueError(f"{folder / ARRAYS}: {error}; the clip is damaged, make it again") from None
+        yield _head(folder, meta)
+
+
+def _head(folder: Path, meta: dict) -> ClipFile:
+    check_file(folder / ARRAYS)
+    try:
+        with safe_open(folder / ARRAYS, framework="numpy") as file:
+            frames = file.get_slice("detections.score").get_shape()[0]
+            persons = {
+                name: file.get_slice(f"{name}.xyz").get_shape()[1]
+                for name in ("truth", "poses")
+                if name in meta["skeletons"]
+            }
         kinds = tuple(meta["images"]["kinds"]) if meta["images"] else ()
         skeletons = {name: meta["skeletons"][name] for name in persons}
-        yield ClipFile(folder, frames, tuple(meta["cameras"]), persons, skeletons, kinds)
+        return ClipFile(folder, frames, tuple(meta["cameras"]), persons, skeletons, kinds)
+    except (SafetensorError, OSError) as error:
+        raise ValueError(f"{folder / ARRAYS}: {error}; the clip is damaged, make it again") from None
+    except _DAMAGED as error:
+        raise ValueError(f"{folder / META}: {error}; the clip is damaged, make it again") from None
 
 
 def _modified(path: Path) -> int:

@@ -18,7 +18,7 @@ def read_scores(path: Path) -> dict:
     scores = read_json(path)
     try:
         scores_section(scores)
-    except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:
         raise ValueError(f"{path}: expected scores that dmae evaluate wrote, {error!r:.200}") from None
     return scores
 

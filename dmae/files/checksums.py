@@ -15,7 +15,7 @@ RECORD = "config.yaml"
 """What a command writes beside its output: the options that it ran with. It begins with a checksum of its own."""
 _BESIDE = (
     RECORD, ".*.lock", "*.config.yaml", "verify.json", "splits.json", "leaks.json", "statistics", "report*.html",
-    "decisions.json",
+    "decisions.json", "unfinished.json",
 )  # fmt: skip
 """What commands write into a folder that they are asked about: no part of the clip or data set."""
 _OWN = "# sha256 of what follows: "

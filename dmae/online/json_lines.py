@@ -27,6 +27,7 @@ import numpy as np
 
 from dmae.data.clip import Detections2D, Source
 from dmae.data.skeleton import Skeleton
+from dmae.files.numbers import MOST_PIXELS, MOST_SCORE, check_numbers
 from dmae.online.capture import OnlineCapture
 from dmae.online.completion import FinishedFrame
 
@@ -128,11 +129,13 @@ def _detection(joints: object, where: str, skeleton: Skeleton) -> np.ndarray:
         raise ValueError(f"{where}: expected a list of the {len(skeleton)} joints of {skeleton.name}, {count}")
     try:
         rows = np.array([[np.nan] * 3 if joint is None else joint for joint in joints], np.float64)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         rows = np.empty(0)
     if rows.shape != (len(skeleton), 3):
         raise ValueError(f"{where}: expected each joint as [x, y, confidence] or null, {_short(joints)}")
     rows[~np.isfinite(rows).all(-1) | (rows[:, 2] <= 0)] = np.nan
+    check_numbers(f"{where}: x and y, px", rows[:, :2], MOST_PIXELS)
+    check_numbers(f"{where}: confidence", rows[:, 2], MOST_SCORE)
     return rows
 
 

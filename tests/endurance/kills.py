@@ -109,12 +109,15 @@ def _contents(out: Path) -> dict[str, bytes]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--moments", type=int, default=20, help="kills of each command")
-    parser.add_argument("--out", help="JSON file of the figures")
+    parser.add_argument("--commands", nargs="*", default=list(LINES), choices=LINES, help="what is killed")
+    parser.add_argument("--out", help="JSON file of the figures; those of other commands stay in it")
     asked = parser.parse_args()
     made = {"command": f"python -m tests.endurance.kills --moments {asked.moments}", "found": {}}
+    if asked.out and Path(asked.out).is_file():
+        made["found"] = json.loads(Path(asked.out).read_text())["found"]
     with tempfile.TemporaryDirectory() as folder:
         prepare(Path(folder))
-        for name in LINES:
+        for name in asked.commands:
             found = kill_often(name, asked.moments, Path(folder))
             same, unfinished = sum(kill.same for kill in found), sum(kill.whole > 0 for kill in found)
             made["found"][name] = {"kills": len(found), "same": same, "with_files": unfinished}

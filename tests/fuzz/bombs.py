@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.fuzz.readers import Reader
+from tests.fuzz.reader import Reader
 from tests.fuzz.seed_files import CUBE
 
 ALIASES = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(

@@ -17,7 +17,8 @@ import numpy as np
 from tests.fuzz.bombs import plant
 from tests.fuzz.mutations import mutated
 from tests.fuzz.plausible import nonsense
-from tests.fuzz.readers import READERS, Reader
+from tests.fuzz.reader import Reader
+from tests.fuzz.readers import READERS
 
 MEMORY = 500 << 20
 """Bytes beyond those of a process that has read the unchanged files."""

@@ -10,7 +10,7 @@ from dmae.data.cameras import CameraRig
 _LARGEST = 1e9
 _LARGEST_OF = {"cov": 1e31}
 _RATES = {"fps", "rate"}
-_UNCHECKED = {"provenance", "seed", "sha256"}
+_UNCHECKED = {"provenance", "options", "seed", "sha256"}
 """What is kept as it was written, for people to read, and numbers that mean nothing by their size."""
 
 

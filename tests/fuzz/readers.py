@@ -1,10 +1,8 @@
 """Everything that reads a file from elsewhere, each with files to change."""
 
 import hashlib
-import json
 import os
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
 
@@ -43,6 +41,8 @@ from synth.rooms.meshes import MESHES, load_mesh
 from synth.rooms.mjcf import compile_mjcf
 from synth.rooms.props import prop_size
 from synth.scene.spec import SceneSpec
+from tests.fuzz.own_files import OWN_FILES
+from tests.fuzz.reader import Reader, repair_sums
 from tests.fuzz.seed_files import (
     FPS,
     TAKES,
@@ -72,43 +72,8 @@ from tests.support.clips import walkers
 from tests.support.tracked_recordings import write_mmpose
 
 
-@dataclass(frozen=True)
-class Reader:
-    """Something that reads files.
-
-    Attributes:
-        name: `<kind>/<name>`; `tests.fuzz.test_fuzz` checks that the registries' names are all there.
-        write: Writes the files into an empty folder.
-        read: Reads them, and returns what should be looked at.
-        targets: Patterns of the files that are changed, one at a time.
-        repair: Called after a change: puts checksums right, which would hide what lies behind.
-        finite: Whether NaN is implausible in what is read.
-        unnamed: Whether it reads a text, so that errors cannot name a file.
-        errors: Those that its documentation states.
-    """
-
-    name: str
-    write: Callable[[Path], object]
-    read: Callable[[Path], object]
-    targets: tuple[str, ...] = ("**/*",)
-    repair: Callable[[Path], None] | None = None
-    finite: bool = False
-    unnamed: bool = False
-    errors: tuple[type[Exception], ...] = (ValueError, FileNotFoundError)
-
-
 def _read_recording(name: str, folder: Path, **options) -> list:
     return list(load(DataConfig(name, str(folder), fps=None if name in ("clip", "shelf") else FPS, **options)))
-
-
-def _repair_sums(described: str, data: str, folder: Path) -> None:
-    """Put the checksum of a file of arrays into the JSON beside it."""
-    try:
-        meta = json.loads((folder / described).read_bytes())
-        meta["sha256"] = hashlib.sha256((folder / data).read_bytes()).hexdigest()
-    except (ValueError, TypeError, RecursionError):
-        return
-    (folder / described).write_text(json.dumps(meta))
 
 
 def _read_pictures(kind: str, folder: Path) -> list:
@@ -174,8 +139,8 @@ def _read_calibration(folder: Path) -> CameraRig:
     return read_calibration(folder, size=(1000, 600))
 
 
-_CLIP = partial(_repair_sums, "clip.json", "arrays.safetensors")
-_WEIGHTS = partial(_repair_sums, "model.json", "weights.safetensors")
+_CLIP = partial(repair_sums, "clip.json", "arrays.safetensors")
+_WEIGHTS = partial(repair_sums, "model.json", "weights.safetensors")
 
 READERS = [
     *(Reader(f"calibration/{format}", partial(write_calibration, format), _read_calibration) for format in TEXTS),
@@ -228,6 +193,7 @@ READERS = [
            ("model.json", "training.json", "config.yaml")),
     Reader("model/checkpoint", write_checkpoint, _read_checkpoint, (CHECKPOINT,), _repair_checkpoint),
     Reader("scores/scores", write_scores, _read_scores),
+    *OWN_FILES,
 ]  # fmt: skip
 
 

@@ -3,6 +3,12 @@
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from dmae.files.numbers import check_rate
+
+_MOST = {"frames": 1000, "dim": 16384, "depth": 64, "heads": 256, "head_dim": 4096, "mlp": 65536}
+"""Largest sizes of a network."""
+_MOST_SIGMA = 1e6
+
 
 @dataclass(frozen=True)
 class PaperNetwork:
@@ -32,10 +38,10 @@ class PaperNetwork:
     """Share of activations dropped in training."""
 
     def __post_init__(self):
-        for name in ("frames", "dim", "depth", "heads", "head_dim", "mlp"):
-            least = 2 if name == "depth" else 1
-            if getattr(self, name) < least:
-                raise ValueError(f"network.{name}: expected at least {least}, found {getattr(self, name)}")
+        for name, most in _MOST.items():
+            size, least = getattr(self, name), 2 if name == "depth" else 1
+            if isinstance(size, bool) or not isinstance(size, int) or not least <= size <= most:
+                raise ValueError(f"network.{name}: expected a whole number from {least} to {most}, found {size!r:.40}")
         if self.dim % 4 or self.head_dim % 2 or self.mlp % 2:
             raise ValueError(
                 f"network: expected dim in fours, head_dim and mlp even, as the decoder has half of them; found "
@@ -43,8 +49,10 @@ class PaperNetwork:
             )
         if not 0 <= self.dropout < 1:
             raise ValueError(f"network.dropout: expected a share below 1, found {self.dropout}")
-        if not self.fps > 0:
-            raise ValueError(f"network.fps: expected more than 0, found {self.fps}")
+        check_rate("network.fps", self.fps)
+        for name in ("signal_sigma", "time_sigma", "joint_sigma"):
+            if not 0 <= getattr(self, name) <= _MOST_SIGMA:
+                raise ValueError(f"network.{name}: expected 0 to {_MOST_SIGMA:g}, found {getattr(self, name)!r:.40}")
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 
@@ -117,7 +118,7 @@ def load_paper(folder: Path) -> tuple[PaperDMAE, dict]:
             raise ValueError("the weights are of other sizes than the network")
         model = PaperDMAE(network, len(get_skeleton(record["skeleton"])))
         model.load_state_dict(tensors)
-    except (KeyError, TypeError, ValueError, RuntimeError, OverflowError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, OverflowError, SafetensorError) as error:
         raise ValueError(f"{folder}: not a model of this version of dmae: {error}") from None
     check_finite(tensors, f"{path} is of no use, train again")
     return model.eval(), record

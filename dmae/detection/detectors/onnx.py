@@ -52,6 +52,7 @@ class OnnxDetector:
                 f"{config.path}: expected an input of shape (1, 3, H, W), found {given.shape}; "
                 "export it of a fixed size"
             )
+        self._path = config.path
         self._session, self._input, (self._height, self._width) = session, given.name, given.shape[2:]
         self._people = PeopleDetector(config)
         joints = len(self._joints(np.zeros((self._height, self._width, 3), np.uint8))[0])
@@ -78,7 +79,14 @@ class OnnxDetector:
     def _joints(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return places (J, 2), px from the corner, and scores (J,) of the person in a picture (H, W, 3) uint8."""
         pixels = ((picture.astype(np.float32) - _MEAN) / _DEVIATION).transpose(2, 0, 1)
-        outputs = [each[0] for each in self._session.run(None, {self._input: pixels[None]})]
+        try:
+            outputs = [each[0] for each in self._session.run(None, {self._input: pixels[None]})]
+        # onnxruntime raises errors of its own kinds, and outputs can be of no array.
+        except Exception as error:
+            first, _, _ = str(error).partition("\n")
+            raise ValueError(f"{self._path}: this model cannot be run, {first}") from None
+        if not all(np.isfinite(each).all() for each in outputs):
+            raise ValueError(f"{self._path}: expected heat maps or SimCC of finite numbers, found NaN or infinite ones")
         size = (self._width, self._height)
         if len(outputs) >= 2 and outputs[0].ndim == outputs[1].ndim == 2:
             values = [(each.argmax(-1) + 0.5) / each.shape[-1] for each in outputs[:2]]

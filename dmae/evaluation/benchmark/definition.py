@@ -6,15 +6,18 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-import yaml
-
 from dmae.data.from_json import decode
 from dmae.data.resources import resource_folder
+from dmae.files.structured import read_yaml
 from dmae.registry import unknown
 
 _GROUPS = ("scene", "props", "motion", "interaction", "rig", "detector", "occlusion", "retries")
 """Options of `synth generate` that a definition can hold; the others say where and how many."""
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+_MOST_CLIPS = 1_000_000
+"""Of a set."""
 
 
 class BenchmarkSize(StrEnum):
@@ -96,10 +99,10 @@ class Definition:
     file: str = ""
 
     def __post_init__(self):
-        if self.seed < 0 or not 1 <= self.small <= self.full:
+        if self.seed < 0 or not 1 <= self.small <= self.full <= _MOST_CLIPS:
             raise ValueError(
-                f"expected seed >= 0 and 1 <= small <= full clips a set, found seed {self.seed}, small {self.small}, "
-                f"full {self.full}"
+                f"expected seed >= 0, 1 <= small <= full <= {_MOST_CLIPS} clips a set, found seed {self.seed}, small "
+                f"{self.small}, full {self.full}"
             )
         names = [level.name for level in self.levels]
         if not names or len(set(names)) < len(names):
@@ -157,7 +160,6 @@ def find_definition(name: str) -> Definition:
     if not file.is_file():
         raise FileNotFoundError(f"name={name}: no such file")
     try:
-        written = yaml.safe_load(file.read_text())
-        return replace(decode(Definition, written, file.name), file=str(file))
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        return replace(decode(Definition, read_yaml(file), file.name), file=str(file))
+    except (TypeError, ValueError) as error:
         raise ValueError(f"{file}: expected a benchmark, as configs/benchmark/occlusion-v2.yaml: {error}") from None

@@ -10,39 +10,21 @@ import pytest
 
 from dmae.data.store import read_manifest
 from dmae.files.checksums import refuse_damaged
-from synth.datasets.clip import GenerateConfig
 from synth.datasets.exporters.export import export
 from synth.datasets.generate import generate
 from synth.datasets.verify import verify
-from synth.rendering.renderer import ImageQuality
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig
-from synth.scene.spec import SceneConfig
+from tests.endurance.damages import damage_often, data_set, flip_often
 from tests.support.commands import dmae
-from tests.support.damages import OWN, files_of, flip_bit, structural
+from tests.support.damages import OWN, files_of, structural
 
 pytestmark = [pytest.mark.filterwarnings("ignore:no OpenGL"), pytest.mark.slow]
-CLIPS = 3
-
-
-def config(out: Path, **options) -> GenerateConfig:
-    return GenerateConfig(
-        out=str(out),
-        seed=3,
-        clips=CLIPS,
-        images=["all"],
-        quality=ImageQuality.draft,
-        scene=SceneConfig(persons=[1, 1], seconds=0.12),
-        rig=RigConfig(ring=RingConfig(views=2, focal=90, size=[96, 72])),
-        **options,
-    )
 
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory) -> Path:
     """Return a data set of three clips in three frames of two cameras, with all images."""
     out = tmp_path_factory.mktemp("sound") / "data"
-    generate(config(out))
+    generate(data_set(out))
     return out
 
 
@@ -55,30 +37,12 @@ def contents(path: Path) -> dict[str, bytes]:
     return {file.relative_to(path).as_posix(): file.read_bytes() for file in files_of(path)}
 
 
-def restore(data: Path, sound: Path) -> None:
-    shutil.rmtree(data)
-    shutil.copytree(sound, data)
-
-
-def undetected(data: Path, sound: Path, name: str, concerned: set[str]) -> list[str]:
-    """Verify a damaged data set, restore it, and return what was not found."""
-    found = verify(data)
-    restore(data, sound)
-    named = {problem.clip for problem in found.problems}
-    missed = [] if concerned <= named else [f"{name}: {concerned} among {named}"]
-    return missed + ([] if set(found.again) >= concerned - OWN else [f"{name}: {concerned} not to be made again"])
-
-
 def test_every_flipped_bit_is_found(data, sound):
-    rng = np.random.default_rng(5)
-    assert [missed for _ in range(30) for missed in undetected(data, sound, "flip", flip_bit(data, rng))] == []
+    assert flip_often(30, data, sound, seed=5) == []
 
 
 def test_every_structural_damage_is_found(data, sound):
-    rng = np.random.default_rng(6)
-    for number in range(len(list(structural(data, rng)))):
-        name, damage = list(structural(data, rng))[number]
-        assert undetected(data, sound, name, damage()) == []
+    assert damage_often(len(list(structural(data, np.random.default_rng(6)))), data, sound, seed=6) == []
 
 
 def test_the_same_command_repairs_damages(data, sound):
@@ -88,20 +52,20 @@ def test_the_same_command_repairs_damages(data, sound):
     for name in ("a picture is missing", "clips exchanged", "a cut picture", "checksums of a clip are missing"):
         dict(structural(data, rng))[name]()
         assert verify(data, fast=True).problems, name
-        generate(config(data))
+        generate(data_set(data))
         assert contents(data) == before, name
     text = (data / "000001/clip.json").read_text()
     (data / "000001/clip.json").write_text(text.replace('"fps": 25.0', '"fps": 50.0'))
-    generate(config(data))
+    generate(data_set(data))
     assert contents(data) == before
     assert done.keys() >= {"pictures exchanged"}
     video = data / "000000/images/rgb/ring0.mp4"
     changed = bytearray(video.read_bytes())
     changed[-1] ^= 1
     video.write_bytes(changed)
-    generate(config(data))
+    generate(data_set(data))
     assert video.read_bytes() == changed
-    generate(config(data, recheck=True))
+    generate(data_set(data, recheck=True))
     assert contents(data) == before
 
 
@@ -131,7 +95,7 @@ def test_training_and_export_refuse_damaged_data_unless_told_otherwise(data, tmp
 
 
 def test_damaged_files_of_the_data_set_are_replaced(data, sound, tmp_path):
-    generate(replace(config(tmp_path / "one"), clips=1))
+    generate(replace(data_set(tmp_path / "one"), clips=1))
     for name in ("config.json", "manifest.jsonl", "checksums.json"):
         (data / name).write_text("{")
         problems = verify(data).problems
@@ -141,7 +105,7 @@ def test_damaged_files_of_the_data_set_are_replaced(data, sound, tmp_path):
             shutil.copy(tmp_path / "one" / name, data)
         else:
             (data / name).unlink()
-        generate(config(data))
+        generate(data_set(data))
         assert contents(data) == contents(sound)
 
 
@@ -156,9 +120,9 @@ def test_nothing_that_is_no_file_hangs(data):
 
 def test_continued_data_sets_are_as_made_at_once(sound, tmp_path):
     parts = tmp_path / "data"
-    generate(replace(config(parts), clips=1))
-    generate(replace(config(parts), first=2, clips=1))
+    generate(replace(data_set(parts), clips=1))
+    generate(replace(data_set(parts), first=2, clips=1))
     assert [line["id"] for line in read_manifest(parts)] == ["000000", "000002"]
     assert verify(parts).problems == []
-    generate(config(parts))
+    generate(data_set(parts))
     assert contents(parts) == contents(sound)

@@ -1,0 +1,199 @@
+"""Readers of videos, models, and the files by which the project's own commands work together."""
+
+import hashlib
+import json
+from dataclasses import asdict
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from dmae.command_line.presets import copy_presets
+from dmae.command_line.renamed_presets import renamed_options
+from dmae.commands.unfinished import UNFINISHED, begin_run, whole_clips
+from dmae.completion.paper.config import PaperNetwork
+from dmae.completion.paper.network import PaperDMAE
+from dmae.completion.paper.training import FILE, load_paper
+from dmae.completion.paper.training import FORMAT as PAPER_FORMAT
+from dmae.data.images import write_rgb, write_video
+from dmae.data.skeleton import BODY25, SHELF14
+from dmae.data.store import save_clip, write_atomic
+from dmae.datasets.clip_files import clip_files
+from dmae.detection.pipeline import make_detector
+from dmae.detection.recording import open_recording
+from dmae.detection.registry import PoseDetectorConfig
+from dmae.evaluation.benchmark.definition import find_definition
+from dmae.files.checksums import find_damage, find_data_set_damage, refuse_damaged, write_checksums
+from dmae.files.contents import read_text
+from dmae.online.json_lines import read_frame
+from dmae.parts import Part, read_parts, write_part
+from dmae.plugins import load_function
+from tests.fuzz.reader import Reader, repair_sums
+from tests.support.clips import full_clip
+
+
+def _write_videos(folder: Path) -> None:
+    pictures = np.random.default_rng(0).integers(0, 255, (4, 16, 16, 3)).astype(np.uint8)
+    for camera in ("left", "right"):
+        write_video(folder / f"videos/{camera}.mp4", pictures, 25)
+
+
+def _write_folders(folder: Path) -> None:
+    for camera in ("left", "right"):
+        for frame in range(2):
+            write_rgb(folder / f"videos/{camera}/{frame:03d}.png", np.full((16, 16, 3), 40 * frame, np.uint8))
+
+
+def _read_videos(folder: Path) -> list:
+    found = open_recording(folder / "videos", fps=None if (folder / "videos/left.mp4").exists() else 25.0)
+    pictures = [list(camera.read(0, min(len(camera), 10))) for camera in found.cameras]
+    return [found.alignment.fps, *pictures]
+
+
+@cache
+def _onnx_model() -> bytes:
+    """A model that finds all 17 joints where the picture is brightest."""
+    import onnx
+
+    make, kind = onnx.helper, onnx.TensorProto.FLOAT
+    nodes = [
+        make.make_node("ReduceMean", ["picture"], ["grey"], axes=[1], keepdims=1),
+        make.make_node("Mul", ["grey", "ones"], ["maps"]),
+    ]
+    maps = make.make_tensor_value_info("maps", kind, (1, 17, 64, 48))
+    given = make.make_tensor_value_info("picture", kind, (1, 3, 64, 48))
+    ones = make.make_tensor("ones", kind, (1, 17, 1, 1), [1.0] * 17)
+    graph = make.make_graph(nodes, "brightest", [given], [maps], [ones])
+    return make.make_model(graph, opset_imports=[make.make_opsetid("", 13)], ir_version=8).SerializeToString()
+
+
+def _read_onnx(folder: Path) -> str:
+    return make_detector(PoseDetectorConfig(name="onnx", path=str(folder / "model.onnx"))).skeleton.name
+
+
+def _read_function(folder: Path) -> None:
+    load_function("solver", read_text(folder / "option.txt"))
+
+
+def _write_parts(folder: Path) -> None:
+    for number in range(2):
+        (folder / f"{number}").mkdir()
+        options = {"smooth": 0.1, "data": {"path": "walks"}}
+        write_part(folder / f"{number}", Part("dmae capture", options, "walks", 4, 2 * number, 2 * number + 2))
+
+
+def _read_parts(folder: Path) -> list:
+    return [part for _, part in read_parts([folder / "0", folder / "1"])]
+
+
+def _write_sealed(folder: Path) -> None:
+    save_clip(full_clip(3, 2), folder)
+    write_checksums(folder)
+
+
+def _read_sealed(folder: Path) -> None:
+    find_damage(folder)
+    find_data_set_damage(folder, ["a"])
+    refuse_damaged(folder, None)
+
+
+_RUN = {"command": "dmae capture", "options": {"fill": "none", "draw": [2, 3]}, "data": "walks"}
+
+
+def _write_unfinished(folder: Path) -> None:
+    _write_sealed(folder / "a")
+    begin_run(folder, _RUN)
+    write_checksums(folder / "a")
+
+
+def _read_clip_files(folder: Path) -> list:
+    return [
+        [file.read(0, 2), *(file.person(of, 0, 0, 2) for of in file.persons if file.persons[of])]
+        for file in clip_files(folder)
+    ]  # fmt: skip
+
+
+@cache
+def _paper_model() -> tuple[bytes, dict]:
+    import safetensors.torch
+    import torch
+
+    network = PaperNetwork(dim=16, depth=2, heads=2, head_dim=8, mlp=16)
+    torch.manual_seed(0)
+    data = safetensors.torch.save(PaperDMAE(network, len(SHELF14)).state_dict())
+    record = {"format": PAPER_FORMAT, "skeleton": "shelf14", "network": asdict(network), "stage": "tuned", "steps": 3}
+    return data, record
+
+
+def _write_paper(folder: Path) -> None:
+    data, record = _paper_model()
+    (folder / "weights.safetensors").write_bytes(data)
+    write_atomic(folder / FILE, json.dumps(record | {"sha256": hashlib.sha256(data).hexdigest()}))
+
+
+def _read_paper(folder: Path) -> dict:
+    model, _ = load_paper(folder)
+    return {"weights": list(model.state_dict().values())}
+
+
+BENCHMARK = """about: Two levels
+seed: 7
+options: scene.seconds=2 rig=ring
+small: 1
+full: 2
+levels:
+  - name: self
+    about: One person
+    options: scene.persons=[1,1]
+    sets:
+      alone: scene.radius=1.5
+"""
+LINES = [
+    {"cameras": {"left": [[[812.5, 340.1, 0.93]] * 25, [None] * 25], "right": []}},
+    {"cameras": {"right": [[[12, 34, 0.5]] * 25]}},
+]
+
+
+def _read_lines(folder: Path) -> list:
+    lines = read_text(folder / "lines.jsonl").splitlines()
+    return [read_frame(line, ("left", "right"), BODY25)[0] for line in lines]
+
+
+def _write_presets(folder: Path) -> None:
+    (folder / "capture").mkdir()
+    (folder / "capture/mine.yaml").write_text("defaults: [default, _self_]\nth_p: 0.2\ntracking: {coasting_s: 0.5}\n")
+
+
+@cache
+def _capture_options():
+    from dmae.cli import DMAE
+
+    return DMAE.commands["capture"].options()
+
+
+def _read_presets(folder: Path) -> None:
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as copy:
+        copy_presets(_capture_options(), folder, Path(copy), partial(renamed_options, "dmae capture"))
+
+
+OWN_FILES = [
+    Reader("detection/videos", _write_videos, _read_videos),
+    Reader("detection/folders of pictures", _write_folders, _read_videos),
+    Reader("detection/onnx", lambda folder: (folder / "model.onnx").write_bytes(_onnx_model()), _read_onnx),
+    Reader("option/function", lambda folder: (folder / "option.txt").write_text("dmae.regression.solvers:ours"),
+           _read_function, unnamed=True),
+    Reader("preset/capture", _write_presets, _read_presets),
+    Reader("parts/part", _write_parts, _read_parts),
+    Reader("parts/unfinished", _write_unfinished, lambda folder: sorted(whole_clips(folder, _RUN)),
+           (UNFINISHED, "a/checksums.json")),
+    Reader("clip/checksums", _write_sealed, _read_sealed, ("checksums.json",)),
+    Reader("clip/windows", lambda folder: save_clip(full_clip(3, 2), folder), _read_clip_files),
+    Reader("model/paper", _write_paper, _read_paper, repair=partial(repair_sums, FILE, "weights.safetensors"),
+           finite=True),
+    Reader("benchmark/definition", lambda folder: (folder / "mine.yaml").write_text(BENCHMARK),
+           lambda folder: find_definition(str(folder / "mine.yaml"))),
+    Reader("live/lines", lambda folder: (folder / "lines.jsonl").write_text("\n".join(map(json.dumps, LINES))),
+           _read_lines, unnamed=True),
+]  # fmt: skip
