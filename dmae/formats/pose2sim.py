@@ -9,8 +9,8 @@ from dmae.files.numbers import check_rate
 from dmae.files.structured import read_toml
 from dmae.formats import openpose
 from dmae.formats.calibrations.files import FOUND, CalibrationSource
+from dmae.formats.pictures.video_rate import video_rate
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
-from dmae.formats.recordings.video_rate import video_rate
 from dmae.formats.registry import reader
 from dmae.formats.trc import trc_rate
 

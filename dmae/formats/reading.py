@@ -11,8 +11,8 @@ from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import clip_folders
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.calibrations.files import CalibrationSource, convention_of
-from dmae.formats.recordings.camera_pictures import with_pictures
-from dmae.formats.recordings.camera_videos import with_videos
+from dmae.formats.pictures.camera_pictures import with_pictures
+from dmae.formats.pictures.camera_videos import with_videos
 from dmae.formats.recordings.data_config import DataConfig
 from dmae.formats.recordings.selection import offsets_of_all, select_frames, select_views, shift_views
 from dmae.formats.registry import RecordingReader, reader

@@ -5,16 +5,13 @@
 Four cameras see each body in noise of 2 px; joints are missed in bursts of half a second, some in all cameras.
 """
 
-import platform
-import subprocess
 import sys
 from collections import defaultdict
 from dataclasses import replace
-from datetime import date
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
+from provenance import measured
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
@@ -73,12 +70,10 @@ def measure() -> None:
             captured.append([name, size, f"{right} of {SEEDS}", f"{share:.1f}", f"{mean:.1f}"])
         means = [f"{np.concatenate(errors[method]).mean():.1f}" for method in METHODS_SHOWN]
         completed.append([name, str(sum(map(len, errors["linear"]))), *means])
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy"))
     command = "python docs/tools/animals.py"
     captured_columns = ["bodies", "size", "clips with the right number", "joints measured, %", "mean error, mm"]
     content = {
-        "measured": f"{date.today()}, commit {commit.strip()}, python {platform.python_version()}, {versions}",
+        "measured": measured(),
         "tables": {
             "captured": {"command": command, "columns": captured_columns, "rows": captured},
             "completed": {

@@ -7,18 +7,15 @@ Of forces: how much of what the motion needs no contact explains, how the weight
 beside generation. Of surface points: how well their visibility agrees with id images.
 """
 
-import platform
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
-from datetime import date
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
+from provenance import measured
 
 import synth
 from dmae.data.json_text import json_text
@@ -57,16 +54,13 @@ def main(clips: int, keep: str | None) -> None:
         made = (_forces(kind, clips, Path(folder, kind)) for kind in kinds)
         rows = list(progress(made, "interactions", len(kinds)))
         surface, cost = _surface(Path(folder, "office")), _cost()
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "mujoco"))
-    when = f"{date.today().isoformat()}, commit {commit.strip()}, python {platform.python_version()}, {versions}"
     command = f"python docs/tools/forces.py clips={clips}"
     tables = {
         "forces": {"command": command, "columns": FORCE_COLUMNS, "rows": rows},
         "surface": {"command": command, "columns": SURFACE_COLUMNS, "rows": surface},
         "cost": {"command": command, "columns": COST_COLUMNS, "rows": cost},
     }
-    FILE.write_text(json_text({"measured": when, "tables": tables}) + "\n")
+    FILE.write_text(json_text({"measured": measured("mujoco"), "tables": tables}) + "\n")
 
 
 def _forces(kind: str, clips: int, out: Path) -> list[str]:

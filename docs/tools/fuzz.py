@@ -7,11 +7,11 @@ Each input that a run found wrong is tried anew by the readers of today: what is
 """
 
 import json
-import subprocess
 import sys
 from collections import Counter
-from datetime import date
 from pathlib import Path
+
+from provenance import provenance
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
@@ -30,11 +30,9 @@ def main(files: list[str]) -> None:
     again = list(fuzz([(name, index, 1) for name, index, *_ in failures]))
     total = sum(counts.values(), Counter())
     tried = {name: sum(each.values()) for name, each in sorted(counts.items())}
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
     made = {
         "command": "python -m tests.fuzz.run --count 10000 --out fuzz.json && python docs/tools/fuzz.py fuzz.json",
-        "date": date.today().isoformat(),
-        "commit": commit.strip(),
+        **provenance("torch", "mujoco"),
         "readers": len(counts),
         "inputs": sum(tried.values()),
         "least": min(tried.values()),

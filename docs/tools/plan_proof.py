@@ -13,17 +13,14 @@ planning. Again: the first part's comparison, with other clips of the twin, scor
 
 import json
 import os
-import platform
-import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import date
-from importlib import metadata
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from provenance import measured
 from scipy.stats import spearmanr
 
 from dmae.cli import compose
@@ -213,9 +210,7 @@ def _config(options: list[str], clips: int, workers: int):
 def write(tables: dict[str, dict], command: str) -> None:
     """Write tables, those of the other part as they were."""
     content = json.loads(FILE.read_text()) if FILE.is_file() else {"tables": {}}
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "mujoco"))
-    content["measured"] = f"{date.today()}, commit {commit.strip()}, python {platform.python_version()}, {versions}"
+    content["measured"] = measured("mujoco")
     content["tables"] |= {name: {"command": command, **table} for name, table in tables.items()}
     FILE.write_text(json_text(content) + "\n")
 

@@ -6,18 +6,15 @@ Shelf, Pose2Sim's trial, and generated rigs of five kinds with four detectors. G
 
 import json
 import os
-import platform
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from datetime import date
 from functools import lru_cache
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
+import provenance
 
 import dmae
 import synth
@@ -126,11 +123,9 @@ def kept_rows(name: str, cases: Iterable[tuple], measured: Callable[..., list], 
 
 def write_tables(name: str, tables: dict[str, tuple[list[str], list[list[str]]]]) -> None:
     """Write `docs/results/<name>.json`: tables of columns and rows, and what made them."""
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
-    versions = ", ".join(f"{part} {metadata.version(part)}" for part in ("dmae-synth", "numpy", "mujoco"))
     command = " ".join(["python", f"docs/tools/{Path(sys.argv[0]).name}", *sys.argv[1:]])
     content = {
-        "measured": f"{date.today()}, commit {commit.strip()}, python {platform.python_version()}, {versions}",
+        "measured": provenance.measured("mujoco"),
         "tables": {
             key: {"command": command, "columns": columns, "rows": rows} for key, (columns, rows) in tables.items()
         },

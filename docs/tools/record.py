@@ -9,13 +9,12 @@ less its single runs.
 
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
-from datetime import date
-from importlib import metadata
 from pathlib import Path
+
+from provenance import provenance
 
 from dmae.data.json_text import json_text
 
@@ -148,13 +147,9 @@ def record(name: str, command: str) -> Path:
             line, shell=True, check=True, cwd=folder, stdout=subprocess.PIPE, text=True, env=os.environ | {"PATH": path}
         )
         found = _found(out) or {"printed": done.stdout}
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", "torch", "mujoco"))
     made = {
         "command": command.replace("$DMAE_DATA", "DATA"),
-        "date": date.today().isoformat(),
-        "commit": commit.strip(),
-        "versions": f"python {platform.python_version()}, {versions}",
+        **provenance("torch", "mujoco"),
         **found,
     }
     file = ROOT / "docs/results" / f"{name}.json"

@@ -11,8 +11,8 @@ from dmae.files.arrays import read_npy
 from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.formats.calibrations.conventions import LengthUnit, UpDirection
 from dmae.formats.calibrations.files import FOUND, CalibrationSource
+from dmae.formats.pictures.video_rate import video_rate
 from dmae.formats.recordings.numbered_detections import NumberedDetections, known_rate, to_clip
-from dmae.formats.recordings.video_rate import video_rate
 from dmae.formats.registry import reader
 
 _POINTS = "*2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy"

@@ -1,0 +1,1 @@
+"""Pictures and videos of recordings: found by camera, joined to a clip."""
