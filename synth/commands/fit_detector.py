@@ -25,7 +25,7 @@ from synth.detector.recording import read_recording
 from synth.detector.statistics import ErrorReference, measure
 from synth.interactions import InteractionConfig
 from synth.motion.source import MotionConfig
-from synth.realism import truth_fit
+from synth.recognition import truth_fit
 from synth.rigs.listed_cameras import CameraConfig
 from synth.rigs.rig import RigConfig
 from synth.scene.spec import SceneConfig

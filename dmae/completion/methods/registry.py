@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dmae.data.skeletons.size import for_any_size
 from dmae.registry import Entry, Registry
 
 if TYPE_CHECKING:
@@ -41,13 +41,21 @@ class CompletionMethod(Entry):
             weights: Folder that `dmae train` wrote, for a learned method; by default the weights that come with the
                 package.
         """
-        return self.function(weights) if self.learned else for_any_size(self.function)
+        return self.function(weights) if self.learned else _of_any_size(self.function)
 
 
 completion_method = Registry(
     "completion_method", CompletionMethod, __package__, "dmae.online", option="method", renamed=RENAMED
 )
 find_method = completion_method.find
+
+
+@cache
+def _of_any_size(function: Fill) -> Fill:
+    """Return the function for bodies of any size, the same one each time."""
+    from dmae.data.skeletons.size import for_any_size  # NumPy is not imported to list methods
+
+    return for_any_size(function)
 
 
 class _Untrained(Mapping):
@@ -60,7 +68,7 @@ class _Untrained(Mapping):
             raise KeyError(str(error)) from error
         if method.learned:
             raise KeyError(f"completion method {name!r} needs weights: use find_method({name!r}).load(weights)")
-        return for_any_size(method.function)
+        return _of_any_size(method.function)
 
     def __iter__(self) -> Iterator[str]:
         return (name for name, method in completion_method.items() if not method.learned)

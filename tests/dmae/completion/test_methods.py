@@ -220,7 +220,7 @@ def test_any_frame_rate_works(method, fps):
     if method is not METHODS["measured"]:
         assert (found.source[rate : 2 * rate, 0, wrist] == Source.COMPLETED).all()
         there = found.source != Source.ABSENT
-        assert np.abs(found.xyz - xyz)[there].max() < (1.1 if method is fill_hold else 0.02)
+        assert np.abs(found.xyz - xyz)[there].max() < (1.1 if method is METHODS["hold"] else 0.02)
 
 
 @pytest.mark.parametrize("method", FILLING)
