@@ -86,7 +86,15 @@ def test_pooling_concatenates_samples_and_averages_fractions(clips, parts):
     assert len(both.error) == sum(len(part.error) for part in parts)
     np.testing.assert_allclose(both.missed, (parts[0].missed + 3 * parts[1].missed) / 4)
     with pytest.raises(ValueError, match="cannot be measured as one"):
-        pool([parts[0], measure(clips[1].select(views=[0, 1, 2]))], [1, 1])
+        pool([parts[0], replace(parts[1], kinds=parts[1].kinds[:-1])], [1, 1])
+
+
+def test_shares_of_different_numbers_of_cameras_are_pooled_over_cameras(clips, parts):
+    fewer = measure(clips[1].select(views=[0, 1, 2]))
+    both = pool([parts[0], fewer], [1, 1])
+    np.testing.assert_allclose(both.ghosts, [(parts[0].ghosts.mean() + fewer.ghosts.mean()) / 2])
+    assert len(both.error) == len(parts[0].error) + len(fewer.error)
+    assert both.views.size == 0
 
 
 @pytest.mark.slow
