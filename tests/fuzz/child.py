@@ -20,6 +20,7 @@ from tests.fuzz.plausible import nonsense
 from tests.fuzz.reader import Reader
 from tests.fuzz.readers import READERS
 
+_ROOT = Path(__file__).parents[2]
 MEMORY = 500 << 20
 """Bytes beyond those of a process that has read the unchanged files."""
 _FAST = Path("/dev/shm")
@@ -76,7 +77,7 @@ def _place() -> str:
     while trace is not None:
         code = trace.tb_frame.f_code
         if "/dmae/" in code.co_filename or "/synth/" in code.co_filename:
-            place = f"at {code.co_filename.rpartition('/wt/')[2]}:{trace.tb_lineno} in {code.co_name}"
+            place = f"at {os.path.relpath(code.co_filename, _ROOT)}:{trace.tb_lineno} in {code.co_name}"
         trace = trace.tb_next
     return place
 
