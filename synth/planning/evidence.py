@@ -87,7 +87,7 @@ def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: Detecto
 
 
 def _unused(stream: ErrorStream) -> np.random.Generator:
-    raise NotImplementedError("probabilities need no random numbers")
+    raise AssertionError(f"a probability drew random numbers of {stream.name}")
 
 
 def _evidence(joints: np.ndarray, rig: CameraRig, probability: np.ndarray, scale: np.ndarray) -> JointEvidence:

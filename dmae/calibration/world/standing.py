@@ -71,7 +71,7 @@ class Postures:
 
 
 def soles_and_postures(poses: Poses3D, fps: float) -> tuple[Soles, Postures]:
-    """Return the feet that rest and the bodies that stand, of poses in a world whose z is roughly up."""
+    """Return the feet at rest and the standing bodies in poses. The z axis of their world is roughly up."""
     skeleton = poses.skeleton
     length = max(round(_WINDOW_S * fps), 3)
     windows = len(poses.xyz) // length
@@ -126,8 +126,8 @@ def _soles(middle: np.ndarray, resting: np.ndarray, variance: np.ndarray, skelet
     chosen = _spread(len(xyz))
     xyz, person, sigma, foot = xyz[chosen], person[chosen], sigma[chosen], foot[chosen]
     near = np.linalg.norm(xyz[:, None, :2] - xyz[None, :, :2], axis=-1) < _SAME_PLACE_M
-    alike = (person[:, None] == person) & (foot[:, None] == foot)
-    same = (near & alike).sum(1)
+    same_foot = (person[:, None] == person) & (foot[:, None] == foot)
+    same = (near & same_foot).sum(1)
     return Soles(xyz, person, np.sqrt(sigma**2 + same * _STANCE_SOLE**2), same)
 
 
@@ -151,8 +151,8 @@ def _postures(middle: np.ndarray, resting: np.ndarray, skeleton: Skeleton) -> Po
     still = resting[:, :, index[6:]].all(-1)[rows]
     sigma, place, angle = np.where(still, _STANDING_SIGMA, _STEPPING_SIGMA), ankles.mean(2)[rows], heading[rows]
     near = np.linalg.norm(place[:, None, :2] - place[None, :, :2], axis=-1) < _SAME_PLACE_M
-    alike = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle)))) < _SAME_HEADING
-    same = (near & alike & (person[:, None] == person)).sum(1)
+    same_heading = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle)))) < _SAME_HEADING
+    same = (near & same_heading & (person[:, None] == person)).sum(1)
     return Postures(direction, angle, person, np.sqrt(sigma**2 + same * _STANCE_POSTURE**2))
 
 

@@ -1,15 +1,75 @@
-"""The skeleton of joints that a file names, with or without bones."""
+"""Files that name their joints, with or without bones: their skeleton, and their detections."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from dmae.data.skeleton import SKELETONS, Skeleton
 from dmae.data.skeletons.definition import define
+from dmae.files.numbers import MOST_PIXELS, check_numbers
+from dmae.formats.recordings.numbered_detections import NumberedDetections
 
 _REFUSED = re.compile(r"[+./\\\t,]")
 _SIDES = {"l": "r", "left": "right", "L": "R", "Left": "Right", "LEFT": "RIGHT"}
 _SIDE = re.compile(r"^(left|Left|LEFT|[lL](?=[_A-Z -]))|(?<=[a-z_ -])(left|Left|LEFT|L)$|(?<=[_ -])l$")
+
+
+@dataclass(frozen=True)
+class NamedDetections:
+    """Detections in the file of one camera, with the names of their joints.
+
+    Attributes:
+        names: Of the J joints.
+        people: (F, D, J, 3) x and y in px, confidence; NaN where absent.
+        frames: (F,) numbers of the frames; by default from 0.
+        edges: Pairs of indices of joints that are connected, the parent first.
+        skeleton: The skeleton that the file names.
+    """
+
+    names: Sequence[str]
+    people: np.ndarray
+    frames: Sequence[int] | None = None
+    edges: Sequence[tuple[int, int]] = ()
+    skeleton: Skeleton | None = None
+
+
+def named_detections(
+    files: Mapping[str, Path], read: Callable[[Path], NamedDetections], wanted: Skeleton | None
+) -> NumberedDetections:
+    """Return the detections of all cameras, in one skeleton (`named_skeleton`).
+
+    A joint without coordinates or confidence is absent; so is a person without joints.
+
+    Args:
+        files: The file of each camera.
+        read: Reads a file.
+        wanted: The skeleton that is asked for.
+
+    Raises:
+        ValueError: coordinates are impossible, or the joints are not those of the skeleton or of the other cameras.
+    """
+    views: dict[str, dict[int, np.ndarray]] = {}
+    first: list[str] = []
+    notes: tuple[str, ...] = ()
+    for camera, file in files.items():
+        found = read(file)
+        names = list(found.names)
+        if not views:
+            wanted, index, notes = named_skeleton(names, found.edges, wanted or found.skeleton, file)
+            first = names
+        elif names != first:
+            expected = f"expected the joints of the other cameras, {', '.join(first)}"
+            raise ValueError(f"{file}: {expected}; found {', '.join(names)}")
+        check_numbers(f"{file}: coordinates", found.people[..., :2], MOST_PIXELS)
+        people = found.people[:, :, index]
+        people[~np.isfinite(people).all(-1)] = np.nan
+        there = ~np.isnan(people[..., 0]).all(-1)
+        frames = range(len(people)) if found.frames is None else found.frames
+        views[camera] = {int(n): each[shown] for n, each, shown in zip(frames, people, there, strict=True)}
+    return NumberedDetections(wanted, views, notes=notes)
 
 
 def named_skeleton(

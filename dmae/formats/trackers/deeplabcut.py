@@ -8,11 +8,10 @@ from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.files.contents import read_text
 from dmae.files.hdf5 import Hdf5, open_hdf5
-from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.files.pickles import pickled_values
 from dmae.formats.calibrations.files import FOUND, CalibrationSource
 from dmae.formats.recordings.camera_matching import natural
-from dmae.formats.recordings.named_joints import named_skeleton
+from dmae.formats.recordings.named_joints import NamedDetections, named_detections
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
 from dmae.formats.registry import reader
 
@@ -50,7 +49,7 @@ def read_deeplabcut(
 
 
 def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read a file for each camera, whose name is what stands before `DLC` in that of the file.
+    """Read a file for each camera. The name of the file has that of the camera before `DLC`.
 
     Of a camera with both, the .h5 is read. A joint without coordinates is absent; so is an animal without joints.
 
@@ -62,25 +61,13 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
         FileNotFoundError: there are no such files.
         ValueError: a file is malformed, a camera has several, or the joints are not those of the skeleton.
     """
-    files = _files(Path(path))
-    views: dict[str, dict[int, np.ndarray]] = {}
-    first: list[str] | None = None
-    notes: tuple[str, ...] = ()
-    for camera, file in files.items():
-        labels, frames, values = _read_table(file) if file.suffix == ".h5" else _read_csv(file)
-        names, people = _arranged(file, labels, values)
-        if first is None:
-            skeleton, index, notes = named_skeleton(names, [], skeleton, file)
-            first = names
-        elif names != first:
-            raise ValueError(f"{file}: expected the joints of the other cameras, {', '.join(first)}; found "
-                             f"{', '.join(names)}")  # fmt: skip
-        check_numbers(f"{file}: coordinates", people[..., :2], MOST_PIXELS)
-        people = people[:, :, index]
-        people[~np.isfinite(people).all(-1)] = np.nan
-        there = ~np.isnan(people[..., 0]).all(-1)
-        views[camera] = {int(number): found[shown] for number, found, shown in zip(frames, people, there, strict=True)}
-    return NumberedDetections(skeleton, views, notes=notes)
+    return named_detections(_files(Path(path)), _read, skeleton)
+
+
+def _read(file: Path) -> NamedDetections:
+    labels, frames, values = _read_table(file) if file.suffix == ".h5" else _read_csv(file)
+    names, people = _arranged(file, labels, values)
+    return NamedDetections(names, people, frames)
 
 
 def _files(path: Path) -> dict[str, Path]:

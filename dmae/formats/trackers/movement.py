@@ -15,6 +15,7 @@ first two variables.
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,11 @@ from dmae.data.skeleton import Skeleton, decode_skeleton
 from dmae.data.skeletons.definition import encode
 from dmae.data.store import write_atomic
 from dmae.files.hdf5 import Hdf5, open_hdf5
-from dmae.files.numbers import MOST_METRES, MOST_PIXELS, check_numbers, check_rate
+from dmae.files.numbers import MOST_METRES, check_numbers, check_rate
 from dmae.files.structured import parse_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource
 from dmae.formats.recordings.camera_matching import natural
-from dmae.formats.recordings.named_joints import named_skeleton
+from dmae.formats.recordings.named_joints import NamedDetections, named_detections, named_skeleton
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
 from dmae.formats.recordings.pose_files import PoseFile
 from dmae.formats.registry import pose_reader, pose_writer, reader
@@ -63,7 +64,7 @@ def read_movement(
 
 
 def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read a file for each camera, whose name is that of the file. Keypoints without a confidence count as 1.
+    """Read a file for each camera, of the same name. Keypoints without a confidence count as 1.
 
     Args:
         skeleton: By default the one that the files name, or known by their keypoints, or made of them, see
@@ -77,26 +78,18 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
     files = sorted(path.glob("*.nc"), key=lambda file: natural(file.name))
     if not files:
         raise FileNotFoundError(f"{path}: expected <camera>.nc, found none")
-    views: dict[str, dict[int, np.ndarray]] = {}
-    rates, keypoints, notes = set(), None, ()
-    for file in files:
+    rates = set()
+
+    def read(file: Path) -> NamedDetections:
         with open_hdf5(file, _WHAT) as data_set:
             names, position, confidence, _, rate = _read(file, data_set, ["x", "y"])
             said = _said_skeleton(file, data_set)
-        if keypoints is None:
-            skeleton, index, notes = named_skeleton(names, [], skeleton or said, file)
-            keypoints = names
-        elif names != keypoints:
-            raise ValueError(f"{file}: expected the keypoints of the other cameras, {', '.join(keypoints)}; found "
-                             f"{', '.join(names)}")  # fmt: skip
-        check_numbers(f"{file}: position", position, MOST_PIXELS)
-        score = np.where(np.isnan(confidence), 1.0, confidence)
-        found = np.concatenate([position, score[..., None]], -1)[:, :, index]
-        found[~np.isfinite(found).all(-1)] = np.nan
-        there = ~np.isnan(found[..., 0]).all(-1)
-        views[file.stem] = {n: each[shown] for n, (each, shown) in enumerate(zip(found, there, strict=True))}
         rates.add(rate)
-    return NumberedDetections(skeleton, views, rates.pop() if len(rates) == 1 else None, notes=notes)
+        score = np.where(np.isnan(confidence), 1.0, confidence)
+        return NamedDetections(names, np.concatenate([position, score[..., None]], -1), skeleton=said)
+
+    found = named_detections({file.stem: file for file in files}, read, skeleton)
+    return replace(found, fps=rates.pop() if len(rates) == 1 else None)
 
 
 @pose_reader("movement", file="*.nc")

@@ -8,10 +8,9 @@ import numpy as np
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.files.hdf5 import Hdf5, open_hdf5
-from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.formats.calibrations.files import FOUND, CalibrationSource
 from dmae.formats.recordings.camera_matching import natural
-from dmae.formats.recordings.named_joints import named_skeleton
+from dmae.formats.recordings.named_joints import NamedDetections, named_detections
 from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
 from dmae.formats.registry import reader
 
@@ -47,7 +46,7 @@ def read_sleap(
 
 
 def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read a file for each camera, whose name is that of the file.
+    """Read a file for each camera, of the same name.
 
     Scores of points are confidences; points that people placed have none, and count as 1.
 
@@ -63,32 +62,19 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
     files = sorted(path.glob(f"*{_SUFFIX}"), key=lambda file: natural(file.name))
     if not files:
         raise FileNotFoundError(f"{path}: expected <camera>{_SUFFIX}, found none")
-    views: dict[str, dict[int, np.ndarray]] = {}
-    nodes: list[str] | None = None
-    notes: tuple[str, ...] = ()
-    for file in files:
-        with open_hdf5(file, _WHAT) as analysis:
-            names, edges, animals = _read(file, analysis)
-        if nodes is None:
-            skeleton, index, notes = named_skeleton(names, edges, skeleton, file)
-            nodes = names
-        elif names != nodes:
-            raise ValueError(f"{file}: expected the nodes of the other cameras, {', '.join(nodes)}; found "
-                             f"{', '.join(names)}")  # fmt: skip
-        there = ~np.isnan(animals[..., 0]).all(-1)
-        views[file.name.removesuffix(_SUFFIX)] = {
-            number: found[shown][:, index] for number, (found, shown) in enumerate(zip(animals, there, strict=True))
-        }
-    return NumberedDetections(skeleton, views, notes=notes)
+    return named_detections({file.name.removesuffix(_SUFFIX): file for file in files}, _read, skeleton)
 
 
-def _read(file: Path, analysis: Hdf5) -> tuple[list[str], list[tuple[int, int]], np.ndarray]:
-    """Return the names of the J nodes, edges, and animals (F, D, J, 3): x, y, confidence; NaN where absent."""
+def _read(file: Path) -> NamedDetections:
+    with open_hdf5(file, _WHAT) as analysis:
+        return _animals(file, analysis)
+
+
+def _animals(file: Path, analysis: Hdf5) -> NamedDetections:
     names = analysis.texts("node_names")
     xy = _in_order(file, analysis, "tracks", _MATLAB)
     if xy.shape[2:] != (len(names), 2):
         raise ValueError(f"{file}: expected tracks of {len(names)} nodes, found the shape {xy.shape}")
-    check_numbers(f"{file}: tracks", xy, MOST_PIXELS)
     score = np.ones(xy.shape[:-1])
     if "point_scores" in analysis:
         score = _in_order(file, analysis, "point_scores", tuple(axis for axis in _MATLAB if axis != "xy"))
@@ -97,13 +83,12 @@ def _read(file: Path, analysis: Hdf5) -> tuple[list[str], list[tuple[int, int]],
         # Points that people placed have no score.
         score = np.where(np.isnan(score) | (score == 0), 1.0, score)
     animals = np.concatenate([xy, score[..., None]], -1)
-    animals[~np.isfinite(animals).all(-1)] = np.nan
     edges = analysis.array("edge_inds") if "edge_inds" in analysis else np.empty((0, 2), int)
     if edges.size == 0:
-        return names, [], animals
+        return NamedDetections(names, animals)
     if edges.ndim != 2 or edges.shape[1] != 2 or not ((edges >= 0) & (edges < len(names))).all():
         raise ValueError(f"{file}: expected edge_inds, pairs of numbers of its {len(names)} nodes")
-    return names, [(int(parent), int(child)) for parent, child in edges], animals
+    return NamedDetections(names, animals, edges=[(int(parent), int(child)) for parent, child in edges])
 
 
 def _in_order(file: Path, analysis: Hdf5, name: str, usual: tuple[str, ...]) -> np.ndarray:
