@@ -1,6 +1,7 @@
 """The forecast of time and disk: held against what generation takes, in seconds of this process alone."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,12 @@ def bytes_of_clips(folder: str) -> int:
     return sum(path.stat().st_size for path in Path(folder).glob("0*/**/*") if path.is_file())
 
 
+def seconds_to_generate(config: GenerateConfig) -> float:
+    start = time.process_time()
+    generate(config)
+    return time.process_time() - start
+
+
 @pytest.fixture
 def config(tmp_path) -> GenerateConfig:
     return GenerateConfig(
@@ -36,18 +43,17 @@ def test_the_forecast_is_near_the_truth(config, images, monkeypatch):
     # Other processes on the machine do not count, and rays are cast in this one.
     monkeypatch.setattr(module.time, "perf_counter", time.process_time)
     monkeypatch.setattr(rendering, "find_backend", lambda: None)
-    config = GenerateConfig(**{**vars(config), "images": images})
-    found = forecast(config)
+    config = replace(config, images=images)
+    # Even so the same work has taken 1.5 times as long: the least of three tells what it takes.
+    found = min((forecast(config) for _ in range(3)), key=lambda each: each.seconds)
     assert not Path(config.out).exists(), "nothing is written"
     assert (found.clips, found.frames, found.pictures) == (3, 90, 180 if images else 0)
-    start = time.process_time()
-    generate(config)
-    took = time.process_time() - start
+    took = min(seconds_to_generate(replace(config, out=f"{config.out}{again}")) for again in ("", "2", "3"))
     assert found.seconds == pytest.approx(took, rel=0.4)
     assert found.megabytes * 1e6 == pytest.approx(bytes_of_clips(config.out), rel=0.2)
     assert forecast(config) == Forecast(0, 0, 0, 0.0, 0.0), "nothing is left to make"
     if not images:
-        more = forecast(GenerateConfig(**{**vars(config), "images": ["rgb"]}))
+        more = forecast(replace(config, images=["rgb"]))
         assert (more.clips, more.pictures) == (0, 180)
         assert more.seconds > 0
 
