@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dmae.completion.gaussian_process.episodes import Episode, anchor_of, episodes_of
+from dmae.completion.gaussian_process.episodes import Episode, episodes_of
 from dmae.completion.gaussian_process.kernels import PARAMETERS, Exactness, Kernel, KernelSet, covariance, noise_of
 from dmae.completion.training.masking import MaskingConfig, mask_bursts
 from dmae.completion.training.pose_pairs import PosePair, pose_pair
@@ -29,6 +29,8 @@ _START = {
     "both_time_scale": 1.5, "noise": 0.01, "tolerance": 10.0,
 }  # fmt: skip
 _LEAST_NOISE = 1e-4
+_FEWEST_GROUPS = 3
+"""Kinds of poses and classes of lengths of a gap of the torso; with fewer no kernel is learned."""
 _CLOSENESS = 10.0
 """1/m; what the weights of all joints begin with, divided by the square root of their number."""
 
@@ -69,13 +71,20 @@ class EpisodeTable:
 
 
 def collect(
-    pairs: Iterable[tuple[str, PosePair]], bones: dict[str, float], config: FitConfig, perturb: Perturb
+    pairs: Iterable[tuple[str, PosePair]],
+    bones: dict[str, float],
+    config: FitConfig,
+    perturb: Perturb,
+    torso: bool = False,
 ) -> dict:
-    """Return gaps cut into true, perturbed and captured poses, by kernel, then by kind, joint and class of lengths."""
+    """Return gaps cut into true, perturbed and captured poses, by kernel, then by kind, joint and class of lengths.
+
+    They are the gaps of limbs, or of the torso.
+    """
     found: dict[tuple[str, Exactness], dict[tuple, list[Episode]]] = defaultdict(lambda: defaultdict(list))
     seen: dict = defaultdict(int)
     for number, (_, pair) in enumerate(progress(list(pairs), "cutting gaps")):
-        rng = generator(config.seed, number, Stream.STRESS)
+        rng = generator(config.seed, number, Stream.MASKING if torso else Stream.STRESS)
         for _ in range(config.passes):
             for kind in ("true", "perturbed", "captured"):
                 given = pair.captured if kind == "captured" else pair.truth
@@ -86,10 +95,10 @@ def collect(
                 poses = Poses3D(BODY25, np.where(masked[..., None], np.nan, xyz), rays=given.rays)
                 if kind == "perturbed":
                     poses = perturb(poses, FPS, rng=rng)
-                for episode in episodes_of(poses, pair.truth, FPS, bones, config.training_poses):
+                for episode in episodes_of(poses, pair.truth, FPS, bones, config.training_poses, torso):
                     exactness = Exactness.exact if kind == "true" else Exactness.noisy
                     joint = BODY25.joints[episode.problem.gap.joint][2:]
-                    key, group = (anchor_of(BODY25, episode.problem.gap), exactness), (kind, joint, episode.length)
+                    key, group = (episode.problem.kernel, exactness), (kind, joint, episode.length)
                     seen[key, group] += 1
                     kept = found[key][group]
                     if len(kept) < config.kept:
@@ -212,10 +221,10 @@ def fit_all(pairs: dict[str, PosePair], config: FitConfig, perturb: Perturb) -> 
         perturb: Adds errors like those of capture to poses of a frame rate, by `rng`.
     """
     bones = usual_bones(list(pairs.values()))
-    found = collect(pairs.items(), bones, config, perturb)
-    keys = sorted(found)
+    limbs, torsos = (collect(pairs.items(), bones, config, perturb, torso) for torso in (False, True))
+    found = limbs | {key: groups for key, groups in torsos.items() if len(groups) >= _FEWEST_GROUPS}
     kernels = {}
-    for key in progress(keys, "learning kernels"):
+    for key in progress([*sorted(limbs), *sorted(found.keys() - limbs.keys())], "learning kernels"):
         table = table_of(found[key], config, rng=generator(config.seed, len(kernels), Stream.VALIDATION))
         kernels[key], _ = fit(table, key, config)
     recipe = {"clips": len(pairs), "seed": config.seed, "steps": config.steps}

@@ -31,10 +31,11 @@ class Exactness(StrEnum):
 
 @dataclass(frozen=True)
 class Kernel:
-    """What was learned for the joints of a limb that hang, hidden, from one joint.
+    """What was learned for the joints of a limb that hang, hidden, from one joint, or for a joint of the torso.
 
     Attributes:
-        anchor: Name of the joint from which they hang, of the left side or the middle.
+        anchor: Name of the joint from which they hang, of the left side or the middle; for a joint of the torso
+            `neck-l_hip`, of the joint that it is placed from and its own.
         exactness: The poses that it is for.
         weights: 1/m; how much the offset of each joint from its parent counts in the distance between poses.
         parameters: One for each of `PARAMETERS`.

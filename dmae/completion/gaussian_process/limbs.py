@@ -63,7 +63,7 @@ def gaps_of(bodies: Bodies, joint: int, hidden: np.ndarray, unseen: np.ndarray) 
     # The joint of the torso is the anchor even if hidden: the torso is placed by itself.
     covered = np.cumprod(unseen[:, :, above[:-1]], -1).sum(-1) if len(above) > 1 else 0 * hidden[:, :, joint]
     for person in range(hidden.shape[1]):
-        for first, end in _runs(hidden[:, person, joint]):
+        for first, end in runs(hidden[:, person, joint]):
             level = covered[first:end, person]
             cuts = [first, *(first + 1 + np.flatnonzero(np.diff(level))), end]
             for start, stop in pairwise(cuts):
@@ -121,7 +121,7 @@ def _hangs_from(bodies: Bodies, joint: int, ancestor: int) -> bool:
     return joint not in bodies.torso and ancestor in ancestors(bodies, joint)
 
 
-def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
+def runs(flags: np.ndarray) -> list[tuple[int, int]]:
     """Return the first frames and the ends of runs of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from dmae.completion.gaussian_process.episodes import GapProblem
 from dmae.completion.gaussian_process.kernels import Kernel, covariance, noise_of
+from dmae.completion.gaussian_process.problems import GapProblem
 
 _BLOCKS = 6
 """Stretches of training poses, at most, that are left out to see how well they are predicted."""

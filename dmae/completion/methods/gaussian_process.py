@@ -39,10 +39,15 @@ def fill_gaussian_process(poses: Poses3D, fps: float) -> Poses3D:
     """
     poses = without_infinite(poses, fps)
     bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
+    place_limbs(bodies, fps)
+    return take_estimate(poses, fps, bodies.filled)
+
+
+def place_limbs(bodies: Bodies, fps: float) -> None:
+    """Replace the interpolated estimates of limbs by those of the process."""
     for joint in (joint for joint in bodies.attached if joint not in bodies.torso):
         others = [other for other in bodies.attached if not _below(other, joint, bodies.parents, bodies.torso)]
         _place(bodies, joint, others, fps)
-    return take_estimate(poses, fps, bodies.filled)
 
 
 def _place(bodies: Bodies, joint: int, others: list[int], fps: float) -> None:

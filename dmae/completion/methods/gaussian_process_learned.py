@@ -1,16 +1,17 @@
 """Gaussian process with learned kernels: which joints count, how far, and for how long, differs by limb."""
 
-from dataclasses import replace
+from copy import copy
 
 import numpy as np
 
-from dmae.completion.gaussian_process.episodes import GapProblem, Limbs, anchor_of
 from dmae.completion.gaussian_process.kernels import Exactness, KernelSet, shipped_kernels
 from dmae.completion.gaussian_process.limbs import limb_joints
+from dmae.completion.gaussian_process.problems import GapProblem, Limbs
 from dmae.completion.gaussian_process.regression import blending_weight, predict
-from dmae.completion.methods.gaussian_process import fill_gaussian_process
+from dmae.completion.gaussian_process.torso import Torsos
+from dmae.completion.methods.gaussian_process import place_limbs
 from dmae.completion.methods.registry import completion_method
-from dmae.data.clip import Poses3D, Source
+from dmae.data.clip import Poses3D
 from dmae.numerics import body_frame
 from dmae.numerics.body_frame import Bodies
 from dmae.numerics.filling import take_estimate, without_infinite
@@ -19,34 +20,40 @@ from dmae.numerics.interpolation import pchip
 
 _MOST = 160
 """Training poses of a gap."""
-
-
 _SHARE = 0.5
-"""Of the learned kernels beside the kernel that is the same for all joints: processes with other errors."""
+"""Of the learned kernels of limbs beside the kernel that is the same for all joints: processes with other errors."""
 
 
 @completion_method("gaussian_process_learned")
 def fill_gaussian_process_learned(poses: Poses3D, fps: float) -> Poses3D:
-    """The mean of gaussian_process and of one with kernels learned for each limb.
+    """The torso by learned kernels; limbs by the mean of gaussian_process and of learned kernels.
 
     The learned kernels are of poses and of time. They count as far as they predict the person's other frames, and not
     in gaps in which single cameras see the joint, where its ray says more.
     """
-    plain, learned = fill_gaussian_process(poses, fps), fill_with(poses, fps, shipped_kernels())
-    share = _SHARE * _without_rays(poses)[..., None]
-    xyz = plain.xyz + share * np.nan_to_num(learned.xyz.astype(np.float64) - plain.xyz)
-    return replace(plain, xyz=np.where((plain.source == Source.COMPLETED)[..., None], xyz, plain.xyz))
+    return _fill(poses, fps, shipped_kernels(), _SHARE)
 
 
 def fill_with(poses: Poses3D, fps: float, kernels: KernelSet) -> Poses3D:
     """Fill by given kernels alone, where they predict the person's other frames; elsewhere by interpolation."""
+    return _fill(poses, fps, kernels, 1.0)
+
+
+def _fill(poses: Poses3D, fps: float, kernels: KernelSet, share: float) -> Poses3D:
     poses = without_infinite(poses, fps)
     bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
+    without_rays = _without_rays(poses)[..., None]
+    _place_torso(poses, fps, bodies, kernels, without_rays)
+    plain = copy(bodies)
+    plain.filled = bodies.filled.copy()
     limbs = Limbs(poses, bodies, fps, kernels.bones)
-    interpolated = bodies.filled.copy()
     for joint in limb_joints(bodies):
-        _place(bodies, limbs, joint, kernels, interpolated)
-    return take_estimate(poses, fps, bodies.filled)
+        _place(bodies, limbs, joint, kernels)
+    if share == 1:
+        return take_estimate(poses, fps, bodies.filled)
+    place_limbs(plain, fps)
+    change = share * without_rays * np.nan_to_num(bodies.filled - plain.filled)
+    return take_estimate(poses, fps, plain.filled + change)
 
 
 def _without_rays(poses: Poses3D) -> np.ndarray:
@@ -59,15 +66,34 @@ def _without_rays(poses: Poses3D) -> np.ndarray:
     return 1 - found / np.maximum(after - before - 1, 1)
 
 
-def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, interpolated: np.ndarray) -> None:
+def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, without_rays: np.ndarray) -> None:
+    """Replace the interpolated estimates of the torso where a Gaussian process has one; what hangs from it follows."""
+    torsos = Torsos(poses, bodies, fps, kernels.bones)
+    for joint in bodies.torso:
+        for problem in torsos.problems(joint, _MOST):
+            predicted = _predict(problem, kernels)
+            if predicted is not None:
+                offset, weight = predicted
+                at = problem.gap.frames, problem.gap.person
+                turned = np.einsum("fij,fj->fi", bodies.world_from_body[at], offset)
+                change = bodies.xyz[(*at, problem.gap.anchor)] + turned - torsos.filled[(*at, joint)]
+                bodies.filled[(*at, joint)] += weight * without_rays[(*at, joint)] * change
+    free = ~torsos.measured & np.isnan(poses.rays[..., 0, 0])
+    for joint in limb_joints(bodies):
+        parent = bodies.parents[joint]
+        moved = bodies.filled[:, :, parent] - torsos.filled[:, :, parent]
+        bodies.filled[:, :, joint] += np.where(free[:, :, joint, None], np.nan_to_num(moved), 0)
+
+
+def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet) -> None:
     """Replace the interpolated estimate of a joint of a limb where a Gaussian process has one."""
     parent = bodies.parents[joint]
     # A joint moves along with its parent.
-    first = interpolated[:, :, joint] + np.nan_to_num(bodies.filled[:, :, parent] - interpolated[:, :, parent])
+    first = limbs.filled[:, :, joint] + np.nan_to_num(bodies.filled[:, :, parent] - limbs.filled[:, :, parent])
     estimate, weight = np.full_like(first, np.nan), np.zeros((*first.shape[:2], 1))
     for problem in limbs.problems(joint, _MOST):
         gap = problem.gap
-        predicted = _predict(problem, anchor_of(limbs.skeleton, gap), kernels)
+        predicted = _predict(problem, kernels)
         if predicted is not None:
             offset, weight[gap.frames, gap.person] = predicted
             turned = np.einsum("fij,fj->fi", bodies.world_from_body[gap.frames, gap.person], offset)
@@ -82,12 +108,12 @@ def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, interpo
     bodies.filled[:, :, joint] = np.where(measured, bodies.xyz[:, :, joint], blended)
 
 
-def _predict(problem: GapProblem, anchor: str, kernels: KernelSet) -> tuple[np.ndarray, float] | None:
+def _predict(problem: GapProblem, kernels: KernelSet) -> tuple[np.ndarray, float] | None:
     """Return the offset (Q, 3) m by the kernel of exact poses, that of noisy ones, or between them; and its weight."""
     offset, weight = 0.0, 0.0
     for exactness, share in ((Exactness.exact, 1 - problem.noisy), (Exactness.noisy, problem.noisy)):
         if share > 0:
-            kernel = kernels.kernels.get((anchor, exactness))
+            kernel = kernels.kernels.get((problem.kernel, exactness))
             if kernel is None:
                 return None
             found = predict(problem, kernel)

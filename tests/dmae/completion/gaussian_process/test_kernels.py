@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from dmae.completion.gaussian_process.episodes import Episode, Limbs, episodes_of
+from dmae.completion.gaussian_process.episodes import Episode, episodes_of
 from dmae.completion.gaussian_process.fitting import FitConfig, fit, predictions, table_of
 from dmae.completion.gaussian_process.kernels import (
     Exactness,
@@ -14,6 +14,7 @@ from dmae.completion.gaussian_process.kernels import (
     shipped_kernels,
 )
 from dmae.completion.gaussian_process.limbs import body_sizes
+from dmae.completion.gaussian_process.problems import Limbs
 from dmae.completion.gaussian_process.regression import blending_weight, predict
 from dmae.completion.methods.gaussian_process_learned import fill_gaussian_process_learned, fill_with
 from dmae.completion.methods.pchip_body import fill_pchip_body

@@ -1,0 +1,125 @@
+"""Compare completion with the Gaussian process, by length of gap and body part: `docs/results/completion_gains.json`.
+
+    python docs/tools/completion_gains.py CAPTURED... [--out FILE]     # data sets with truth that `dmae capture` wrote
+
+`make gains` makes the data sets, of subjects that nothing was learned from, and runs it. Changes are of mean errors of
+hidden joints; intervals hold 90 % of a bootstrap over people of clips.
+"""
+
+import argparse
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from provenance import measured
+
+from dmae.completion.gaussian_process.fitting import FPS, read_pairs
+from dmae.completion.methods import METHODS
+from dmae.completion.pipeline import SMOOTHING, completers
+from dmae.data.clip import Poses3D
+from dmae.data.json_text import json_text
+from dmae.data.skeleton import BODY25
+from dmae.evaluation.benchmark.holes import PARTS, part_of
+from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
+from dmae.metrics.position_error import GAPS
+from dmae.numerics.gaps import gap_lengths
+from dmae.progress import progress
+
+FILE = Path(__file__).parents[1] / "results/completion_gains.json"
+KINDS = {"true": "true poses", "perturbed": "perturbed poses", "captured": "captured poses"}
+REFERENCE = "gaussian_process"
+_RESAMPLED = 1000
+_FEWEST = 50
+"""Hidden joints of a row, at least."""
+_PART = np.array([list(PARTS)[part_of(joint)] for joint in BODY25.joints])
+
+Errors = dict[str, dict[tuple[str, str, str], list[tuple[float, int]]]]
+
+
+def methods() -> dict[str, Callable[[Poses3D, float], Poses3D]]:
+    """Return what is compared: filling methods, and `dmae.complete` as it is by default."""
+    shipped = completers(None, denoise=None, reject=True, smooth=SMOOTHING)(BODY25)
+    plain = {name: METHODS[name] for name in ("pchip_body", REFERENCE, "gaussian_process_learned")}
+    return plain | {"complete": shipped}
+
+
+def trials(folders: list[Path]) -> Iterator[tuple[str, Poses3D, Poses3D]]:
+    """Yield kinds of poses, poses with gaps, and their truth."""
+    for number, pair in enumerate(progress(list(read_pairs(folders).values()), "completing")):
+        rng = np.random.default_rng(number)
+        given = cut_gaps(pair.truth, FPS, GapConfig(), rng=rng)
+        yield "true", given, pair.truth
+        yield "perturbed", perturb(given, FPS, rng=rng), pair.truth
+        if pair.captured is not None:
+            yield "captured", pair.captured, pair.truth
+
+
+def measure(folders: list[Path]) -> Errors:
+    """Return sums of errors, mm, and numbers of hidden joints: of each person, by method, kind, length and part."""
+    found: Errors = defaultdict(lambda: defaultdict(list))
+    fills = methods()
+    for kind, given, truth in trials(folders):
+        hidden = ~given.measured
+        lengths = gap_lengths(given.measured)
+        done = {name: fill(given, FPS).xyz for name, fill in fills.items()}
+        counted = hidden & ~np.isnan(truth.xyz).any(-1)
+        for xyz in done.values():
+            counted &= ~np.isnan(xyz).any(-1)
+        for name, xyz in done.items():
+            error = 1000 * np.linalg.norm(xyz - truth.xyz.astype(np.float64), axis=-1)
+            for low, high in GAPS:
+                within = counted & (lengths >= low) & (lengths <= (high or np.inf))
+                for part in PARTS:
+                    for person in range(hidden.shape[1]):
+                        where = within[:, person] & (part == _PART)
+                        sums = float(error[:, person][where].sum()), int(where.sum())
+                        found[name][kind, _words(low, high), part].append(sums)
+    return found
+
+
+def table(found: Errors, kind: str) -> dict:
+    """Return the rows of one kind of poses."""
+    rows = []
+    for length in (_words(*gap) for gap in GAPS):
+        for part in ("all", *PARTS):
+            parts = list(PARTS) if part == "all" else [part]
+            sums = {name: np.sum([errors[kind, length, each] for each in parts], 0) for name, errors in found.items()}
+            reference = sums[REFERENCE]
+            if reference[:, 1].sum() < _FEWEST:
+                continue
+            mean = {name: each[:, 0].sum() / each[:, 1].sum() for name, each in sums.items()}
+            changes = [_change(sums[name], reference) for name in found if name not in ("pchip_body", REFERENCE)]
+            cells = [f"{mean['pchip_body']:.1f}", f"{mean[REFERENCE]:.1f}", *changes]
+            rows.append([length, part, str(int(reference[:, 1].sum())), *cells])
+    others = [f"{name}, %" for name in found if name not in ("pchip_body", REFERENCE)]
+    return {"columns": ["frames", "part", "joints", "pchip_body, mm", f"{REFERENCE}, mm", *others], "rows": rows}
+
+
+def _change(errors: np.ndarray, reference: np.ndarray) -> str:
+    """Return the change of the mean error, %, and its interval; errors (people, 2) are sums and numbers."""
+    drawn = np.random.default_rng(0).integers(len(errors), size=(_RESAMPLED, len(errors)))
+    ratios = errors[drawn, 0].sum(1) / np.maximum(reference[drawn, 0].sum(1), 1e-9)
+    low, high = np.quantile(100 * (ratios - 1), [0.05, 0.95])
+    return f"{100 * (errors[:, 0].sum() / reference[:, 0].sum() - 1):+.0f} ({low:+.0f}..{high:+.0f})"
+
+
+def _words(low: int, high: int | None) -> str:
+    return f"{low}-{high}" if high else f"{low} or more"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", nargs="+", type=Path, help="data sets with truth and captured poses")
+    parser.add_argument("--out", type=Path, default=FILE)
+    options = parser.parse_args()
+    found = measure(options.data)
+    tables = {kind: {"command": "make gains", **table(found, kind)} for kind in KINDS}
+    options.out.write_text(json_text({"measured": measured("torch"), "tables": tables}) + "\n")
+    for kind, each in tables.items():
+        print(kind, *("  ".join(row) for row in [each["columns"], *each["rows"]]), sep="\n", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
