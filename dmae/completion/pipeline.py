@@ -46,7 +46,17 @@ def load_completer(
         )
     where = pick_device(device)
     factors = record["calibration"] and tuple(map(tuple, record["calibration"]))
-    return Completer(model.to(where), skeleton, denoise, factors, reject, smooth)
+    shares = record.get("shares")
+    if shares is not None and not _are_shares(shares):
+        raise ValueError(
+            f"{weights}: not a model of this version of dmae: expected shares from 0 to 1, found {shares!r}"
+        )
+    return Completer(model.to(where), skeleton, denoise, factors, reject, smooth, shares)
+
+
+def _are_shares(found: object) -> bool:
+    """Return whether something is numbers from 0 to 1 by name."""
+    return isinstance(found, dict) and all(isinstance(each, int | float) and 0 <= each <= 1 for each in found.values())
 
 
 def completers(weights: Path | None, **options) -> Callable[[Skeleton], Completer]:

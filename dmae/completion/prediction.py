@@ -8,9 +8,10 @@ import numpy as np
 import torch
 
 from dmae.completion.blending import correction_weight
+from dmae.completion.methods.gaussian_process_learned import fill_gaussian_process_learned
 from dmae.completion.network.paper import DMAE
 from dmae.completion.windows import Rows, make_rows
-from dmae.data.clip import Poses3D
+from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.heading import rotate_z
 from dmae.numerics.resampling import resample
@@ -42,13 +43,20 @@ def stride(model: DMAE) -> int:
 
 
 def predict(
-    model: DMAE, poses: Poses3D, fps: float, frames: slice, target: Skeleton | None, denoise: bool
+    model: DMAE,
+    poses: Poses3D,
+    fps: float,
+    frames: slice,
+    target: Skeleton | None,
+    denoise: bool,
+    shares: dict[str, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Predict every joint in some frames of a recording, by all of its frames.
 
     Args:
         target: Skeleton that the model turns poses into, if any; its joints follow those of the poses.
         denoise: Predict measured joints too.
+        shares: How much of the network's corrections is applied to hidden joints of these names; 1 for others.
 
     Returns:
         (F, P, J, 3) m, world, meaningful while a person is present; and the scale of the error, (F, P, J) m, NaN where
@@ -60,6 +68,10 @@ def predict(
     asked = range(count)[frames]
     rows = make_rows(poses, fps, rest, config.frames, target=target)
     base = _by_frame(rows.base, persons)[:count]
+    if not target:
+        # What the network adds to the process with the plain kernel, it adds to a better one.
+        learned = fill_gaussian_process_learned(poses, fps)
+        base = np.where((learned.source == Source.COMPLETED)[..., None], learned.xyz, base)
     if has_rate(model, fps):
         correction = _by_frame(_corrections(model, rows, persons, asked, denoise), persons)[:count]
     else:
@@ -73,7 +85,7 @@ def predict(
         second = np.minimum(first + 1, len(resampled) - 1)
         correction = resampled[first] * (1 - weight) + resampled[second] * weight
     # The target's joints lie elsewhere than what they are derived from, however short a gap is.
-    weight = 1 if target else correction_weight(poses, fps)
+    weight = 1 if target else correction_weight(poses, fps, shares)
     return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]
 
 

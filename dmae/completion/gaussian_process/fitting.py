@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +30,9 @@ _START = {
 }  # fmt: skip
 _LEAST_NOISE = 1e-4
 _FEWEST_GROUPS = 3
-"""Kinds of poses and classes of lengths of a gap of the torso; with fewer no kernel is learned."""
+_FEWEST_GAPS = 100
+"""Kinds of poses and classes of lengths of the gaps of a joint of the torso, and those gaps; with fewer no kernel is
+learned."""
 _CLOSENESS = 10.0
 """1/m; what the weights of all joints begin with, divided by the square root of their number."""
 
@@ -68,6 +70,11 @@ class EpisodeTable:
     used: Tensor
     asked: Tensor
     importance: Tensor
+
+    def double(self) -> EpisodeTable:
+        """Return the same in double precision."""
+        parts = {name: getattr(self, name) for name in (field.name for field in fields(self) if field.name != "names")}
+        return EpisodeTable(self.names, **{k: v if v.dtype == torch.bool else v.double() for k, v in parts.items()})
 
 
 def collect(
@@ -170,8 +177,9 @@ def fit(table: EpisodeTable, which: tuple[str, Exactness], config: FitConfig) ->
     """Learn one kernel; return it and its loss over the steps."""
     torch.manual_seed(config.seed)
     count = len(table.names)
-    weights = torch.full((count,), float(np.log(_CLOSENESS / count**0.5)), requires_grad=True)
-    logs = torch.tensor([float(np.log(_START[name])) for name in PARAMETERS], requires_grad=True)
+    dtype = table.known.dtype
+    weights = torch.full((count,), float(np.log(_CLOSENESS / count**0.5)), dtype=dtype, requires_grad=True)
+    logs = torch.tensor([float(np.log(_START[name])) for name in PARAMETERS], dtype=dtype, requires_grad=True)
     optimizer = torch.optim.Adam([weights, logs], config.lr, betas=(0.9, 0.98))
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, config.lr, config.steps, pct_start=0.1)
     losses = []
@@ -222,11 +230,16 @@ def fit_all(pairs: dict[str, PosePair], config: FitConfig, perturb: Perturb) -> 
     """
     bones = usual_bones(list(pairs.values()))
     limbs, torsos = (collect(pairs.items(), bones, config, perturb, torso) for torso in (False, True))
-    found = limbs | {key: groups for key, groups in torsos.items() if len(groups) >= _FEWEST_GROUPS}
+    usual = sorted(key for key, groups in torsos.items() if len(groups) >= _FEWEST_GROUPS)
     kernels = {}
-    for key in progress([*sorted(limbs), *sorted(found.keys() - limbs.keys())], "learning kernels"):
-        table = table_of(found[key], config, rng=generator(config.seed, len(kernels), Stream.VALIDATION))
-        kernels[key], _ = fit(table, key, config)
+    for number, key in enumerate(progress([*sorted(limbs), *usual], "learning kernels")):
+        rng = generator(config.seed, number, Stream.VALIDATION)
+        table = table_of((limbs | torsos)[key], config, rng=rng)
+        if key in limbs:
+            kernels[key], _ = fit(table, key, config)
+        elif len(table.importance) >= _FEWEST_GAPS:
+            # The torso is so regular that its noise vanishes beside the process, in single precision.
+            kernels[key], _ = fit(table.double(), key, config)
     recipe = {"clips": len(pairs), "seed": config.seed, "steps": config.steps}
     return KernelSet(kernels, bones, recipe)
 

@@ -4,6 +4,7 @@ from copy import copy
 
 import numpy as np
 
+from dmae.completion.blending import noisiness
 from dmae.completion.gaussian_process.kernels import Exactness, KernelSet, shipped_kernels
 from dmae.completion.gaussian_process.limbs import limb_joints
 from dmae.completion.gaussian_process.problems import GapProblem, Limbs
@@ -28,32 +29,31 @@ _SHARE = 0.5
 def fill_gaussian_process_learned(poses: Poses3D, fps: float) -> Poses3D:
     """The torso by learned kernels; limbs by the mean of gaussian_process and of learned kernels.
 
-    The learned kernels are of poses and of time. They count as far as they predict the person's other frames, and not
-    in gaps in which single cameras see the joint, where its ray says more.
+    The learned kernels are of poses and of time. They count as far as they predict the person's other frames, those of
+    limbs the less the noisier poses are, and not in gaps in which single cameras see the joint, where its ray says
+    more.
     """
-    return _fill(poses, fps, shipped_kernels(), _SHARE)
+    poses = without_infinite(poses, fps)
+    kernels = shipped_kernels()
+    bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
+    without_rays = _without_rays(poses)
+    _place_torso(poses, fps, bodies, kernels, without_rays)
+    plain = copy(bodies)
+    plain.filled = bodies.filled.copy()
+    place_limbs(plain, fps)
+    share = _SHARE * without_rays * (1 - noisiness(poses))
+    learned = _place_limbs(poses, fps, bodies, kernels, share > 0)
+    change = (share * learned)[..., None] * np.nan_to_num(bodies.filled - plain.filled)
+    return take_estimate(poses, fps, plain.filled + change)
 
 
 def fill_with(poses: Poses3D, fps: float, kernels: KernelSet) -> Poses3D:
     """Fill by given kernels alone, where they predict the person's other frames; elsewhere by interpolation."""
-    return _fill(poses, fps, kernels, 1.0)
-
-
-def _fill(poses: Poses3D, fps: float, kernels: KernelSet, share: float) -> Poses3D:
     poses = without_infinite(poses, fps)
     bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
-    without_rays = _without_rays(poses)[..., None]
-    _place_torso(poses, fps, bodies, kernels, without_rays)
-    plain = copy(bodies)
-    plain.filled = bodies.filled.copy()
-    limbs = Limbs(poses, bodies, fps, kernels.bones)
-    for joint in limb_joints(bodies):
-        _place(bodies, limbs, joint, kernels)
-    if share == 1:
-        return take_estimate(poses, fps, bodies.filled)
-    place_limbs(plain, fps)
-    change = share * without_rays * np.nan_to_num(bodies.filled - plain.filled)
-    return take_estimate(poses, fps, plain.filled + change)
+    _place_torso(poses, fps, bodies, kernels, _without_rays(poses))
+    _place_limbs(poses, fps, bodies, kernels, np.ones(poses.xyz.shape[:3], bool))
+    return take_estimate(poses, fps, bodies.filled)
 
 
 def _without_rays(poses: Poses3D) -> np.ndarray:
@@ -71,13 +71,14 @@ def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet,
     torsos = Torsos(poses, bodies, fps, kernels.bones)
     for joint in bodies.torso:
         for problem in torsos.problems(joint, _MOST):
-            predicted = _predict(problem, kernels)
+            on_rays = not without_rays[problem.gap.frames, problem.gap.person, joint].any()
+            predicted = None if on_rays else _predict(problem, kernels)
             if predicted is not None:
                 offset, weight = predicted
                 at = problem.gap.frames, problem.gap.person
                 turned = np.einsum("fij,fj->fi", bodies.world_from_body[at], offset)
                 change = bodies.xyz[(*at, problem.gap.anchor)] + turned - torsos.filled[(*at, joint)]
-                bodies.filled[(*at, joint)] += weight * without_rays[(*at, joint)] * change
+                bodies.filled[(*at, joint)] += weight * without_rays[(*at, joint)][:, None] * change
     free = ~torsos.measured & np.isnan(poses.rays[..., 0, 0])
     for joint in limb_joints(bodies):
         parent = bodies.parents[joint]
@@ -85,19 +86,32 @@ def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet,
         bodies.filled[:, :, joint] += np.where(free[:, :, joint, None], np.nan_to_num(moved), 0)
 
 
-def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet) -> None:
-    """Replace the interpolated estimate of a joint of a limb where a Gaussian process has one."""
+def _place_limbs(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, wanted: np.ndarray) -> np.ndarray:
+    """Replace the interpolated estimates of limbs where a Gaussian process has one; return where, (F, P, J)."""
+    limbs = Limbs(poses, bodies, fps, kernels.bones)
+    found = np.zeros(wanted.shape, bool)
+    for joint in limb_joints(bodies):
+        found[:, :, joint] = _place(bodies, limbs, joint, kernels, wanted[:, :, joint])
+    return found
+
+
+def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, wanted: np.ndarray) -> np.ndarray:
+    """Do so for one joint, in gaps of which any of (F, P) is wanted; return where, (F, P)."""
+    done = np.zeros(wanted.shape, bool)
+    if not wanted.any():
+        return done
     parent = bodies.parents[joint]
     # A joint moves along with its parent.
     first = limbs.filled[:, :, joint] + np.nan_to_num(bodies.filled[:, :, parent] - limbs.filled[:, :, parent])
     estimate, weight = np.full_like(first, np.nan), np.zeros((*first.shape[:2], 1))
     for problem in limbs.problems(joint, _MOST):
-        gap = problem.gap
-        predicted = _predict(problem, kernels)
+        at = problem.gap.frames, problem.gap.person
+        predicted = _predict(problem, kernels) if wanted[at].any() else None
         if predicted is not None:
-            offset, weight[gap.frames, gap.person] = predicted
-            turned = np.einsum("fij,fj->fi", bodies.world_from_body[gap.frames, gap.person], offset)
-            estimate[gap.frames, gap.person] = bodies.filled[gap.frames, gap.person, parent] + turned
+            offset, weight[at] = predicted
+            turned = np.einsum("fij,fj->fi", bodies.world_from_body[at], offset)
+            estimate[at] = bodies.filled[(*at, parent)] + turned
+            done[at] = True
     measured = ~np.isnan(bodies.xyz[:, :, joint])
     # Unlike other estimates it is not bent to meet the measurements beside a gap: it knows how noisy they are.
     estimate = np.where(measured, bodies.xyz[:, :, joint], np.where(np.isnan(estimate), first, estimate))
@@ -106,6 +120,7 @@ def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet) -> None
     found = bodies.filled[:, :, joint]
     blended = np.where(np.isnan(found), first, weight * np.nan_to_num(found) + (1 - weight) * first)
     bodies.filled[:, :, joint] = np.where(measured, bodies.xyz[:, :, joint], blended)
+    return done
 
 
 def _predict(problem: GapProblem, kernels: KernelSet) -> tuple[np.ndarray, float] | None:

@@ -1,0 +1,88 @@
+"""The torso: where hidden hips and shoulders are, by the joints around them."""
+
+import numpy as np
+import pytest
+
+from dmae.completion.gaussian_process.kernels import Exactness, shipped_kernels
+from dmae.completion.gaussian_process.torso import Torsos
+from dmae.completion.methods.gaussian_process import fill_gaussian_process
+from dmae.completion.methods.gaussian_process_learned import fill_gaussian_process_learned
+from dmae.data.clip import Poses3D
+from dmae.data.skeleton import BODY25
+from dmae.numerics import body_frame
+from dmae.numerics.interpolation import pchip
+from tests.support.circling_people import circling_people
+from tests.support.gaps import without
+
+FPS = 25.0
+GAP = slice(60, 90)
+HIPS = BODY25.index("mid_hip", "l_hip", "r_hip")
+SHOULDER, ELBOW, WRIST = BODY25.index("l_shoulder", "l_elbow", "l_wrist")
+NECK, LEFT, KNEE = BODY25.index("neck", "l_hip", "l_knee")
+
+
+def crouching(joints: list[int]) -> tuple[Poses3D, Poses3D]:
+    """Return a person with hips that go up and down beside the neck, joints of it hidden for a while; and the truth."""
+    circling = circling_people(200, 1, rng=np.random.default_rng(0))
+    xyz = circling.xyz.astype(np.float64)
+    sway = 0.1 * np.sin(np.arange(200) / 7.0)[:, None, None] * [0, 0, 1]
+    below = [i for i, joint in enumerate(BODY25.joints) if any(n in joint for n in ("hip", "knee"))]
+    xyz[:, :, below] += sway[:, :, None]
+    truth = Poses3D(BODY25, xyz)
+    return without(truth, GAP, 0, joints), truth
+
+
+def problems(poses: Poses3D, joint: int):
+    bodies = body_frame.interpolate(poses.xyz.astype(np.float64), BODY25, FPS, pchip, poses.rays)
+    return list(Torsos(poses, bodies, FPS, shipped_kernels().bones).problems(joint, 60))
+
+
+def error(poses: Poses3D, truth: Poses3D, joints: list[int]) -> float:
+    return float(np.linalg.norm(poses.xyz - truth.xyz, axis=-1)[GAP, 0][:, joints].mean())
+
+
+def test_knees_say_where_hips_are():
+    given, truth = crouching(HIPS)
+    learned, plain = (fill(given, FPS) for fill in (fill_gaussian_process_learned, fill_gaussian_process))
+    assert error(learned, truth, HIPS) < 0.3 * error(plain, truth, HIPS)
+
+
+def test_inputs_hang_from_the_anchor_where_their_parents_are_hidden():
+    given, _ = crouching(HIPS)
+    (problem,) = problems(given, LEFT)
+    assert (problem.gap.anchor, problem.kernel) == (NECK, "neck-l_hip")
+    assert not set(problem.inputs) & {*HIPS, NECK}
+    place = problem.inputs.index(KNEE)
+    xyz = given.xyz.astype(np.float64)[problem.frames, 0]
+    distance = np.linalg.norm(xyz[:, KNEE] - xyz[:, NECK], axis=-1) / problem.size
+    np.testing.assert_allclose(np.linalg.norm(problem.known[:, place], axis=-1), distance, rtol=1e-6)
+
+
+def test_what_is_hidden_with_a_joint_and_hangs_from_it_is_no_input():
+    given, _ = crouching([SHOULDER, ELBOW, WRIST])
+    (problem,) = problems(given, SHOULDER)
+    assert not {SHOULDER, ELBOW} & set(problem.inputs)
+
+
+def test_a_torso_without_an_anchor_is_left_to_interpolation():
+    given, _ = crouching([joint for joint in range(25) if joint != KNEE])
+    assert problems(given, LEFT) == []
+    plain, learned = fill_gaussian_process(given, FPS), fill_gaussian_process_learned(given, FPS)
+    np.testing.assert_allclose(learned.xyz[:, :, HIPS], plain.xyz[:, :, HIPS], atol=1e-6)
+
+
+def test_single_cameras_that_see_a_joint_say_more():
+    given, truth = crouching(HIPS)
+    rays = np.full((*given.xyz.shape[:3], 2, 3), np.nan)
+    for hip in HIPS:
+        rays[GAP, :, hip, 0] = truth.xyz[GAP, :, hip] - [1, 0, 0]
+        rays[GAP, :, hip, 1] = [1, 0, 0]
+    seen = Poses3D(BODY25, given.xyz, rays=rays)
+    plain, learned = fill_gaussian_process(seen, FPS), fill_gaussian_process_learned(seen, FPS)
+    np.testing.assert_allclose(learned.xyz[GAP, :, HIPS], plain.xyz[GAP, :, HIPS], atol=1e-6)
+
+
+@pytest.mark.parametrize("exactness", Exactness)
+def test_kernels_of_hips_and_shoulders_are_shipped(exactness):
+    for name in ("neck-mid_hip", "neck-l_hip", "neck-l_shoulder"):
+        assert (name, exactness) in shipped_kernels().kernels
