@@ -10,11 +10,14 @@ import argparse
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from provenance import measured
 
+from dmae.completion import prediction
 from dmae.completion.gaussian_process.fitting import FPS, read_pairs
 from dmae.completion.methods import METHODS
 from dmae.completion.pipeline import SMOOTHING, completers
@@ -39,10 +42,15 @@ Errors = dict[str, dict[tuple[str, str, str], list[tuple[float, int]]]]
 
 
 def methods() -> dict[str, Callable[[Poses3D, float], Poses3D]]:
-    """Return what is compared: filling methods, and `dmae.complete` as it is by default."""
+    """Return what is compared: filling methods, and `dmae.complete`, by default and over the process of one kernel."""
     shipped = completers(None, denoise=None, reject=True, smooth=SMOOTHING)(BODY25)
     plain = {name: METHODS[name] for name in ("pchip_body", REFERENCE, "gaussian_process_learned")}
-    return plain | {"complete": shipped}
+
+    def former(poses: Poses3D, fps: float) -> Poses3D:
+        with patch.object(prediction, "fill_gaussian_process_learned", METHODS[REFERENCE]):
+            return replace(shipped, shares=None)(poses, fps)
+
+    return plain | {"network": former, "complete": shipped}
 
 
 def trials(folders: list[Path]) -> Iterator[tuple[str, Poses3D, Poses3D]]:
