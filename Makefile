@@ -79,7 +79,7 @@ weights: setup
 	  extra_data=[$(CAPTURED)/made,$(CAPTURED)/cmu,$(CAPTURED)/cmu_ring,$(CAPTURED)/amc_ring] \
 	  validation_data=[$(CAPTURED)/cmu_unseen,$(CAPTURED)/amc_unseen,$(CAPTURED)/made_unseen] \
 	  max_minutes=36 learning.steps=100000 learning.epoch=500 learning.observed_weight=0.2 out=$(WEIGHTS)/model
-	$(BIN)/python docs/tools/shares.py $(WEIGHTS)/model arm=0.5
+	$(BIN)/python docs/tools/correction_weights.py $(WEIGHTS)/model arm=0.5
 	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score views=[3] skeleton=body25 smooth=0 $(AGAINST) out=$(WEIGHTS)/scores
 	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score input=true_poses smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_clean
 	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score input=perturbed_poses smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_noisy

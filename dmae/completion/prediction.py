@@ -49,14 +49,14 @@ def predict(
     frames: slice,
     target: Skeleton | None,
     denoise: bool,
-    shares: dict[str, float] | None = None,
+    weights: dict[str, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Predict every joint in some frames of a recording, by all of its frames.
 
     Args:
         target: Skeleton that the model turns poses into, if any; its joints follow those of the poses.
         denoise: Predict measured joints too.
-        shares: How much of the network's corrections is applied to hidden joints of these names; 1 for others.
+        weights: How much of the network's corrections is applied to hidden joints of these names; 1 for others.
 
     Returns:
         (F, P, J, 3) m, world, meaningful while a person is present; and the scale of the error, (F, P, J) m, NaN where
@@ -85,7 +85,7 @@ def predict(
         second = np.minimum(first + 1, len(resampled) - 1)
         correction = resampled[first] * (1 - weight) + resampled[second] * weight
     # The target's joints lie elsewhere than what they are derived from, however short a gap is.
-    weight = 1 if target else correction_weight(poses, fps, shares)
+    weight = 1 if target else correction_weight(poses, fps, weights)
     return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]
 
 

@@ -48,7 +48,7 @@ def methods() -> dict[str, Callable[[Poses3D, float], Poses3D]]:
 
     def former(poses: Poses3D, fps: float) -> Poses3D:
         with patch.object(prediction, "fill_gaussian_process_learned", METHODS[REFERENCE]):
-            return replace(shipped, shares=None)(poses, fps)
+            return replace(shipped, correction_weights=None)(poses, fps)
 
     return plain | {"network": former, "complete": shipped}
 

@@ -1,4 +1,7 @@
-"""Say in a model how much of its corrections is applied to hidden joints of body parts: `shares.py MODEL arm=0.5`."""
+"""Say in a model how much of its corrections is applied to hidden joints of body parts.
+
+python docs/tools/correction_weights.py MODEL arm=0.5
+"""
 
 import json
 import sys
@@ -16,10 +19,12 @@ def main(folder: Path, options: dict[str, float]) -> None:
     record = json.loads((folder / "model.json").read_text())
     joints = decode_skeleton(record["skeleton"], "skeleton").joints
     parts = [(joint, list(PARTS)[part_of(joint)]) for joint in joints]
-    shares = {joint: options[part] for joint, part in parts if part in options}
+    weights = {joint: options[part] for joint, part in parts if part in options}
     sha256 = record.pop("sha256")
-    write_atomic(folder / "model.json", json.dumps({**record, "shares": shares, "sha256": sha256}, indent=1))
+    write_atomic(
+        folder / "model.json", json.dumps({**record, "correction_weights": weights, "sha256": sha256}, indent=1)
+    )
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), {part: float(share) for part, share in (each.split("=") for each in sys.argv[2:])})
+    main(Path(sys.argv[1]), {part: float(weight) for part, weight in (each.split("=") for each in sys.argv[2:])})
