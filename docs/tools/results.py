@@ -24,7 +24,7 @@ METHODS = {
     "reject_pchip": "contradicted joints rejected, then `pchip_body` (`reject_pchip`)",
     "rays": "`pchip_body`, on the ray where one camera saw the joint (`rays`)",
     "gaussian_process": "`rays`, then a Gaussian process over similar poses (`gaussian_process`)",
-    "gaussian_process_learned": "the same, of learned kernels too, hips, shoulders as well (`gaussian_process_learned`)",
+    "gaussian_process_learned": "the same, learned kernels too, hips, shoulders as well (`gaussian_process_learned`)",
     "reject_gaussian_process": "contradicted joints rejected, then `gaussian_process` (`reject_gaussian_process`)",
     "dmae": "**D-MAE**, shipped weights (learned from simulation alone)",
     "dmae_reject": "D-MAE with `reject=true`",
