@@ -79,7 +79,6 @@ weights: setup
 	  extra_data=[$(CAPTURED)/made,$(CAPTURED)/cmu,$(CAPTURED)/cmu_ring,$(CAPTURED)/amc_ring] \
 	  validation_data=[$(CAPTURED)/cmu_unseen,$(CAPTURED)/amc_unseen,$(CAPTURED)/made_unseen] \
 	  max_minutes=36 learning.steps=100000 learning.epoch=500 learning.observed_weight=0.2 out=$(WEIGHTS)/model
-	$(BIN)/python docs/tools/correction_weights.py $(WEIGHTS)/model arm=0.5
 	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score views=[3] skeleton=body25 smooth=0 $(AGAINST) out=$(WEIGHTS)/scores
 	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score input=true_poses smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_clean
 	$(BIN)/dmae evaluate data=$(WEIGHTS)/cmu_score input=perturbed_poses smooth=0 $(AGAINST) out=$(WEIGHTS)/scores_noisy
@@ -92,7 +91,7 @@ weights: setup
 	  scores=[$(WEIGHTS)/scores,$(WEIGHTS)/scores_clean,$(WEIGHTS)/scores_noisy,$(WEIGHTS)/scores_holes,$(WEIGHTS)/scores_shelf]
 	@echo "To ship them: cp $(WEIGHTS)/model/{weights.safetensors,model.json,MODEL_CARD.md} dmae/models/body25"
 
-# The kernels of gaussian_process_learned, of recorded and procedural motion; 22 CPU minutes. Subjects 5, 13, 86 and 135 of the CMU
+# The kernels of gaussian_process_learned, of recorded and procedural motion; 25 CPU minutes. Subjects 5, 13, 86 and 135 of the CMU
 # database are in none of it: they are to choose and to score on.
 KERNELS := runs/kernels
 KERNEL_CMU = $(abspath $(DMAE_DATA))/cmu

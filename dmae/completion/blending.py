@@ -22,17 +22,16 @@ def noisiness(poses: Poses3D) -> np.ndarray:
     return ((stretch - _EXACT) / (_NOISY - _EXACT)).clip(0, 1)
 
 
-def correction_weight(poses: Poses3D, fps: float, weights: dict[str, float] | None = None) -> np.ndarray:
+def correction_weight(poses: Poses3D, fps: float) -> np.ndarray:
     """Return the weight of a network's correction of interpolated, or of measured, joints, (F, P, J, 1).
 
     It is 1 for noisy poses. Of exact poses measured joints are not moved, and joints in short gaps hardly:
-    interpolation is better there. Of hidden joints of the names in `weights` it is that part of it.
+    interpolation is better there.
     """
-    of_joint = np.array([(weights or {}).get(joint, 1.0) for joint in poses.skeleton.joints])
     squared = gap_lengths(poses.measured) ** 2
     long = squared / (squared + (SHORT_GAP * fps) ** 2)
     noisy = noisiness(poses)
-    return np.where(poses.measured, noisy, of_joint * (noisy + (1 - noisy) * long))[..., None]
+    return np.where(poses.measured, noisy, noisy + (1 - noisy) * long)[..., None]
 
 
 def near_measurement(poses: Poses3D, fps: float) -> np.ndarray:

@@ -69,8 +69,6 @@ class Completer:
     """Improves real recordings; does not improve people who jump and dance."""
     smooth: float = 0.0
     """s; light smoothing of the completed poses, see `dmae.numerics.filling.smooth`."""
-    correction_weights: dict[str, float] | None = None
-    """How much of the network's correction is applied, from 0 to 1, to hidden joints of these names; 1 for others."""
 
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
         if not (np.isfinite(fps) and fps > 0):
@@ -98,7 +96,7 @@ class Completer:
         moved = _of_few_views(poses)[frames] & self.denoise
         if not (absent | moved).any():
             return poses.select(frames)
-        predicted, scale = predict(self.model, poses, fps, frames, None, self.denoise, self.correction_weights)
+        predicted, scale = predict(self.model, poses, fps, frames, None, self.denoise)
         given = poses.select(frames)
         xyz = np.where((absent | moved)[..., None], predicted, given.xyz)
         source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))

@@ -46,15 +46,7 @@ def load_completer(
         )
     where = pick_device(device)
     factors = record["calibration"] and tuple(map(tuple, record["calibration"]))
-    of_joints = record.get("correction_weights")
-    if of_joints is not None and not _are_weights(of_joints):
-        raise ValueError(f"{weights}/model.json: expected correction_weights of 0 to 1 by joint, found {of_joints!r}")
-    return Completer(model.to(where), skeleton, denoise, factors, reject, smooth, of_joints)
-
-
-def _are_weights(found: object) -> bool:
-    """Return whether something is numbers from 0 to 1 by name."""
-    return isinstance(found, dict) and all(isinstance(each, int | float) and 0 <= each <= 1 for each in found.values())
+    return Completer(model.to(where), skeleton, denoise, factors, reject, smooth)
 
 
 def completers(weights: Path | None, **options) -> Callable[[Skeleton], Completer]:

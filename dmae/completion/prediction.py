@@ -43,20 +43,13 @@ def stride(model: DMAE) -> int:
 
 
 def predict(
-    model: DMAE,
-    poses: Poses3D,
-    fps: float,
-    frames: slice,
-    target: Skeleton | None,
-    denoise: bool,
-    weights: dict[str, float] | None = None,
+    model: DMAE, poses: Poses3D, fps: float, frames: slice, target: Skeleton | None, denoise: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Predict every joint in some frames of a recording, by all of its frames.
 
     Args:
         target: Skeleton that the model turns poses into, if any; its joints follow those of the poses.
         denoise: Predict measured joints too.
-        weights: How much of the network's corrections is applied to hidden joints of these names; 1 for others.
 
     Returns:
         (F, P, J, 3) m, world, meaningful while a person is present; and the scale of the error, (F, P, J) m, NaN where
@@ -69,7 +62,8 @@ def predict(
     rows = make_rows(poses, fps, rest, config.frames, target=target)
     base = _by_frame(rows.base, persons)[:count]
     if not target:
-        # What the network adds to the process with the plain kernel, it adds to a better one.
+        # It was trained over the process with one kernel, which the learned one is for noisy poses; of exact ones it is
+        # nearer to the truth, and the same is added to it.
         learned = fill_gaussian_process_learned(poses, fps)
         base = np.where((learned.source == Source.COMPLETED)[..., None], learned.xyz, base)
     if has_rate(model, fps):
@@ -85,7 +79,7 @@ def predict(
         second = np.minimum(first + 1, len(resampled) - 1)
         correction = resampled[first] * (1 - weight) + resampled[second] * weight
     # The target's joints lie elsewhere than what they are derived from, however short a gap is.
-    weight = 1 if target else correction_weight(poses, fps, weights)
+    weight = 1 if target else correction_weight(poses, fps)
     return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]
 
 

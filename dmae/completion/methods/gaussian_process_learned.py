@@ -10,7 +10,7 @@ from dmae.completion.gaussian_process.limbs import limb_joints
 from dmae.completion.gaussian_process.problems import GapProblem, Limbs
 from dmae.completion.gaussian_process.regression import blending_weight, predict
 from dmae.completion.gaussian_process.torso import Torsos
-from dmae.completion.methods.gaussian_process import place_limbs
+from dmae.completion.methods.gaussian_process import fill_gaussian_process, place_limbs
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D
 from dmae.numerics import body_frame
@@ -29,19 +29,20 @@ _SHARE = 0.5
 def fill_gaussian_process_learned(poses: Poses3D, fps: float) -> Poses3D:
     """The torso by learned kernels; limbs by the mean of gaussian_process and of learned kernels.
 
-    The learned kernels are of poses and of time. They count as far as they predict the person's other frames, those of
-    limbs the less the noisier poses are, and not in gaps in which single cameras see the joint, where its ray says
-    more.
+    The learned kernels are of poses and of time. They count as far as they predict the person's other frames, the less
+    the noisier poses are, and not in gaps in which single cameras see the joint, where its ray says more.
     """
     poses = without_infinite(poses, fps)
+    counts = _without_rays(poses) * (1 - noisiness(poses))
+    if not counts.any():
+        return fill_gaussian_process(poses, fps)
     kernels = shipped_kernels()
     bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
-    without_rays = _without_rays(poses)
-    _place_torso(poses, fps, bodies, kernels, without_rays)
+    _place_torso(poses, fps, bodies, kernels, counts)
     plain = copy(bodies)
     plain.filled = bodies.filled.copy()
     place_limbs(plain, fps)
-    share = _SHARE * without_rays * (1 - noisiness(poses))
+    share = _SHARE * counts
     learned = _place_limbs(poses, fps, bodies, kernels, share > 0)
     change = (share * learned)[..., None] * np.nan_to_num(bodies.filled - plain.filled)
     return take_estimate(poses, fps, plain.filled + change)
@@ -66,19 +67,18 @@ def _without_rays(poses: Poses3D) -> np.ndarray:
     return 1 - found / np.maximum(after - before - 1, 1)
 
 
-def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, without_rays: np.ndarray) -> None:
+def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, counts: np.ndarray) -> None:
     """Replace the interpolated estimates of the torso where a Gaussian process has one; what hangs from it follows."""
     torsos = Torsos(poses, bodies, fps, kernels.bones)
     for joint in bodies.torso:
         for problem in torsos.problems(joint, _MOST):
-            on_rays = not without_rays[problem.gap.frames, problem.gap.person, joint].any()
-            predicted = None if on_rays else _predict(problem, kernels)
+            at = problem.gap.frames, problem.gap.person
+            predicted = _predict(problem, kernels) if counts[(*at, joint)].any() else None
             if predicted is not None:
                 offset, weight = predicted
-                at = problem.gap.frames, problem.gap.person
                 turned = np.einsum("fij,fj->fi", bodies.world_from_body[at], offset)
                 change = bodies.xyz[(*at, problem.gap.anchor)] + turned - torsos.filled[(*at, joint)]
-                bodies.filled[(*at, joint)] += weight * without_rays[(*at, joint)][:, None] * change
+                bodies.filled[(*at, joint)] += weight * counts[(*at, joint)][:, None] * change
     free = ~torsos.measured & np.isnan(poses.rays[..., 0, 0])
     for joint in limb_joints(bodies):
         parent = bodies.parents[joint]

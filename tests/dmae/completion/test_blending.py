@@ -41,17 +41,6 @@ def test_short_gaps_of_exact_poses_are_left_to_interpolation(people):
     np.testing.assert_allclose(correction_weight(people.without(hidden), 50.0)[11, 0, 3, 0], 4 / (4 + 100))
 
 
-def test_corrections_of_some_joints_count_less_where_they_are_hidden(people):
-    hidden = np.zeros(people.measured.shape, bool)
-    hidden[40:90] = True
-    poses = people.without(hidden)
-    name = people.skeleton.joints[3]
-    whole, half = correction_weight(poses, 25.0), correction_weight(poses, 25.0, {name: 0.5, "no joint of it": 0.0})
-    np.testing.assert_allclose(half[40:90, :, 3], whole[40:90, :, 3] / 2)
-    np.testing.assert_array_equal(half[:40], whole[:40])
-    np.testing.assert_array_equal(np.delete(half, 3, 2), np.delete(whole, 3, 2))
-
-
 def test_near_measurement_is_within_a_fifth_of_a_second(people):
     hidden = np.ones(people.measured.shape, bool)
     hidden[50, :2, 7] = False

@@ -8,7 +8,7 @@ import pytest
 from dmae.commands import complete as command
 from dmae.commands.complete import CompleteCommand
 from dmae.completion.methods.linear import fill_linear
-from dmae.completion.pipeline import SMOOTHING, load_completer
+from dmae.completion.pipeline import SMOOTHING
 from dmae.completion.uncertainty import CLASSES
 from dmae.completion.weights import save_model
 from dmae.data.clip import Poses3D, Source
@@ -160,22 +160,3 @@ def test_another_frame_rate_is_resampled_with_a_note(tmp_path, capsys, fps):
 
 def test_there_are_no_notes_at_the_rate_of_the_weights():
     assert untrained().notes(circling(0), FPS) == []
-
-
-def test_corrections_of_named_joints_are_applied_in_part():
-    whole = untrained()
-    none = replace(whole, correction_weights=dict.fromkeys(SHELF14.joints, 0.0))
-    half = replace(whole, correction_weights=dict.fromkeys(SHELF14.joints, 0.5))
-    poses = with_holes(circling(0), 0)
-    by_all, by_half, by_none = (each(poses, FPS).xyz for each in (whole, half, none))
-    np.testing.assert_allclose(by_half, (by_all + by_none) / 2, atol=1e-5)
-    assert np.nanmax(np.abs(by_all - by_none)) > 1e-3
-
-
-@pytest.mark.parametrize("found", [[], 0.5, {"l_elbow": 2}, {"l_elbow": "much"}])
-def test_weights_of_corrections_that_are_none_are_refused(found, tmp_path):
-    completer = untrained()
-    record = {"calibration": None, "denoises": False, "correction_weights": found}
-    save_model(completer.model, completer.skeleton, tmp_path, record)
-    with pytest.raises(ValueError, match=r"model\.json: expected correction_weights"):
-        load_completer(tmp_path)
