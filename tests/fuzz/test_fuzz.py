@@ -12,8 +12,8 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="m
 COUNT = 10
 """Inputs for each reader; `make fuzz` takes as many as asked for."""
 FOUND = [
-    ("benchmark/definition", 44), ("calibration/shelf", 1022), ("clip/windows", 37), ("clip/windows", 131),
-    ("detection/onnx", 116), ("detection/onnx", 199),
+    ("benchmark/definition", 44), ("calibration/shelf", 1022), ("clip/physics", 880), ("clip/physics", 882),
+    ("clip/windows", 37), ("clip/windows", 131), ("detection/onnx", 116), ("detection/onnx", 199),
     ("live/lines", 17), ("live/lines", 113), ("mesh/obj", 1039), ("model/checkpoint", 20066),
     ("model/checkpoint", 20107), ("model/paper", 1), ("model/weights", 650), ("model/weights", 1039),
     ("motion/amc", 20037), ("motion/list", 434), ("motion/list", 616), ("recording/clip", 358),
