@@ -11,5 +11,5 @@ def test_owners_are_numbers_of_persons_and_none_for_objects():
 
 @pytest.mark.parametrize("name", ["person1e18/l_foot", "personNaN/l_foot", "person/l_foot", "person-1/l_foot"])
 def test_names_of_persons_without_a_number_are_refused(name):
-    with pytest.raises(ValueError, match="contacts: name .* expected person<number>/<segment>"):
+    with pytest.raises(ValueError, match=r"contacts: name .* expected person<number>/<segment>"):
         owners([name])
