@@ -106,7 +106,8 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
             found.names = category_joints(file, content["categories"]) or found.names
         places = _images(file, images, camera, found)
         _annotations(file, annotations, places, found)
-        rate = content.get("info", {}).get("fps") if isinstance(content, dict) else None
+        info = content.get("info") if isinstance(content, dict) else None
+        rate = info.get("fps") if isinstance(info, dict) else None
         found.fps = found.fps or rate
     skeleton = skeleton or recognise_skeleton(path, found.names, found.joints)
     if found.joints not in (None, len(skeleton)):
@@ -129,7 +130,7 @@ def _parts(file: Path, content) -> tuple[list | None, list]:
 def _result_images(file: Path, results: list) -> list[dict]:
     ids = []
     for number, result in enumerate(results):
-        if not isinstance(result, dict) or "image_id" not in result:
+        if not isinstance(result, dict) or not isinstance(result.get("image_id"), int | str):
             raise ValueError(
                 f"{file}: [{number}]: expected an object with image_id and keypoints, found {result!r:.60}"
             )
@@ -141,7 +142,8 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
     """By image id, the list of people to fill, which `found` has by camera and frame."""
     places: dict = {}
     for number, image in enumerate(images):
-        if not isinstance(image, dict) or "id" not in image or "file_name" not in image:
+        known = isinstance(image, dict) and isinstance(image.get("id"), int | str) and "file_name" in image
+        if not known:
             raise ValueError(f"{file}: images[{number}]: expected an object with id and file_name, found {image!r:.60}")
         name = Path(str(image["file_name"]))
         view = image.get("camera") or camera or name.parent.name
@@ -151,6 +153,8 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
                 "file_name, or a file of annotations for each camera"
             )
         frame = image["frame"] if "frame" in image else frame_number(Path(f"{file}, {name}"), name.stem)
+        if not isinstance(frame, int):
+            raise ValueError(f"{file}: images[{number}]: expected the number of a frame, found frame {frame!r:.60}")
         frames = found.views.setdefault(str(view), {})
         if image["id"] in places or frame in frames:
             raise ValueError(f"{file}: images[{number}]: image {image['id']}, frame {frame} of {view}, is there twice")
@@ -168,7 +172,8 @@ def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> 
     people, scored = [], []
     for number, annotation in enumerate(annotations):
         here = f"{file}: annotations[{number}]"
-        if not isinstance(annotation, dict) or annotation.get("image_id") not in places:
+        image = annotation.get("image_id") if isinstance(annotation, dict) else None
+        if not isinstance(image, int | str) or image not in places:
             raise ValueError(
                 f"{here}: expected an object with the image_id of one of the images, found {annotation!r:.60}"
             )
@@ -186,7 +191,7 @@ def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> 
                 raise ValueError(f"{here}.keypoint_scores: expected {len(values)}, found {len(scores)}")
             values[:, 2] = np.where(values[:, 2] == 0, 0, scores)
         scored.append(scores is not None)
-        people.append((f"{here}.keypoints", places[annotation["image_id"]], values))
+        people.append((f"{here}.keypoints", places[image], values))
     bare = [values[:, 2] for (*_, values), known in zip(people, scored, strict=True) if not known]
     if bare and np.isin(bare, (0, 1, 2)).all():
         for third in bare:

@@ -187,6 +187,13 @@ def _follow(path: Path, element: ElementTree.Element, found: _Found, above: tupl
             found.assets.append((path, element.tag, value))
 
 
+def _is_there(place: Path) -> bool:
+    try:
+        return place.exists()
+    except OSError:  # longer than names may be
+        return False
+
+
 def _existing(found: _Found, path: Path, kind: str, names: list[Path]) -> list[Path]:
     """Return those files of some names that are there: MuJoCo looks next to the first file, or next to the one that
     names it. Absolute names, and links that lead out of the folder, are refused.
@@ -203,7 +210,7 @@ def _existing(found: _Found, path: Path, kind: str, names: list[Path]) -> list[P
                     f"{path}: <{kind}> names {str(name)!r:.120}, expected a file in {found.folder} or below it"
                 )
             places.append(whole)
-    there = [place for place in dict.fromkeys(places) if place.exists()]
+    there = [place for place in dict.fromkeys(places) if _is_there(place)]
     if not there:
         raise FileNotFoundError(f"{path}: <{kind}> names {str(names[-1])!r:.120}, found no such file")
     return there
