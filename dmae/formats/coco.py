@@ -28,6 +28,8 @@ from dmae.progress import progress
 KEYPOINTS = "keypoints.json"
 HIDDEN_SCORE = 0.5
 """Confidence of a joint that is labelled and not visible (v = 1), where the file has no other; visible ones get 1."""
+_Id = int | str
+"""What images are known by."""
 
 
 @dataclass
@@ -106,9 +108,8 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
             found.names = category_joints(file, content["categories"]) or found.names
         places = _images(file, images, camera, found)
         _annotations(file, annotations, places, found)
-        info = content.get("info") if isinstance(content, dict) else None
-        rate = info.get("fps") if isinstance(info, dict) else None
-        found.fps = found.fps or rate
+        about = content.get("info") if isinstance(content, dict) else None
+        found.fps = found.fps or (about.get("fps") if isinstance(about, dict) else None)
     skeleton = skeleton or recognise_skeleton(path, found.names, found.joints)
     if found.joints not in (None, len(skeleton)):
         raise ValueError(f"{path}: expected {len(skeleton)} keypoints as of {skeleton.name}, found {found.joints}")
@@ -130,7 +131,7 @@ def _parts(file: Path, content) -> tuple[list | None, list]:
 def _result_images(file: Path, results: list) -> list[dict]:
     ids = []
     for number, result in enumerate(results):
-        if not isinstance(result, dict) or not isinstance(result.get("image_id"), int | str):
+        if not isinstance(result, dict) or not isinstance(result.get("image_id"), _Id):
             raise ValueError(
                 f"{file}: [{number}]: expected an object with image_id and keypoints, found {result!r:.60}"
             )
@@ -142,8 +143,7 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
     """By image id, the list of people to fill, which `found` has by camera and frame."""
     places: dict = {}
     for number, image in enumerate(images):
-        known = isinstance(image, dict) and isinstance(image.get("id"), int | str) and "file_name" in image
-        if not known:
+        if not isinstance(image, dict) or not isinstance(image.get("id"), _Id) or "file_name" not in image:
             raise ValueError(f"{file}: images[{number}]: expected an object with id and file_name, found {image!r:.60}")
         name = Path(str(image["file_name"]))
         view = image.get("camera") or camera or name.parent.name
@@ -153,8 +153,8 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
                 "file_name, or a file of annotations for each camera"
             )
         frame = image["frame"] if "frame" in image else frame_number(Path(f"{file}, {name}"), name.stem)
-        if not isinstance(frame, int):
-            raise ValueError(f"{file}: images[{number}]: expected the number of a frame, found frame {frame!r:.60}")
+        if type(frame) is not int:
+            raise ValueError(f"{file}: images[{number}]: expected a whole number as frame, found {frame!r:.60}")
         frames = found.views.setdefault(str(view), {})
         if image["id"] in places or frame in frames:
             raise ValueError(f"{file}: images[{number}]: image {image['id']}, frame {frame} of {view}, is there twice")
@@ -173,7 +173,7 @@ def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> 
     for number, annotation in enumerate(annotations):
         here = f"{file}: annotations[{number}]"
         image = annotation.get("image_id") if isinstance(annotation, dict) else None
-        if not isinstance(image, int | str) or image not in places:
+        if not isinstance(image, _Id) or image not in places:
             raise ValueError(
                 f"{here}: expected an object with the image_id of one of the images, found {annotation!r:.60}"
             )
@@ -191,7 +191,7 @@ def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> 
                 raise ValueError(f"{here}.keypoint_scores: expected {len(values)}, found {len(scores)}")
             values[:, 2] = np.where(values[:, 2] == 0, 0, scores)
         scored.append(scores is not None)
-        people.append((f"{here}.keypoints", places[image], values))
+        people.append((f"{here}.keypoints", places[annotation["image_id"]], values))
     bare = [values[:, 2] for (*_, values), known in zip(people, scored, strict=True) if not known]
     if bare and np.isin(bare, (0, 1, 2)).all():
         for third in bare:

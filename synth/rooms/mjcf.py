@@ -187,13 +187,6 @@ def _follow(path: Path, element: ElementTree.Element, found: _Found, above: tupl
             found.assets.append((path, element.tag, value))
 
 
-def _is_there(place: Path) -> bool:
-    try:
-        return place.exists()
-    except OSError:  # longer than names may be
-        return False
-
-
 def _existing(found: _Found, path: Path, kind: str, names: list[Path]) -> list[Path]:
     """Return those files of some names that are there: MuJoCo looks next to the first file, or next to the one that
     names it. Absolute names, and links that lead out of the folder, are refused.
@@ -203,14 +196,15 @@ def _existing(found: _Found, path: Path, kind: str, names: list[Path]) -> list[P
         for folder in (found.folder, path.resolve().parent):
             try:
                 whole = (folder / name).resolve()
+                found_there = whole.exists()
             except (OSError, ValueError, RuntimeError):
-                whole = Path("/")
+                whole, found_there = Path("/"), False
             if name.is_absolute() or not whole.is_relative_to(found.folder):
                 raise ValueError(
                     f"{path}: <{kind}> names {str(name)!r:.120}, expected a file in {found.folder} or below it"
                 )
-            places.append(whole)
-    there = [place for place in dict.fromkeys(places) if _is_there(place)]
-    if not there:
+            if found_there:
+                places.append(whole)
+    if not places:
         raise FileNotFoundError(f"{path}: <{kind}> names {str(names[-1])!r:.120}, found no such file")
-    return there
+    return list(dict.fromkeys(places))
