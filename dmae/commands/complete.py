@@ -1,24 +1,36 @@
 """`dmae complete`: fill what no camera measured, with trained weights."""
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from dmae.commands.data_sets import Manifest, describe_joints, finished
+from dmae.completion.completer import Completer
 from dmae.completion.pipeline import completers
+from dmae.data.clip import Clip
+from dmae.data.skeleton import Skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip
 from dmae.evaluation.review.decisions import ReviewVerdict, decided, load_decisions, with_decisions
 from dmae.files.checksums import refuse_damaged
 from dmae.online.completion import DELAY, complete_online
-from dmae.progress import progress
+from dmae.parallel import Backend, in_parallel, process_count, running_on
+from dmae.progress import duration, progress
 
 WRITES = "folder"
 EXAMPLES = (
     "dmae complete clip=runs/captured out=runs/completed",
     "dmae complete clip=runs/captured weights=runs/model out=runs/completed",
+    "dmae complete clip=runs/captured workers=-1 dry_run=true",
     "dmae complete clip=runs/captured reject=false denoise=false smooth=0 out=runs/filled",
     "dmae complete clip=runs/captured online=true delay=0.2 out=runs/online",
 )
+_TRIED = 200
+"""Frames of a clip that a forecast completes."""
+CompleterFor = Callable[[Skeleton], Completer]
+"""The completer of poses of a skeleton."""
 
 
 @dataclass(frozen=True)
@@ -44,38 +56,99 @@ class CompleteCommand:
     """s; delay of `online`."""
     damaged: bool = False
     """Complete even a data set of which files are missing or not as they were written."""
+    workers: int = 1
+    """Processes, each with a clip at a time; -1 for one a core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    dry_run: bool = False
+    """Only print how many clips and frames are to be completed, and what time and disk that takes, as a piece of some
+    of them shows."""
     out: str = "runs/complete"
     """Folder of the completed clip; of a data set a folder for each clip is made in it."""
 
+    def __post_init__(self):
+        if self.workers == 0:
+            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+
 
 def run(config: CompleteCommand, out: Path) -> None:
-    options = {"denoise": config.denoise, "reject": config.reject, "smooth": config.smooth}
-    completer_for = completers(Path(config.weights) if config.weights else None, **options)
+    completer_for = _completers(config)
     if not config.damaged:
         refuse_damaged(Path(config.clip), "damaged=true")
     folders = clip_folders(Path(config.clip))
     several = folders != [Path(config.clip)]
-    with Manifest(out, several) as manifest:
+    if config.dry_run:
+        print(f"{out}: {_forecast(config, folders, completer_for)}")
+        return
+    alone = config.workers == 1 and config.backend == Backend.loky
+    tasks = ((config, folder, completer_for if alone else None) for folder in folders)
+    with running_on(config.backend), Manifest(out, several) as manifest:
+        done = in_parallel(_complete, tasks, config.workers)
         for folder in progress(folders, "completing"):
-            clip = load_clip(folder)
-            if clip.poses is None:
-                raise ValueError(f"{folder}: has no poses to complete; run dmae capture on it first")
-            decisions = load_decisions(folder, clip.poses)
-            blanked = decided(clip.poses, decisions, ReviewVerdict.blank)
-            clip = with_decisions(clip, folder)
-            completer = completer_for(clip.poses.skeleton)
-            for note in completer.notes(clip.poses, clip.fps):
-                print(f"{clip.id}: {note}")
-            if config.online:
-                print(f"{clip.id}: each frame by what is known {config.delay:g} s after it")
-                poses = complete_online(completer, clip.poses, clip.fps, config.delay)
-            else:
-                poses = completer(clip.poses, clip.fps)
-            poses = poses.without(blanked)
-            completed, target = replace(clip, poses=poses), out / folder.name if several else out
-            manifest.write(folder.name, partial(save_clip, completed, target))
-            print(f"{clip.id}: {describe_joints(poses)}")
+            completed, notes = next(done)
+            for note in notes:
+                print(f"{completed.id}: {note}")
+            manifest.write(folder.name, partial(save_clip, completed, out / folder.name if several else out))
+            print(f"{completed.id}: {describe_joints(completed.poses)}")
     print(out)
+
+
+def _complete(
+    config: CompleteCommand, folder: Path, completer_for: CompleterFor | None, frames: int | None = None
+) -> tuple[Clip, list[str]]:
+    """Return the clip of a folder, or its first frames, completed, and notes; weights are loaded once a process."""
+    clip = load_clip(folder)
+    if clip.poses is None:
+        raise ValueError(f"{folder}: has no poses to complete; run dmae capture on it first")
+    decisions = load_decisions(folder, clip.poses)
+    blanked = decided(clip.poses, decisions, ReviewVerdict.blank)
+    clip = with_decisions(clip, folder)
+    if frames is not None:
+        frames = min(frames, len(clip))
+        clip, blanked = clip.select(frames=range(frames)), blanked[:frames]
+    completer = (completer_for or _loaded(config))(clip.poses.skeleton)
+    notes = completer.notes(clip.poses, clip.fps)
+    if config.online:
+        notes.append(f"each frame by what is known {config.delay:g} s after it")
+        poses = complete_online(completer, clip.poses, clip.fps, config.delay)
+    else:
+        poses = completer(clip.poses, clip.fps)
+    return replace(clip, poses=poses.without(blanked)), notes
+
+
+def _forecast(config: CompleteCommand, folders: list[Path], completer_for: CompleterFor) -> str:
+    """Return what clips take, as a short piece of some of them shows."""
+    seconds, size, frames, lengths = 0.0, 0, 0, []
+    for number in sorted({0, len(folders) // 2, len(folders) - 1}):
+        lengths.append(len(load_clip(folders[number])))
+        start = time.perf_counter()
+        completed, _ = _complete(config, folders[number], completer_for, _TRIED)
+        with TemporaryDirectory() as folder:
+            save_clip(completed, Path(folder))
+            size += sum(path.stat().st_size for path in Path(folder).iterdir())
+        seconds += time.perf_counter() - start
+        frames += len(completed)
+    total = len(folders) * sum(lengths) / len(lengths)
+    with running_on(config.backend):
+        took = seconds / frames * total / min(process_count(config.workers), len(folders))
+    return f"{len(folders)} clips, {total:.0f} frames: about {duration(took)}, {size / frames * total / 1e6:.0f} MB"
+
+
+def _completers(config: CompleteCommand) -> CompleterFor:
+    options = {"denoise": config.denoise, "reject": config.reject, "smooth": config.smooth}
+    return completers(Path(config.weights) if config.weights else None, **options)
+
+
+_in_this_process: dict[tuple, CompleterFor] = {}
+"""The completers that a worker has loaded."""
+
+
+def _loaded(config: CompleteCommand) -> CompleterFor:
+    key = config.weights, config.denoise, config.reject, config.smooth
+    if key not in _in_this_process:
+        _in_this_process.clear()
+        _in_this_process[key] = _completers(config)
+    return _in_this_process[key]
 
 
 def interrupted(config: CompleteCommand, out: Path) -> str:

@@ -6,7 +6,8 @@ from pathlib import Path
 from dmae.commands.data_sets import part_of
 from dmae.data.json_text import json_text
 from dmae.data.store import write_atomic
-from dmae.evaluation.evaluate import EvaluateConfig, evaluate
+from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.evaluate import evaluate, forecast
 from dmae.evaluation.gates import check_baseline, compare_scores
 from dmae.evaluation.scored_data import scored_options
 from dmae.evaluation.scores import read_scores
@@ -19,6 +20,7 @@ WRITES = "folder"
 EXAMPLES = (
     "dmae evaluate data=runs/test methods=[measured,linear,dmae] out=runs/scores",
     "dmae evaluate data=runs/test methods=[linear,dmae] shard=1/4 out=runs/scores_shards/1",
+    "dmae evaluate data=runs/test methods=[linear,dmae] workers=-1 dry_run=true",
     "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] out=runs/scores_shelf",
     "dmae evaluate data=runs/test poses=predictions out=runs/scores_mine",
     "dmae evaluate data=runs/test baseline=runs/scores out=runs/scores_now",
@@ -35,6 +37,9 @@ def run(config: EvaluateConfig, out: Path) -> None:
     if baseline is not None:
         # Before the work: what cannot be compared is no use afterwards.
         check_baseline(baseline, scored_options(config), config.changed)
+    if config.dry_run:
+        print(f"{out}: {forecast(config)}")
+        return
     scores = evaluate(config)
     path = out / "scores.json"
     # Until all is written, a part of an earlier run is none of this one.

@@ -171,7 +171,10 @@ def _read_image(kind: str, path: Path) -> np.ndarray:
     if kind == "normals":
         normals = (image[..., ::-1].astype(np.float32) - 1) / _NORMAL_STEPS - 1
         normals[image[..., 0] == 0] = np.nan
-        return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        if (length == 0).any():
+            raise ValueError(f"{path}: expected directions of surfaces, found a pixel of length 0")
+        return normals / length
     if kind == "flow":
         flow = (image[..., :0:-1].astype(np.float32) - _FLOW_ZERO) / np.float32(_FLOW_STEPS)
         flow[image[..., 0] == 0] = np.nan

@@ -29,7 +29,12 @@ def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collecti
     if not path.is_file():
         write_atomic(path, json.dumps(settings, indent=1))
         return
-    wanted, found = dict(_flat(json.loads(json.dumps(settings)))), dict(_flat(read_json(path)))
+    content = read_json(path)
+    if not isinstance(content, dict):
+        raise ValueError(
+            f"{path}: expected an object of settings, found {content!r:.60}; choose another folder for out"
+        )
+    wanted, found = dict(_flat(json.loads(json.dumps(settings)))), dict(_flat(content))
     missing = object()
     compared = [key for key in wanted | found if key not in may_differ]
     differing = sorted(key for key in compared if wanted.get(key, missing) != found.get(key, missing))

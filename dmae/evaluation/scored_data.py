@@ -15,6 +15,7 @@ m and px."""
 _RELATIVE = {"joints", "detected", "score", "offset_px"}
 _UNDER_TEST = (
     "data", "methods", "poses", "weights", "views", "baseline", "changed", "out", "first", "clips", "shard",
+    "workers", "backend", "dry_run",
 )  # fmt: skip
 """Options of `dmae evaluate` that need not be equal: what is scored, and what clips and results show themselves."""
 

@@ -73,7 +73,8 @@ def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, ch
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
         >>> dmae.save(clip, "walk")
-        >>> from dmae.evaluation.evaluate import EvaluateConfig, evaluate
+        >>> from dmae.evaluation.config import EvaluateConfig
+        >>> from dmae.evaluation.evaluate import evaluate
         >>> from dmae.formats.reading import DataConfig
         >>> scores = evaluate(EvaluateConfig(DataConfig(path="walk"), methods=["linear"]))
         >>> dmae.compare_scores(scores, scores).passed

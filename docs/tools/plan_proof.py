@@ -26,7 +26,8 @@ from scipy.stats import spearmanr
 from dmae.cli import compose
 from dmae.data.json_text import json_text
 from dmae.data.rng import Stream, generator
-from dmae.evaluation.evaluate import EvaluateConfig, evaluate
+from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.evaluate import evaluate
 from dmae.formats.reading import DataConfig
 from synth.cli import SYNTH
 from synth.planning.candidates import given_cameras

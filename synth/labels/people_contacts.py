@@ -1,5 +1,6 @@
 """Contacts of people in a clip: as the simulation has them, with what they carry, and with what stands still."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -14,6 +15,7 @@ from synth.scene.build import Scene
 
 _TOUCHES = 0.002
 """Gap below which an object lies on what stands still, m."""
+_PERSON = re.compile("person([0-9]{1,6})")
 
 
 class ContactSource(IntEnum):
@@ -55,6 +57,7 @@ class PeopleContacts:
         check_shapes("contacts", self, shapes | {"point": (count, 3), "force": (count, 3)})
         if count and not 0 <= self.between.min() <= self.between.max() < len(self.names):
             raise ValueError(f"contacts: expected between to count {len(self.names)} names")
+        owners(self.names)
 
     @property
     def persons(self) -> np.ndarray:
@@ -73,8 +76,21 @@ class PeopleContacts:
 
 
 def owners(names: Sequence[str]) -> np.ndarray:
-    """Return the person that each name of `PeopleContacts` belongs to, -1 for objects."""
-    return np.array([int(n.partition("/")[0][len("person") :]) if n.startswith("person") else -1 for n in names])
+    """Return the person that each name of `PeopleContacts` belongs to, -1 for objects.
+
+    Raises:
+        ValueError: the name of a person has no number.
+    """
+    return np.array([_owner(name) for name in names], int)
+
+
+def _owner(name: str) -> int:
+    person, slash, _ = name.partition("/")
+    if not (slash and person.startswith("person")):
+        return -1
+    if not (found := _PERSON.fullmatch(person)):
+        raise ValueError(f"contacts: name {name[:40]!r}: expected person<number>/<segment>, or the name of an object")
+    return int(found[1])
 
 
 def join(parts: Sequence[PeopleContacts]) -> PeopleContacts:

@@ -9,6 +9,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from dmae.data.store import write_atomic
+from dmae.files.numbers import check_numbers
 from dmae.files.structured import parse_json
 from synth.labels.ground_reaction import BodyForces
 from synth.labels.people_contacts import PeopleContacts
@@ -20,6 +21,8 @@ FILE = "physics.safetensors"
 KINDS = ("contacts", "forces", "surface")
 _TYPES = {"contacts": PeopleContacts, "forces": BodyForces, "surface": SurfaceLabels}
 _TEXTS = ("names",)
+_MOST = 1e8
+"""Greatest number of a label: m, m/s, N, N m or a count."""
 
 
 @dataclass(frozen=True)
@@ -97,4 +100,6 @@ def _part(kind: str, arrays: dict[str, np.ndarray], words: dict) -> object:
     for field in fields(_TYPES[kind]):
         key = f"{kind}.{field.name}"
         values[field.name] = tuple(words[key]) if field.name in _TEXTS else arrays[key]
+        if field.name not in _TEXTS:
+            check_numbers(key, arrays[key], _MOST)
     return _TYPES[kind](**values)

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,13 +59,14 @@ def prepare(folder: Path) -> None:
         subprocess.run(command_line(*line), cwd=folder, check=True, stdout=subprocess.DEVNULL)
 
 
-def kill_often(name: str, moments: int, folder: Path, seed: int = 0) -> list[Kill]:
-    """Kill a command at random moments, each time in a new folder; return what became of it.
+def kill_often(name: str, moments: int, folder: Path, seed: int = 0, first: int = 0) -> Iterator[Kill]:
+    """Kill a command at random moments, each time in a new folder; yield what became of it.
 
     Args:
         name: One of `LINES`.
         folder: That `prepare` was given.
         seed: Of the moments.
+        first: Number of moments that are left out.
     """
     rng = random.Random(f"{seed} {name}")
     undisturbed = folder / f"{name}_undisturbed"
@@ -72,22 +74,23 @@ def kill_often(name: str, moments: int, folder: Path, seed: int = 0) -> list[Kil
     process, begun = _start(name, undisturbed)
     assert process.wait() == 0
     took, expected = time.monotonic() - begun, _contents(undisturbed / "out")
-    found = []
     for number in range(moments):
+        moment = rng.uniform(0, took)
+        if number < first:
+            continue
         place = folder / f"{name}_{number}"
         place.mkdir()
         process, _ = _start(name, place)
-        moment = rng.uniform(0, took)
         time.sleep(moment)
         process.kill()
         process.wait()
         whole = len(_contents(place / "out"))
         again, _ = _start(name, place)
         assert again.wait() == 0
-        found.append(Kill(moment, whole, _contents(place / "out") == expected))
-        if found[-1].same:
+        kill = Kill(moment, whole, _contents(place / "out") == expected)
+        if kill.same:
             shutil.rmtree(place)
-    return found
+        yield kill
 
 
 def _start(name: str, place: Path) -> tuple[subprocess.Popen, float]:
@@ -110,7 +113,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--moments", type=int, default=20, help="kills of each command")
     parser.add_argument("--commands", nargs="*", default=list(LINES), choices=LINES, help="what is killed")
-    parser.add_argument("--out", help="JSON file of the figures; those of other commands stay in it")
+    parser.add_argument("--out", help="JSON file of the figures; a run goes on where it ends")
     asked = parser.parse_args()
     made = {"command": f"python -m tests.endurance.kills --moments {asked.moments}", "found": {}}
     if asked.out and Path(asked.out).is_file():
@@ -118,12 +121,19 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         prepare(Path(folder))
         for name in asked.commands:
-            found = kill_often(name, asked.moments, Path(folder))
-            same, unfinished = sum(kill.same for kill in found), sum(kill.whole > 0 for kill in found)
-            made["found"][name] = {"kills": len(found), "same": same, "with_files": unfinished}
-            print(f"{name}: {same} of {len(found)} end with the same files; {unfinished} had written some", flush=True)
-            if asked.out:
-                Path(asked.out).write_text(json.dumps(made, indent=1) + "\n")
+            found = made["found"].setdefault(name, {"kills": 0, "same": 0, "with_files": 0})
+            if found["kills"] >= asked.moments:
+                continue
+            for kill in kill_often(name, asked.moments, Path(folder), first=found["kills"]):
+                found["kills"] += 1
+                found["same"] += kill.same
+                found["with_files"] += kill.whole > 0
+                if asked.out:
+                    Path(asked.out).write_text(json.dumps(made, indent=1) + "\n")
+            counts = (
+                f"{found['same']} of {found['kills']} end with the same files; {found['with_files']} had written some"
+            )
+            print(f"{name}: {counts}", flush=True)
     sys.exit(any(each["same"] < each["kills"] for each in made["found"].values()))
 
 

@@ -12,15 +12,16 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="m
 COUNT = 10
 """Inputs for each reader; `make fuzz` takes as many as asked for."""
 FOUND = [
-    ("benchmark/definition", 44), ("calibration/shelf", 1022), ("clip/windows", 37), ("clip/windows", 131),
-    ("detection/onnx", 116), ("detection/onnx", 199),
+    ("benchmark/definition", 44), ("calibration/shelf", 1022), ("clip/physics", 880), ("clip/physics", 882),
+    ("clip/physics", 1860), ("clip/physics", 3388), ("clip/windows", 37), ("clip/windows", 131),
+    ("detection/onnx", 116), ("detection/onnx", 199), ("detection/videos", 2264), ("images/normals", 4386),
     ("live/lines", 17), ("live/lines", 113), ("mesh/obj", 1039), ("model/checkpoint", 20066),
     ("model/checkpoint", 20107), ("model/paper", 1), ("model/weights", 650), ("model/weights", 1039),
     ("motion/amc", 20037), ("motion/list", 434), ("motion/list", 616), ("recording/clip", 358),
-    ("recording/clip", 1065), ("recording/coco", 2701), ("recording/coco", 3668), ("recording/coco", 3939),
-    ("detection/videos", 2264), ("room/mjcf", 2163), ("recording/clip", 60302), ("recording/easymocap", 60217),
-    ("recording/panoptic", 1056),
-    ("recording/pose2sim", 150), ("room/mjcf", 20166), ("scene/spec", 280), ("scores/scores", 1746),
+    ("recording/clip", 1065), ("recording/clip", 60302), ("recording/coco", 2701), ("recording/coco", 3668),
+    ("recording/coco", 3939), ("recording/easymocap", 60217), ("recording/panoptic", 1056),
+    ("recording/pose2sim", 150), ("room/mjcf", 2163), ("room/mjcf", 20166), ("run/settings", 4796), ("scene/spec", 280),
+    ("scores/scores", 1746),
 ]  # fmt: skip
 """Inputs that failed once, by reader and index."""
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25, SHELF14, get_skeleton
-from dmae.evaluation.evaluate import EvaluateConfig
+from dmae.evaluation.config import EvaluateConfig
 from dmae.formats.reading import DataConfig
 from tests.support.circling_people import circling_people
 from tests.support.clips import looking_at_origin, walkers

@@ -9,7 +9,8 @@ from dmae.completion.training.config import ExamplesConfig, LearningConfig, Trai
 from dmae.completion.training.train import train
 from dmae.data.clip import Clip
 from dmae.data.skeleton import SHELF14
-from dmae.evaluation.evaluate import EvaluateConfig, load_methods
+from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.evaluate import load_methods
 from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.data_sets import check_truth, load_sets
 from dmae.evaluation.paper_tables.recording import (

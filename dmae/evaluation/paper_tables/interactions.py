@@ -10,7 +10,8 @@ from dmae.completion.training.train import train
 from dmae.completion.weights import find_shipped, load_model
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25
-from dmae.evaluation.evaluate import EvaluateConfig, load_methods
+from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.evaluate import load_methods
 from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.data_sets import NamedClips, check_truth, halves
 from dmae.evaluation.paper_tables.recording import (

@@ -8,7 +8,8 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SHELF14, Skeleton
-from dmae.evaluation.evaluate import EvaluateConfig, Trial, filled_trials, load_methods
+from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.evaluate import load_methods
 from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.data_sets import check_truth
 from dmae.evaluation.paper_tables.head_placement import convert_with_head
@@ -23,6 +24,7 @@ from dmae.evaluation.paper_tables.paper_network import (
 )
 from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, paper_table
 from dmae.evaluation.paper_tables.tally import Tally, actors_of, limb_tally, pooled
+from dmae.evaluation.trials import Trial, filled_trials
 from dmae.formats.reading import load
 from dmae.metrics.intervals import bootstrap_ratio
 from dmae.metrics.pcp import correct_limbs

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmae.evaluation.evaluate import Trial
+from dmae.evaluation.trials import Trial
 from dmae.metrics.time_blocks import BlockSums, block_members
 
 

@@ -6,6 +6,10 @@ from dmae.numerics.compiled import compiled
 
 _PARALLEL = np.float32(1e-8)
 """Squared sine of an angle; lines at smaller ones are parallel."""
+_FIRST = 19
+"""Joints by which most pairs are refused, before the others are looked at."""
+_ROUNDING = np.float32(1e-4)
+"""Of affinities, by far."""
 
 
 @compiled(fastmath=True)
@@ -102,16 +106,76 @@ def find_partners(
         partners: (n, V, C) filled with -1; indices of partners, the best first.
         affinities: (n, V, C) filled with 0; their affinities.
     """
-    for i in range(len(view)):
-        for j in range(i + 1, len(view)):
-            if view[j] == view[i]:
-                continue
-            found = affinity(
-                i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight
-            )
-            if found >= least:
-                _insert(partners[i, view[j]], affinities[i, view[j]], j, found)
-                _insert(partners[j, view[i]], affinities[j, view[i]], i, found)
+    count, one = len(view), np.float32(1)
+    by_joint, shown = np.ascontiguousarray(rays.transpose(1, 2, 0)), np.ascontiguousarray(weights.T)
+    most = np.zeros(count, np.float32)
+    # Lower affinities by rays are too low even with clothes of the same colour.
+    by_rays = -one if colour_weight >= one else (least - colour_weight) / (one - colour_weight) - _ROUNDING
+    for i in range(count):
+        a, first = view[i], i + 1
+        while first < count:
+            b, last = view[first], first + 1
+            while last < count and view[last] == b:
+                last += 1
+            if a != b:
+                x, y, z = centers[b, 0] - centers[a, 0], centers[b, 1] - centers[a, 1], centers[b, 2] - centers[a, 2]
+                _most(i, first, last, by_joint, shown, x, y, z, half_distance, by_rays, most)
+                for j in range(first, last):
+                    if most[j - first] < by_rays:
+                        continue
+                    found = affinity(
+                        i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight
+                    )
+                    if found >= least:
+                        _insert(partners[i, b], affinities[i, b], j, found)
+                        _insert(partners[j, a], affinities[j, a], i, found)
+            first = last
+
+
+@compiled(fastmath=True)
+def _most(i, first, last, rays, weights, base_x, base_y, base_z, half_distance, by_rays, most):
+    """Write `near - by_rays * total` of the sums of `agreement` of detection i and those from `first` up to `last`.
+
+    The rays of the first joints are compared; those of the others are taken to meet, so that it is that much or more.
+
+    Args:
+        rays: (3, J, n) unit directions; zeros where the joint is absent.
+        weights: (J, n) root of the confidence; 0 where the joint is absent.
+        by_rays: Smallest affinity that is of interest.
+        most: (n,) written, from its beginning.
+    """
+    zero, one = np.float32(0), np.float32(1)
+    square = base_x * base_x + base_y * base_y + base_z * base_z
+    scale = one / (half_distance * half_distance)
+    most[:] = zero
+    for k in range(weights.shape[0]):
+        own, theirs = weights[k, i], weights[k][first:last]
+        if own == zero:
+            continue
+        if k >= _FIRST:
+            for j in range(len(theirs)):
+                most[j] += own * theirs[j] * (one - by_rays)
+            continue
+        ax, ay, az = rays[0, k, i], rays[1, k, i], rays[2, k, i]
+        base_a = ax * base_x + ay * base_y + az * base_z
+        back_a = base_a if base_a > zero else zero
+        back_a = back_a * back_a
+        xs, ys, zs = rays[0, k][first:last], rays[1, k][first:last], rays[2, k][first:last]
+        for j in range(len(theirs)):
+            bx, by, bz = xs[j], ys[j], zs[j]
+            cosine = ax * bx + ay * by + az * bz
+            base_b = bx * base_x + by * base_y + bz * base_z
+            cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            sine2 = cx * cx + cy * cy + cz * cz
+            volume = cx * base_x + cy * base_y + cz * base_z
+            ahead = (sine2 > _PARALLEL) & (base_a >= cosine * base_b) & (cosine * base_a >= base_b)
+            back_b = base_b if base_b < zero else zero
+            back_b = back_b * back_b
+            at_start = square - (back_a if back_a > back_b else back_b)
+            at_start = at_start if at_start > zero else zero
+            share = sine2 if ahead else one
+            distance2 = volume * volume if ahead else share * at_start
+            most[j] += own * theirs[j] * (share / (share + distance2 * scale) - by_rays)
 
 
 @compiled()

@@ -20,7 +20,8 @@ from dmae.data.clip import Source
 from dmae.data.skeleton import BODY25, COCO17, HALPE26, SHELF14, Skeleton, fuse
 from dmae.data.skeleton_conversion import convert
 from dmae.data.store import load_clip, save_clip
-from dmae.evaluation.evaluate import EvaluateConfig, evaluate
+from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.evaluate import evaluate
 from dmae.evaluation.synthetic_gaps import GapConfig
 from dmae.formats.reading import DataConfig
 from tests.support.circling_people import circling_people, clip_of

@@ -8,7 +8,8 @@ from dmae.completion.methods import METHODS
 from dmae.data.clip import Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
-from dmae.evaluation.evaluate import EvaluateConfig, evaluate
+from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.evaluate import evaluate
 from dmae.formats.reading import DataConfig
 from dmae.metrics.intervals import bootstrap_ratio
 from dmae.metrics.time_blocks import block_sums

@@ -9,7 +9,7 @@ from dmae.reconstruction.compiled.chance import beyond_chance
 from dmae.reconstruction.config import CaptureConfig, TrackingConfig
 from dmae.reconstruction.pipeline import capture
 from tests.support.clips import looking_at_origin, t_pose
-from tests.support.detected_people import errors, rows_of
+from tests.support.detected_people import detected_clip, errors, rows_of, walk
 from tests.support.ghosts import haunted_clip, two_people
 
 
@@ -21,6 +21,15 @@ def test_ghosts_are_no_people(ghosts, fixed, frames):
     off = errors(poses, people)
     assert np.isfinite(off).mean() > 0.97
     assert np.nanmedian(off) < 0.03
+
+
+def test_forty_people_within_70_cm_of_each_other_are_all_found():
+    place = np.stack(np.divmod(np.arange(40), 7), -1) * 0.7 - 2.1
+    turn = np.random.default_rng(0).uniform(-3, 3, 40)
+    people = np.stack([walk(at, at + (0.1, 0), heading=a, frames=8) for at, a in zip(place, turn, strict=True)], 1)
+    poses = capture(detected_clip(people, 5), CaptureConfig())
+    assert poses.xyz.shape[1] == 40
+    assert np.isfinite(errors(poses, people)).mean() > 0.97
 
 
 def test_without_the_rule_coincidences_are_people():
