@@ -1,6 +1,6 @@
 """Displace or delay one camera, mend it with `dmae.calibrate`, and compare: the tables of `docs/results/mended.json`.
 
-    python docs/tools/mended_cameras.py                  # Shelf, Pose2Sim, twelve generated rigs: half an hour
+    python docs/tools/mended_cameras.py                  # Shelf, Pose2Sim, four generated rigs: half an hour
     python docs/tools/mended_cameras.py minutes=20       # as many of them as are done by then, and so on
 
 A camera is displaced by 10 cm and 2 degrees, or three frames late. Real recordings are mended by their first five
@@ -128,5 +128,5 @@ def _three(values: list[list[float]], average) -> list[str]:
 
 
 if __name__ == "__main__":
-    given = options(generated=12, minutes=10_000)
+    given = options(generated=4, minutes=10_000)
     write(kept_rows("mended", cases(given["generated"]), measured, given["minutes"]))
