@@ -105,15 +105,15 @@ def _reduced(
     Args:
         inverse, flat: Matrices and gradient of the bodies.
     """
-    free, M = state.problem.free, len(state.xyz)
+    free, (M, J) = state.problem.free, state.xyz.shape[:2]
     P = len(free)
     information, scores = np.zeros((P, P)), np.zeros((M, P))
     for view in np.unique(free // Q):
         own = np.flatnonzero(free // Q == view)
-        columns = parts.by[:, view][..., free[own] % Q].reshape(M, -1, len(own))
+        columns = parts.by[:, view][..., free[own] % Q].reshape(M, 2 * J, len(own))
         heavy = columns * parts.weight[:, view].repeat(2, -1)[..., None]
         information[np.ix_(own, own)] = np.tensordot(heavy, columns, ((0, 1), (0, 1)))
-        scores[:, own] = (state.residual[:, view].reshape(M, 1, -1) @ heavy)[:, 0]
+        scores[:, own] = (state.residual[:, view].reshape(M, 1, 2 * J) @ heavy)[:, 0]
     prior = state.prior_weight.reshape(-1)[free]
     information += np.diag(prior)
     gradient = prior * state.step.reshape(-1)[free]
@@ -154,7 +154,7 @@ def _of_person(state: AdjustmentState, parts: _Parts, inverse: np.ndarray, flat:
         own = np.flatnonzero(free // Q == view)
         columns = parts.by[rows, view][..., free[own] % Q] * heavy[:, i, :, None, None]
         part = slice(P + 2 * J * i, P + 2 * J * (i + 1))
-        A[own, part] = columns.sum(0).reshape(2 * J, -1).T
+        A[own, part] = columns.sum(0).reshape(2 * J, len(own)).T
         A[part, own] = A[own, part].T
     for start in range(0, len(rows), _CHUNK):
         each = rows[start : start + _CHUNK]
@@ -180,7 +180,7 @@ def _mixed(state: AdjustmentState, parts: _Parts, rows: np.ndarray) -> np.ndarra
             column = P + (i * J + joint) * 2 + axis
             part = parts.weighted[rows, view, :, axis] * state.unit[rows, i, :, None]
             mixed[:, joint, :, column] = part.swapaxes(0, 1)
-    return mixed.reshape(len(rows), 3 * J, -1)
+    return mixed.reshape(len(rows), 3 * J, mixed.shape[-1])
 
 
 def solve(state: AdjustmentState, damping: float, move_people: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -215,4 +215,4 @@ def _solved(inverse: np.ndarray, right: np.ndarray) -> np.ndarray:
     if inverse.ndim == 3:
         return inverse @ right
     m, J = inverse.shape[:2]
-    return (inverse @ right.reshape(m, J, 3, -1)).reshape(right.shape)
+    return (inverse @ right.reshape(m, J, 3, right.shape[-1])).reshape(right.shape)
