@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmae.calibration.adjustment.examination import Examination
+from dmae.calibration.adjustment.examination import Examination, Kind
 from dmae.calibration.adjustment.image_tracks import ImageTracks
+from dmae.calibration.adjustment.parameters import Calibration, Q
 from dmae.calibration.agreement import (
     Pairs,
     mean_agreement,
@@ -53,6 +54,7 @@ _SAME = 0.005
 """CameraDifference in agreement of two explanations that are as good as each other."""
 _WITH_AMOUNT = (Fault.scale, Fault.distorted, Fault.delay)
 _LENSES = (Fault.distorted, Fault.undistorted, Fault.distortion_sign)
+_POSES = (Kind.moved, Kind.turned, Kind.displaced)
 _EXCLUSIVE = (Fault.inverse, Fault.centre, Fault.transposed_rotation, *_LENSES, Fault.focal, Fault.principal)
 
 
@@ -142,7 +144,7 @@ def diagnose(
             named.add(camera.view)
             hypothesis = camera.hypothesis
             continue
-        if correction is None or not _confirmed(correction, hypothesis):
+        if correction is None or not _confirmed(correction, hypothesis, examination and examination[0], pairs):
             break
         findings.append(corrected_fault(correction, hypothesis, convention, offsets, frames))
         hypothesis = correction.hypothesis
@@ -209,14 +211,34 @@ def _explains(camera: Named, correction: Correction | None, hypothesis: Hypothes
     """Return whether a difference of one camera explains the recording better than the usual faults do."""
     if correction is None:
         return True
-    frames = hypothesis.sample_frames(CHECKED_FRAMES)
-    ours, other = (mean_agreement(score_pairs(each.hypothesis, frames, pairs)) for each in (camera, correction))
+    ours, other = _agreements(hypothesis, pairs, camera.hypothesis, correction.hypothesis)
     return ours > other + (-_SAME if correction.fault in _WITH_AMOUNT else _SAME)
 
 
-def _confirmed(correction: Correction, hypothesis: Hypothesis) -> bool:
-    """Return whether a fault of the lenses is more than a slightly wrong pose of the cameras, which it resembles."""
-    return correction.fault not in _LENSES or lens_matters(hypothesis, correction.hypothesis)
+def _confirmed(correction: Correction, hypothesis: Hypothesis, found: Examination | None, pairs: Pairs) -> bool:
+    """Return whether a fault of lenses or of a scale is more than a wrong pose of the cameras, which it resembles.
+
+    A pose may explain more, and yet not be named, as a short recording does not make it certain.
+    """
+    if correction.fault in _LENSES:
+        return lens_matters(hypothesis, correction.hypothesis)
+    if correction.fault != Fault.scale or len(correction.views) > 1 or found is None:
+        return True
+    tried = [each for each in found.tried if each.view in correction.views and each.kind in _POSES]
+    if not tried:
+        return True
+    best = max(tried, key=lambda each: each.gain)
+    step = np.zeros((len(hypothesis.rig), Q))
+    step[best.view] = best.step
+    posed = replace(hypothesis, rig=Calibration.of(hypothesis.rig).changed(step).rig)
+    scaled, other = _agreements(hypothesis, pairs, correction.hypothesis, posed)
+    return scaled > other + _SAME
+
+
+def _agreements(hypothesis: Hypothesis, pairs: Pairs, *others: Hypothesis) -> list[float]:
+    """Return the mean agreement of each of other hypotheses, in the frames in which one is checked."""
+    frames = hypothesis.sample_frames(CHECKED_FRAMES)
+    return [mean_agreement(score_pairs(each, frames, pairs)) for each in others]
 
 
 def _pair_fits(hypothesis: Hypothesis, pairs: Pairs, frames: np.ndarray) -> tuple[PairFit, ...]:

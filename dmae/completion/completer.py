@@ -8,7 +8,7 @@ import numpy as np
 from dmae.completion import fusion
 from dmae.completion.blending import near_measurement, noisiness
 from dmae.completion.network.paper import DMAE
-from dmae.completion.prediction import has_rate, one_thread, predict, stride
+from dmae.completion.prediction import Steps, finished, has_rate, one_thread, predict, stride
 from dmae.completion.rejection import contradicted
 from dmae.completion.uncertainty import Factors, calibrated
 from dmae.data.clip import Poses3D, Source
@@ -75,28 +75,37 @@ class Completer:
             raise ValueError(f"fps must be positive, found {fps}")
         with one_thread():
             if not self.smooth:
-                return self._complete(poses, fps, frames)
+                return finished(self._complete(poses, fps, frames))
             # Frames beside those asked for take part in their smoothing.
             asked, reach = range(len(poses.xyz))[frames], ceil(3 * self.smooth * fps)
             first = max(asked.start - reach, 0)
-            done = smooth(self._complete(poses, fps, slice(first, asked.stop + reach)), fps, self.smooth)
+            done = finished(self._complete(poses, fps, slice(first, asked.stop + reach)))
+            done = smooth(done, fps, self.smooth)
             return done.select(slice(asked.start - first, asked.stop - first))
 
-    def _complete(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
-        """Return some frames of the poses, completed and not yet smoothed."""
+    def in_steps(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:
+        """Complete some frames of the poses, without smoothing, in steps that can be spread over time.
+
+        Args:
+            small_steps: Whether steps are short, rather than fast altogether.
+        """
+        return self._complete(poses, fps, frames, small_steps)
+
+    def _complete(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool = False) -> Steps[Poses3D]:
+        """Return some frames of the poses, completed and not yet smoothed, step by step."""
         poses = poses.without(np.isinf(poses.xyz).any(-1))
         if poses.skeleton != self.skeleton.parts[0]:
             if not self.target:
-                return self._by_common_joints(poses, fps, frames)
+                return (yield from self._by_common_joints(poses, fps, frames, small_steps))
             poses = self._as_source(poses)
         poses = self._evidence(poses, fps)
         if self.target:
-            return self._fuse(poses, fps, frames)
+            return (yield from self._fuse(poses, fps, frames, small_steps))
         absent = ((poses.source == Source.ABSENT) & present(poses, fps)[..., None])[frames]
         moved = _of_few_views(poses)[frames] & self.denoise
         if not (absent | moved).any():
             return poses.select(frames)
-        predicted, scale = predict(self.model, poses, fps, frames, None, self.denoise)
+        predicted, scale = yield from predict(self.model, poses, fps, frames, None, self.denoise, small_steps)
         given = poses.select(frames)
         xyz = np.where((absent | moved)[..., None], predicted, given.xyz)
         source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))
@@ -146,12 +155,12 @@ class Completer:
             )
         return convert(poses, wanted)
 
-    def _fuse(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+    def _fuse(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:
         """Return the poses of the source turned into those of the target."""
         there, count = present(poses, fps)[frames], len(self.target)
         if not there.any():
             return fusion.absent(self.target, *there.shape)
-        predicted = predict(self.model, poses, fps, frames, self.target, self.denoise)
+        predicted = yield from predict(self.model, poses, fps, frames, self.target, self.denoise, small_steps)
         xyz, scale = (part[:, :, -count:] for part in predicted)
         done = fusion.fused(poses.select(frames), self.target, xyz, there)
         return _with_covariances(done, there[..., None], self._deviation(poses, fps, scale, frames))
@@ -163,12 +172,12 @@ class Completer:
             return poses
         return poses.without(_of_few_views(poses) & contradicted(poses.xyz, fps, _ACCELERATION))
 
-    def _by_common_joints(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+    def _by_common_joints(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:
         """Complete poses of another skeleton through the joints that it has in common with the model's."""
         try:
             converted = convert(poses, self.skeleton)
             common = np.isin(poses.skeleton.joints, self.skeleton.joints)
-            done = convert(self._complete(converted, fps, frames), poses.skeleton)
+            done = convert((yield from self._complete(converted, fps, frames, small_steps)), poses.skeleton)
         except KeyError as error:
             raise ValueError(
                 f"the weights are for skeleton {self.skeleton.name!r}, the poses are {poses.skeleton.name!r}, and "

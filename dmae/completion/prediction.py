@@ -1,8 +1,9 @@
 """Prediction: a network's corrections of a whole recording, blended over overlapping windows."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from math import ceil
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -17,8 +18,24 @@ from dmae.numerics.heading import rotate_z
 from dmae.numerics.resampling import resample
 
 _BATCH = 32
+_FEW = 3
+"""Windows that take about as long as laying out the rows of a person."""
 _SAME_RATE = 0.01
 """Rates within this share of each other are taken as equal."""
+
+
+T = TypeVar("T")
+Steps = Generator[None, None, T]
+"""Work that can be spread over time in steps that take about as long, and its result."""
+
+
+def finished(steps: Steps[T]) -> T:
+    """Return the result of all steps."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
 
 
 @contextmanager
@@ -43,13 +60,20 @@ def stride(model: DMAE) -> int:
 
 
 def predict(
-    model: DMAE, poses: Poses3D, fps: float, frames: slice, target: Skeleton | None, denoise: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Predict every joint in some frames of a recording, by all of its frames.
+    model: DMAE,
+    poses: Poses3D,
+    fps: float,
+    frames: slice,
+    target: Skeleton | None,
+    denoise: bool,
+    small_steps: bool = False,
+) -> Steps[tuple[np.ndarray, np.ndarray]]:
+    """Predict every joint in some frames of a recording, by all of its frames, step by step.
 
     Args:
         target: Skeleton that the model turns poses into, if any; its joints follow those of the poses.
         denoise: Predict measured joints too.
+        small_steps: Whether steps are short, rather than fast altogether.
 
     Returns:
         (F, P, J, 3) m, world, meaningful while a person is present; and the scale of the error, (F, P, J) m, NaN where
@@ -59,6 +83,7 @@ def predict(
     rest = model.rest.cpu().numpy()
     count, persons = poses.xyz.shape[:2]
     asked = range(count)[frames]
+    yield
     rows = make_rows(poses, fps, rest, config.frames, target=target)
     base = _by_frame(rows.base, persons)[:count]
     if not target:
@@ -67,12 +92,14 @@ def predict(
         learned = fill_gaussian_process_learned(poses, fps)
         base = np.where((learned.source == Source.COMPLETED)[..., None], learned.xyz, base)
     if has_rate(model, fps):
-        correction = _by_frame(_corrections(model, rows, persons, asked, denoise), persons)[:count]
+        found = yield from _corrections(model, rows, persons, asked, denoise, small_steps)
+        correction = _by_frame(found, persons)[:count]
     else:
         rows = make_rows(resample(poses, fps, config.fps), config.fps, rest, config.frames, target=target)
         ratio = config.fps / fps
         around = range(int(asked.start * ratio), ceil(asked.stop * ratio) + 1)
-        resampled = _by_frame(_corrections(model, rows, persons, around, denoise), persons)
+        found = yield from _corrections(model, rows, persons, around, denoise, small_steps)
+        resampled = _by_frame(found, persons)
         time = np.arange(count) * ratio
         first = np.minimum(time.astype(int), len(resampled) - 1)
         weight = (time - first).clip(0, 1)[:, None, None, None]
@@ -83,7 +110,9 @@ def predict(
     return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]
 
 
-def _corrections(model: DMAE, rows: Rows, persons: int, asked: range, denoise: bool) -> np.ndarray:
+def _corrections(
+    model: DMAE, rows: Rows, persons: int, asked: range, denoise: bool, small_steps: bool
+) -> Steps[np.ndarray]:
     """Return what the model adds to the interpolation, m, world, and the logarithm of its error scale, (S, J, 4).
 
     Windows overlap by two thirds and are weighted by a triangle; NaN where there is no window.
@@ -100,8 +129,10 @@ def _corrections(model: DMAE, rows: Rows, persons: int, asked: range, denoise: b
     triangle = np.minimum(np.arange(1, frames + 1), np.arange(frames, 0, -1)).astype(float)
 
     total, weights = np.zeros((*rows.observed.shape, 4)), np.zeros(len(rows.base))
-    for begin in range(0, len(starts), _BATCH):
-        batch = starts[begin : begin + _BATCH]
+    size = _FEW if small_steps else _BATCH
+    for begin in range(0, len(starts), size):
+        yield
+        batch = starts[begin : begin + size]
         windows, _, frame = rows.cut(batch, frames, config.align_heading)
         with torch.inference_mode():
             xyz, log_scale = (part.cpu() for part in model(*(tensor.to(device) for tensor in windows)))

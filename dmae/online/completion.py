@@ -17,13 +17,18 @@ from dmae.numerics.filling import LONGEST_ABSENCE, smooth
 if TYPE_CHECKING:
     from dmae.completion.completer import Completer
     from dmae.completion.methods.registry import Fill
+    from dmae.completion.prediction import Steps
 
 BATCH = 0.2
 """s of frames that are completed together."""
 DELAY = 0.28
 """s; half a window of the default model."""
-TURN = 0.2
+TURN = 0.4
 """s in which each person is completed once while cameras run, one after the other, so that frames take alike."""
+_PUSHES = 4
+"""Pushes over which the completion of a person may be spread."""
+_STEPS = 5
+"""Steps in which a person is completed (`dmae.completion.prediction.Steps`), about."""
 MEMORY = 5.0
 """s of frames that are kept before those that wait."""
 
@@ -60,6 +65,17 @@ class _Completed:
     poses: Poses3D
 
 
+@dataclass
+class _Job:
+    """The completion of some people from frame `start` to `end`; `over` after the last step."""
+
+    people: list[int]
+    start: int
+    end: int
+    steps: Steps[Poses3D]
+    over: bool = False
+
+
 class OnlineCompleter:
     """`dmae.completion.completer.Completer` for frames as they come in.
 
@@ -69,8 +85,8 @@ class OnlineCompleter:
     windows are no whole number of frames apart. A person without measurements in a frame is returned only if
     measured again within the delay.
 
-    With `turns` people are completed in turn, some with each push, so that all pushes take about as long. Frames then
-    wait until the turn of each person has come.
+    With `turns` people are completed in turn, step by step, so that all pushes take about as long. Frames then wait
+    until the turn of each person has come, and is over.
 
     Attributes:
         delay: Largest number of frames after one that are known when it is returned.
@@ -89,7 +105,7 @@ class OnlineCompleter:
         if not (np.isfinite(fps) and fps > 0 and np.isfinite(delay) and delay >= 0):
             raise ValueError(f"fps must be positive and delay not negative, found {fps} and {delay}")
         self._known_after, self._turns = round(delay * fps), turns
-        self.delay = self._known_after + turns - 1
+        self.delay = self._known_after + (turns + _PUSHES - 2 if turns > 1 else 0)
         # Smoothing takes frames that were completed before, so that they are not completed again.
         self._completer, self._smooth, self._fps = replace(completer, smooth=0.0), completer.smooth, fps
         self._reach = ceil(3 * completer.smooth * fps)
@@ -98,6 +114,8 @@ class OnlineCompleter:
         self._frames: list[FinishedFrame] = []
         self._waiting = 0
         self._completed: dict[int, _Completed] = {}
+        self._job: _Job | None = None
+        self._credit = 0.0
 
     @property
     def first_kept(self) -> int:
@@ -111,18 +129,39 @@ class OnlineCompleter:
         if not self._frames:
             return []
         first, end = self._first, self._frames[-1].number + 1 - self._known_after
-        people = self._recent_people()
-        done = [self._end_of(person) for person in people.tolist()]
-        share = np.argsort(done, kind="stable")[: ceil(len(people) / self._turns)]
-        last = end - self._turns + 1
-        now = [i for i in range(len(people)) if done[i] < (end if i in share else last)]
-        self._complete(people[now], end)
+        people = self._recent_people().tolist()
+        if self._turns == 1:
+            self._finish(self._started(people, end))
+            return self._take(end - first)
+        last = self._frames[-1].number + 1 - self.delay
+        self._work(people, end)
+        # What is needed now, as there are more people than a moment ago, is completed at once.
+        if self._job is not None and min(map(self._end_of, self._job.people)) < last:
+            self._finish(self._job)
+        self._finish(self._started([person for person in people if self._end_of(person) < last], end))
         return self._take(last - first)
+
+    def _work(self, people: list[int], end: int) -> None:
+        """Do a share of the work: of all people's, once in so many pushes as are a turn."""
+        self._credit = min(self._credit, 0.5) + max(len(people) * _STEPS / self._turns, 1.0)
+        while self._credit >= 1:
+            if self._job is None:
+                done = sorted((self._end_of(person), person) for person in people)
+                # The first one early enough for those after it, who wait until it is completed.
+                waited = (end - each + self._turns * k / len(done) for k, (each, _) in enumerate(done))
+                if max(waited, default=0) < self._turns or end <= done[0][0]:
+                    return
+                self._job = self._started([done[0][1]], end)
+            else:
+                self._step_on(self._job)
+            self._credit -= 1
 
     def flush(self) -> list[FinishedFrame]:
         """Return the frames that still wait, at the end of the recording."""
+        if self._job is not None:
+            self._finish(self._job)
         if self._waiting:
-            self._complete(self._recent_people(), self._first + self._waiting)
+            self._finish(self._started(self._recent_people().tolist(), self._first + self._waiting))
         return self._take(self._waiting)
 
     @property
@@ -131,29 +170,55 @@ class OnlineCompleter:
         return self._frames[-1].number + 1 - self._waiting
 
     def _end_of(self, person: int) -> int:
-        """Return the number of the first frame in which a person is not completed yet."""
-        return self._completed[person].end if person in self._completed else self._first
+        """Return the number of the first frame in which a person is present and not completed yet."""
+        if person in self._completed:
+            return self._completed[person].end
+        waiting = self._frames[len(self._frames) - self._waiting :]
+        return next((frame.number for frame in waiting if person in frame.people), self._first)
 
     def _recent_people(self) -> np.ndarray:
         """Return the people who may be present in frames that wait."""
         recent = self._waiting + ceil(LONGEST_ABSENCE * self._fps) + 1
         return np.unique(np.concatenate([frame.people for frame in self._frames[-recent:]]))
 
-    def _complete(self, people: np.ndarray, end: int) -> None:
-        """Complete people up to frame `end`, and those frames after it that take part in smoothing."""
-        start = min(map(self._end_of, people.tolist()), default=end)
+    def _started(self, people: list[int], end: int) -> _Job | None:
+        """Begin to complete people up to frame `end`, and those frames after it that take part in smoothing."""
+        start = min(map(self._end_of, people), default=end)
         if start >= end:
-            return
+            return None
         kept, known = self._frames[0].number, self._frames[-1].number + 1
-        poses = join_frames(self._frames, people)
-        done = self._completer(poses, self._fps, slice(start - kept, min(end + self._reach, known) - kept))
-        for i, person in enumerate(people.tolist()):
+        poses = join_frames(self._frames, np.array(people))
+        frames = slice(start - kept, min(end + self._reach, known) - kept)
+        job = _Job(people, start, end, self._completer.in_steps(poses, self._fps, frames, self._turns > 1))
+        self._step_on(job)
+        return job
+
+    def _finish(self, job: _Job | None) -> None:
+        while job is not None and not job.over:
+            self._step_on(job)
+
+    def _step_on(self, job: _Job) -> None:
+        """Do the next step of a job; keep the results of the last one."""
+        from dmae.completion.prediction import one_thread
+
+        if not job.over:
+            try:
+                with one_thread():
+                    next(job.steps)
+            except StopIteration as over:
+                job.over = True
+                self._keep(job, over.value)
+        if job is self._job and job.over:
+            self._job = None
+
+    def _keep(self, job: _Job, done: Poses3D) -> None:
+        for i, person in enumerate(job.people):
             joints = {name: getattr(done, name)[:, i : i + 1] for name in _JOINTS}
-            first, before = start, self._completed.get(person)
+            first, before = job.start, self._completed.get(person)
             if before is not None:
-                first, earlier = before.first, before.poses.select(slice(max(start - before.first, 0)))
+                first, earlier = before.first, before.poses.select(slice(max(job.start - before.first, 0)))
                 joints = {name: np.concatenate([getattr(earlier, name), joint]) for name, joint in joints.items()}
-            self._completed[person] = _Completed(first, end, Poses3D(done.skeleton, **joints))
+            self._completed[person] = _Completed(first, job.end, Poses3D(done.skeleton, **joints))
 
     def _take(self, count: int) -> list[FinishedFrame]:
         """Return the first `count` frames that wait; forget those that are not needed any more."""

@@ -22,8 +22,10 @@ from planted_recordings import (
     write_tables,
 )
 
+from dmae.calibration.adjustment.examination import CERTAIN, Kind
 from dmae.calibration.doctor import Diagnosis, diagnose
 from dmae.calibration.faults import Fault
+from dmae.data.cameras import CameraRig
 
 FAULTS = [
     (Fault.moved, 0.30, "moved 30 cm"),
@@ -50,10 +52,14 @@ COLUMNS = ["named right", "camera named, kind open", "not determined", "missed",
 _MAX_OFFSET = 20
 
 
-def verdict(diagnosis: Diagnosis, name: str, fault: Fault, size: float) -> str:
-    """Return the column of a diagnosis."""
+def verdict(diagnosis: Diagnosis, sound: CameraRig, name: str, fault: Fault, size: float) -> str:
+    """Return the column of a diagnosis, given the camera without the fault."""
+    right = {fault}
+    # Of a camera without distortion, a planted lens is one that the detections do not have.
+    if fault == Fault.lens and abs(sound.dist).max() < CERTAIN[Kind.lens]:
+        right.add(Fault.undistorted)
     for finding in diagnosis.findings:
-        if finding.cameras != (name,) or (finding.fault != fault and fault not in finding.alternatives):
+        if finding.cameras != (name,) or not right & {finding.fault, *finding.alternatives}:
             return "wrong"
     if diagnosis.findings:
         return "camera named, kind open" if diagnosis.findings[0].alternatives else "named right"
@@ -87,7 +93,7 @@ def measured(number: int, index: int, view: int) -> list[str]:
     fault, size, _ = FAULTS[index]
     faulty = planted(clip, view, fault, size, np.random.default_rng([number, index, view]))
     found = diagnose(faulty, max_offset=_MAX_OFFSET)
-    return [verdict(found, clip.rig.names[view], fault, size), _said(found)]
+    return [verdict(found, clip.rig[[view]], clip.rig.names[view], fault, size), _said(found)]
 
 
 def _said(diagnosis: Diagnosis) -> str:

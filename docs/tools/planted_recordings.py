@@ -32,7 +32,8 @@ SHELF, TRIAL = 0, 1
 """Numbers of the real recordings; generated ones follow."""
 RIGS = ["rig=ring rig.ring.views=4", "rig=ring rig.ring.views=6", "rig=studio5", "rig=random", "rig=shelf"]
 DETECTORS = ["shelf_openpose", "hrnet_like", "posefix", "clean"]
-_SECONDS = 12
+MINUTES = 100
+"""Numbers from which on generated recordings last a minute, with three people; the others 12 s."""
 
 
 @lru_cache(2)
@@ -45,7 +46,8 @@ def sound_clip(number: int) -> Clip:
         return load(DataConfig(name="pose2sim", path=str(data / POSE2SIM)))[0]
     kept = KEPT / "clips" / str(number)
     if not (kept / "clip.json").exists():
-        options = f"{RIGS[number % len(RIGS)]} detector={detector(number)} scene.seconds={_SECONDS} scene.persons=[2,3]"
+        length = "scene.seconds=60 scene.persons=[3,3]" if number >= MINUTES else "scene.seconds=12 scene.persons=[2,3]"
+        options = f"{RIGS[number % len(RIGS)]} detector={detector(number)} {length}"
         dmae.save(next(iter(synth.generate(*options.split(), clips=1, seed=900 + number))), kept)
     return dmae.load(kept)
 

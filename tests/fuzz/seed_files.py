@@ -34,7 +34,7 @@ from tests.support.marker_files import t_pose as marker_t_pose
 from tests.support.motion_files import amc, bvh
 from tests.support.physical_labels import physical_labels
 from tests.support.recordings import recording, write_frames, write_openpose_recording
-from tests.support.tracked_recordings import write_caliscope, write_freemocap, write_mmpose
+from tests.support.tracked_recordings import write_caliscope, write_freemocap, write_mediapipe, write_mmpose
 
 FPS = 25.0
 
@@ -266,6 +266,7 @@ def write_poses(folder: Path) -> None:
 WRITE_RECORDING = {
     "caliscope": write_caliscope,
     "freemocap": write_freemocap,
+    "mediapipe": write_mediapipe,
     "mmpose": write_mmpose,
     "deeplabcut": lambda folder: write_deeplabcut(folder, kind="h5"),
     "sleap": write_sleap,

@@ -1,4 +1,4 @@
-"""Recordings as Caliscope, FreeMoCap and MMPose write them, made without the project's own writers."""
+"""Recordings as Caliscope, FreeMoCap, MMPose and MediaPipe write them, made without the project's own writers."""
 
 import json
 import pickle
@@ -78,4 +78,32 @@ def write_mmpose(folder: Path, clip: Clip | None = None, kind: str = "json") -> 
             (folder / f"predictions/{name}.json").write_text(json.dumps(content))
         else:
             (folder / f"predictions/{name}.pkl").write_bytes(pickle.dumps(frames))
+    return clip
+
+
+def mediapipe_frames(clip: Clip, view: int) -> list[dict]:
+    """The frames of a camera, with x and y as shares of the image; joints that are absent have visibility 0."""
+    width, height = clip.rig.size[view]
+    frames = []
+    for frame, (people, scores) in enumerate(
+        zip(clip.detections.xy[:, view].astype(float), clip.detections.score[:, view].astype(float), strict=True)
+    ):
+        landmarks = [
+            [
+                {"x": (x + 0.5) / width, "y": (y + 0.5) / height, "z": -0.1, "visibility": score}
+                for (x, y), score in zip(np.nan_to_num(xy), np.nan_to_num(joints), strict=True)
+            ]
+            for xy, joints in zip(people, scores, strict=True)
+        ]
+        frames.append({"frame": frame, "landmarks": landmarks})
+    return frames
+
+
+def write_mediapipe(folder: Path, clip: Clip | None = None) -> Clip:
+    """A file of landmarks for each camera."""
+    clip = clip or recording(BLAZEPOSE33, 3, 2)
+    write_calibration(clip.rig, folder / "calibration.toml", "pose2sim")
+    (folder / "mediapipe").mkdir()
+    for view, name in enumerate(clip.rig.names):
+        (folder / f"mediapipe/{name}.json").write_text(json.dumps(mediapipe_frames(clip, view)))
     return clip

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dmae.calibration.adjustment.cost import AdjustmentProblem, AdjustmentState
 from dmae.calibration.adjustment.freedom import Freedom
-from dmae.calibration.adjustment.normal_equations import AdjustmentProblem, AdjustmentState
+from dmae.calibration.adjustment.normal_equations import reduced, solve
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import Calibration, Q
 
@@ -31,6 +32,9 @@ class Adjusted:
         error_px: (M, V, J) the same in px.
         information: (V Q, V Q) of the parameters, the bodies eliminated; 0 for those that were not free.
         cost: (M,) robust cost of each body.
+        scores: (M, V Q) what each body contributes to the gradient.
+        offset_spread: (V Q, V Q) covariance of the gradient that offsets of joints cause.
+        curvature: Second derivative of the robust cost, relative to the weights that `information` is made of.
     """
 
     calibration: Calibration
@@ -40,6 +44,9 @@ class Adjusted:
     information: np.ndarray
     gradient: np.ndarray
     cost: np.ndarray
+    scores: np.ndarray
+    offset_spread: np.ndarray
+    curvature: float
 
 
 def adjust(
@@ -50,6 +57,7 @@ def adjust(
     move_people: bool = True,
     iterations: int = 20,
     bones: bool = False,
+    offsets: bool = False,
     xyz: np.ndarray | None = None,
     tolerance: float = 1e-5,
 ) -> Adjusted:
@@ -62,19 +70,20 @@ def adjust(
         move_people: Whether the bodies may change.
         iterations: Largest number of steps.
         bones: Whether the bones of a person have one length at all times.
+        offsets: Whether each joint of a person has a constant offset in each view that may change.
         xyz: (M, J, 3) m, where the bodies start.
         tolerance: Relative decrease of the cost below which the search ends.
     """
     freedom = freedom or Freedom.of(len(calibration.rig))
     origin, damping = calibration, 1e-3
     xyz = observations.start if xyz is None else xyz
-    problem = AdjustmentProblem(observations, origin, freedom, bones)
+    problem = AdjustmentProblem(observations, origin, freedom, bones, offsets)
     state = problem.at(calibration, xyz)
     for _ in range(iterations):
         moved = False
         for _ in range(6):
-            step, move = state.solve(damping, move_people)
-            tried = problem.at(state.calibration.changed(step), state.xyz + move)
+            step, move, offset = solve(state, damping, move_people)
+            tried = problem.at(state.calibration.changed(step), state.xyz + move, state.offset + offset)
             if tried.total <= state.total:
                 moved = state.total - tried.total > tolerance * max(state.total, 1e-9)
                 state, damping = tried, max(damping / 5, 1e-9)
@@ -88,11 +97,12 @@ def adjust(
 def _adjusted(state: AdjustmentState) -> Adjusted:
     """Return the outcome at a state."""
     free, V = state.problem.free, len(state.calibration.rig)
-    information, all_gradient = np.zeros((V * Q, V * Q)), np.zeros(V * Q)
+    information, gradient = np.zeros((V * Q, V * Q)), np.zeros(V * Q)
+    scores, spread = np.zeros((len(state.xyz), V * Q)), np.zeros((V * Q, V * Q))
     if len(free):
-        solved, _, mixed, flat, cameras, gradient = state.eliminated(0.0)
-        information[np.ix_(free, free)] = cameras - np.tensordot(mixed, solved, ((0, 1), (0, 1)))
-        all_gradient[free] = gradient - np.tensordot(solved, flat, ((0, 1), (0, 1)))
+        found = reduced(state)
+        information[np.ix_(free, free)], gradient[free] = found.information, found.gradient
+        spread[np.ix_(free, free)], scores[:, free] = found.offset_spread, found.scores
     px = np.sqrt((state.residual**2).sum(-1))
     return Adjusted(
         state.calibration,
@@ -100,6 +110,19 @@ def _adjusted(state: AdjustmentState) -> Adjusted:
         np.where(state.known, np.sqrt(state.error2), np.nan),
         np.where(state.known, px, np.nan),
         information,
-        all_gradient,
+        gradient,
         state.cost,
+        scores,
+        spread,
+        _curvature(state),
     )
+
+
+def _curvature(state: AdjustmentState) -> float:
+    """Return the mean second derivative of the robust cost over the mean weight.
+
+    Of the Cauchy cost of a distance in the image, weight w, the mean over directions is w^2.
+    """
+    weight = np.where(state.known, state.scale**2, 0)
+    usual = (weight * state.robust).sum()
+    return float((weight * state.robust**2).sum() / usual) if usual else 1.0

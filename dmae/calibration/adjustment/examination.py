@@ -21,7 +21,7 @@ from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, RO
 BODIES = 200
 """Most bodies that are compared."""
 _BLOCK_S, _MOST_BLOCKS, _FEWEST_BLOCKS = 0.4, 16, 4
-"""s and numbers of the stretches of time that are compared. The errors of detectors last some tenths of a second."""
+"""s and numbers of the stretches of time that are compared. Errors of detectors last some tenths of a second."""
 _CHANCE = 0.001
 """Probability at which a gain is no coincidence (t test over the stretches of time, one-sided)."""
 _CHANCE_OF_KIND = 0.01
@@ -131,11 +131,10 @@ def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None
         return None
     views = len(calibration.rig)
     base = adjust(observations, calibration)
-    screened = {view: _fit(observations, calibration, base, view, Kind.displaced) for view in range(views)}
-    gains = {view: base.cost.sum() - fit.cost.sum() for view, fit in screened.items()}
-    late = {}
-    for view in range(views):
-        late[view] = base.cost.sum() - _fit(observations, calibration, base, view, Kind.late).cost.sum()
+    gains, late = (
+        [base.cost.sum() - _fit(observations, calibration, base, view, kind).cost.sum() for view in range(views)]
+        for kind in (Kind.displaced, Kind.late)
+    )
     likely = sorted(range(views), key=lambda view: -max(gains[view], late[view]))[:_EXAMINED]
     tried = [_tried(observations, calibration, base, blocks, view, kind) for view in likely for kind in Kind]
     best = max(tried, key=lambda each: each.gain)
@@ -147,7 +146,9 @@ def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None
         xyz=_refit(observations, calibration.changed(_only(best, views)), base).xyz,
     )
     reference = {kind: _reference(corrected, kind, best.view, len(observations)) for kind in Kind}
-    limits = {kind: _limits(corrected, kind, _least_gain(tried, kind, best.view, reference[kind])) for kind in Kind}
+    least = {kind: _least_gain(tried, kind, best.view, reference[kind]) for kind in Kind}
+    limits = {kind: _limits(corrected, kind, least[kind]) for kind in Kind}
+    limits[Kind.late] = _measured_limits(observations, corrected, limits[Kind.late], least[Kind.late])
     named, suspects = _judge(tried, reference, views)
     return Examination(named, suspects, tuple(tried), base, limits, reference)
 
@@ -172,7 +173,7 @@ def _fit(
     observations: Observations, calibration: Calibration, base: Adjusted, view: int, kind: Kind, iterations: int = 10
 ) -> Adjusted:
     freedom = _freedom(len(calibration.rig), view, kind)
-    xyz = np.where(np.isfinite(base.xyz), base.xyz, observations.start)
+    xyz = _start(observations, base)
     if kind == Kind.late:
         calibration = _nearest_offset(observations, calibration, view, xyz)
     return adjust(observations, calibration, freedom, iterations=iterations, xyz=xyz, tolerance=1e-4)
@@ -190,8 +191,7 @@ def _nearest_offset(observations: Observations, calibration: Calibration, view: 
 
 
 def _refit(observations: Observations, calibration: Calibration, base: Adjusted) -> Adjusted:
-    xyz = np.where(np.isfinite(base.xyz), base.xyz, observations.start)
-    return adjust(observations, calibration, iterations=10, xyz=xyz, tolerance=1e-4)
+    return adjust(observations, calibration, iterations=10, xyz=_start(observations, base), tolerance=1e-4)
 
 
 def _tried(
@@ -248,12 +248,31 @@ def _least_gain(tried: list[CameraDifference], kind: Kind, without: int, referen
 
 def _limits(state: Adjusted, kind: Kind, least: float) -> np.ndarray:
     """Return the amount (V,) of a difference that would save so much cost per body, in its weakest direction."""
-    limits = []
-    for view in range(len(state.calibration.rig)):
-        information = _linear(state, view, kind)[0] / len(state.cost)
-        weakest = np.linalg.eigvalsh(information)[0]
-        limits.append(np.sqrt(least / weakest) if weakest > 0 else np.inf)
-    return np.array(limits)
+    views = range(len(state.calibration.rig))
+    weakest = [np.linalg.eigvalsh(_linear(state, view, kind)[0] / len(state.cost))[0] for view in views]
+    return np.array([np.sqrt(least / each) if each > 0 else np.inf for each in weakest])
+
+
+def _measured_limits(observations: Observations, state: Adjusted, expected: np.ndarray, least: float) -> np.ndarray:
+    """Return the time offsets (V,) s that cost `least`, from those (V,) at which they were expected to.
+
+    Expected costs take the noise of velocities for motion, of which people who stand have little.
+    """
+    limits, xyz = np.full(len(expected), np.inf), _start(observations, state)
+    for view in np.flatnonzero(np.isfinite(expected)):
+        step = np.zeros((len(expected), Q))
+        step[view, OFFSET] = expected[view]
+        late = (state.calibration.changed(sign * step) for sign in (-1, 1))
+        costs = [adjust(observations, each, iterations=5, xyz=xyz, tolerance=1e-4).cost for each in late]
+        more = float((np.mean(costs, 0) - state.cost).mean())
+        if more > 0:
+            limits[view] = expected[view] * max(1.0, np.sqrt(least / more))
+    return limits
+
+
+def _start(observations: Observations, state: Adjusted) -> np.ndarray:
+    """Return joints (M, J, 3) of an adjustment, and where it has none, of the tracks."""
+    return np.where(np.isfinite(state.xyz), state.xyz, observations.start)
 
 
 def _judge(

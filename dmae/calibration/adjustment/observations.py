@@ -55,6 +55,11 @@ class Observations:
         """Return some of the bodies."""
         return replace(self, frame=self.frame[bodies], person=self.person[bodies], start=self.start[bodies])
 
+    def bodies_a_second(self) -> float:
+        """Return how many bodies of a person there are in a second, at most."""
+        seconds = np.ptp(self.frame) / self.tracks.fps + 1 / self.tracks.fps if len(self) else 1.0
+        return len(self) / max(len(np.unique(self.person)), 1) / seconds
+
     def seen(self, calibration: Calibration) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what the cameras show of each body, given their clocks.
 

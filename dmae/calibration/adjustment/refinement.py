@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dmae.calibration.adjustment.bundle import Adjusted, adjust
+from dmae.calibration.adjustment.covariance import covariance_of_cameras
 from dmae.calibration.adjustment.examination import examine
 from dmae.calibration.adjustment.freedom import Freedom
 from dmae.calibration.adjustment.initial import initial_rig
@@ -25,8 +26,6 @@ AUTO = "auto"
 ALL = "all"
 _ROUNDS = 3
 """How often people are captured with the cameras found so far."""
-_BLOCKS = 20
-"""Stretches of time between which the errors of detections are taken to be independent."""
 _PRIOR = ((ROTATION, np.radians(3)), (CENTRE, 0.3), (FOCAL, 0.1), (K1, 0.3), (OFFSET, 0.5))
 """Standard deviations of what is expected to differ: rad, m, relative, k1, s."""
 
@@ -113,8 +112,9 @@ class Refined:
     Attributes:
         rig: The cameras.
         offset, drift: (V,) s and s/s, as in `Calibration`.
-        covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment.parameters`); from the
-            scatter over stretches of time, as detectors err alike for some tenths of a second. 0 where not refined.
+        covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment.parameters`), if the errors
+            of the detector were as they usually are: alike for some tenths of a second, with a constant part at each
+            joint of a person in a view. 0 where not refined.
         changes: What changed, a camera each, in the world as it was.
         floor: Where the floor was and how the world was tilted, if the world was made level.
     """
@@ -158,11 +158,13 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
             )
         before = before or adjust(observations, origin, iterations=10, tolerance=1e-4)
         freedom = _freedom(len(clip.rig), views, config)
-        adjusted = adjust(observations, calibration, freedom, bones=config.bones, tolerance=1e-6, iterations=30)
+        adjusted = adjust(
+            observations, calibration, freedom, bones=config.bones, offsets=True, tolerance=1e-6, iterations=30
+        )
         calibration = adjusted.calibration
         if not views:
             break
-    covariance = _covariance(observations, adjusted, freedom)
+    covariance = covariance_of_cameras(observations, adjusted, freedom)
     after = adjust(observations, calibration, iterations=5, tolerance=1e-4)
     changes = _changes(origin, calibration, covariance, views, before, after, clip.fps)
     rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, level=False)
@@ -220,27 +222,6 @@ def _freedom(count: int, views: list[int], config: RefineConfig) -> Freedom:
     for parameter, deviation in _PRIOR:
         freedom.prior[:, parameter] = deviation
     return freedom
-
-
-def _covariance(observations: Observations, adjusted: Adjusted, freedom: Freedom) -> np.ndarray:
-    """Return the covariance (V, Q, Q) of each camera: H^-1 G H^-1, G from the gradients of stretches of time."""
-    views, free = len(adjusted.calibration.rig), np.flatnonzero(freedom.free)
-    covariance = np.zeros((views * Q, views * Q))
-    if len(free):
-        block = np.arange(len(observations)) * _BLOCKS // len(observations)
-        xyz = np.where(np.isfinite(adjusted.xyz), adjusted.xyz, observations.start)
-        # The prior, which is not of the data, is left out.
-        loose = replace(freedom, prior=np.full_like(freedom.prior, np.inf))
-        G = np.zeros((len(free), len(free)))
-        for each in np.unique(block):
-            rows = np.flatnonzero(block == each)
-            part = adjust(observations.at(rows), adjusted.calibration, loose, iterations=0, xyz=xyz[rows])
-            gradient = part.gradient[free]
-            G += np.outer(gradient, gradient)
-        H = np.linalg.pinv(adjusted.information[np.ix_(free, free)])
-        covariance[np.ix_(free, free)] = H @ G @ H
-    blocks = covariance.reshape(views, Q, views, Q)
-    return blocks[np.arange(views), :, np.arange(views)]
 
 
 def _changes(

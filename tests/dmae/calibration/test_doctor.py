@@ -11,7 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.calibration.doctor import diagnose
+from dmae.calibration.adjustment.parameters import ROTATION, Calibration, Q
+from dmae.calibration.agreement import pairs_to_compare
+from dmae.calibration.camera_differences import examined
+from dmae.calibration.corrections import Correction, rescale
+from dmae.calibration.doctor import _confirmed, diagnose
+from dmae.calibration.faults import Fault
+from dmae.calibration.hypothesis import Hypothesis
 from dmae.commands import doctor as command
 from dmae.commands.doctor import DoctorCommand
 from dmae.data.store import save_clip
@@ -166,3 +172,17 @@ def test_the_command_prints_and_writes_findings_and_exits_by_them(tmp_path, caps
     written_json = json.loads((tmp_path / "bad/doctor.json").read_text())
     assert written_json["findings"][0]["cameras"] == ["1"]
     assert (tmp_path / "bad/doctor.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_camera_turned_is_not_called_one_of_another_resolution():
+    """Where a turn explains more than a scale does and yet is not certain, neither is named."""
+    clip = sound("ring")
+    step = np.zeros((4, Q))
+    step[1, ROTATION] = np.radians(2) * np.array([0.6, 0.64, 0.48])
+    hypothesis = Hypothesis.of(replace(clip, rig=Calibration.of(clip.rig).changed(step).rig), Convention())
+    found, pairs = examined(hypothesis)[0], pairs_to_compare(4)
+    scale = Correction(Fault.scale, (1,), rescale(hypothesis, [1], 1.05), 1.05)
+    assert not _confirmed(scale, hypothesis, found, pairs)
+    small = Hypothesis.of(scaled(clip, 0.5, 1), Convention())
+    scale = Correction(Fault.scale, (1,), rescale(small, [1], 0.5), 0.5)
+    assert _confirmed(scale, small, examined(small)[0], pairs)

@@ -54,10 +54,11 @@ def test_each_frame_equals_offline_completion_of_the_last_seconds(fps, step, del
 
 
 def test_people_completed_in_turn_are_completed_alike():
-    """Each is completed by what is known up to four frames later than where all are completed with each frame."""
+    """Each is completed by what is known up to seven frames later than where all are completed with each frame."""
     poses, completer = with_holes(circling(1, frames=90), 1), untrained()
     together, in_turn = OnlineCompleter(completer, FPS), OnlineCompleter(completer, FPS, turns=5)
-    assert in_turn.delay == together.delay + 4
+    # A turn of five frames, and three more in which the steps for one person are done.
+    assert in_turn.delay == together.delay + 4 + 3
     people, done = np.arange(3), []
     for online in (together, in_turn):
         returned = [frame for frames in pushed(online, poses) for frame in frames]
@@ -69,6 +70,20 @@ def test_people_completed_in_turn_are_completed_alike():
     np.testing.assert_array_equal(done[0].source[20:], done[1].source[20:])
     filled = done[0].source == Source.COMPLETED
     assert np.median(np.linalg.norm(done[0].xyz - done[1].xyz, axis=-1)[filled]) < 0.01
+
+
+def test_no_push_does_more_than_two_steps_of_completion(monkeypatch):
+    """Three people, in all of whom joints are missing: without a share for each push one would do all their steps."""
+    poses, completer = with_holes(circling(1, frames=90), 1), untrained()
+    online, steps, done = OnlineCompleter(completer, FPS, turns=10), [], OnlineCompleter._step_on
+    monkeypatch.setattr(OnlineCompleter, "_step_on", lambda self, job: (steps.append(None), done(self, job)))
+    most = []
+    for frame in split_frames(poses, np.arange(3)):
+        steps.clear()
+        online.push([frame])
+        most.append(len(steps))
+    assert max(most[30:]) <= 2
+    assert sum(most[30:]) > 30
 
 
 def test_flush_returns_all_frames_that_wait():
@@ -135,8 +150,8 @@ def test_online_capture_completes_what_it_captures():
     plain, complete = (
         OnlineCapture(clip.rig, BODY25, clip.fps, CaptureConfig(), complete=given) for given in (None, completer)
     )
-    # 0.28 s, and until each person has had a turn.
-    assert complete.delay == plain.delay + 7 + 4
+    # 0.28 s, until each person has had a turn, and until the steps for one are done.
+    assert complete.delay == plain.delay + 7 + 9 + 3
     captured, finished = [], []
     for frame in range(len(clip)):
         captured += plain.push(clip.select(frames=[frame]).detections)

@@ -1,0 +1,53 @@
+"""The covariance of adjusted cameras, as detectors err: alike for a while, and with constant offsets of joints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmae.calibration.adjustment.bundle import Adjusted
+from dmae.calibration.adjustment.freedom import Freedom
+from dmae.calibration.adjustment.observations import Observations
+from dmae.calibration.adjustment.parameters import Q
+
+_ALIKE_S = 3.0
+"""s; errors of detections that are so far apart in time are taken to be independent, apart from constant offsets."""
+
+
+def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedom: Freedom) -> np.ndarray:
+    """Return the covariance (V, Q, Q) of each camera: H^-1 G H^-1.
+
+    G is the covariance of the gradient: the scatter of what bodies contribute, times the number of bodies that err
+    alike, and what constant offsets of joints contribute. H is the curvature of the robust cost.
+    """
+    views, free = len(adjusted.calibration.rig), np.flatnonzero(freedom.free)
+    covariance = np.zeros((views * Q, views * Q))
+    if len(free):
+        scores, index = adjusted.scores[:, free], np.ix_(free, free)
+        scatter = scores.T @ scores
+        G = _alike(observations, scores @ np.linalg.pinv(_root(scatter))) * scatter + adjusted.offset_spread[index]
+        H = np.linalg.pinv(adjusted.information[index] * adjusted.curvature)
+        covariance[index] = H @ G @ H
+    blocks = covariance.reshape(views, Q, views, Q)
+    return blocks[np.arange(views), :, np.arange(views)]
+
+
+def _root(matrix: np.ndarray) -> np.ndarray:
+    """Return the symmetric square root of a covariance matrix."""
+    values, vectors = np.linalg.eigh(matrix)
+    return vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
+
+
+def _alike(observations: Observations, scores: np.ndarray) -> float:
+    """Return how many bodies of a person err alike, from contributions (M, P) of bodies to a gradient, uncorrelated.
+
+    It is the energy of sums over stretches of time, relative to the sum of energies.
+    """
+    seconds = (observations.frame - observations.frame.min()) / observations.tracks.fps
+    duration = float(seconds.max()) + 1 / observations.tracks.fps
+    count = max(int(duration / _ALIKE_S), 4)
+    stretch = np.minimum((seconds / duration * count).astype(int), count - 1)
+    group = np.unique(observations.person * count + stretch, return_inverse=True)[1]
+    sums = np.zeros((group.max() + 1, scores.shape[1]))
+    np.add.at(sums, group, scores)
+    # At the minimum all contributions add up to nothing, which leaves one stretch less.
+    return max(float((sums**2).sum() / (scores**2).sum()) * len(sums) / max(len(sums) - 1, 1), 1.0)

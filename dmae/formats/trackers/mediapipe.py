@@ -1,0 +1,132 @@
+"""MediaPipe: the pose landmarks of each camera in one JSON file, as its results are saved."""
+
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+from dmae.data.skeleton import BLAZEPOSE33, Skeleton
+from dmae.files.numbers import MOST_SCORE, check_numbers
+from dmae.files.structured import read_json
+from dmae.formats.calibrations.files import FOUND, CalibrationSource
+from dmae.formats.recordings.camera_matching import match_cameras, natural
+from dmae.formats.recordings.confidences import Confidences
+from dmae.formats.recordings.numbered_detections import NumberedDetections, known_rate, to_clip
+from dmae.formats.registry import reader
+
+_FOLDER = "mediapipe"
+_LANDMARKS = ("landmarks", "poseLandmarks", "pose_landmarks", "landmark")
+_NUMBERS = ("frame", "frame_id", "frame_index")
+_MOST_IMAGES = 100.0
+"""Images by which a landmark may lie outside of its image."""
+
+
+@reader("mediapipe", signs=[["mediapipe/*.json"]])
+def read_mediapipe(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """Pose landmarks of MediaPipe, mediapipe/<camera>.json of all frames, with a calibration of any format.
+
+    Args:
+        path: The recording.
+        calibration: Where its calibration is, and what that does not say.
+        detections: Folder of the files, or one file; by default `mediapipe` in `path`.
+        fps: Frames per second, which the files do not hold.
+        skeleton: Must be that of the 33 landmarks.
+
+    Raises:
+        FileNotFoundError: there are no such files, or no calibration.
+        ValueError: a file is malformed, or the files do not fit together.
+    """
+    if skeleton not in (None, BLAZEPOSE33):
+        raise ValueError(f"{path}: MediaPipe's landmarks are {BLAZEPOSE33.name}, not {skeleton.name}")
+    rig = calibration.read(path)
+    found = read_detections(detections or path / _FOLDER, rig)
+    return to_clip(found, rig, known_rate(fps, found, path), path)
+
+
+def read_detections(path: Path, rig: CameraRig) -> NumberedDetections:
+    """Read a file for each camera: a list of frames, each with its people.
+
+    A frame is null, a person, a list of people, or has them as `landmarks`, `poseLandmarks` or `pose_landmarks`, and
+    may have a number, `frame`. A person is a list of 33 landmarks, each with x and y from 0 to 1 across the image and
+    `visibility`, without which it is 1.
+
+    Args:
+        rig: Cameras, the sizes of which x and y are shares of.
+
+    Raises:
+        FileNotFoundError: there are no such files.
+        ValueError: a file is malformed, or is of no camera of the rig.
+    """
+    path = Path(path)
+    files = [path] if path.is_file() else sorted(path.glob("*.json"), key=lambda file: natural(file.name))
+    if not files:
+        raise FileNotFoundError(f"{path}: expected <camera>.json, found none; name their folder by data.detections=...")
+    confidences, views = Confidences(), {}
+    index, _ = match_cameras([file.stem for file in files], rig, path)
+    for file, view in zip(files, index, strict=True):
+        views[file.stem] = {
+            number: np.array([_person(place, person, rig.size[view], confidences) for person in people]).reshape(
+                -1, len(BLAZEPOSE33), 3
+            )
+            for number, (place, people) in _frames(file).items()
+        }
+    return NumberedDetections(BLAZEPOSE33, views, notes=confidences.notes)
+
+
+def _frames(file: Path) -> dict[int, tuple[str, list]]:
+    """Return, by frame number, the place of the frame in the file, and its people."""
+    content = read_json(file)
+    content = content["frames"] if isinstance(content, dict) and "frames" in content else content
+    if not isinstance(content, list):
+        raise ValueError(f"{file}: expected a list of frames, found {content!r:.60}")
+    frames: dict[int, tuple[str, list]] = {}
+    for position, frame in enumerate(content):
+        place, number = f"{file}: [{position}]", position
+        if isinstance(frame, dict):
+            number = next((frame[name] for name in _NUMBERS if name in frame), position)
+        if not isinstance(number, int) or isinstance(number, bool) or number in frames:
+            raise ValueError(f"{place}: expected a frame number, each once, found {number!r:.20}")
+        frames[number] = place, _people(_inner(frame))
+    return frames
+
+
+def _inner(found: object) -> object:
+    """Return the landmarks in an object that holds them, however deep; None where it has none."""
+    for _ in range(3):
+        if isinstance(found, dict) and not {"x", "y"} <= set(found):
+            found = next((found[name] for name in _LANDMARKS if name in found), None)
+    return found
+
+
+def _people(found: object) -> list:
+    """Return the people of a frame, of which there may be one that is no list of people."""
+    if not found:
+        return []
+    if isinstance(found, list) and isinstance(_inner(found[0]), list):
+        return [_inner(person) for person in found if person]
+    return [found]
+
+
+def _person(place: str, person: object, size: np.ndarray, confidences: Confidences) -> np.ndarray:
+    """(33, 3) x and y in px, confidence."""
+    count = len(BLAZEPOSE33)
+    if not isinstance(person, list) or len(person) != count:
+        what = f"{len(person)} of them" if isinstance(person, list) else f"{person!r:.40}"
+        raise ValueError(f"{place}: expected {count} landmarks of each person, found {what}")
+    try:
+        rows = np.array([[each["x"], each["y"], each.get("visibility", 1.0)] for each in person], np.float64)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
+        raise ValueError(f"{place}: expected landmarks with x, y and visibility, found {person[0]!r:.60}") from None
+    check_numbers(f"{place}: x and y, shares of the image", rows[:, :2], _MOST_IMAGES)
+    check_numbers(f"{place}: visibility", rows[:, 2], MOST_SCORE)
+    # The middle of the first pixel is at 0.
+    rows[:, :2] = rows[:, :2] * size - 0.5
+    return confidences.clean(place, rows)
