@@ -23,7 +23,9 @@ _GUARD = (0.155, 0.055, 0.15)
 """Where fists are held, in the frame of the chest, y outward, as fractions of stature."""
 _OPEN = {"face": (0.12, 0.12, 0.03), "chest": (0.10, 0.15, 0.19), "belly": (0.12, 0.13, 0.20)}
 """Where fists are as a blow at the face, chest or belly lands."""
-_LEAN, _RECOIL = 0.22, 0.16
+_LEAST = 0.71
+"""Least distance between the hips, m: nearer, feet and knees meet."""
+_LEAN, _RECOIL = 0.36, 0.16
 """Greatest lean into a blow, and away from one, rad."""
 
 
@@ -50,7 +52,8 @@ def fight(cast: Cast, *, rng: np.random.Generator) -> Script:
     # Nearest at each blow, within reach of the arm that strikes: the right shoulder is behind the left one.
     apart = np.full(len(seconds), far)
     for blow in blows:
-        near = (close - _BEHIND * (blow.side == "r") - _HIGH * (blow.aim == "face")) * arms[blow.person]
+        near = (close - max(_BEHIND * (blow.side == "r"), _HIGH * (blow.aim == "face"))) * arms[blow.person]
+        near = max(near, _LEAST)
         at_blow = np.minimum(1.1 * np.exp(-(((seconds - blow.at) / 0.3) ** 2)), 1)
         apart = np.minimum(apart, far - (far - near) * at_blow)
     apart = gaussian_filter1d(apart, 0.1 * cast.fps, mode="nearest")
@@ -69,7 +72,7 @@ def fight(cast: Cast, *, rng: np.random.Generator) -> Script:
                 path,
                 gaze=np.full(len(seconds), 1 - person),
                 hips=np.full(len(seconds), 0.96 * cast.bodies[person].hip_height),
-                lean=np.clip(lean, -0.15, 0.3),
+                lean=np.clip(lean, -0.15, 0.42),
                 hands=("fist", "fist"),
             )
         )
