@@ -81,11 +81,12 @@ def _least(ids: np.ndarray, persons: int) -> int:
 def _moment(state: BodyState) -> int:
     """Return the frame of most force in the second of most force between people, or with what is no floor.
 
-    It is the middle one if there is no such force.
+    What legs do to each other does not count. It is the middle frame if there is no such force.
     """
     owner = np.array([name.partition("/")[0] for name in state.contact_names])
+    leg = np.array([name.endswith(("thigh", "shin", "foot")) for name in state.contact_names])
     one, other = owner[state.contact_between].T
-    told = (one != other) & (one != "floor") & (other != "floor")
+    told = (one != other) & (one != "floor") & (other != "floor") & ~leg[state.contact_between].all(1)
     force = np.zeros(len(state.qpos))
     np.add.at(force, state.contact_frame[told], np.linalg.norm(state.contact_force[told], axis=1))
     begin = int(np.argmax(np.convolve(force, np.ones(25), "valid")))

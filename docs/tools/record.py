@@ -4,7 +4,7 @@
     python docs/tools/record.py shelf       # one of them
 
 The command is run with `out=` in a temporary folder, and the `scores.json` or `stress.json` that it leaves is kept,
-less its single runs.
+less its single runs. Of motion, the figure is kept, too: `docs/images/motion.jpg`.
 """
 
 import json
@@ -14,6 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import cv2
 from provenance import provenance
 
 from dmae.data.json_text import json_text
@@ -170,6 +171,8 @@ def _found(out: Path) -> dict:
         if (out / f"{name}.json").is_file():
             return json.loads((out / f"{name}.json").read_text())
     if (out / "motion.json").is_file():
+        picture = cv2.imread(str(out / "motion.png"))
+        cv2.imwrite(str(ROOT / "docs/images/motion.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
         return {"differences": json.loads((out / "motion.json").read_text())["differences"]}
     scores = out / "scores.json"
     return {"scores": _less_runs(json.loads(scores.read_text()))} if scores.is_file() else {}

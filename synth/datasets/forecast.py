@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dmae.data.images import Images
-from dmae.data.store import save_clip
+from dmae.data.store import load_clip, save_clip
+from dmae.files.checksums import clip_checksum, write_checksums
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import duration
@@ -183,6 +184,10 @@ def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: P
     clip, state = _made(config, indices, seconds)
     save_clip(clip, folder)
     save_state(state, folder)
+    # A clip is read again for its images, and its files are for their checksums.
+    load_clip(folder)
+    write_checksums(folder)
+    clip_checksum(folder)
     return time.perf_counter() - start, _bytes_in(folder), len(clip), clip, state
 
 

@@ -1,6 +1,7 @@
 """People in each other's arms: hug, huddle."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,11 +12,31 @@ from synth.interactions.script import Cast, Poses, Reach, Role, Script
 from synth.motion.easing import minimum_jerk
 from synth.people.segments import SEGMENTS
 
-_WAYS = {True: ((0.03, 0.13, 0.22), (0.0, 1.0, -0.1)), False: ((0.04, 0.20, 0.02), (-0.2, 1.0, -0.8))}
-"""Of an arm over the other person's shoulder (True) and of one below it: where the palm is on the way, in the frame of
-the other's chest as fractions of stature, y towards the side of the arm; and the direction of the elbow."""
-_HEIGHTS = {True: (0.225, 0.265), False: (0.12, 0.20)}
-"""Least and greatest height of the palm on the back, of both, as `on_trunk` takes it."""
+
+class _Way(NamedTuple):
+    """A way of an arm in a hug.
+
+    Attributes:
+        via: Where the palm is on the way, in the frame of the other's chest as fractions of stature, y towards the side
+            of the arm.
+        elbow: Direction of the elbow.
+        heights: Least and greatest height of the palm on the back, as `on_trunk` takes it.
+        angles: Least and greatest angle of the palm from the spine, rad.
+    """
+
+    via: tuple[float, float, float]
+    elbow: tuple[float, float, float]
+    heights: tuple[float, float]
+    angles: tuple[float, float]
+
+
+# Nearer to the spine, a hand over the shoulder lies on the neck.
+_OVER = _Way((0.03, 0.16, 0.20), (0.0, 1.0, -0.1), (0.215, 0.245), (0.65, 1.0))
+"""Over the other's shoulder."""
+_ROUND = _Way((0.04, 0.19, 0.16), (0.0, 1.0, -0.1), (0.195, 0.230), (0.3, 0.7))
+"""Round the arms of a smaller person."""
+_BELOW = _Way((0.04, 0.20, -0.01), (-0.2, 1.0, -0.8), (0.13, 0.18), (0.1, 0.6))
+"""Below the other's arm."""
 _HIGH = 0.18
 """Greatest height of an embrace above one's own shoulder, m; smaller people embrace at the height of their shoulder."""
 _SIDES = {"r": 1, "l": -1}
@@ -28,7 +49,7 @@ class _Arm:
 
     Attributes:
         person, side: The person and the arm.
-        over: Whether it lies over the other's shoulder.
+        way: Its way.
         height, angle: Of the palm on the other's back, as `on_trunk` takes them.
         press: How far the palm presses into the back, m.
         begin: Time at which the arm comes up, s.
@@ -37,7 +58,7 @@ class _Arm:
 
     person: int
     side: str
-    over: bool
+    way: _Way
     height: float
     angle: float
     press: float
@@ -66,13 +87,14 @@ def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
             person, other, sign = arm.person, 1 - arm.person, _SIDES[arm.side]
             body = cast.bodies[other]
             size = body.stature * np.array((max(1.0, body.girth), sign, 1))
-            way, elbow = _WAYS[arm.over]
             # Arms open on the way, and close once the other is between them.
             closed = (minimum_jerk((seconds - 0.95 * when) / closing) - minimum_jerk((seconds - parting) / 0.5))[
                 :, None
             ]
             segment, point, out = on_trunk(body, arm.height, sign * (np.pi - arm.angle), arm.press)
-            beside, there = poses.point(other, "chest", tuple(way * size)), poses.point(other, segment, tuple(point))
+            beside, there = (
+                poses.point(other, part, tuple(at)) for part, at in (("chest", arm.way.via * size), (segment, point))
+            )
             inward = poses.axis(other, segment, tuple(-out))
             if arm.pats:
                 patting = during(seconds, when + closing + 0.3, parting - 0.3, 0.2)
@@ -84,7 +106,7 @@ def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
             if (palm[:, 2] - shoulder).max() > _HIGH:
                 palm[:, 2] = np.minimum(palm[:, 2], shoulder)
             share = minimum_jerk((seconds - arm.begin) / (0.45 * when)) - minimum_jerk((seconds - parting) / 0.8)
-            reaches.append(Reach(person, arm.side, share, palm, normal, elbow))
+            reaches.append(Reach(person, arm.side, share, palm, normal, arm.way.elbow))
         return reaches
 
     parted = [step_back(role.path, cast, parting + 0.3, far) for role, far in zip(roles, back, strict=True)]
@@ -102,14 +124,14 @@ def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
 
 def _arm(cast: Cast, person: int, side: str, mirror: int, when: float, *, rng: np.random.Generator) -> _Arm:
     taller = cast.bodies[person].stature - cast.bodies[1 - person].stature
-    # The taller person reaches over both shoulders, the smaller below; of equals each has one arm over, one below.
-    over = (_SIDES[side] == mirror) if abs(taller) < 0.07 else taller > 0
+    # The taller person reaches round the other's arms, the smaller below; of equals each has one arm over, one below.
+    way = (_OVER if _SIDES[side] == mirror else _BELOW) if abs(taller) < 0.07 else _ROUND if taller > 0 else _BELOW
     return _Arm(
         person,
         side,
-        over,
-        height=rng.uniform(*_HEIGHTS[over]),
-        angle=rng.uniform(0.1, 0.6),
+        way,
+        height=rng.uniform(*way.heights),
+        angle=rng.uniform(*way.angles),
         press=rng.uniform(0.0, 0.012),
         begin=rng.uniform(0.3, 0.5) * when,
         pats=rng.uniform(1.8, 3.0) if rng.random() < 0.25 else 0.0,

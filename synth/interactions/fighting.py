@@ -11,13 +11,21 @@ from synth.interactions.registry import interaction
 from synth.interactions.script import Cast, Poses, Reach, Role, Script
 
 _SIGN = {"l": 1.0, "r": -1.0}
-_APART, _NEAR = (1.6, 1.8), (1.08, 1.18)
-"""Distance between the hips in circling, and when a blow lands, as shares of an arm's length."""
+_APART, _NEAR = (1.6, 1.8), (1.06, 1.14)
+"""Distance between the hips in circling, and when a blow of the left lands, as shares of an arm's length."""
+_BEHIND, _HIGH = 0.14, 0.10
+"""How much nearer a blow of the right is struck from, and one at the face, as a share of an arm's length."""
 _KNUCKLES = 0.028
 """Distance of a fist's knuckles beyond the point that a palm reaches, as a fraction of stature."""
 _AIMS = {"face": 0.25, "chest": 0.35, "belly": 0.25, "beside": 0.15}
 """What blows are aimed at, and how often; those beside miss the face."""
-_LEAN, _RECOIL = 0.22, 0.16
+_GUARD = (0.155, 0.055, 0.15)
+"""Where fists are held, in the frame of the chest, y outward, as fractions of stature."""
+_OPEN = {"face": (0.12, 0.12, 0.03), "chest": (0.10, 0.15, 0.19), "belly": (0.12, 0.13, 0.20)}
+"""Where fists are as a blow at the face, chest or belly lands."""
+_LEAST = 0.71
+"""Least distance between the hips, m: nearer, feet and knees meet."""
+_LEAN, _RECOIL = 0.36, 0.16
 """Greatest lean into a blow, and away from one, rad."""
 
 
@@ -37,13 +45,18 @@ class _Blow:
 def fight(cast: Cast, *, rng: np.random.Generator) -> Script:
     """Two people spar: guards up, they circle, step in, and hit each other's face, chest and belly, or miss."""
     seconds = cast.seconds
-    arm = np.mean([arm_length(body) for body in cast.bodies])
+    arms = [arm_length(body) for body in cast.bodies]
     yaw = rng.uniform(0, 2 * np.pi) + rng.choice((-1, 1)) * rng.uniform(0.1, 0.3) * seconds
     blows = _blows(seconds[-1], rng=rng)
-    # Nearest at each blow.
-    near = sum((np.exp(-(((seconds - blow.at) / 0.3) ** 2)) for blow in blows), np.zeros(len(seconds)))
-    far, close = rng.uniform(*_APART) * arm, rng.uniform(*_NEAR) * arm
-    apart = gaussian_filter1d(far - (far - close) * np.minimum(1.1 * near, 1), 0.1 * cast.fps, mode="nearest")
+    far, close = rng.uniform(*_APART) * np.mean(arms), rng.uniform(*_NEAR)
+    # Nearest at each blow, within reach of the arm that strikes: the right shoulder is behind the left one.
+    apart = np.full(len(seconds), far)
+    for blow in blows:
+        near = (close - max(_BEHIND * (blow.side == "r"), _HIGH * (blow.aim == "face"))) * arms[blow.person]
+        near = max(near, _LEAST)
+        at_blow = np.minimum(1.1 * np.exp(-(((seconds - blow.at) / 0.3) ** 2)), 1)
+        apart = np.minimum(apart, far - (far - near) * at_blow)
+    apart = gaussian_filter1d(apart, 0.1 * cast.fps, mode="nearest")
     roles = []
     for person, sign in enumerate((-1, 1)):
         xy = sign * apart[:, None] / 2 * np.stack([np.cos(yaw), np.sin(yaw)], 1)
@@ -53,13 +66,13 @@ def fight(cast: Cast, *, rng: np.random.Generator) -> Script:
             if blow.person == person:
                 lean += _LEAN * during(seconds, blow.at - 0.02, blow.at + 0.04, 0.3)
             elif blow.aim != "beside":
-                lean -= _RECOIL * during(seconds, blow.at + 0.12, blow.at + 0.16, 0.14)
+                lean -= _RECOIL * during(seconds, blow.at + 0.2, blow.at + 0.24, 0.14)
         roles.append(
             Role(
                 path,
                 gaze=np.full(len(seconds), 1 - person),
                 hips=np.full(len(seconds), 0.96 * cast.bodies[person].hip_height),
-                lean=np.clip(lean, -0.15, 0.3),
+                lean=np.clip(lean, -0.15, 0.42),
                 hands=("fist", "fist"),
             )
         )
@@ -67,7 +80,7 @@ def fight(cast: Cast, *, rng: np.random.Generator) -> Script:
     def strike(poses: Poses) -> list[Reach]:
         return [_hand(cast, poses, person, side, blows) for person in range(2) for side in _SIGN]
 
-    return Script(tuple(roles), clearance=0.9 * close, reaches=strike)
+    return Script(tuple(roles), clearance=0.9 * (close - _BEHIND) * min(arms), reaches=strike)
 
 
 def _blows(last: float, *, rng: np.random.Generator) -> list[_Blow]:
@@ -77,7 +90,7 @@ def _blows(last: float, *, rng: np.random.Generator) -> list[_Blow]:
         person, side = int(rng.integers(2)), str(rng.choice(("l", "r")))
         for _ in range(1 + int(rng.random() < 0.35)):
             aim = str(rng.choice(list(_AIMS), p=list(_AIMS.values())))
-            blows.append(_Blow(at, person, side, aim, float(rng.uniform(-0.5, 0.5)), float(rng.uniform(0.0, 0.025))))
+            blows.append(_Blow(at, person, side, aim, float(rng.uniform(-0.5, 0.5)), float(rng.uniform(0.015, 0.035))))
             at, side = at + rng.uniform(0.4, 0.5), "l" if side == "r" else "r"
         at += pause * rng.uniform(0.5, 1.4)
     return blows
@@ -86,7 +99,12 @@ def _blows(last: float, *, rng: np.random.Generator) -> list[_Blow]:
 def _hand(cast: Cast, poses: Poses, person: int, side: str, blows: list[_Blow]) -> Reach:
     """Return where a fist is: at the guard, and at what its blows are aimed at."""
     body, size, sign = cast.bodies[person], cast.bodies[person].stature, _SIGN[side]
-    guard = poses.point(person, "chest", (0.155 * size, 0.055 * sign * size, 0.15 * size))
+    guard = _guard(poses, person, sign, _GUARD, size)
+    for blow in blows:
+        if blow.person != person and blow.aim != "beside":
+            # Too late: the hands are where the blow is not.
+            open_ = during(cast.seconds, blow.at - 0.12, blow.at + 0.12, 0.22)[:, None]
+            guard += open_ * (_guard(poses, person, sign, _OPEN[blow.aim], size) - guard)
     shoulder = poses.point(person, "chest", (0, 0.1 * sign * size, 0.137 * size))
     palm, along = guard.copy(), np.zeros(len(cast.seconds))
     for blow in blows:
@@ -95,12 +113,18 @@ def _hand(cast: Cast, poses: Poses, person: int, side: str, blows: list[_Blow]) 
         way = _aimed(cast, poses, 1 - person, blow) - shoulder
         far = np.linalg.norm(way, axis=1, keepdims=True)
         end = shoulder + way / far * np.minimum(0.99 * arm_length(body), far - _KNUCKLES * size + blow.press)
-        hit = during(cast.seconds, blow.at - 0.02, blow.at + 0.02, 0.2)[:, None]
+        hit = during(cast.seconds, blow.at - 0.04, blow.at + 0.06, 0.2)[:, None]
         palm, along = palm + hit * (end - palm), np.maximum(along, hit[:, 0])
     # A fist turns as the arm stretches: from thumb up to back of the hand up.
     upright, level = poses.axis(person, "chest", (0, -sign, -0.6)), poses.axis(person, "chest", (0, -0.4 * sign, -1.0))
     normal = upright + along[:, None] * (level - upright)
     return Reach(person, side, np.ones(len(cast.seconds)), palm, normal, straight=True)
+
+
+def _guard(poses: Poses, person: int, sign: float, place: tuple[float, float, float], size: float) -> np.ndarray:
+    """Return the palm of a fist that is held at a place before the chest, (F, 3) m."""
+    ahead, outward, up = (size * each for each in place)
+    return poses.point(person, "chest", (ahead, sign * outward, up))
 
 
 def _aimed(cast: Cast, poses: Poses, other: int, blow: _Blow) -> np.ndarray:

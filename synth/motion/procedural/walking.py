@@ -26,7 +26,7 @@ class ProceduralConfig:
     """
 
     standing: float = 0.25
-    speed: list[float] = field(default_factory=lambda: [0.8, 1.5])
+    speed: list[float] = field(default_factory=lambda: [1.0, 1.7])
     straight: float = 0.25
     radius: list[float] = field(default_factory=lambda: [1.5, 6.0])
     gesture: float = 0.5
