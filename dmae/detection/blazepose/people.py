@@ -15,7 +15,7 @@ from dmae.detection.registry import PoseDetectorConfig
 _PASSES = 3
 """Of the second network on a new person, each on the region that the one before found."""
 _RETRIES = 5
-"""Pictures after a person was lost in which it is looked for where it was."""
+"""Pictures in which a person that was lost is looked for where it was, and a candidate is looked at again."""
 _SETTLED, _STEADY = 0.06, 0.1
 """The answers of two passes for a new person, or for one that is followed, lie no farther apart, relative to the torso.
 Of what is no person, or of two people at once, they do. Presence alone errs both ways where people overlap or leave
@@ -35,6 +35,14 @@ _CLEARER = 0.05
 """A person found anew takes the place of one followed if the mean confidence of the joints is higher by this much."""
 _DROP = 0.12
 """A followed person whose mean confidence falls by this much below its usual one is searched again."""
+_JUMP = 0.25
+"""Way from one picture to the next, relative to the torso, after which a second pass checks the person."""
+_FULL_SEARCHES = 3
+"""First pictures that are searched in all windows; later ones in some of them, in turn."""
+_DOUBTED = 0.6
+"""Mean confidence of joints below which a person that is followed is compared with what a search finds there."""
+_CHECKED = 5
+"""Pictures after which a second pass checks a person that is followed."""
 _MEMORY = 0.9
 """Share of the usual confidence that is kept from picture to picture."""
 _STRAYED = 0.2
@@ -61,20 +69,28 @@ class PeopleDetector:
         self._finder, self._joints = Network("pose_detection"), Network("pose_landmark_full")
         self._followed: list[_Followed] = []
         self._lost: list[tuple[Region, int]] = []
-        self._wait = 0
+        self._number = 0
 
     def __call__(self, picture: np.ndarray) -> list[Person]:
         """Return the people of the next picture (H, W, 3) uint8, RGB."""
         pyramid = pyramid_of(np.ascontiguousarray(picture))
         people, lost = self._follow(pyramid)
-        if self._wait <= 0 or lost:
-            self._wait = self._config.search_every
-            people = self._search(pyramid, people)
-        self._lost = [(region, tries - 1) for region, tries in self._lost if tries > 1]
-        for region, _ in self._lost:
-            self._add(people, self._settled(pyramid, region, [each.person for each in people]))
-        self._lost += [(region, _RETRIES) for region in lost]
-        self._wait -= 1
+        waiting, self._lost = self._lost, [(region, _RETRIES) for region in lost]
+        for region, tries in waiting:
+            found = self._settled(pyramid, region, [each.person for each in people])
+            if not self._add(people, found) and tries > 1:
+                self._lost.append((region, tries - 1))
+        height, width = picture.shape[:2]
+        windows = windows_of(width, height, tuple(self._config.windows))
+        if self._number >= _FULL_SEARCHES:
+            # All windows in turn, so that a person who comes into sight is found soon.
+            share = -(-len(windows) // self._config.search_every)
+            start = self._number * share % len(windows)
+            windows = (windows + windows)[start : start + share]
+            windows += [_around(region, size) for region in lost for size in _CROWD]
+        self._search(pyramid, people, windows)
+        self._search_crowds(pyramid, people)
+        self._number += 1
         self._followed = people
         return [each.person for each in people]
 
@@ -83,7 +99,7 @@ class PeopleDetector:
         seen = [(find_person(self._joints, pyramid, each.person.region), each) for each in self._followed]
         people: list[_Followed] = []
         lost: list[Region] = []
-        for person, before in sorted(seen, key=lambda pair: -clearness(pair[0])):
+        for number, (person, before) in enumerate(sorted(seen, key=lambda pair: -clearness(pair[0]))):
             others = [each.person for each in people]
             if _known(person, others):
                 # The region went over to another person: look for its own without that one.
@@ -91,7 +107,8 @@ class PeopleDetector:
             if person.region is None or _known(person, others):
                 lost.append(before.person.region)
                 continue
-            if self._wait <= 0 or person.presence < self._config.min_presence:
+            jumped = disagreement(before.person, person) > _JUMP
+            if jumped or (self._number + number) % _CHECKED == 0 or person.presence < self._config.min_presence:
                 again = find_person(self._joints, pyramid, person.region)
                 limit = _STRAYED if person.presence >= self._config.min_presence else _STEADY
                 if disagreement(person, again) > limit or clearness(person) < _CLEAR:
@@ -110,14 +127,16 @@ class PeopleDetector:
                 person = found
         return person
 
-    def _search(self, pyramid: list[np.ndarray], people: list[_Followed]) -> list[_Followed]:
-        """Return people, those that a search finds clearer in the place of others, and those that are new."""
-        people = list(people)
-        height, width = pyramid[0].shape[:2]
+    def _search(self, pyramid: list[np.ndarray], people: list[_Followed], windows: list[Region]) -> None:
+        """Add the people in windows that are new, and put those found clearer in the place of unclear ones."""
         failed = []
-        for candidate in find_candidates(self._finder, pyramid, windows_of(width, height, tuple(self._config.windows))):
-            if not self._add(people, self._settled(pyramid, candidate.region)):
-                failed.append(candidate.region)
+        for candidate in find_candidates(self._finder, pyramid, windows):
+            region = candidate.region
+            clear = [each for each in people if clearness(each.person) >= _DOUBTED]
+            if any(same_region(region, each.person.region) for each in clear):
+                continue
+            if not self._add(people, self._settled(pyramid, region)):
+                failed.append(region)
         for region in failed:
             across = np.array([-region.up[1], region.up[0]])
             for shift in _SHIFTS:
@@ -126,14 +145,23 @@ class PeopleDetector:
                 )
                 if not any(same_region(beside, each.person.region) for each in people):
                     self._add(people, self._confirmed(pyramid, self._settled(pyramid, beside)))
-        # In a window with several people the finder sees the most prominent one alone.
+
+    def _search_crowds(self, pyramid: list[np.ndarray], people: list[_Followed]) -> None:
+        """Add people near others, which the finder does not see: in a window it sees the most prominent person alone.
+
+        In the first pictures around all people, later around one in turn.
+        """
         looked = 0
         while looked < len(people):
-            windows = [_around(each.person.region, share) for each in people[looked:] for share in _CROWD]
-            looked, found = len(people), [each.person for each in people]
+            found = [each.person for each in people]
+            windows = [_around(person.region, share) for person in found[looked:] for share in _CROWD]
+            if self._number >= _FULL_SEARCHES:
+                windows = [windows[self._number % len(windows)]]
+            looked = len(people)
             for candidate in find_candidates(self._finder, pyramid, windows, found):
                 self._add(people, self._confirmed(pyramid, self._settled(pyramid, candidate.region, found)))
-        return people
+            if self._number >= _FULL_SEARCHES:
+                return
 
     def _add(self, people: list[_Followed], found: Person | None) -> bool:
         """Put a person among others, unless it is one of them that is as clear; return whether there was a person."""
@@ -161,7 +189,7 @@ class PeopleDetector:
         return None
 
     def _confirmed(self, pyramid: list[np.ndarray], found: Person | None) -> Person | None:
-        """Return a person found where the finder saw none: only one that is as sure, and stays, in the whole picture."""
+        """Return a person found where the finder saw none, if it is sure and stays the same in the whole picture."""
         if found is None:
             return None
         again = find_person(self._joints, pyramid, found.region)
