@@ -210,7 +210,10 @@ class CameraRig:
         if self.fisheye[view]:
             # OpenCV's own inverse clips distorted angles at 90 degrees.
             return points * _undistorted_ratio(self.dist[view, :4], np.linalg.norm(points, axis=-1, keepdims=True))
-        return cv2.undistortPoints(points, np.eye(3), self._opencv_dist(view), criteria=_UNDISTORT_CRITERIA)
+        K, dist = np.eye(3), self._opencv_dist(view)
+        if hasattr(cv2, "undistortPointsIter"):  # OpenCV 4
+            return cv2.undistortPointsIter(points, K, dist, None, None, _UNDISTORT_CRITERIA)
+        return cv2.undistortPoints(points, K, dist, criteria=_UNDISTORT_CRITERIA)
 
     def rays(self, xy: np.ndarray) -> np.ndarray:
         """Return unit directions (F, V, ..., 3), world, from the camera centres through pixels (F, V, ..., 2)."""

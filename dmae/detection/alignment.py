@@ -59,7 +59,8 @@ def align(cameras: Sequence[CameraPictures], fps: float | None, offsets: Sequenc
         if min(known) < fps * (1 - _SAME_RATE):
             listed = ", ".join(f"{camera.name} {camera.rate:.5g}" for camera in cameras if camera.rate)
             notes.append(f"cameras have other frame rates ({listed}); those of fewer have no picture in some frames")
-    check_rate("fps", fps)
+    fastest = next((camera for camera in cameras if camera.rate == fps), None)
+    check_rate("fps" if given or fastest is None else f"{fastest.path}: fps", fps)
     late = _offsets(cameras, fps, notes) if offsets is None else np.asarray(offsets, float)
     late = late - late.min()
     numbered = [camera for camera in cameras if camera.rate is None]

@@ -12,6 +12,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert
+from dmae.data.skeletons.size import scale_of
 from dmae.evaluation.predictions import predictions_of, read_prediction
 from dmae.evaluation.reference import measured_by_all, scored_actors, truth_of
 from dmae.evaluation.scored_data import scored_clip, scored_options
@@ -19,7 +20,7 @@ from dmae.evaluation.scores import score, summary
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
 from dmae.formats.reading import DataConfig, load
 from dmae.formats.recordings.selection import camera_subsets
-from dmae.metrics.matching import match, take_matched
+from dmae.metrics.matching import GATE, match, take_matched
 from dmae.numerics.filling import smooth
 from dmae.parts import numbers_of
 from dmae.progress import progress
@@ -277,7 +278,8 @@ def _filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
     """(F, T, J) True for joints of true persons that all these poses have, where they all match the same person."""
     common = np.ones(trial.truth.source.shape, bool)
     given = trial.matches
-    matches = [match(poses.xyz, trial.truth.xyz) if given is None else given for poses in filled]
+    gate = scale_of(trial.truth) * GATE
+    matches = [match(poses.xyz, trial.truth.xyz, gate) if given is None else given for poses in filled]
     for poses, found in zip(filled, matches, strict=True):
         common &= ~np.isnan(take_matched(poses.xyz, found)).any(-1) & (found == matches[0])[..., None]
     return common

@@ -28,6 +28,8 @@ from dmae.progress import progress
 KEYPOINTS = "keypoints.json"
 HIDDEN_SCORE = 0.5
 """Confidence of a joint that is labelled and not visible (v = 1), where the file has no other; visible ones get 1."""
+_Id = int | str
+"""What images are known by."""
 
 
 @dataclass
@@ -106,8 +108,8 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
             found.names = category_joints(file, content["categories"]) or found.names
         places = _images(file, images, camera, found)
         _annotations(file, annotations, places, found)
-        rate = content.get("info", {}).get("fps") if isinstance(content, dict) else None
-        found.fps = found.fps or rate
+        about = content.get("info") if isinstance(content, dict) else None
+        found.fps = found.fps or (about.get("fps") if isinstance(about, dict) else None)
     skeleton = skeleton or recognise_skeleton(path, found.names, found.joints)
     if found.joints not in (None, len(skeleton)):
         raise ValueError(f"{path}: expected {len(skeleton)} keypoints as of {skeleton.name}, found {found.joints}")
@@ -129,7 +131,7 @@ def _parts(file: Path, content) -> tuple[list | None, list]:
 def _result_images(file: Path, results: list) -> list[dict]:
     ids = []
     for number, result in enumerate(results):
-        if not isinstance(result, dict) or "image_id" not in result:
+        if not isinstance(result, dict) or not isinstance(result.get("image_id"), _Id):
             raise ValueError(
                 f"{file}: [{number}]: expected an object with image_id and keypoints, found {result!r:.60}"
             )
@@ -141,7 +143,7 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
     """By image id, the list of people to fill, which `found` has by camera and frame."""
     places: dict = {}
     for number, image in enumerate(images):
-        if not isinstance(image, dict) or "id" not in image or "file_name" not in image:
+        if not isinstance(image, dict) or not isinstance(image.get("id"), _Id) or "file_name" not in image:
             raise ValueError(f"{file}: images[{number}]: expected an object with id and file_name, found {image!r:.60}")
         name = Path(str(image["file_name"]))
         view = image.get("camera") or camera or name.parent.name
@@ -151,6 +153,8 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
                 "file_name, or a file of annotations for each camera"
             )
         frame = image["frame"] if "frame" in image else frame_number(Path(f"{file}, {name}"), name.stem)
+        if type(frame) is not int:
+            raise ValueError(f"{file}: images[{number}]: expected a whole number as frame, found {frame!r:.60}")
         frames = found.views.setdefault(str(view), {})
         if image["id"] in places or frame in frames:
             raise ValueError(f"{file}: images[{number}]: image {image['id']}, frame {frame} of {view}, is there twice")
@@ -168,7 +172,8 @@ def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> 
     people, scored = [], []
     for number, annotation in enumerate(annotations):
         here = f"{file}: annotations[{number}]"
-        if not isinstance(annotation, dict) or annotation.get("image_id") not in places:
+        image = annotation.get("image_id") if isinstance(annotation, dict) else None
+        if not isinstance(image, _Id) or image not in places:
             raise ValueError(
                 f"{here}: expected an object with the image_id of one of the images, found {annotation!r:.60}"
             )

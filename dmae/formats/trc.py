@@ -4,9 +4,11 @@ import re
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import SKELETONS, Skeleton
+from dmae.data.skeletons.definition import encode, read_skeleton
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_text
 from dmae.files.numbers import MOST_METRES, check_numbers, check_rate
@@ -43,7 +45,12 @@ def marker(joint: str) -> str:
 
 
 def opensim_marker(joint: str, skeleton: Skeleton) -> str:
-    """Return the name of a joint's marker in Pose2Sim's models for OpenSim: mid_hip is CHip, or Hip in Halpe's."""
+    """Return the name of a joint's marker in Pose2Sim's models for OpenSim: mid_hip is CHip, or Hip in Halpe's.
+
+    Markers of skeletons of your own are called as their joints.
+    """
+    if skeleton.defined:
+        return joint
     names = _OPENSIM_HALPE26 if skeleton.name == "halpe26" else _OPENSIM
     return names.get(joint) or marker(joint)
 
@@ -55,7 +62,8 @@ def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, flo
     measured, though some programs write interpolated ones.
 
     Args:
-        skeleton: By default the smallest that has all markers; joints without one are absent.
+        skeleton: By default the one in the file beside it, or the smallest of this package that has all markers; joints
+            without a marker are absent.
 
     Raises:
         FileNotFoundError: no such file.
@@ -66,7 +74,7 @@ def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, flo
     lines = _lines(path)
     header, names = _header(path, lines)
     skeleton = skeleton or _skeleton(path, names)
-    joints = skeleton.index(*(_joint(name, skeleton) for name in names))
+    joints = _indices(path, names, skeleton)
     rows = _rows(path, lines, len(names))
     xyz = np.full((len(rows), 1, len(skeleton), 3), np.nan)
     check_numbers(f"{path}: coordinates", rows, MOST_METRES / METRES[header["Units"]])
@@ -127,18 +135,34 @@ def _rows(path: Path, lines: list[str], markers: int) -> np.ndarray:
 
 
 def _joint(name: str, skeleton: Skeleton) -> str:
+    if name in skeleton.joints:
+        return name
     joint = next((joint for joint in skeleton.joints if marker(joint) == name), None)
     return joint or _ALIASES.get(name, name)
 
 
+def _indices(path: Path, names: list[str], skeleton: Skeleton) -> list[int]:
+    joints = [_joint(name, skeleton) for name in names]
+    unknown = [name for name, joint in zip(names, joints, strict=True) if joint not in skeleton.joints]
+    if unknown:
+        raise KeyError(f"{path}: skeleton {skeleton.name!r} has no joints for the markers {unknown}")
+    return skeleton.index(*joints)
+
+
+def _skeleton_file(path: Path) -> Path:
+    return path.with_suffix(".skeleton.yaml")
+
+
 def _skeleton(path: Path, names: list[str]) -> Skeleton:
+    if _skeleton_file(path).is_file():
+        return read_skeleton(_skeleton_file(path))
     for skeleton in sorted(SKELETONS.values(), key=len):
         if all(_joint(name, skeleton) in skeleton.joints for name in names):
             return skeleton
     known = {marker(joint) for skeleton in SKELETONS.values() for joint in skeleton.joints} | set(_ALIASES)
     raise KeyError(
         f"{path}: no skeleton has all of the markers {names}; of no skeleton are {sorted(set(names) - known)}, "
-        f"there are {sorted(SKELETONS)}"
+        f"there are {sorted(SKELETONS)}; {_skeleton_file(path).name} beside it defines another"
     )
 
 
@@ -184,7 +208,8 @@ def write_trc(
 
     A TRC cannot say that a joint is not measured, so a second file, `<name>.source.csv`, does: measured, denoised,
     completed or absent for each frame and marker. A third, `<name>.covariance.csv`, has the covariances of the joints
-    in the axes and the unit of the TRC, where they are known.
+    in the axes and the unit of the TRC, where they are known. A fourth, `<name>.skeleton.yaml`, defines a skeleton that
+    is none of this package.
 
     Args:
         first: Number of the first frame in the recording, of which number 0 is at time 0; by default frames count from
@@ -210,6 +235,10 @@ def write_trc(
             + "\n",
         )
         write_source_table(file, names, poses.source[:, person], number)
+        if poses.skeleton.defined:
+            write_atomic(_skeleton_file(file), yaml.safe_dump(encode(poses.skeleton), sort_keys=False))
+        else:
+            _skeleton_file(file).unlink(missing_ok=True)
         cov = poses.cov[:, person].astype(np.float64)[..., _TRC, :][..., _TRC] / METRES[unit] ** 2
         write_covariance_table(file, names, cov, number)
     return paths

@@ -7,7 +7,8 @@ import numpy as np
 
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
-from dmae.metrics.matching import match, take_matched
+from dmae.data.skeletons.size import scale_of
+from dmae.metrics.matching import GATE, match, take_matched
 from dmae.numerics.gaps import gap_lengths
 
 GAP_RATE = 25.0
@@ -45,7 +46,12 @@ class Comparison:
                 f"captured {self.captured.source.shape} and filled poses {self.pred.source.shape} differ in shape"
             )
         if self.matches is None:
-            object.__setattr__(self, "matches", match(self.pred.xyz, self.truth.xyz))
+            object.__setattr__(self, "matches", match(self.pred.xyz, self.truth.xyz, self.scale * GATE))
+
+    @cached_property
+    def scale(self) -> float:
+        """Size of the bodies as a multiple of that of people, by which thresholds in metres are multiplied."""
+        return scale_of(self.truth)
 
     @property
     def skeleton(self) -> Skeleton:

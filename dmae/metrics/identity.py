@@ -53,4 +53,4 @@ def _identity_switches(comparison: Comparison) -> int:
 @metric("idf1", order=11, columns=(Column("IDF1", "%", order=9, table="identities"),))
 def _idf1(comparison: Comparison) -> float:
     """Identity F1 score, %."""
-    return idf1(comparison.pred.xyz, comparison.truth.xyz)
+    return idf1(comparison.pred.xyz, comparison.truth.xyz, comparison.scale * GATE)

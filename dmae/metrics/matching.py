@@ -6,7 +6,7 @@ from scipy.optimize import linear_sum_assignment
 from dmae.numerics.robust import mean_known
 
 GATE = 0.5
-"""m; a prediction with joints farther off than this on average is another person."""
+"""m; a prediction with joints farther off than this on average is another person. Of bodies of a person's size."""
 
 
 def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray:

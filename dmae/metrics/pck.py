@@ -8,7 +8,13 @@ from dmae.metrics.percentage import percent
 from dmae.metrics.registry import Column, metric
 
 PCK_THRESHOLD = 0.2
-"""m. The 0.2 of PCK@0.2 is metres in multi-person capture, not torso sizes as in single images."""
+"""m. The 0.2 of PCK@0.2 is metres in multi-person capture, not torso sizes as in single images. Of bodies
+of a person's size; of others as much larger or smaller as they are."""
+
+
+def joints_within_threshold(comparison: Comparison) -> np.ndarray:
+    """Return (F, T, J) True where a joint is within 0.2 m of the true one, or as much as is of bodies of its size."""
+    return correct_joints(comparison.matched, comparison.truth.xyz, comparison.scale * PCK_THRESHOLD)
 
 
 def correct_joints(matched: np.ndarray, truth: np.ndarray, threshold: float = PCK_THRESHOLD) -> np.ndarray:
@@ -52,4 +58,5 @@ def pck(pred: np.ndarray, truth: np.ndarray, matches: np.ndarray, threshold: flo
 )
 def _pck(comparison: Comparison) -> dict[str, float]:
     """PCK@0.2: recall and precision of joints within 0.2 m, %; precision is too low where persons lack annotation."""
-    return pck(comparison.pred.xyz, comparison.truth.xyz, comparison.matches)
+    threshold = comparison.scale * PCK_THRESHOLD
+    return pck(comparison.pred.xyz, comparison.truth.xyz, comparison.matches, threshold)

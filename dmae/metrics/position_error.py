@@ -4,7 +4,7 @@ import numpy as np
 
 from dmae.data.clip import Source
 from dmae.metrics.comparison import Comparison
-from dmae.metrics.pck import correct_joints
+from dmae.metrics.pck import joints_within_threshold
 from dmae.metrics.percentage import percent
 from dmae.metrics.registry import Column, metric
 from dmae.metrics.uncertainty import in_region
@@ -95,10 +95,9 @@ def _mpjpe(comparison: Comparison) -> dict[str, float]:
 @metric("hidden", order=8, columns=(Column("hidden", "mm", lambda score: score["mpjpe"], order=7),))
 def _hidden(comparison: Comparison) -> dict[str, float]:
     """PCK@0.2 recall, %, and MPJPE, mm, of the true joints that capture did not measure."""
-    matched, truth = comparison.matched, comparison.truth.xyz
     return {
-        "recall": float(percent(correct_joints(matched, truth), comparison.known & comparison.hidden)),
-        "mpjpe": mpjpe(matched, truth, comparison.hidden),
+        "recall": float(percent(joints_within_threshold(comparison), comparison.known & comparison.hidden)),
+        "mpjpe": mpjpe(comparison.matched, comparison.truth.xyz, comparison.hidden),
     }
 
 

@@ -132,4 +132,5 @@ def published_pcp(pred: np.ndarray, truth: np.ndarray, skeleton: Skeleton, actor
 @metric("pcp_published", order=4)
 def _pcp_published(comparison: Comparison) -> dict[str, float]:
     """PCP by the protocols of published tables, mean of the actors, %."""
-    return published_pcp(comparison.pred.xyz, comparison.truth.xyz, comparison.skeleton, comparison.actors)
+    pred, truth = (xyz / comparison.scale for xyz in (comparison.pred.xyz, comparison.truth.xyz))
+    return published_pcp(pred, truth, comparison.skeleton, comparison.actors)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmae.metrics.comparison import Comparison
-from dmae.metrics.pck import correct_joints
+from dmae.metrics.pck import joints_within_threshold
 from dmae.metrics.pcp import correct_limbs
 
 BLOCK = 1.0
@@ -31,7 +31,7 @@ def time_blocks(comparison: Comparison) -> dict:
         "pcp": ((correct & limbs).sum(2).T, limbs.sum(2).T),
         "mpjpe": _sums(error, found),
         "hidden": _sums(error, found & comparison.hidden),
-        "recall": _sums(correct_joints(comparison.matched, truth), comparison.known & comparison.hidden),
+        "recall": _sums(joints_within_threshold(comparison), comparison.known & comparison.hidden),
     }
     frames = np.flatnonzero(comparison.known.any((1, 2)))
     block, member = block_members(frames, comparison.fps)

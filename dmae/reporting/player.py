@@ -75,7 +75,7 @@ def packed(values: np.ndarray) -> str:
     The bytes, deflated: for each series over time its differences, low bytes of all, then high bytes, then whether
     each is known. What is absent repeats the value before it, so that a gap costs nothing.
     """
-    series = values.reshape(len(values), -1)
+    series = values.reshape(len(values), -1).astype(np.float64)
     known = np.isfinite(series)
     whole = np.where(known, np.clip(np.round(np.where(known, series, 0)), -_LARGEST, _LARGEST), 0).astype(np.int16)
     before, _ = neighbours(known)

@@ -196,14 +196,15 @@ def _existing(found: _Found, path: Path, kind: str, names: list[Path]) -> list[P
         for folder in (found.folder, path.resolve().parent):
             try:
                 whole = (folder / name).resolve()
+                found_there = whole.exists()
             except (OSError, ValueError, RuntimeError):
-                whole = Path("/")
+                whole, found_there = Path("/"), False
             if name.is_absolute() or not whole.is_relative_to(found.folder):
                 raise ValueError(
                     f"{path}: <{kind}> names {str(name)!r:.120}, expected a file in {found.folder} or below it"
                 )
-            places.append(whole)
-    there = [place for place in dict.fromkeys(places) if place.exists()]
-    if not there:
+            if found_there:
+                places.append(whole)
+    if not places:
         raise FileNotFoundError(f"{path}: <{kind}> names {str(names[-1])!r:.120}, found no such file")
-    return there
+    return list(dict.fromkeys(places))

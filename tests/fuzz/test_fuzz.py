@@ -17,7 +17,9 @@ FOUND = [
     ("live/lines", 17), ("live/lines", 113), ("mesh/obj", 1039), ("model/checkpoint", 20066),
     ("model/checkpoint", 20107), ("model/paper", 1), ("model/weights", 650), ("model/weights", 1039),
     ("motion/amc", 20037), ("motion/list", 434), ("motion/list", 616), ("recording/clip", 358),
-    ("recording/clip", 1065), ("recording/clip", 60302), ("recording/easymocap", 60217), ("recording/panoptic", 1056),
+    ("recording/clip", 1065), ("recording/coco", 2701), ("recording/coco", 3668), ("recording/coco", 3939),
+    ("detection/videos", 2264), ("room/mjcf", 2163), ("recording/clip", 60302), ("recording/easymocap", 60217),
+    ("recording/panoptic", 1056),
     ("recording/pose2sim", 150), ("room/mjcf", 20166), ("scene/spec", 280), ("scores/scores", 1746),
 ]  # fmt: skip
 """Inputs that failed once, by reader and index."""

@@ -57,6 +57,18 @@ def usual_size(xyz: np.ndarray) -> float | None:
     return size if size > 0 else None
 
 
+def scale_of(poses: Poses3D) -> float:
+    """Return the size of bodies as a multiple of that of people: 1 for people, else as stated, or as measured.
+
+    It is 1 where too few joints are known.
+    """
+    skeleton = poses.skeleton
+    if not skeleton.defined or skeleton.size_m is not None:
+        return skeleton.scale
+    finite = np.where(np.isfinite(poses.xyz).all(-1, keepdims=True), poses.xyz, np.nan)
+    return (usual_size(finite) or PERSON_M) / PERSON_M
+
+
 def extent(body: np.ndarray) -> float:
     """Return the distance between the two joints farthest apart of a body (J, 3), NaN where a joint is absent."""
     distance = np.linalg.norm(body[:, None] - body[None], axis=-1)
@@ -75,10 +87,8 @@ def for_any_size(fill: Fill) -> Fill:
         skeleton = poses.skeleton
         if not skeleton.defined:
             return fill(poses, fps)
-        finite = np.where(np.isfinite(poses.xyz).all(-1, keepdims=True), poses.xyz, np.nan)
-        size = skeleton.size_m or usual_size(finite) or PERSON_M
-        factor = size / PERSON_M
-        body = replace(resized_poses(poses, 1 / factor), skeleton=replace(skeleton, size_m=size))
+        factor = scale_of(poses)
+        body = replace(resized_poses(poses, 1 / factor), skeleton=replace(skeleton, size_m=factor * PERSON_M))
         done = resized_poses(fill(body, fps), factor)
         kept = (done.source == Source.MEASURED)[..., None]
         return replace(

@@ -6,11 +6,13 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton_conversion import convert
+from dmae.data.skeletons.size import scale_of
 from dmae.evaluation.report.joint_groups import JointGroup, added, tally
 from dmae.metrics.matching import match, take_matched
 
 GATE_M = 0.4
-"""m, at the median depth of the people in a camera: a detection farther off on average is of another person."""
+"""m, at the median depth of the people in a camera: a detection farther off on average is of another person.
+Of bodies of a person's size."""
 _CHUNK = 256
 
 
@@ -57,12 +59,12 @@ def reprojection(clip: Clip) -> Reprojection:
 def reprojection_errors(clip: Clip, poses: Poses3D) -> np.ndarray:
     """Return the distances (F, V, P, J) between reprojected joints and those of the matched detection, px."""
     pixels, depth = clip.rig.project(poses.xyz)
-    errors = np.full(pixels.shape[:-1], np.nan)
+    errors, scale = np.full(pixels.shape[:-1], np.nan), scale_of(poses)
     for view in range(len(clip.rig)):
         known = np.isfinite(pixels[:, view]).all(-1)
         if not known.any():
             continue
-        gate = GATE_M * clip.rig.K[view, 0, 0] / np.median(depth[:, view][known])
+        gate = scale * GATE_M * clip.rig.K[view, 0, 0] / np.median(depth[:, view][known])
         found = clip.detections.xy[:, view]
         matched = take_matched(found, match(found, pixels[:, view], gate))
         errors[:, view] = np.linalg.norm(matched - pixels[:, view], axis=-1)

@@ -7,6 +7,7 @@ from scipy.ndimage import maximum_filter1d
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton_conversion import convert
+from dmae.data.skeletons.size import scale_of
 from dmae.evaluation.report.reprojection import reprojection_errors
 
 _UNKNOWN = 0.2
@@ -34,7 +35,7 @@ def signs(clip: Clip) -> dict[str, np.ndarray]:
     stated = np.sqrt(np.trace(poses.cov.astype(np.float64), axis1=-2, axis2=-1))
     return {
         STATED: np.nan_to_num(stated),
-        UNSTATED: np.where(np.isnan(stated), _UNKNOWN * poses.skeleton.scale, 0),
+        UNSTATED: np.where(np.isnan(stated), _UNKNOWN * scale_of(poses), 0),
         BONE: _bone_deviation(poses),
         JUMP: _jump(poses, clip.fps),
         RESIDUAL: _residual(clip),

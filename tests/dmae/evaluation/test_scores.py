@@ -7,7 +7,9 @@ from dmae.completion.methods.linear import fill_linear
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, SHELF14, get_skeleton
 from dmae.data.skeleton_conversion import convert
+from dmae.data.skeletons.size import resized_poses
 from dmae.evaluation.scores import score
+from tests.support.animals import DOG, dog
 from tests.support.clips import walkers
 
 
@@ -93,3 +95,24 @@ def test_shelf_s_truth_scores_a_hundred_against_itself(data_folder):
     assert scores["pcp"] == 100
     assert set(scores["pcp_published"].values()) == {100}
     assert (convert(truth, SHELF14).source == Source.ABSENT).any()
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_small_bodies_are_matched_and_scored_as_large_ones(stated):
+    """Two mice 3 cm apart, the second predicted 9 mm off: at the scale of people another animal is 50 cm off."""
+    rng = np.random.default_rng(3)
+    truth = np.stack([dog(40, rng=rng, radius=0.6), dog(40, rng=rng, radius=1.5)], 1)
+    xyz = truth + rng.normal(0, 0.05, truth.shape)
+    xyz[:, 1] += (0, 0, 0.3)
+    xyz[::3, 0] += (0, 0, 0.7)
+    found = {}
+    for factor in (1.0, 0.03):
+        skeleton = replace(DOG, size_m=factor * DOG.size_m if stated else None)
+        true, pred = (resized_poses(Poses3D(skeleton, part), factor) for part in (truth, xyz))
+        found[factor] = score(pred, pred.without(rng.random(pred.source.shape) < 0), true)
+    large, small = found[1.0], found[0.03]
+    assert large["pck"]["recall"] < 50 < 60 < large["idf1"]
+    for name in ("pcp", "pck", "idf1", "identity_switches", "pcp_published"):
+        assert small[name] == pytest.approx(large[name]), name
+    assert small["mpjpe"]["all"] == pytest.approx(0.03 * large["mpjpe"]["all"], rel=1e-4)
+    assert small["hidden"]["recall"] == pytest.approx(large["hidden"]["recall"], nan_ok=True)

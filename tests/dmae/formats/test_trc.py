@@ -9,6 +9,7 @@ from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.motion_capture.source_table import person_paths
 from dmae.formats.recordings.pose_files import read_poses
 from dmae.formats.trc import marker, opensim_marker, read_trc, write_trc
+from tests.support.animals import DOG, dog
 from tests.support.clips import walkers
 from tests.support.trc_files import read_independently
 
@@ -91,6 +92,22 @@ def test_completed_joints_are_listed_in_a_file_beside_it(tmp_path):
     (tmp_path / "walk.source.csv").unlink()
     found, _ = read_trc(tmp_path / "walk.trc")
     assert set(np.unique(found.source)) == {Source.ABSENT, Source.MEASURED}
+
+
+def test_a_skeleton_of_your_own_is_defined_in_a_file_beside_it(tmp_path):
+    rng = np.random.default_rng(0)
+    poses = Poses3D(DOG, np.stack([dog(8, rng=rng), dog(8, rng=rng)], 1))
+    write_trc(poses, 30.0, tmp_path / "dogs.trc")
+    read = read_poses(tmp_path / "dogs.trc")
+    assert read.poses.skeleton == DOG
+    np.testing.assert_allclose(read.poses.xyz, poses.xyz, atol=1e-6)
+    (tmp_path / "dogs_P1.skeleton.yaml").unlink()
+    with pytest.raises(KeyError, match=r"dogs_P1\.skeleton\.yaml beside it defines another"):
+        read_trc(tmp_path / "dogs_P1.trc")
+    with pytest.raises(KeyError, match="skeleton 'body25' has no joints for the markers"):
+        read_trc(tmp_path / "dogs_P1.trc", BODY25)
+    write_trc(walkers(8, 2), 30.0, tmp_path / "dogs.trc")
+    assert read_poses(tmp_path / "dogs.trc").poses.skeleton == BODY25, "of earlier poses nothing is left"
 
 
 def test_several_persons_are_several_files(tmp_path):

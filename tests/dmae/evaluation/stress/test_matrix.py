@@ -12,6 +12,7 @@ from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.stress import matrix
 from dmae.evaluation.stress.config import StressConfig
 from dmae.evaluation.stress.matrix import compute, prepare
+from tests.support.animals import dog_clip
 from tests.support.commands import dmae
 from tests.support.stressed_clips import strollers
 
@@ -54,6 +55,16 @@ def test_curves_fall_from_the_clip_as_it_is(first):
     measured, linear = (result["axes"][0]["methods"][name] for name in ("measured", "linear"))
     assert measured["points"][-1]["pcp"][0] < linear["points"][-1]["pcp"][0]
     assert measured["breaks"]["hidden"] is None
+
+
+def test_bodies_that_are_no_people_are_stressed_too(tmp_path):
+    clip = dog_clip(60, dogs=2)
+    subjects = config(axes=["own_body", "cameras"], levels={"cameras": [1]}, methods=["linear", "gaussian_process"])
+    result = compute(prepare([clip], subjects, tmp_path))
+    for axis in result["axes"]:
+        lines, learned = (axis["methods"][name]["points"] for name in ("linear", "gaussian_process"))
+        assert all(mine["pcp"][0] > other["pcp"][0] for mine, other in zip(learned, lines, strict=True))
+        assert learned[0]["pcp"][0] > 95
 
 
 def test_a_second_run_computes_nothing(first, ran):
