@@ -121,8 +121,8 @@ def recognise(path: Path) -> str:
             return found[0]
     if _holds_videos(path):
         raise ValueError(
-            f"{path}: found videos, or folders of pictures, expected detections in them; use dmae run videos={path} calibration=... for people "
-            f"in 3D, or dmae detect videos={path} calibration=... for detections"
+            f"{path}: found videos, or folders of pictures, expected detections in them; use dmae run videos={path} "
+            f"calibration=... for people in 3D, or dmae detect videos={path} calibration=... for detections"
         )
     there = ", ".join(sorted(item.name for item in path.iterdir())[:6]) if path.is_dir() else "a file"
     raise ValueError(

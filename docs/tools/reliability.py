@@ -2,8 +2,8 @@
 
     python docs/tools/reliability.py DETECTED...    # into docs/results/reliability.json
 
-DETECTED are data sets that `dmae detect clip=...` made. A joint is near where it lies within 5 % of the height of the body from its true place. Joints of people that a
-detection was matched to count, hidden ones included.
+DETECTED are data sets that `dmae detect clip=...` made. A joint is near where it lies within 5 % of the height of the
+body from its true place. Joints of people that a detection was matched to count, hidden ones included.
 """
 
 import sys

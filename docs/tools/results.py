@@ -212,7 +212,8 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
 
 _FUNCTIONS = {
     "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
-    "realism_table": realism_table, "errors_table": errors_table, "reliability_table": reliability_table, "distances_table": distances_table,
+    "realism_table": realism_table, "errors_table": errors_table, "reliability_table": reliability_table,
+    "distances_table": distances_table,
     "contacts_table": contacts_table, "motion_table": motion_table,
     "paper_table": paper_table, "benchmark_table": benchmark_table, "protocols": protocols,
     "stress_table": stress_table,
