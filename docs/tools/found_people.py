@@ -86,7 +86,8 @@ def videos(data: Path) -> dict:
             "median_next_frame_mm": float(np.nanmedian(next_frame)),
             "nearer_to_the_other_side": int(exchanged.sum()),
         }
-    per_joint = np.nanmedian(_distances(completed.xyz[1:, :1, completed.skeleton.index(*joints)], true[:-1]), (0, 1))
+    apart = _distances(completed.xyz[1:, :1, completed.skeleton.index(*joints)], true[:-1])[:, 0]
+    per_joint = [np.nanmedian(each) if np.isfinite(each).any() else np.nan for each in apart.T]
     return {
         "people": int(captured.xyz.shape[1]),
         "measured": float((captured.source == dmae.Source.MEASURED).mean()),
