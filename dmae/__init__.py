@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from dmae.public.stress import corrupt as corrupt
     from dmae.public.stress import stress as stress
     from dmae.public.tables import table as table
+    from dmae.public.videos import run as run
     from dmae.reconstruction.config import CaptureConfig as CaptureConfig
 
 _HOMES = {
@@ -74,6 +75,7 @@ _HOMES = {
     "dmae.public.reviewing": ["decide", "review"],
     "dmae.public.stress": ["corrupt", "stress"],
     "dmae.public.tables": ["table"],
+    "dmae.public.videos": ["run"],
     "dmae.reconstruction.config": ["CaptureConfig"],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

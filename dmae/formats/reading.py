@@ -25,6 +25,7 @@ _OPTIONS = {
 }
 """The arguments that readers can have, and the fields of `DataConfig` that each is made of."""
 
+_PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 _VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 
 
@@ -120,8 +121,8 @@ def recognise(path: Path) -> str:
             return found[0]
     if _holds_videos(path):
         raise ValueError(
-            f"{path}: found videos, expected detections in them; use dmae run videos={path} calibration=... for people "
-            f"in 3D, or dmae detect videos={path} calibration=... for detections"
+            f"{path}: found videos, or folders of pictures, expected detections in them; use dmae run videos={path} "
+            f"calibration=... for people in 3D, or dmae detect videos={path} calibration=... for detections"
         )
     there = ", ".join(sorted(item.name for item in path.iterdir())[:6]) if path.is_dir() else "a file"
     raise ValueError(
@@ -131,8 +132,11 @@ def recognise(path: Path) -> str:
 
 
 def _holds_videos(path: Path) -> bool:
-    files = [path] if path.is_file() else path.iterdir()
-    return any(file.suffix.lower() in _VIDEOS for file in files)
+    """Return whether a path is, or holds, a video, or folders of pictures."""
+    files = [path] if path.is_file() else list(path.iterdir())
+    if any(file.suffix.lower() in _VIDEOS for file in files):
+        return True
+    return any(any(each.suffix.lower() in _PICTURES for each in file.iterdir()) for file in files if file.is_dir())
 
 
 def _is_recognised(path: Path, entry: RecordingReader) -> bool:

@@ -183,6 +183,15 @@ def stress_table(name: str, figure: str = "pcp") -> str:
     return _table(list(table.header), [list(row) for row in table.rows])
 
 
+def reliability_table(name: str) -> str:
+    """A row for all joints, each range of confidence and kind of joint: stated confidence, and share near its place."""
+    rows = [
+        [each["joints"], str(each["number"]), *(f"{100 * each[key]:.1f}" for key in ("confidence", "near", "error"))]
+        for each in load(name)["rows"]
+    ]
+    return _table(["joints", "number", "mean confidence, %", "within 5 % of the height, %", "apart, %"], rows)
+
+
 def origin(name: str, table: str | None = None) -> str:
     """A line that says which command made a results file, when, and of which commit."""
     found = load(name)
@@ -203,7 +212,8 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
 
 _FUNCTIONS = {
     "value": value, "pcp_table": pcp_table, "gaps_table": gaps_table, "kept_table": kept_table, "origin": origin,
-    "realism_table": realism_table, "errors_table": errors_table, "distances_table": distances_table,
+    "realism_table": realism_table, "errors_table": errors_table, "reliability_table": reliability_table,
+    "distances_table": distances_table,
     "contacts_table": contacts_table, "motion_table": motion_table,
     "paper_table": paper_table, "benchmark_table": benchmark_table, "protocols": protocols,
     "stress_table": stress_table,

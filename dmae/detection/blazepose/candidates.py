@@ -1,10 +1,12 @@
 """Candidates: where in a picture there may be people, found in windows of it by BlazePose's first network."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
+from dmae.detection.blazepose.landmarks import Person, painted_over
 from dmae.detection.blazepose.models import Network
 from dmae.detection.blazepose.regions import Region
 
@@ -17,6 +19,8 @@ _STEP = 0.5
 """Largest step from window to window, relative to the side of a window."""
 _BODY_ENDS, _BODY_HALF_WIDTH = 0.9, 0.3
 """Extent of a body from the middle of its hips, relative to the circle around it."""
+_SAME_HIPS = 0.15
+"""Boxes of one body: distance of the hips relative to the radius."""
 _SAME_PLACE, _SAME_SIZE = 0.35, 1.6
 """Two regions of one person: distance of the centres relative to the radius, and ratio of the sizes."""
 
@@ -58,19 +62,22 @@ def _starts(length: float, side: float) -> list[float]:
     return np.linspace(0, length - side, count).tolist()
 
 
-def find_candidates(network: Network, pyramid: list[np.ndarray], shares: tuple[float, ...]) -> list[Candidate]:
-    """Return the candidates of a picture, best first, each person once.
+def find_candidates(
+    network: Network, pyramid: list[np.ndarray], windows: Iterable[Region], without: Sequence[Person] = ()
+) -> list[Candidate]:
+    """Return the candidates in windows of a picture, best first, each person once.
 
     Args:
         network: BlazePose's first network.
         pyramid: The picture (H, W, 3) uint8 and its smaller copies.
-        shares: As for `windows_of`.
+        windows: As `windows_of` returns them.
+        without: People that are painted over first.
     """
     height, width = pyramid[0].shape[:2]
     found = [
         candidate
-        for window in windows_of(width, height, shares)
-        for candidate in _in_window(network, pyramid, window)
+        for window in windows
+        for candidate in _in_window(network, pyramid, window, without)
         if not _is_cut(candidate.region, window, width, height)
     ]
     kept: list[Candidate] = []
@@ -97,8 +104,10 @@ def anchors() -> np.ndarray:
     return np.concatenate(grids)
 
 
-def _in_window(network: Network, pyramid: list[np.ndarray], window: Region) -> list[Candidate]:
-    pixels = window.cut(pyramid, network.size).astype(np.float32) / 127.5 - 1
+def _in_window(
+    network: Network, pyramid: list[np.ndarray], window: Region, without: Sequence[Person]
+) -> list[Candidate]:
+    pixels = painted_over(window.cut(pyramid, network.size), window, without).astype(np.float32) / 127.5 - 1
     values, logits = network(pixels, "Identity", "Identity_1")
     scores = 1 / (1 + np.exp(-np.clip(logits[:, 0].astype(np.float64), -100, 100)))
     likely = scores >= _MIN_SCORE
@@ -130,11 +139,22 @@ def _merged(values: np.ndarray, scores: np.ndarray) -> list[tuple[np.ndarray, fl
         overlap = np.minimum(high[left], high[best]) - np.maximum(low[left], low[best])
         both = np.prod(np.maximum(overlap, 0), -1)
         same = both > _MAX_OVERLAP * np.maximum(area[left] + area[best] - both, 1e-12)
+        same &= _same_body(values[left], values[best])
         same[0] = True
         group = left[same]
         found.append((np.average(values[group], axis=0, weights=scores[group]), float(scores[best])))
         left = left[~same]
     return found
+
+
+def _same_body(values: np.ndarray, best: np.ndarray) -> np.ndarray:
+    """Return (n,) whether boxes (n, 6, 2) have the body of another one (6, 2): hips near its own, and its size.
+
+    Boxes of two people that stand before each other overlap; the mean of both would be a region of neither.
+    """
+    radius, own = (np.maximum(np.hypot(*(each[..., 3, :] - each[..., 2, :]).T), 1e-6) for each in (values, best))
+    apart = np.hypot(*(values[:, 2] - best[2]).T)
+    return (apart < _SAME_HIPS * own) & (np.abs(np.log(radius / own)) < np.log(_SAME_SIZE))
 
 
 def _is_cut(region: Region, window: Region, width: int, height: int) -> bool:

@@ -1,7 +1,9 @@
 """Landmarks: the 33 joints of the person in a region, by BlazePose's second network."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from dmae.data.skeleton import BLAZEPOSE33
@@ -11,6 +13,20 @@ from dmae.detection.blazepose.regions import Region
 _HIP, _TOP = 33, 34
 """Landmarks that are no joints: the middle of the hips, and a point on the circle around the body."""
 TORSO = BLAZEPOSE33.index("l_shoulder", "r_shoulder", "l_hip", "r_hip")
+_EXCHANGED = BLAZEPOSE33.index("r_shoulder", "l_shoulder", "r_hip", "l_hip")
+_LIMBS = [
+    BLAZEPOSE33.index(*limb)
+    for side in "lr"
+    for limb in (
+        (f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist", f"{side}_index_finger"),
+        (f"{side}_hip", f"{side}_knee", f"{side}_ankle", f"{side}_big_toe"),
+    )
+]
+_HEAD = BLAZEPOSE33.index("l_ear", "r_ear", "nose")
+_LIMB_WIDTH, _HEAD_RADIUS = 0.35, 0.3
+"""Of what is painted over, relative to the size of the torso."""
+_BLUR = 0.3
+"""Side of the box over which colours are averaged to paint with, relative to the picture."""
 
 
 @dataclass(frozen=True)
@@ -39,15 +55,16 @@ class Person:
         return float(max(sides, np.hypot(*(l_shoulder - r_shoulder)), 1e-6))
 
 
-def find_person(network: Network, pyramid: list[np.ndarray], region: Region) -> Person:
+def find_person(network: Network, pyramid: list[np.ndarray], region: Region, without: Sequence[Person] = ()) -> Person:
     """Return the person in a region, whether there is one or not: look at `presence`.
 
     Args:
         network: BlazePose's second network.
         pyramid: The picture (H, W, 3) uint8 and its smaller copies.
         region: Where to look.
+        without: People that are painted over first.
     """
-    pixels = region.cut(pyramid, network.size).astype(np.float32) / 255
+    pixels = painted_over(region.cut(pyramid, network.size), region, without).astype(np.float32) / 255
     values, presence = network(pixels, "Identity", "Identity_1")
     values = values.reshape(-1, 5).astype(np.float64)
     places = region.to_picture(values[:, :2] / network.size)
@@ -64,7 +81,39 @@ def find_person(network: Network, pyramid: list[np.ndarray], region: Region) -> 
 def same_torso(a: Person, b: Person, nearness: float = 0.4) -> bool:
     """Return whether two persons are one: their torsos lie at one place, relative to their size.
 
-    Heads would not do: where a window cuts a body, a smaller body with the same head is found.
+    Left and right do not count, as a network may take one for the other. Heads would not do: where a window cuts a
+    body, a smaller body with the same head is found.
     """
-    distance = np.hypot(*(a.xy[TORSO] - b.xy[TORSO]).T).mean()
-    return bool(distance < nearness * min(a.torso_size, b.torso_size))
+    return bool(min(_apart(a, b, TORSO), _apart(a, b, _EXCHANGED)) < nearness)
+
+
+def disagreement(a: Person, b: Person) -> float:
+    """Return how far apart the torsos of two answers for one person lie, relative to their size."""
+    return _apart(a, b, TORSO)
+
+
+def _apart(a: Person, b: Person, order: list[int]) -> float:
+    distance = np.hypot(*(a.xy[TORSO] - b.xy[order]).T).mean()
+    return float(distance / min(a.torso_size, b.torso_size))
+
+
+def painted_over(pixels: np.ndarray, region: Region, people: Sequence[Person]) -> np.ndarray:
+    """Return what was cut out of a picture at a region, (S, S, 3) uint8, with people blurred beyond recognition."""
+    if not people:
+        return pixels
+    size = len(pixels)
+    mask = np.zeros(pixels.shape[:2], np.uint8)
+    for person in people:
+        at = np.round(np.clip(region.from_picture(person.xy + 0.5) * size, -8 * size, 8 * size)).astype(np.int32)
+        torso = person.torso_size / region.side * size
+        for limb in _LIMBS:
+            cv2.polylines(mask, [at[limb]], False, 255, max(round(_LIMB_WIDTH * torso), 1))
+        cv2.fillConvexPoly(mask, cv2.convexHull(at[TORSO]), 255)
+        head = tuple(np.round(at[_HEAD].mean(0)).astype(int).tolist())
+        cv2.circle(mask, head, max(round(_HEAD_RADIUS * torso), 1), 255, -1)
+    # Colours are averaged over what is not painted over.
+    width = max(round(_BLUR * size), 1)
+    left = (mask == 0).astype(np.float32)
+    weight = cv2.blur(left, (width, width))
+    around = cv2.blur(pixels * left[..., None], (width, width)) / np.maximum(weight, 1e-3)[..., None]
+    return np.where(mask[..., None] > 0, around.clip(0, 255).astype(np.uint8), pixels)

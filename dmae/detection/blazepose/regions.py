@@ -53,6 +53,10 @@ class Region:
         """Return the places (..., 2) px in the picture of points (..., 2) in the square, from 0 to 1."""
         return self.centre + (points - 0.5) * self.side @ self._axes
 
+    def from_picture(self, places: np.ndarray) -> np.ndarray:
+        """Return the points (..., 2) in the square, from 0 to 1, of places (..., 2) px in the picture."""
+        return (places - self.centre) @ self._axes.T / self.side + 0.5
+
     @property
     def _axes(self) -> np.ndarray:
         """(2, 2) rows: what points right and down in the square."""

@@ -1,6 +1,8 @@
 """`dmae detect` and `dmae run`, with a detector that finds bright dots, and BlazePose on real and rendered pictures."""
 
+import inspect
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
+import dmae as dmae_package
+from dmae.cli import DMAE, compose
 from dmae.data.clip import Clip
 from dmae.data.images import Images, write_video
 from dmae.data.skeleton import COCO17
@@ -153,3 +157,39 @@ def test_a_clip_with_images_keeps_its_truth(session: Clip, tmp_path: Path):
     np.testing.assert_array_equal(found.truth.xyz, session.truth.xyz)
     assert found.detections.skeleton.name == "coco17" and found.images.path("rgb", session.rig.names[0]).is_file()
     assert dmae(tmp_path, "detect", "clip=seen", "out=seen").returncode == 1
+
+
+def test_a_clip_made_by_the_verb_is_that_of_the_command(session: Clip, tmp_path: Path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    given = {"source": tmp_path / "videos", "calibration": tmp_path / "calibration.toml", "detector": "my_dots:dots"}
+    in_memory = dmae_package.run(**given, fps=25)
+    on_disk = dmae_package.run(**given, fps=25, out=tmp_path / "run")
+    np.testing.assert_array_equal(in_memory.detections.xy, on_disk.detections.xy)
+    np.testing.assert_array_equal(in_memory.poses.xyz, on_disk.poses.xyz)
+    assert in_memory.poses.xyz.shape[1] == 1 and (tmp_path / "run/poses.trc").is_file()
+
+
+def test_a_verb_given_a_clip_in_memory_writes_no_folder(session: Clip, tmp_path: Path):
+    with pytest.raises(ValueError, match=r"dmae\.save"):
+        dmae_package.run(session, out=tmp_path / "run")
+
+
+def test_options_of_the_verb_default_to_those_of_the_command():
+    named = inspect.signature(dmae_package.run).parameters
+    config = compose(DMAE.commands["run"], ["videos=a", "calibration=b"])
+    for name in ("weights", "fps", "offsets", "workers"):
+        assert named[name].default == getattr(config, name)
+    assert list(named["export"].default) == config.export and named["detector"].default == config.detector.name
+
+
+def test_videos_given_as_data_are_answered_with_the_command(session: Clip, tmp_path: Path):
+    done = dmae(tmp_path, "capture", "data=videos", "out=captured")
+    assert done.returncode == 1 and "use dmae run videos=videos" in done.stderr, done.stderr
+
+
+def test_one_camera_is_detected_and_named_as_too_few_for_capture(session: Clip, tmp_path: Path):
+    for name in session.rig.names[1:]:
+        shutil.rmtree(tmp_path / "videos" / name)
+    done = dmae(tmp_path, "detect", *ARGUMENTS, "out=found", "output.images=false")
+    assert done.returncode == 0 and "one camera: capture needs two or more" in done.stdout, done.stderr
+    assert len(load_clip(tmp_path / "found").rig) == 1

@@ -5,7 +5,7 @@ import pytest
 
 from dmae.data.skeleton import BLAZEPOSE33
 from dmae.detection.blazepose.candidates import _is_cut, _merged, anchors, same_region, windows_of
-from dmae.detection.blazepose.landmarks import Person, same_torso
+from dmae.detection.blazepose.landmarks import TORSO, Person, disagreement, painted_over, same_torso
 from dmae.detection.blazepose.regions import Region, pyramid_of
 
 
@@ -76,3 +76,38 @@ def test_duplicates_are_told_by_torsos():
     assert not same_torso(person(0), person(60))
     assert same_region(person(0).region, person(10).region)
     assert not same_region(person(0).region, person(60).region)
+
+
+def test_exchanged_sides_are_the_same_torso_but_disagree():
+    xy = np.random.default_rng(2).uniform(0, 20, (33, 2))
+    xy[TORSO] = [[60, 0], [0, 0], [50, 100], [10, 100]]
+    exchanged = xy.copy()
+    exchanged[TORSO] = xy[TORSO][[1, 0, 3, 2]]
+    one, other = (Person(each, np.zeros(33), np.zeros(33), 1.0, None) for each in (xy, exchanged))
+    assert same_torso(one, other)
+    assert disagreement(one, one) == 0 and disagreement(one, other) == pytest.approx(0.5, abs=0.01)
+
+
+def test_boxes_of_two_people_that_overlap_are_not_averaged():
+    box = np.array([[0.5, 0.5], [0.4, 0.4], [0.45, 0.5], [0.45, 0.2], [0, 0], [0, 0]])
+    beside = box + [[0.05, 0], [0, 0], [0.15, 0], [0.15, 0], [0, 0], [0, 0]]
+    found = _merged(np.stack([box, beside]), np.array([0.9, 0.8]))
+    np.testing.assert_allclose(sorted(each[2, 0] for each, _ in found), [0.45, 0.6])
+
+
+def test_places_in_a_region_and_back():
+    region = Region(np.array([410.0, 300.0]), 200.0, np.array([0.6, -0.8]))
+    points = np.random.default_rng(0).uniform(0, 1, (5, 2))
+    np.testing.assert_allclose(region.from_picture(region.to_picture(points)), points)
+
+
+def test_a_person_painted_over_takes_the_colour_around():
+    xy = np.full((33, 2), (31.5, 20.0))
+    xy[TORSO] = [[40, 24], [24, 24], [38, 44], [26, 44]]
+    person = Person(xy, np.zeros(33), np.zeros(33), 1.0, None)
+    region = Region.upright(0, 0, 64)
+    picture = np.full((64, 64, 3), 90, np.uint8)
+    picture[26:42, 28:36] = 255
+    painted = painted_over(picture, region, [person])
+    assert abs(painted.astype(int) - 90).max() <= 1
+    assert painted_over(picture, region, []) is picture

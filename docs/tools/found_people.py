@@ -1,0 +1,121 @@
+"""How often `dmae detect` finds people in rendered Shelf-like views, and real videos against poses of other authors.
+
+    python docs/tools/found_people.py            # both, into docs/results/found_people.json: 15 minutes
+    python docs/tools/found_people.py views      # rendered views of three people alone
+    python docs/tools/found_people.py videos     # Pose2Sim's recording alone, with DMAE_DATA
+
+A person is in plain sight where at least 80 % of the joints are hidden by nothing but its own body. It is found where
+the median of the joints' errors is below 0.2 of its height. A ghost is a detection near none of the people.
+"""
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from provenance import provenance
+
+import dmae
+import synth
+from dmae.data.json_text import json_text
+from dmae.data.skeleton import BODY25
+from dmae.data.skeleton_conversion import convert
+from synth.detector.matching import match_detections
+from synth.recognition.crops import NEAR, UNOBSTRUCTED
+from synth.recognition.sightings import sightings
+
+RESULT = Path(__file__).parents[1] / "results/found_people.json"
+_VIEWS = {"clips": 3, "seed": 172}
+_OPTIONS = ("scene=shelf_twin", "scene.persons=[3,3]", "scene.seconds=1.2", "images=[rgb]", "rgb=jpeg")
+_LEAST_PX = 40
+_EXCHANGED_MM = 50
+
+
+def views(made: str | None = None) -> dict:
+    """Return shares of people found, and ghosts a picture, in clips with images, made here or before."""
+    counts = dict.fromkeys(("pictures", "people", "found", "ghosts", "joints", "near", "detections"), 0)
+    seconds = 0.0
+    with TemporaryDirectory() as folder:
+        clips = dmae.load_dataset(made) if made else synth.generate(*_OPTIONS, **_VIEWS, out=folder)
+        for clip in clips:
+            start = time.process_time()
+            found = dmae.detect(clip, skeleton="body25")
+            seconds += time.process_time() - start
+            seen, match = sightings(clip), match_detections(found, convert(clip.truth, BODY25))
+            plain = (seen.unobstructed.mean(-1) >= UNOBSTRUCTED) & (seen.height >= _LEAST_PX) & ~np.isnan(match.height)
+            error = np.linalg.norm(match.found - seen.xy, axis=-1) / seen.height[..., None]
+            counted = seen.visible & (plain & match.matched)[..., None] & ~np.isnan(error)
+            counts["pictures"] += len(clip) * len(clip.rig)
+            counts["people"] += int(plain.sum())
+            counts["found"] += int((plain & match.matched).sum())
+            counts["ghosts"] += int((match.left_over & ~match.near).sum())
+            counts["joints"] += int(counted.sum())
+            counts["near"] += int((error[counted] < NEAR).sum())
+            counts["detections"] += int(found.detections.observed.any(-1).sum())
+    return counts | {"cpu_s": round(seconds, 1)}
+
+
+def videos(data: Path) -> dict:
+    """Return distances of the people in Pose2Sim's videos from the authors' poses, which OpenPose's joints gave.
+
+    Those poses are compared as they are, and one frame later: in each of the four cameras, also with every picture
+    detected alone, their detections lie nearest to those of the next picture of the videos.
+    """
+    trial = data / "S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"
+    reference = dmae.read_poses(next(trial.glob("pose-3d/*_0-100.trc"))).poses
+    start = time.process_time()
+    clip = dmae.detect(data / "videos", data / "S00_Calibration")
+    spent = time.process_time() - start
+    captured = dmae.capture(clip)
+    completed = dmae.complete(captured, clip.fps)
+    joints = [name for name in captured.skeleton.joints if name in reference.skeleton.joints]
+    mirrored = [
+        reference.skeleton.joints[reference.skeleton.mirror[reference.skeleton.index(name)[0]]] for name in joints
+    ]
+    true, other = (reference.xyz[:, :1, reference.skeleton.index(*names)] for names in (joints, mirrored))
+    rows = {}
+    for name, poses in (("captured", captured), ("completed", completed)):
+        xyz = poses.xyz[:, :, poses.skeleton.index(*joints)]
+        same, next_frame = _distances(xyz, true), _distances(xyz[1:], true[:-1])
+        exchanged = _distances(xyz, other) + _EXCHANGED_MM < same
+        rows[name] = {
+            "median_mm": float(np.nanmedian(same)),
+            "median_next_frame_mm": float(np.nanmedian(next_frame)),
+            "nearer_to_the_other_side": int(exchanged.sum()),
+        }
+    apart = _distances(completed.xyz[1:, :1, completed.skeleton.index(*joints)], true[:-1])[:, 0]
+    per_joint = [np.nanmedian(each) if np.isfinite(each).any() else np.nan for each in apart.T]
+    return {
+        "people": int(captured.xyz.shape[1]),
+        "measured": float((captured.source == dmae.Source.MEASURED).mean()),
+        **rows,
+        "joints": {joint: round(float(mm), 1) for joint, mm in zip(joints, per_joint, strict=True) if np.isfinite(mm)},
+        "cpu_s": round(spent, 1),
+    }
+
+
+def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return distances, mm; NaN where either is unknown."""
+    return 1000 * np.linalg.norm(a - b, axis=-1)
+
+
+def main(parts: list[str]) -> None:
+    known = json.loads(RESULT.read_text()) if RESULT.is_file() else {}
+    chosen = parts or ["views", "videos"]
+    for part in chosen:
+        name, _, made = part.partition("=")
+        if name == "views":
+            known["views"] = views(made or None)
+        elif name == "videos" and "DMAE_DATA" in os.environ:
+            known["videos"] = videos(Path(os.environ["DMAE_DATA"], "pose2sim"))
+        else:
+            sys.exit(f"{part}: expected views, or videos with DMAE_DATA set to the folder that holds pose2sim/")
+        made_by = {"command": "python docs/tools/found_people.py", **provenance("mujoco")}
+        RESULT.write_text(json_text(made_by | {key: known[key] for key in ("views", "videos") if key in known}) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
