@@ -32,7 +32,9 @@ _TILT_SIGMA = np.radians(0.15)
 _ROBUST, _ROBUST_RAISED = 2.0, 1.0
 """Sigmas at which the weight of a residual is a half (Cauchy), and that of a foot above the floor."""
 _FEWEST_STANCES, _FEWEST_PLACES_M = 6, 1.0
-"""Stances, and the distance between two of them, from which the floor is known."""
+"""Stances, and the distance between two of them, that make the floor known. For a tilt, standing bodies count too."""
+_AGREES = 0.5
+"""Weight from which a body agrees with the tilt that is found."""
 _WIDEST_TILT, _WIDEST_HEIGHT = np.radians(1.2), 0.05
 """Half an interval; beyond it nothing is said."""
 _CLEAR = 2.0
@@ -129,14 +131,17 @@ def _fit(soles: Soles, postures: Postures, R: np.ndarray) -> Floor:
     widest = SIGMAS * np.sqrt(np.linalg.eigvalsh(spread)[-1])
     direction = np.array([*solution[:2], 1.0]) / np.sqrt(1 + solution[:2] @ solution[:2])
     angle = np.arccos(np.clip(direction @ z, -1, 1))
-    if widest <= _WIDEST_TILT or angle > _CLEAR * widest:
+    on = weight[: len(place)] > 0.2
+    stances = float((1 / soles.same[on_floor][on]).sum())
+    # Both components of a body's direction have to agree with the others'.
+    agree = (weight[len(place) : len(place) + 2 * len(postures.same)].reshape(2, -1) > _AGREES).all(0)
+    seen = stances + float((1 / postures.same[agree]).sum())
+    if seen >= _FEWEST_STANCES and (widest <= _WIDEST_TILT or angle > _CLEAR * widest):
         up, tilt = tuple((R.T @ direction).tolist()), float(np.degrees(angle))
         away = direction[:2] - z[:2] / max(z[2], 0.1)
         along = away / max(np.linalg.norm(away), 1e-9)
         half = float(np.degrees(SIGMAS * np.sqrt(along @ spread @ along)))
         interval = (max(tilt - half, 0.0), tilt + half)
-    on = weight[: len(place)] > 0.2
-    stances = float((1 / soles.same[on_floor][on]).sum())
     point = height = height_interval = None
     half = SIGMAS * float(np.sqrt(cov[2, 2] + _SOLE_SIGMA**2))
     apart = pdist(place[on, :2]).max(initial=0)

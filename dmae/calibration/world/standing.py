@@ -62,12 +62,14 @@ class Postures:
         heading: (n,) rad.
         person: (n,) index.
         sigma: (n,) rad, how far the direction strays from the person's usual one, enlarged likewise.
+        same: (n,) number of windows that are of the same stance, itself included.
     """
 
     direction: np.ndarray
     heading: np.ndarray
     person: np.ndarray
     sigma: np.ndarray
+    same: np.ndarray
 
 
 def soles_and_postures(poses: Poses3D, fps: float) -> tuple[Soles, Postures]:
@@ -136,7 +138,7 @@ def _postures(middle: np.ndarray, resting: np.ndarray, skeleton: Skeleton) -> Po
     names = [f"{side}_{part}" for part in ("shoulder", "hip", "knee", "ankle") for side in "lr"]
     index = [_index(skeleton, name) for name in names]
     if None in index:
-        return Postures(np.empty((0, 3)), np.empty(0), np.empty(0, int), np.empty(0))
+        return Postures(np.empty((0, 3)), np.empty(0), np.empty(0, int), np.empty(0), np.empty(0))
     shoulders, hips, knees, ankles = np.split(middle[:, :, index], 4, axis=2)
     bent = np.linalg.norm(hips - ankles, axis=-1) / (
         np.linalg.norm(hips - knees, axis=-1) + np.linalg.norm(knees - ankles, axis=-1)
@@ -153,7 +155,7 @@ def _postures(middle: np.ndarray, resting: np.ndarray, skeleton: Skeleton) -> Po
     near = np.linalg.norm(place[:, None, :2] - place[None, :, :2], axis=-1) < _SAME_PLACE_M
     same_heading = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle)))) < _SAME_HEADING
     same = (near & same_heading & (person[:, None] == person)).sum(1)
-    return Postures(direction, angle, person, np.sqrt(sigma**2 + same * _STANCE_POSTURE**2))
+    return Postures(direction, angle, person, np.sqrt(sigma**2 + same * _STANCE_POSTURE**2), same)
 
 
 def _spread(count: int) -> np.ndarray:

@@ -68,13 +68,13 @@ def _sources(findings: Sequence[Findings]) -> list[str]:
     measured = counts[Source.MEASURED] + counts[Source.DENOISED]
     text = [f"Of {total:,} joints of captured people, cameras measured {share(measured, total)}."]
     if counts[Source.COMPLETED]:
-        text.append(f"{share(counts[Source.COMPLETED], total)} are completed: no camera measured them.")
+        text.append(f"{_first(counts[Source.COMPLETED], total)} are completed: no camera measured them.")
     else:
         text.append("No joint is completed.")
     if counts[Source.ABSENT]:
-        text.append(f"{share(counts[Source.ABSENT], total)} are missing.")
+        text.append(f"{_first(counts[Source.ABSENT], total)} are missing.")
     if counts[Source.DENOISED]:
-        text.append(f"{share(counts[Source.DENOISED], total)} were measured, then moved by denoising.")
+        text.append(f"{_first(counts[Source.DENOISED], total)} were measured, then moved by denoising or smoothing.")
     return text
 
 
@@ -94,7 +94,7 @@ def _errors(findings: Sequence[Findings]) -> list[str]:
     text = [f"Against the truth the mean error is {everything.mean:.0f}\N{NO-BREAK SPACE}mm ({', '.join(parts)})."]
     absent = everything.joints - everything.compared
     if absent:
-        text.append(f"{share(absent, everything.joints)} of the true joints were not found.")
+        text.append(f"{_first(absent, everything.joints)} of the true joints were not found.")
     return text
 
 
@@ -102,7 +102,10 @@ def _uncertainty(findings: Sequence[Findings]) -> list[str]:
     regions = pooled_regions(findings)
     at = 1 + PROBABILITIES.index(0.9)
     parts = [f"{share(counts[at], counts[0])} of the {name}" for name, counts in regions.items()]
-    return [f"Within their stated 90\N{NO-BREAK SPACE}% regions lie {' and '.join(parts)}."] if parts else []
+    if not parts:
+        return []
+    sentence = f"{' and '.join(parts)} lie within their stated 90\N{NO-BREAK SPACE}% regions."
+    return [sentence[0].upper() + sentence[1:]]
 
 
 def _residuals(findings: Sequence[Findings]) -> list[str]:
@@ -114,7 +117,7 @@ def _residuals(findings: Sequence[Findings]) -> list[str]:
 
 def _floor(findings: Sequence[Findings]) -> list[str]:
     floors = [each.floor for each in findings if each.floor is not None]
-    return [f"By feet and bodies, {floors[0].describe()}."] if len(floors) == len(findings) == 1 else []
+    return [f"Judged by feet and bodies, {floors[0].describe()}."] if len(floors) == len(findings) == 1 else []
 
 
 def _pictures(findings: Sequence[Findings]) -> list[str]:
@@ -126,6 +129,11 @@ def _pictures(findings: Sequence[Findings]) -> list[str]:
 def number(count: int, one: str, several: str | None = None) -> str:
     """Return a count with its noun, as "1 frame" or "1,200 frames"."""
     return f"{count:,} {one if count == 1 else several or one + 's'}"
+
+
+def _first(part: int, total: int) -> str:
+    """Return a share as the first word of a sentence."""
+    return share(part, total).capitalize()
 
 
 def share(part: int, total: int) -> str:

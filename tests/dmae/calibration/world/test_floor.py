@@ -80,6 +80,13 @@ def test_too_little_is_said_to_be_not_determined():
     assert find_floor(Poses3D(standing.skeleton, standing.xyz[:0]), FPS).up is None
 
 
+def test_one_person_at_one_place_does_not_tell_a_tilt_however_large():
+    standing = people(world(25, 0), persons=1, places=1, seed=5)
+    assert find_floor(standing, FPS).tilt_deg is None
+    moving = people(world(25, 0), persons=1, places=6, seed=5)
+    assert find_floor(moving, FPS).tilt_deg == pytest.approx(25, abs=1)
+
+
 def test_joints_that_were_completed_are_not_used():
     poses = stepping_people(2, 6, rng=np.random.default_rng(6))
     completed = replace(poses, source=np.full_like(poses.source, 3))
