@@ -19,6 +19,8 @@ _FILTERS = {1, 2, 3, 4, 32000}
 _MOST_TEXTS, _LONGEST_TEXT = 5000, 20_000
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HEAP, _HEAD = b"GCOL\x01\0\0\0", 16
+_SHORTEST = 48
+"""Bytes of the block that files begin with, at least."""
 
 
 class Hdf5:
@@ -152,6 +154,8 @@ def _check_heaps(path: Path) -> None:
     size of which counts its head (HDF5 File Format Specification, III.E).
     """
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+        if len(data) < _SHORTEST:
+            raise ValueError(f"it ends after {len(data)} bytes")
         # Bytes of offsets and lengths, which stand elsewhere in newer files.
         if set(data[13:15] if data[8] < 2 else data[9:11]) != {8}:
             raise ValueError("its offsets and lengths are not of 8 bytes")

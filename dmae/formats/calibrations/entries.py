@@ -82,8 +82,10 @@ class CameraTable:
     def rotation(self, key: str, matrix: np.ndarray | None = None) -> np.ndarray:
         """Return a rotation matrix (3, 3): `matrix`, where it was read from a larger array of `key`."""
         R = self.numbers(key, 9).reshape(3, 3) if matrix is None else matrix
-        error, turn = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
-        if error > _ROUNDING or turn < 0:
+        # Numbers of any size may stand there.
+        with np.errstate(all="ignore"):
+            error, turn = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
+        if not (error <= _ROUNDING and turn > 0):
             found = f"a matrix with R R^T off by {error:.1e} and determinant {turn:+.3f}"
             raise self.error(key, "to be a right-handed rotation", found)
         return R
