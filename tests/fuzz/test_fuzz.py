@@ -20,8 +20,8 @@ FOUND = [
     ("motion/amc", 20037), ("motion/list", 434), ("motion/list", 616), ("recording/clip", 358),
     ("recording/clip", 1065), ("recording/clip", 60302), ("recording/coco", 2701), ("recording/coco", 3668),
     ("recording/coco", 3939), ("recording/easymocap", 60217), ("recording/panoptic", 1056),
-    ("recording/pose2sim", 150), ("room/mjcf", 2163), ("room/mjcf", 20166), ("run/settings", 4796), ("scene/spec", 280),
-    ("scores/scores", 1746),
+    ("poses/movement", 6903), ("recording/pose2sim", 150), ("recording/shelf", 6545), ("room/mjcf", 2163),
+    ("room/mjcf", 20166), ("run/settings", 4796), ("scene/spec", 280), ("scores/scores", 1746),
 ]  # fmt: skip
 """Inputs that failed once, by reader and index."""
 
