@@ -148,8 +148,11 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
             _apply(module, config, interrupted)
         except BrokenPipeError:
             raise
-        except (ValueError, KeyError, OSError, OmegaConfBaseException) as error:
-            if full:
+        except Exception as error:
+            if interrupted.signal:
+                # What fails as workers end with the command is no error of its own.
+                raise KeyboardInterrupt from None
+            if full or not isinstance(error, (ValueError, KeyError, OSError, OmegaConfBaseException)):
                 raise
             # Hydra, too, would say something of an error that leaves its job.
             sys.exit(f"{command}: error: {_in_one_line(error)}")

@@ -10,6 +10,8 @@ from synth.rooms.rays import cast_rays
 
 _STATIC, _MOVING, _ALONE, _UNSEEN = 0, 1, 2, 5
 _BLOCK = 8
+_LARGER = 1.5
+"""Factor of the boxes around bodies and surfaces, outside of which MuJoCo tries no rays."""
 _SKY = np.array([0.55, 0.65, 0.75])
 _SUN = np.array([0.3, 0.2, 0.93])
 
@@ -31,6 +33,8 @@ class RayPainter:
         moves = model.body_weldid[model.geom_bodyid] > 0
         self._model = copy.copy(model)
         self._model.geom_group = np.where(drawn, np.where(moves, _MOVING, _STATIC), _UNSEEN)
+        # MuJoCo leaves out rays beyond the corners of a body's box; near a camera its edges reach beyond the corners.
+        self._model.bvh_aabb[:, 3:] *= _LARGER
         self._moving = np.flatnonzero(drawn & moves)
         self._colour, self._ids = _colours(model), geom_ids
         self._rig, self._step = rig, step
