@@ -132,7 +132,8 @@ def test_memory_does_not_grow_with_the_recording():
             gc.collect()
             held.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    assert held[2] < 1.1 * held[0] + 50_000
+    # The poses of 24 seconds would be 1.6 MB; what libraries keep for themselves is less than 100 kB.
+    assert held[2] - held[0] < 250_000
 
 
 def test_empty_poses_and_impossible_delays():
