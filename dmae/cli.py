@@ -36,7 +36,7 @@ from dmae.formats.registry import reader
 _HELP = ("-h", "--help", "help")
 DMAE = Program(
     "dmae",
-    "Capture people with several cameras, complete what no camera saw, and score it.",
+    "Capture people with several cameras, complete the joints that no camera measured, and score the result.",
     COMMANDS,
     {"data": presets_of(reader, "name")},
 )

@@ -12,7 +12,7 @@ EXAMPLES = ('dmae card weights=runs/model scores=[runs/scores] command="make wei
 
 @dataclass(frozen=True)
 class CardCommand:
-    """Describe trained weights: what they are made of and how they score. Writes `MODEL_CARD.md` beside them."""
+    """Describe trained weights: training data and scores. Writes `MODEL_CARD.md` to their folder."""
 
     weights: str = "???"
     """Folder that `dmae train` wrote; the card is written there."""

@@ -40,9 +40,9 @@ class DoctorCommand:
 
     data: DataConfig = field(default_factory=DataConfig)
     max_offset: int = 50
-    """frames; the largest time offset between two cameras that is tried, either way."""
+    """frames; the largest time offset between two cameras that is tested, in both directions."""
     out: str = "runs/doctor"
-    """Folder of what was found; of a data set a folder for each clip is made in it."""
+    """Folder of the results; for a data set, it contains a folder for each clip."""
 
 
 def run(config: DoctorCommand, out: Path) -> None:

@@ -36,7 +36,7 @@ class MergePartsCommand:
     partial: bool = False
     """Join even if clips are missing."""
     clips: str | None = None
-    """Of stress tests: folder of the data set, where it is not where the first part found it."""
+    """For stress tests: folder of the data set, if it has moved since the first part was made."""
     out: str = "runs/merged"
     """Folder to write; it does not exist yet, or is empty."""
 

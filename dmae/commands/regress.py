@@ -20,7 +20,7 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class RegressCommand:
-    """Check any triangulation against a frozen pack of cases. Exits with status 1 if a bound is broken.
+    """Check any triangulation against a fixed set of cases. Exits with status 1 if a bound is broken.
 
     The solver is a plain function of keyword arrays (numpy alone is enough):
 

@@ -61,7 +61,7 @@ def detect_people(
         cameras: Each with its pictures.
         config: The detector.
         pieces: Folder in which pieces are kept as they are done; those that are there are not done again.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         By name of the camera, what was found.

@@ -58,8 +58,8 @@ def open_recording(
         videos: Folder of a video, or a folder of pictures, for each camera, named as in the calibration.
         rig: The calibration; None for 2D detections alone.
         fps: Frames per second; by default what the videos say.
-        offsets: Frames by which each camera started late, in the order of the calibration; by default what the videos
-            say.
+        offsets: Frames by which each camera started late, in the order of the calibration; by default read from the
+            videos.
 
     Raises:
         FileNotFoundError: there are no videos.
@@ -99,7 +99,7 @@ def detect_recording(
         config: The detector.
         pieces: As for `detect_people`.
         skeleton: Skeleton to convert to; by default that of the detector.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Raises:
         ValueError: as `detect_people`, or there is no such skeleton.

@@ -70,7 +70,7 @@ class EvaluateConfig:
     clips: int | None = None
     """Number of clips, of all shards together; by default all from `first` on."""
     shard: str | None = None
-    """Which piece of the clips: `shard=3/16` the third of sixteen, in a folder of its own; `dmae merge` joins them."""
+    """Part of the clips: `shard=3/16` is the third of sixteen, in its own folder; `dmae merge` joins them."""
     workers: int = 1
     """Processes, each with a clip at a time; -1 for one a core."""
     backend: Backend = Backend.loky

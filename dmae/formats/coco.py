@@ -58,7 +58,7 @@ def read_coco(
     fps: float | None = None,
     skeleton: Skeleton | None = None,
 ) -> Clip:
-    """COCO keypoints of all cameras in one JSON, or in one each, beside a calibration of any format.
+    """COCO keypoints of all cameras in one JSON, or in one each, with a calibration of any format.
 
     Args:
         path: The recording, or its file of annotations.

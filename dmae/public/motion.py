@@ -183,7 +183,7 @@ def train(
 
 
 def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()) -> str:
-    """Describe trained weights: what they are made of and how they score.
+    """Describe trained weights: training data and scores.
 
     Args:
         weights: Folder that `train`, or `dmae train`, wrote.

@@ -17,16 +17,17 @@ TRUE = INK
 
 @dataclass(frozen=True)
 class LayersConfig:
-    """What is drawn of a clip, of that which it has."""
+    """Layers that are drawn, if the clip has them."""
 
     detections: bool | None = None
-    """2D detections, crosses; by default where there are no occlusion labels."""
+    """2D detections, crosses; by default if there are no occlusion labels."""
     measured: bool = True
     """Measured joints, discs in the colour of their person."""
     completed: bool = True
     """Completed joints, red squares: no camera measured them."""
     truth: bool | None = None
-    """True joints: rings beside poses, else in the colours of what hides them; by default where there are no poses."""
+    """True joints: white rings if there are poses, otherwise in the colours of their occluders; by default if there are
+    no poses."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class CompareCommand:
     """First frame of the recording, and the one after the last; by default all."""
     limits: Limits = field(default_factory=Limits)
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str = "runs/compare"

@@ -21,7 +21,7 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class CompareMotionCommand:
-    """Compare how recorded and how generated people move: `motion.html`, `motion.png` and `motion.json`."""
+    """Compare recorded with generated motion: `motion.html`, `motion.png` and `motion.json`."""
 
     real: str = "???"
     """A take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder with takes at any depth; or a clip or data set of clips:

@@ -38,7 +38,7 @@ class DetectorErrorsCommand:
     seed: int = 0
     """Seed of the simulated detectors."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str | None = None

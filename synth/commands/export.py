@@ -33,7 +33,7 @@ class ExportDataCommand:
     pictures: PictureFormat = PictureFormat.jpg
     """Files of pictures."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     damaged: bool = False

@@ -68,7 +68,7 @@ class FitDetectorCommand:
     rounds: int = 8
     """Simulations."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     seed: int = 0

@@ -28,7 +28,7 @@ class LabelCommand:
     labels: list[str] = field(default_factory=lambda: list(KINDS), metadata={"choices": KINDS})
     """Labels that are added. Those that a clip has already are kept."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
 

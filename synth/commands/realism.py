@@ -39,7 +39,7 @@ class RealismCommand:
     shown: int = 36
     """How many people, those that the detector does worst on, the picture shows."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str | None = None

@@ -19,7 +19,7 @@ class StatsCommand:
     extra_data: list[str] = field(default_factory=list)
     """More data sets that count on the same page."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str | None = None

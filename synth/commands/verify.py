@@ -16,7 +16,7 @@ _SHOWN = 20
 
 @dataclass(frozen=True)
 class VerifyCommand:
-    """Check that clips are whole and true. Exits with status 1 if they are not."""
+    """Check that clips are complete and correct. Exits with status 1 if they are not."""
 
     data: str = "???"
     """Folder of a data set, or of a clip."""

@@ -50,7 +50,7 @@ class GenerateConfig:
     recheck: bool = False
     """Compare the contents of images that exist with their checksums, not their sizes alone."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False

@@ -73,7 +73,7 @@ def fit(
         start: Start of the fit. Parameters that the recording does not determine keep its values.
         rounds: Number of simulations; each takes as long as measuring the clips.
         seed: Seed of the detector, the same in all rounds.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
         reference: What the detections of the clips are measured against, as those of the recording were.
 
     Raises:

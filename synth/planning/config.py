@@ -131,7 +131,7 @@ class PlanConfig:
     seed: int = 0
     """Seed of people, detector and ties; 0 is a seed."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False

@@ -53,7 +53,7 @@ def generate(
         motion: Name of a preset: how people move, or the kind of recordings to replay.
         interaction: Name of a preset: what people do together.
         detector: Name of a preset: how the 2D detector fails.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
         out: Folder of a data set, made or completed as `synth generate` does, from which the clips are then read. By
             default they are made in memory, and have no images.
 
@@ -233,7 +233,7 @@ def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path]
         path: The data set, or a clip.
         out: Folder of the page, `README.md`, its picture, and the numbers of both.
         extra_data: More data sets that count on the same page.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         The numbers, as in `statistics.json`.
@@ -272,7 +272,7 @@ def export(
         skeleton: Skeleton of the joints; by default coco17, of panoptic always panoptic19.
         every: 2 for every other frame.
         pictures: `jpg` or `png`.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
         damaged: Whether to export even if files are missing or not as they were written.
 
     Returns:

@@ -18,7 +18,7 @@ def label(data: str | Path, labels: Sequence[str] = KINDS, *, workers: int = 1) 
         labels: `contacts` (which parts touch what, where, with what force), `forces` (ground reaction of each foot,
             residual at the pelvis), `surface` (256 named points on each person, and which camera sees them). Those
             that a clip has already are kept.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         How many clips lacked any of them.

@@ -25,7 +25,7 @@ def realism(
         extra_data: More data sets that count in the same rows.
         detector: `blazepose`, or `package.module:function`.
         every: Frames from one picture of a camera that is looked at to the next.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         Rows: of all people first, then by room, clothing, direction, posture, distance, size, contrast and joint, with
@@ -65,7 +65,7 @@ def detector_errors(
         extra_data: More data sets that count in the same rows.
         simulated: Presets of the simulated detector that are run on the same clips: names, or YAML files.
         seed: Of these.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         By detector, that of the clips first: rows of `joints` by cause, depth margin, size, crowding, direction and

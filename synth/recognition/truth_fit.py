@@ -49,7 +49,7 @@ def fit_to_truth(
         start: Start of the fit. Parameters that the clips do not determine keep its values.
         rounds: Number of simulations, of each of the two parts of the fit.
         seed: Seed of the detector, the same in all rounds.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Raises:
         ValueError: a clip has no truth or labels, or the clips have different numbers of cameras.

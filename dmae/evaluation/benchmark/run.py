@@ -21,21 +21,23 @@ from dmae.progress import progress
 
 @dataclass(frozen=True)
 class BenchmarkConfig:
-    """Compare completion and capture on a benchmark of occlusion that is made here, not downloaded.
+    """Score completion and capture on a benchmark of occlusion, which is generated, not downloaded.
 
-    Clips are simulated from a definition and its seed, and their checksums compared with the frozen ones. Methods fill
-    the holes of the same captured poses; captures make poses of the detections. A method or a capture is a name,
-    package.module:function, or a folder of poses with a file LEVEL/SET/CLIP.npz for each clip.
+    Clips are simulated from a definition and its seed, and their checksums are compared with the published ones.
+    Methods fill the holes of the same captured poses; captures make poses from the detections. A method or a capture is
+    a name, package.module:function, or a folder of poses with a file LEVEL/SET/CLIP.npz for each clip.
     """
 
     name: str = "occlusion-v2"
-    """The benchmark: one that comes with the package, or a YAML file of your own."""
+    """The benchmark: one of the package, or your own YAML file."""
     size: BenchmarkSize = BenchmarkSize.small
-    """Number of clips: small takes minutes; full is what tables are published of."""
+    """Number of clips: small takes minutes; published tables use full."""
     methods: list[str] = field(default_factory=lambda: ["linear", "pchip_body", "gaussian_process", "dmae"])
-    """What fills holes: completion methods, module:function of poses and their frame rate, or folders of poses."""
+    """Methods that fill holes: completion methods, module:function of poses and their frame rate, or folders of
+    poses."""
     captures: list[str] = field(default_factory=lambda: [OURS])
-    """What makes poses of detections: `capture` (ours), module:function of a clip, or folders of poses."""
+    """Methods that make poses from detections: `capture` (this package), module:function of a clip, or folders of
+    poses."""
     weights: str | None = None
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     against: str | None = None
@@ -43,7 +45,7 @@ class BenchmarkConfig:
     data_folder: str | None = None
     """Folder of the clips, which runs can share; by default `data` in `out`."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str = "runs/benchmark"

@@ -45,7 +45,7 @@ def export(
         skeleton: Skeleton to write; by default the format's.
         every: 2 for every other frame.
         pictures: Files of pictures.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
         damaged: Whether to export even if files are missing or not as they were written.
 
     Returns:

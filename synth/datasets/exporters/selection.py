@@ -103,7 +103,7 @@ class Selection:
         skeleton: J joints to write.
         every: 2 for every other frame.
         pictures: Files of pictures.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
     """
 
     data: Path

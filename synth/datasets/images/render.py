@@ -64,7 +64,7 @@ class RenderConfig:
     rgb: RgbFormat = RgbFormat.h264
     """Files of colour images: a video of each camera, or a file of each picture."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))

@@ -25,7 +25,7 @@ def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statist
     Args:
         data: The data set or clip, or several.
         out: Folder to write; it does not exist, is empty, or holds an earlier page.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Raises:
         FileNotFoundError: neither a clip nor a data set is there.
