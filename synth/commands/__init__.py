@@ -3,7 +3,7 @@
 COMMANDS = {
     "generate": "Simulate clips with exact truth",
     "show": "Draw clips in their rooms as contact sheet, video and Rerun recording",
-    "render": "Render clips again, as other images or through other cameras",
+    "render": "Render clips again, as other images or from other cameras",
     "label": "Add contacts, forces and points on surfaces to clips",
     "verify": "Check that clips are complete and correct",
     "merge": "Join the parts of a data set",

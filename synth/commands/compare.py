@@ -25,7 +25,7 @@ class CompareCommand:
     """Compare the detections of a recording and of its simulation. Exits with status 1 if a limit is exceeded."""
 
     real: str = "???"
-    """Folder of the recording: a clip, which `dmae convert` makes of any, or Shelf's text files."""
+    """Folder of the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files."""
     sim: str = "???"
     """Folder of the simulated clips."""
     frames: list[int] | None = None

@@ -21,9 +21,9 @@ class VerifyCommand:
     data: str = "???"
     """Folder of a data set, or of a clip."""
     fast: bool = False
-    """Compare sizes of files, and the contents of JSON files, with their checksums, and nothing else."""
+    """Compare only sizes of files, and the contents of JSON files, with their checksums."""
     out: str | None = None
-    """JSON file of what was found; by default `verify.json` in the folder that is checked."""
+    """JSON file of the findings; by default `verify.json` in the checked folder."""
 
 
 def default_out(config: VerifyCommand) -> Path:

@@ -27,7 +27,7 @@ _RECORDED_ABOUT = " ("
 
 
 class SplitBy(Enum):
-    """What may not be in two splits."""
+    """Property that two splits must not share."""
 
     person = "person"
     """A person: the proportions of a body, whatever the clothes."""
@@ -102,7 +102,7 @@ def split(data: Path, shares: dict[str, float], by: SplitBy = SplitBy.person, *,
     Args:
         data: The data set.
         shares: Share of the clips by name of split; those of 0 are left out.
-        by: What may not be in two splits.
+        by: Property that two splits must not share.
         seed: Of the order.
 
     Returns:

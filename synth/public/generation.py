@@ -170,7 +170,7 @@ def split(
         train: Share of the clips.
         validation: Share of the clips; 0 for no such split.
         test: Share of the clips; 0 for no such split.
-        seed: Of the order in which clips are drawn.
+        seed: Seed of the order in which clips are drawn.
         out: JSON file to write, which `export` takes; by default none.
 
     Returns:
@@ -205,7 +205,7 @@ def takes(
         train: Share of the seconds; all 0 for no sets.
         validation: Share of the seconds.
         test: Share of the seconds.
-        seed: Of the order in which subjects are drawn.
+        seed: Seed of the order in which subjects are drawn.
 
     Returns:
         The takes: `listed` (file, subject, set), `seconds`, `fps`, `readable`, and `notes`, of those that cannot be
@@ -232,7 +232,7 @@ def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path]
     Args:
         path: The data set, or a clip.
         out: Folder of the page, `README.md`, its picture, and the numbers of both.
-        extra_data: More data sets that count on the same page.
+        extra_data: More data sets that the same page describes.
         workers: Processes; -1 for one per core.
 
     Returns:
@@ -262,14 +262,14 @@ def export(
     workers: int = 1,
     damaged: bool = False,
 ) -> dict:
-    """Write a data set in the layout of another program: pictures, and what is in them.
+    """Write a data set in the layout of another program: images and annotations.
 
     Args:
         path: The data set, or a clip.
         out: Folder to write, whole or not at all; it must be empty or not exist.
         format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic` or `npz`. All but the last two need images.
         splits: File that `split` wrote; by default all clips are in the split `train`.
-        skeleton: Skeleton of the joints; by default coco17, of panoptic always panoptic19.
+        skeleton: Skeleton of the joints; by default coco17, for panoptic always panoptic19.
         every: 2 for every other frame.
         pictures: `jpg` or `png`.
         workers: Processes; -1 for one per core.

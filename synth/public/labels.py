@@ -11,7 +11,7 @@ from synth.physics.body_state import BodyState, load_state
 
 
 def label(data: str | Path, labels: Sequence[str] = KINDS, *, workers: int = 1) -> int:
-    """Add labels that only physics has to clips that exist, in place. Nothing is simulated.
+    """Add labels from physics to existing clips, in place. Nothing is simulated again.
 
     Args:
         data: Data set that `generate` made, or one clip of it.

@@ -44,7 +44,7 @@ def export(
         splits: File that `synth.datasets.splits.write_splits` wrote; by default all clips are in the split `train`.
         skeleton: Skeleton to write; by default the format's.
         every: 2 for every other frame.
-        pictures: Files of pictures.
+        pictures: File format of images.
         workers: Processes; -1 for one per core.
         damaged: Whether to export even if files are missing or not as they were written.
 

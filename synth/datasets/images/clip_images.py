@@ -24,7 +24,7 @@ _FOLDER = "images"
 
 
 class RgbFormat(Enum):
-    """Files of colour images: a video of each camera, or a file of each picture."""
+    """Files of colour images: one video per camera, or one file per image."""
 
     h264 = "h264"
     png = "png"
