@@ -59,8 +59,8 @@ def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ord
     Workers end when the main process is killed. On a cluster, a task whose worker dies is given to another.
 
     Args:
-        workers: Processes; -1 for one a core, on a cluster of all its machines. With 1 everything runs in this process,
-            unless the backend is a cluster.
+        workers: Processes; -1 for one per core, on a cluster of all its machines. With 1 everything runs in this
+            process, unless the backend is a cluster.
         ordered: In the order of the tasks, or else as they are ready.
     """
     backend = backend_in_use()

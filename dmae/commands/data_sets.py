@@ -171,5 +171,5 @@ def describe_joints(poses: Poses3D) -> str:
         return shares
     return (
         f"{shares}; not counting {away} of {present.size} person-frames ({away / present.size:.1%}) in which the "
-        f"person is not there: with them {(poses.source == Source.ABSENT).mean():.1%} of all joints are NaN"
+        f"person is not present: with them {(poses.source == Source.ABSENT).mean():.1%} of all joints are NaN"
     )

@@ -141,5 +141,5 @@ def _print(name: str, detections: Detections2D) -> None:
     people = there.mean(0) if frames else [0] * views
     each = ", ".join(f"{count:.2f}" for count in people)
     print(
-        f"{name}: {frames} frames, {views} cameras, {detections.skeleton.name}; people a frame in each camera: {each}"
+        f"{name}: {frames} frames, {views} cameras, {detections.skeleton.name}; people per frame in each camera: {each}"
     )

@@ -69,7 +69,7 @@ def join_parts(folders: Sequence[Path], out: Path, *, partial: bool, clips: str 
 
 
 def interrupted(config: MergePartsCommand, out: Path) -> str:
-    return f"nothing was written to {out}; the same command begins anew"
+    return f"nothing was written to {out}; the same command starts again"
 
 
 def _join_captured(parts: list[tuple[Path, Part]], folder: Path, out: Path, clips: str | None) -> str:

@@ -121,4 +121,4 @@ def _procedural() -> list[str]:
 
 
 def interrupted(config: PretrainCommand, out: Path) -> str:
-    return f"{out} holds what is finished; the same command goes on from there"
+    return f"{out} holds what is finished; the same command continues"

@@ -52,7 +52,7 @@ class RunCommand:
     def __post_init__(self):
         if self.videos is not None and self.calibration is None:
             raise ValueError(
-                "expected calibration=<file>: without it people are found in 2D alone, which dmae detect does"
+                "expected calibration=<file>: without it people are found in 2D only; use dmae detect for that"
             )
 
 
@@ -80,4 +80,4 @@ def run(config: RunCommand, out: Path) -> None:
 
 
 def interrupted(config: RunCommand, out: Path) -> str:
-    return f"what is whole in {out} stays; the same command continues it"
+    return f"the complete parts of {out} stays; the same command continues it"

@@ -79,4 +79,4 @@ def run(config: TrainPaperCommand, out: Path) -> None:
 
 
 def interrupted(config: TrainPaperCommand, out: Path) -> str:
-    return f"the same command goes on from the checkpoint in {out}, which is written every 500 steps"
+    return f"the same command continues from the checkpoint in {out}, which is written every 500 steps"

@@ -158,7 +158,7 @@ def find_data_set_damage(path: Path, clips: Collection[str]) -> list[tuple[str |
         sealed = [name for name in clips if (path / name / CHECKSUMS).is_file()]
         if not sealed:
             return []
-        return [(None, f"{CHECKSUMS}: missing, and clip {sealed[0]} has one; was the command that made it ended?")]
+        return [(None, f"{CHECKSUMS}: missing, and clip {sealed[0]} has one; was its command interrupted?")]
     problems: list[tuple[str | None, str]] = []
     there = {name for name in files if (path / name).is_file()}
     for name in sorted(files.keys() - there):

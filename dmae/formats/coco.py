@@ -149,7 +149,7 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
         view = image.get("camera") or camera or name.parent.name
         if not view:
             raise ValueError(
-                f"{file}: images[{number}]: nothing says the camera of {name}; expected `camera`, a folder in "
+                f"{file}: images[{number}]: nothing states the camera of {name}; expected `camera`, a folder in "
                 "file_name, or a file of annotations for each camera"
             )
         frame = image["frame"] if "frame" in image else frame_number(Path(f"{file}, {name}"), name.stem)
@@ -157,7 +157,7 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
             raise ValueError(f"{file}: images[{number}]: expected a whole number as frame, found {frame!r:.60}")
         frames = found.views.setdefault(str(view), {})
         if image["id"] in places or frame in frames:
-            raise ValueError(f"{file}: images[{number}]: image {image['id']}, frame {frame} of {view}, is there twice")
+            raise ValueError(f"{file}: images[{number}]: image {image['id']}, frame {frame} of {view}, occurs twice")
         places[image["id"]] = frames[frame] = []
         if "width" in image and "height" in image:
             size = image["width"], image["height"]

@@ -84,7 +84,7 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: a file is JSON but not OpenPose's, a frame is there twice, or people have other numbers of
+        ValueError: a file is JSON but not OpenPose's, a frame occurs twice, or people have other numbers of
             joints than the skeleton; no file could be read; too few people tell the skeleton.
     """
     folders = camera_folders(Path(path))

@@ -140,16 +140,16 @@ def _json_row(row: Row) -> dict:
 def _write(config: FitDetectorCommand, fitted: Fit, what: str, out: Path) -> None:
     """Write the preset, and say what could not be determined."""
     for name, why in fitted.undetermined.items():
-        print(f"undetermined, kept as it was: {name}: {why}")
+        print(f"undetermined, not changed: {name}: {why}")
     # As Hydra wants it: with --config-dir=<out> the preset is one of the group.
     path = child(out / "detector", f"{config.name}.yaml", "detector")
     comments = [
         f"Fitted by `synth fit-detector` to {what}.",
-        *(f"Undetermined, kept as it was: {name}: {why}." for name, why in fitted.undetermined.items()),
+        *(f"Undetermined, not changed: {name}: {why}." for name, why in fitted.undetermined.items()),
     ]
     write_atomic(path, preset_yaml(fitted.config, config.name, comments))
     print(path)
-    print(f"use it by: synth generate --config-dir={out} detector={config.name} ...")
+    print(f"to use it: synth generate --config-dir={out} detector={config.name} ...")
 
 
 def _clips(config: FitDetectorCommand, recording: Clip, out: Path) -> list[Clip]:

@@ -41,4 +41,4 @@ def run(config: LabelCommand, out: None) -> None:
 
 
 def interrupted(config: LabelCommand, out: None) -> str:
-    return "clips are whole, each with its labels or without; the same command labels the others"
+    return "clips are complete, each with its labels or without; the same command labels the others"

@@ -1,4 +1,4 @@
-"""`synth verify`: check that clips are whole and true."""
+"""`synth verify`: check that clips are complete and true."""
 
 import json
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ def run(config: VerifyCommand, out: Path) -> None:
     for clip, check, what in found.problems[:_SHOWN]:
         print(f"{clip}: {check}: {what}")
     if found.again:
-        print(f"to make again, by the command that made the data set: {_some(found.again, _SHOWN)}")
+        print(f"to regenerate, with the command that made the data set: {_some(found.again, _SHOWN)}")
     if not found.problems:
         if found.number:
             print(f"sha256 of all: {found.number}")

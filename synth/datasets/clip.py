@@ -80,7 +80,7 @@ class GenerateConfig:
             if getattr(self, name) < least:
                 raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
         if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
         if self.first + self.clips > MOST_CLIPS:
             raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, got {self.first}")
         clip_numbers(self.first, self.clips, self.shard)

@@ -132,7 +132,7 @@ def _together(pair: tuple[Motion, ...]) -> list[Motion]:
     first = max(take.first for take in pair)
     end = min(take.first + len(take) for take in pair)
     if end <= first:
-        raise ValueError(f"{' and '.join(take.name for take in pair)}: no frame is sound in both takes")
+        raise ValueError(f"{' and '.join(take.name for take in pair)}: no frame is valid in both takes")
     frames = [slice(first - take.first, end - take.first) for take in pair]
     return [
         replace(take, root=take.root[part], rotations=take.rotations[part], first=first)

@@ -77,7 +77,7 @@ def repair(motion: Motion, path: Path) -> Motion:
     if end - first < min(_SHORTEST * motion.fps, len(motion)):
         raise ValueError(
             f"{path}: joints jump {len(cuts)} times, first from frame {cuts[0][0] + 1} to {cuts[0][1] + 1}, so that at "
-            f"most {(end - first) / motion.fps:.2g} s are sound; expected at least {_SHORTEST:g} s, repair the take"
+            f"most {(end - first) / motion.fps:.2g} s are valid; expected at least {_SHORTEST:g} s, repair the take"
         )
     if not (bridged or cuts):
         return motion

@@ -149,7 +149,7 @@ class PlanConfig:
         if self.seed < 0:
             raise ValueError(f"seed: expected 0 or more, got {self.seed}")
         if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
         self.setting()
 
     @property

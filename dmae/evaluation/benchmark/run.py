@@ -76,7 +76,7 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
     hand_ins += [find_hand_in(each, Task.capture) for each in (*config.captures, *captures)]
     names = [(each.task, each.name) for each in hand_ins]
     if len(set(names)) < len(names):
-        raise ValueError(f"expected hand-ins of different names, found {[name for _, name in names]}")
+        raise ValueError(f"expected methods of different names, found {[name for _, name in names]}")
     if not hand_ins:
         raise ValueError("methods=[] captures=[]: nothing to score")
     sets = definition.sets(config.size)

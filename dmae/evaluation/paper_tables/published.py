@@ -3,7 +3,7 @@
 import tomllib
 from importlib.resources import files
 
-_SECOND_HAND = "figures quoted at second hand, not read in the publication"
+_SECOND_HAND = "figures from a secondary source, not from the publication itself"
 _REQUIRED = {"table", "name", "data", "protocol", "source", "values"}
 _OPTIONAL = {"note", "second_hand"}
 

@@ -134,7 +134,7 @@ def known_rate(fps: float | None, found: NumberedDetections, path: Path) -> floa
     """Return the frame rate that was given, else that of the files; ValueError where both are unknown."""
     fps = fps or found.fps
     if fps is None:
-        raise ValueError(f"{path}: no file says the frame rate; give data.fps=...")
+        raise ValueError(f"{path}: no file states the frame rate; give data.fps=...")
     return fps
 
 

@@ -60,7 +60,7 @@ def export(
     if every < 1:
         raise ValueError(f"every: expected 1 or more frames, got {every}")
     if workers == 0:
-        raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
     folders = clip_folders(data)
     if not damaged:
         refuse_damaged(data, "damaged=true")

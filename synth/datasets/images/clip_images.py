@@ -89,7 +89,7 @@ def missing_kinds(clip: Clip, options: ImageOptions) -> tuple[str, ...]:
     if found != (options.quality.name, rgb):
         raise ValueError(
             f"clip {clip.id!r} has images of quality={found[0]} rgb={found[1]}, not quality={options.quality.name} "
-            f"rgb={rgb}; `synth render data=... out=...` renders it anew in another folder"
+            f"rgb={rgb}; `synth render data=... out=...` renders it again in another folder"
         )
     return tuple(kind for kind in options.kinds if kind not in clip.images.kinds)
 

@@ -73,7 +73,7 @@ class RenderConfig:
 
     def __post_init__(self):
         if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
         image_kinds(self.images)
 
     @property

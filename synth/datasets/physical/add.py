@@ -51,7 +51,7 @@ def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) ->
     """
     data, kinds = Path(data), check_kinds(kinds)
     if workers == 0:
-        raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
     folders = clip_folders(data)
     for folder in folders:
         load_state(folder)
