@@ -173,7 +173,7 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
 
 
 def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -> None:
-    """Run a command with a configuration as Hydra composed it, and record that beside what was made."""
+    """Run a command with a configuration as Hydra composed it, and record the configuration with the output."""
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
     from omegaconf import OmegaConf

@@ -1,4 +1,4 @@
-"""`dmae card`: a model card beside trained weights."""
+"""`dmae card`: a model card in the folder of trained weights."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

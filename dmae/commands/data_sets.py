@@ -69,7 +69,7 @@ class Manifest:
         several: Whether it is a data set.
         part: Which part of a larger one it is; None for a whole one.
         sealed: Whether clips are in our own format, and so get checksums.
-        settings: What the clips depend on (`settings_of`), where an interrupted run can go on; else None.
+        settings: What the clips depend on (`settings_of`), if an interrupted run can continue; otherwise None.
     """
 
     def __init__(

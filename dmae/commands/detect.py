@@ -115,7 +115,9 @@ def _detect_clips(config: DetectCommand, out: Path) -> None:
         for folder in folders:
             clip, target = load_clip(folder), out / folder.name if several else out
             if target.resolve() == folder.resolve():
-                raise ValueError(f"out={out}: expected another folder than that of the clip, whose detections stay")
+                raise ValueError(
+                    f"out={out}: expected another folder than that of the clip, which keeps its own detections"
+                )
             pieces = target / _PIECES
             claim_folder(target / _CLAIM, _settings(config) | {"clip": str(folder)}, "detections", ())
             detected = detect_clip(clip, config.detector, pieces, config.output.skeleton, config.workers)

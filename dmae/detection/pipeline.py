@@ -18,7 +18,7 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 
 PIECE = 240
-"""Pictures that are worked on at once. What is found in a piece depends on no other."""
+"""Pictures that are processed together. The results of a piece do not depend on other pieces."""
 
 
 @dataclass(frozen=True)

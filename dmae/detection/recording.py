@@ -150,7 +150,7 @@ def make_clip(name: str, recording: Recording, detections: Detections2D, notes: 
 def write_images(recording: Recording, folder: Path, workers: int = 1) -> Images:
     """Put the videos of a recording into `<folder>/rgb`, a frame of the clip a picture, in the calibration's size.
 
-    Videos that are so already are linked to, or copied where the file system has no links. Others are encoded anew.
+    Videos that already fit are linked, or copied if the file system has no links. Others are encoded again.
     """
     (folder / "rgb").mkdir(parents=True, exist_ok=True)
     rig, alignment = recording.rig, recording.alignment

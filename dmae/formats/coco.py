@@ -243,7 +243,7 @@ def write_annotations(
 def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     """COCO keypoints of poses as the cameras see them, with masks where the clip has them, and its pictures.
 
-    Pictures go into a folder beside the file, `<name>_images`. Without images of colour there are none, which
+    Pictures go into a folder next to the file, `<name>_images`. Without images of colour there are none, which
     `info.pictures` says; the names of the files then only name camera and frame.
     """
     labels, info = joint_labels(clip, exported_poses(clip), poses.skeleton), clip_entry(clip)

@@ -1,4 +1,4 @@
-"""CMU Panoptic Studio: 3D poses, a JSON a frame, beside the detections of OpenPose."""
+"""CMU Panoptic Studio: 3D poses, one JSON per frame, with the detections of OpenPose."""
 
 import json
 import re

@@ -191,7 +191,7 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
         scores: Folders that `dmae evaluate` wrote with these weights.
 
     Returns:
-        The card as Markdown; `dmae card` writes it to `MODEL_CARD.md` beside the weights.
+        The card as Markdown; `dmae card` writes it to `MODEL_CARD.md` in the folder of the weights.
 
     Raises:
         FileNotFoundError: a file of the weights or scores is missing.

@@ -12,7 +12,7 @@ from dmae.viewing.occlusion import COLOURS
 DETECTED = (250, 226, 130)
 """Colour of detections, which are of no person yet."""
 TRUE = INK
-"""Colour of true joints beside poses."""
+"""Colour of true joints if there are poses."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,8 @@ def drawn_poses(pixels: np.ndarray, source: np.ndarray, bones: list[tuple[int, i
 
 
 def drawn_truth(pixels: np.ndarray, bones: list[tuple[int, int]], layers: Layers) -> Drawn:
-    """Return true joints (P, J, 2), px: rings joined by thin lines, in the colour of the person unless beside poses."""
+    """Return true joints (P, J, 2), px: rings joined by thin lines, white if there are poses, otherwise in the colour
+    of the person."""
     drawn = Drawn()
     for person, joints in enumerate(pixels):
         known = np.isfinite(joints).all(-1)

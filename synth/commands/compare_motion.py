@@ -29,7 +29,7 @@ class CompareMotionCommand:
     sim: str = "???"
     """A simulated clip or data set of clips; the truth is used."""
     takes: list[str] = field(default_factory=lambda: ["*"])
-    """Only takes whose file names without suffix are like one of these; `*` and `?` stand for anything."""
+    """Only takes with a file name (without suffix) that matches one of these; `*` and `?` are wildcards."""
     longest: float = 10.0
     """s; longest part of a take, or of a person of a clip, that is used."""
     motion: ReadingConfig = field(default_factory=ReadingConfig)

@@ -11,7 +11,7 @@ from synth.datasets.verify import CHECKS, DATA_SET, verify
 WRITES = "file"
 EXAMPLES = ("synth verify data=runs/data", "synth verify data=runs/data fast=true out=runs/verify.json")
 _SHOWN = 20
-"""So many problems, and names of clips, are printed; all are written."""
+"""Number of problems, and of names of clips, that are printed; all are written."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Read tracks of people in motion, from recorded takes and from clips alike."""
+"""Read tracks of people in motion, from recorded takes or from clips."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

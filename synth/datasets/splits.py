@@ -56,7 +56,7 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
     """Return what a clip has of a kind, as names that are equal where the things are.
 
     A person is a `Body`: all of its numbers. A motion is a take, by the stem of its file, whatever stretch of it was
-    cut; procedural motion is drawn anew for each seed, clip and person, and is named by these. A rig is K, distortion
+    cut; procedural motion differs for each seed, clip and person, and is named by these. A rig is K, distortion
     and pose of all true cameras, to 1e-6. A subject is as `synth.motion.readers.cmu.subject` has it.
 
     Raises:

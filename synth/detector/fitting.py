@@ -1,4 +1,4 @@
-"""Fit a detector's preset to a recording: simulate, measure both alike, correct, repeat.
+"""Fit a detector's preset to a recording: simulate, measure both in the same way, correct, repeat.
 
 How a recording is measured biases what it shows of a detector: errors are measured against other views, misses only of
 people who are detected at all. So no parameter is read off directly. The detector is run on simulated clips, both go

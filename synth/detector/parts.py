@@ -52,7 +52,7 @@ class PartConfig:
 
 @dataclass(frozen=True)
 class PartsConfig:
-    """How a detector does on each kind of joint, left and right alike."""
+    """Errors of a detector on each kind of joint, left and right together."""
 
     nose: PartConfig = field(default_factory=PartConfig)
     neck: PartConfig = field(default_factory=PartConfig)

@@ -69,11 +69,11 @@ class View:
         random: Returns the generator of a stream of this view, from its beginning.
         xy: (F, D, 25, 2) detected joints, px; NaN where missed.
         score: (F, D, 25) confidence; NaN where missed.
-        owner: (F, D, 25) int16 index of the person whose joint each detected joint lies on; -1 in ghosts.
+        owner: (F, D, 25) int16 index of the person that each detected joint belongs to; -1 in ghosts.
         kind: (F, D, 25) uint8 `JointError`; GOOD where no joint or person was confused, however far off the joint is.
         person: (D,) int16 index of the person of each detection; -1 for ghosts.
         error_rank: (F, P, 25) rank of the size of each joint's noise, from 0 to 1, among all that it could have had.
-        shown: (F,) index of the frame whose detections each frame shows; -1 for none.
+        shown: (F,) index of the frame with the detections that each frame shows; -1 for none.
     """
 
     fps: float

@@ -44,7 +44,7 @@ _ODD = 0.1
 def repair(motion: Motion, path: Path) -> Motion:
     """Return a motion without frames in which joints jump.
 
-    A fault is a jump, or jumps less than 0.25 s apart, with the frozen frames beside them. Up to 0.25 s long it is
+    A fault is a jump, or jumps less than 0.25 s apart, with the adjacent frozen frames. Up to 0.25 s long it is
     bridged by slerp and straight lines, if people can move that fast; others are cut out, and the longest stretch
     between them is left. The name says what was done; `first` counts on. A single step at no more than 8 m/s stays.
 

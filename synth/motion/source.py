@@ -252,7 +252,7 @@ def place(motion: Motion, xy: tuple[float, float], yaw: float, leader: Motion | 
         motion: The motion to move.
         xy: Target of the mean of the root, m, world.
         yaw: Target of the mean heading of the pelvis (the direction of the mean of its x axis), rad from +x to +y.
-        leader: Another motion whose mean root and heading land there instead; `motion` moves along with it as its
+        leader: Another motion: its mean root and heading are placed there instead; `motion` moves along with it as its
             partner.
     """
     leader = leader or motion

@@ -68,7 +68,7 @@ class CameraPlan:
     room: tuple[str, ...]
 
     def __getitem__(self, number: int) -> PlannedRig:
-        """Return the rig of so many cameras."""
+        """Return the rig with this number of cameras."""
         return next(each for each in self.rigs if len(each.rig) == number)
 
 

@@ -54,12 +54,12 @@ def compare_motion(
         real: A take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder of takes; or clips, of which the captured poses
             count, or else the truth.
         sim: Simulated clips, of which the truth counts.
-        takes: Only takes whose file names without suffix are like one of these; `*` and `?` stand for anything.
+        takes: Only takes with a file name (without suffix) that matches one of these; `*` and `?` are wildcards.
         longest: The most for which a take, or a person of a clip, counts, s.
 
     Returns:
         A difference a quantity, as of speeds and angles: quantiles of both, and Wasserstein and Kolmogorov-Smirnov
-        distances, beside those between halves of the recordings.
+        distances, compared with those between halves of the recordings.
 
     Raises:
         FileNotFoundError: there are no takes.

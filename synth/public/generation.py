@@ -177,7 +177,7 @@ def split(
         Names of clips by name of split.
 
     Raises:
-        ValueError: the shares do not add up to 1, or clips share too much for so many splits.
+        ValueError: the shares do not add up to 1, or clips share too much for this number of splits.
 
     Examples:
         >>> for clip in synth.generate("scene.seconds=1", clips=2, seed=7, out="walks"): pass

@@ -1,4 +1,4 @@
-"""Refinement: the cameras of a recording, calibrated anew by the people in it."""
+"""Refinement: the cameras of a recording, calibrated again with the people in it."""
 
 from __future__ import annotations
 
@@ -113,8 +113,8 @@ class Refined:
         rig: The cameras.
         offset, drift: (V,) s and s/s, as in `Calibration`.
         covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment.parameters`), if the errors
-            of the detector were as they usually are: alike for some tenths of a second, with a constant part at each
-            joint of a person in a view. 0 where not refined.
+            of the detector were as they usually are: correlated over some tenths of a second, with a constant part at
+            each joint of a person in a view. 0 where not refined.
         changes: What changed, a camera each, in the world as it was.
         floor: Where the floor was and how the world was tilted, if the world was made level.
     """
@@ -131,7 +131,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
     """Return cameras that fit the detections of the people better.
 
     Args:
-        clip: F frames of V cameras, two or more, whose calibration is roughly right.
+        clip: F frames of V cameras, two or more, with a roughly correct calibration.
         config: What may change.
 
     Raises:

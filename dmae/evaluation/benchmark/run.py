@@ -57,7 +57,7 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
 
     Args:
         config: What is run.
-        methods, captures: Functions beside those that the configuration names.
+        methods, captures: Functions in addition to those that the configuration names.
 
     Returns:
         JSON-able. `benchmark`; `size`; `checksums`, how the clips agree with those that were frozen (`FrozenMatch`);
@@ -141,7 +141,7 @@ def score_clip(data: Path, name: str, hand_ins: list[HandIn]) -> dict:
     linear = find_method("linear").function(given.poses, given.fps)
     found: dict[str, dict] = {task.value: {} for task in Task}
     for hand_in in hand_ins:
-        # Read anew for each, so that none sees what another has changed.
+        # Read again for each, so that no method gets data that another has changed.
         poses = hand_in.poses(name, given_clip(data, name))
         if hand_in.task == Task.completion:
             found[Task.completion][hand_in.name] = completion_cells(holes, given.poses, linear, poses)

@@ -30,7 +30,7 @@ class TableSize(StrEnum):
 
 @dataclass(frozen=True)
 class TableConfig:
-    """Reproduce a table of the paper: published rows beside rows measured here, with intervals.
+    """Reproduce a table of the paper: published rows and rows measured here, with intervals.
 
     Tables 1 and 2 (PCP of each actor; by number of cameras) and 4 (pose fusion, limb by limb) score one recording with
     truth on Shelf's joints. Table 3 (people who interact, and transfer) and 5 (the codes) take a generated data set.

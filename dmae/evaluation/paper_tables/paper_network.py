@@ -48,7 +48,7 @@ def note(config: TableConfig) -> dict[str, str]:
     size = SIZES[config.paper].network
     return {
         "note": f"{config.paper} size: {size.dim} channels and {size.depth} layers in the encoder, where the paper has "
-        "256 and 6; none of this package's methods beside it"
+        "256 and 6; without any of this package's methods"
     }
 
 

@@ -1,4 +1,5 @@
-"""Published rows: figures of others, each with its source and its protocol, from `published.toml` beside this file."""
+"""Published rows: figures of others, each with its source and its protocol, from `published.toml` in the same
+folder."""
 
 import tomllib
 from importlib.resources import files

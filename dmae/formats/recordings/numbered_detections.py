@@ -15,7 +15,7 @@ _MAX_SPAN = 20
 """Frames that a recording may span for each frame with a file; more, and the numbers do not count frames."""
 
 _CELLS, _CELLS_EACH = 250_000, 50
-"""Places for people in all frames: so many, or so many for each that is there."""
+"""Places for people in all frames: the first number, or the second number for each person."""
 
 
 @dataclass(frozen=True)

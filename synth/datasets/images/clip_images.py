@@ -1,4 +1,4 @@
-"""The images of a clip, rendered from the states that are kept beside its labels, whenever they are asked for."""
+"""The images of a clip, rendered on request from the states that are stored with its labels."""
 
 import json
 import shutil
@@ -50,7 +50,7 @@ def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
     """Return the kinds that a list of `IMAGE_CHOICES`, or one of them, stands for.
 
     Raises:
-        ValueError: one is unknown, or `none` is beside others.
+        ValueError: one is unknown, or `none` is combined with others.
     """
     choices = [choices] if isinstance(choices, str) else list(choices)
     unknown = [choice for choice in choices if choice not in IMAGE_CHOICES]

@@ -1,4 +1,4 @@
-"""Join the parts of a data set into one, the same as if it had been made at once."""
+"""Join the parts of a data set into one, the same as if it had been made in one run."""
 
 import os
 import shutil

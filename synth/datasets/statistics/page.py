@@ -16,7 +16,7 @@ PAGE, PICTURE, NUMBERS = "README.md", "statistics.png", "statistics.json"
 FORMAT = 1
 _HIDDEN = (Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_PERSON, Visibility.HIDDEN_BY_OBJECT)
 _OCCLUDERS = 12
-"""So many occluders are listed."""
+"""Number of occluders that are listed."""
 
 
 def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statistics:
