@@ -1,4 +1,4 @@
-"""What do I train on? Data sets for torch: clips, windows of motion, and pictures, each read when it is asked for."""
+"""What do I train on? Data sets for torch: clips, windows of motion, and images, read on access."""
 
 from dmae.datasets.clips import ClipDataset as ClipDataset
 from dmae.datasets.frames import FrameDataset as FrameDataset

@@ -1,4 +1,4 @@
-"""Clips on disk, of which some frames are read without the others."""
+"""Clips on disk: read some frames without reading the others."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -16,14 +16,14 @@ from dmae.files.structured import read_json
 
 ARRAYS, META = "arrays.safetensors", "clip.json"
 _DAMAGED = (SafetensorError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError)
-"""What reading a clip raises where its JSON or its arrays are not as they were written."""
+"""Errors of reading a clip with damaged JSON or arrays."""
 _OPEN = 32
-"""Files that a process keeps open. They are memory-mapped: what is not asked for is not read."""
+"""Files that a process keeps open. They are memory-mapped: only the requested data is read."""
 
 
 @dataclass(frozen=True)
 class ClipFile:
-    """A clip on disk, of which nothing but sizes and names was read.
+    """A clip on disk, of which only sizes and names were read.
 
     Attributes:
         folder: Of the clip.
@@ -44,8 +44,8 @@ class ClipFile:
     def read(self, start: int = 0, stop: int | None = None, view: int | None = None) -> Clip:
         """Return frames `start` to `stop`, of all views or of one.
 
-        `provenance["first_frame"]` is moved on. The checksum of the arrays is not compared, as it is of all frames:
-        `synth verify` does that.
+        `provenance["first_frame"]` is moved on. The checksum covers all frames, so it is not compared here: `synth
+        verify` does that.
 
         Raises:
             ValueError: a file is damaged; the message names it.

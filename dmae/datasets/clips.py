@@ -11,16 +11,16 @@ from dmae.data.store import clip_folders, load_clip
 
 
 class ClipDataset(Dataset):
-    """The clips of a data set, each read, and its checksum compared, when it is asked for.
+    """The clips of a data set. A clip is read, and its checksum compared, on access.
 
         loader = DataLoader(ClipDataset("runs/data"), batch_size=None, num_workers=2)
 
     Args:
         path: The data set, or a clip.
-        transform: What to make of a clip; by default nothing, and `batch_size=None` hands on clips.
+        transform: Function of a clip; by default none, and `batch_size=None` returns clips.
 
     Raises:
-        FileNotFoundError: neither a clip nor a data set is there.
+        FileNotFoundError: there is neither a clip nor a data set.
     """
 
     def __init__(self, path: str | Path, transform: Callable[[Clip], Any] | None = None):

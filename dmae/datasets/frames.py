@@ -1,4 +1,4 @@
-"""A data set of pictures with the persons in them."""
+"""A data set of images with the persons in them."""
 
 from pathlib import Path
 from typing import TypedDict
@@ -15,7 +15,7 @@ from dmae.formats.labelled_images.pictures import PersonLabel, label_persons
 
 
 class Target(TypedDict, total=False):
-    """The N persons that a picture shows, as torchvision's detectors take them."""
+    """The N persons that an image shows, in the format of torchvision's detectors."""
 
     boxes: Tensor
     """(N, 4) float32 left, top, right, bottom, px."""
@@ -36,13 +36,13 @@ class Target(TypedDict, total=False):
 
 
 class FrameDataset(Dataset):
-    """Single pictures of the cameras of a data set, with boxes, joints and masks of the persons in them.
+    """Single images of the cameras of a data set, with boxes, joints and masks of the persons in them.
 
         frames = FrameDataset("runs/data", skeleton="coco17")
         loader = DataLoader(frames, batch_size=8, shuffle=True, num_workers=2, collate_fn=frames.collate)
         for images, targets in loader: model(images, targets)
 
-    Only what an item needs is read: one picture, labels of one frame. A video is decoded from the keyframe before.
+    For an item, only one image and the labels of one frame are read. A video is decoded from the keyframe before.
 
     Args:
         path: The data set, or a clip; its clips have images of colour and truth.
@@ -51,7 +51,7 @@ class FrameDataset(Dataset):
         masks: Whether targets have masks, which need images of ids.
 
     Raises:
-        FileNotFoundError: neither a clip nor a data set is there.
+        FileNotFoundError: there is neither a clip nor a data set.
         ValueError: a clip lacks truth or images; the message names it.
         KeyError: there is no such skeleton.
     """
@@ -91,7 +91,7 @@ class FrameDataset(Dataset):
         return clip, view, frame * self.every
 
     def __getitem__(self, index: int) -> tuple[Tensor, Target]:
-        """Return a picture (3, H, W) uint8, and what it shows."""
+        """Return an image (3, H, W) uint8, and its annotations."""
         number, view, frame = self.place(index)
         clip = self.files[number].read(frame, frame + 1, view)
         (camera,) = clip.rig.names
@@ -129,6 +129,6 @@ class FrameDataset(Dataset):
 
     @staticmethod
     def collate(items: list[tuple[Tensor, Target]]) -> tuple[list[Tensor], list[Target]]:
-        """Return a batch as lists: pictures differ in size, and in how many persons they show."""
+        """Return a batch as lists: images differ in size and number of persons."""
         images, targets = zip(*items, strict=True)
         return list(images), list(targets)

@@ -47,7 +47,7 @@ class WindowDataset(Dataset):
         skeleton: Skeleton of the joints; by default the first of the clip's.
 
     Raises:
-        FileNotFoundError: neither a clip nor a data set is there.
+        FileNotFoundError: there is neither a clip nor a data set.
         ValueError: no clip has such poses in enough frames, or a number is below 1.
         KeyError: there is no such skeleton.
     """

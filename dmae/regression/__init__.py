@@ -1,4 +1,4 @@
-"""IS MY SOLVER SOUND? A frozen pack of cases for any triangulation, and the bounds that it has to keep."""
+"""IS MY TRIANGULATION CORRECT? A fixed set of cases for any triangulation, and their bounds."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING

@@ -40,7 +40,7 @@ class Table:
 
     Attributes:
         bars: Columns, by index, that a page draws with a bar behind each number, in proportion to the largest.
-        moments: What the first cell of each row opens in the player of a page; none, or one a row.
+        moments: What the first cell of each row opens in the player of a page; none, or one per row.
         choices: What may be decided on each row; by default nothing.
     """
 

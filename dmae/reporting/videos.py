@@ -13,7 +13,7 @@ from dmae.data.clip import Clip
 from dmae.progress import progress
 
 _BITS_OF_RIG = 1_000_000
-"""bit/s of all cameras together: a minute of five cameras is some 10 MB in base64."""
+"""bit/s of all cameras together: a minute of five cameras is about 10 MB in base64."""
 _BITS_OF_CAMERA = 400_000
 _WIDTH = 480
 """px; fewer where many cameras share the bits."""

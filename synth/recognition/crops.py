@@ -1,4 +1,4 @@
-"""A detector on pictures of single people: each cut out around its true place, as if nothing were known of it."""
+"""A detector on pictures of single people: each cut out around its true place, without further information."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -10,7 +10,7 @@ from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import Q
 
 _ALIKE_S = 3.0
-"""s; errors of detections that are so far apart in time are taken to be independent, apart from constant offsets."""
+"""s; errors of detections this far apart in time are assumed to be independent, apart from constant offsets."""
 
 
 def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedom: Freedom) -> np.ndarray:

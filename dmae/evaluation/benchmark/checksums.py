@@ -55,7 +55,7 @@ def freeze(clips: dict[str, Clip], file: Path) -> None:
             f"{file}: exists; stored checksums are not overwritten. Remove the file only if no scores are published yet"
         )
     versions = next(iter(clips.values())).provenance.get("versions", {})
-    # A line a clip.
+    # One line per clip.
     lines = ",\n".join(
         f"  {json.dumps(name)}: {json.dumps({**clip_checksums(clip), 'sample': _sample(clip)})}"
         for name, clip in sorted(clips.items())

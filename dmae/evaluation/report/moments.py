@@ -1,4 +1,4 @@
-"""The worst moments of a clip: where it errs most, misses a person, or knows least."""
+"""The worst moments of a clip: the largest errors, missed persons, and the fewest measured joints."""
 
 from dataclasses import dataclass
 

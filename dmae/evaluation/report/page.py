@@ -69,7 +69,8 @@ def write_clips_report(
 
 
 def _worst_clips(findings: Sequence[Findings]) -> list[int]:
-    """Return the indices, in order, of the clips with frames that err most, or else that cameras measured least of."""
+    """Return the indices, in order, of the clips with the largest mean errors, or otherwise with the fewest measured
+    joints."""
 
     def badness(index: int) -> tuple[float, float]:
         each = findings[index]
