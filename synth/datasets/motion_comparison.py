@@ -103,8 +103,9 @@ def write_page(
     """Write a page with the figure, the table of distances, and the tracks measured."""
     how = (
         "Angles, speeds and accelerations of the joints of BODY_25, measured in the same way on both: low-pass "
-        "filtered at about 6 Hz, left and right together. Takes are fitted to one body on a level floor. Areas are fractions of all "
-        "values, within the axis or beyond. The zero of ankles and faces differs between recorded skeletons."
+        "filtered at about 6 Hz, left and right together. Takes are fitted to one body on a level floor. Areas are "
+        "fractions of all values, within the axis or beyond. The zero of ankles and faces differs between recorded "
+        "skeletons."
     )
     weights = "A track is one person in one take or clip. Its weight is its seconds, spread evenly over it."
     if left_out:
