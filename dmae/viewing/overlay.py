@@ -142,7 +142,7 @@ class Overlay:
                 x, y = points[points[:, 1].argmin()]
                 half = self._line * 0.6
                 y = max(y - 1.5 * self._line, self._line + 4 + half)
-                # Among the colours of causes, those of people would be taken for one.
+                # Among the colours of causes, those of people would look like one.
                 edge = INK if self.layers.occlusion else person_colour(person)
                 draw.ellipse((x - half, y - half, x + half, y + half), (*PAPER, 225), edge, width=2)
                 draw.text((x, y), str(person), INK, font(self._line - 3, bold=True), anchor="mm")

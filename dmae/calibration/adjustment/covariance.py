@@ -16,8 +16,8 @@ _ALIKE_S = 3.0
 def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedom: Freedom) -> np.ndarray:
     """Return the covariance (V, Q, Q) of each camera: H^-1 G H^-1.
 
-    G is the covariance of the gradient: the scatter of what bodies contribute, times the number of bodies that err
-    alike, and what constant offsets of joints contribute. H is the curvature of the robust cost.
+    G is the covariance of the gradient: the scatter of the contributions of bodies, times the number of bodies with the
+    same error, plus the contribution of constant offsets of joints. H is the curvature of the robust cost.
     """
     views, free = len(adjusted.calibration.rig), np.flatnonzero(freedom.free)
     covariance = np.zeros((views * Q, views * Q))

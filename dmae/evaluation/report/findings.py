@@ -52,7 +52,7 @@ class Findings:
         residuals_completed: Likewise of completed joints.
         moments: The worst ones.
         error: (F,) mean error of each frame, mm; None without truth.
-        doubts: The joints that are likeliest to be off, by signs that need no truth.
+        doubts: The joints that are most likely wrong, by signs that need no truth.
         poses_checksum: Of the poses, which decisions on them name.
         floor: Where the floor is and which way is up, as the people show it; None without people.
     """

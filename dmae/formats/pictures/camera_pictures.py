@@ -45,7 +45,7 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
     start = places.pop() if len(places) == 1 else None
     if start is None or least < start + len(clip):
         start = first if least >= first + len(clip) else 0
-        notes.append(f"the first of the {least} pictures is taken for frame {first - start}")
+        notes.append(f"the first of the {least} pictures is assumed to be frame {first - start}")
     frames = tuple(range(start, start + len(clip)))
     images = Images(folder, clip.rig.names, frames, ("rgb",), rgb="png", files=tuple(each.name for each in ordered))
     return replace(

@@ -47,7 +47,7 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
         if least < len(clip):
             short = ordered[counts.index(least)]
             raise ValueError(f"{short}: expected {len(clip)} frames or more as of the detections, found {least}")
-        notes.append(f"the first frame of the videos is taken for frame {first}, as they have {least} frames")
+        notes.append(f"the first frame of the videos is assumed to be frame {first}, as they have {least} frames")
         first = 0
     images = Images(
         Path(folder),
