@@ -120,7 +120,9 @@ class Poses3D:
 
         def with_absent(values: np.ndarray, absent: float) -> np.ndarray:
             def cut(dropped: np.ndarray, values: np.ndarray) -> np.ndarray:
-                return np.where(dropped.reshape(*dropped.shape, *(1,) * (values.ndim - 3)), values.dtype.type(absent), values)
+                return np.where(
+                    dropped.reshape(*dropped.shape, *(1,) * (values.ndim - 3)), values.dtype.type(absent), values
+                )
 
             return by_frames(cut, dropped, values)
 

@@ -30,7 +30,9 @@ def empty(shape: tuple[int, ...], dtype: type | np.dtype) -> np.ndarray:
             # A full disk would end the process when the array is written to, if the space were not taken now.
             getattr(os, "posix_fallocate", _set_size)(file.fileno(), 0, size)
         except OSError as error:
-            raise OSError(error.errno, f"{error.strerror}; {size / 1e6:.0f} MB are needed", tempfile.gettempdir()) from None
+            raise OSError(
+                error.errno, f"{error.strerror}; {size / 1e6:.0f} MB are needed", tempfile.gettempdir()
+            ) from None
         return np.frombuffer(mmap.mmap(file.fileno(), size), dtype).reshape(shape)
 
 
