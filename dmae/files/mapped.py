@@ -8,9 +8,9 @@ from math import prod
 
 import numpy as np
 
-LARGE = 32 << 20
+LARGE = 16 << 20
 """Bytes; smaller arrays are held in memory."""
-_BLOCK = 16 << 20
+_BLOCK = 8 << 20
 """Bytes of arrays that are computed with at a time."""
 
 
@@ -79,10 +79,14 @@ def total(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.ndarra
     return sum(function(*(array[part] for array in arrays)).sum(0) for part in frame_blocks(*arrays))
 
 
-def column_blocks(array: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
-    """Yield the paths of (F, n, C) over all frames, some at a time: which of the n, and a copy (F, k, C) in memory."""
+def column_blocks(array: np.ndarray, most: int = _BLOCK) -> Iterator[tuple[slice, np.ndarray]]:
+    """Yield the paths of (F, n, C) over all frames, some at a time: which of the n, and a copy (F, k, C) in memory.
+
+    Args:
+        most: Bytes of a copy, as long as it has more than one path.
+    """
     frames, columns, components = array.shape
-    step = max(_BLOCK // max(frames * components * array.itemsize, 1), 1)
+    step = max(most // max(frames * components * array.itemsize, 1), 1)
     for start in range(0, columns, step):
         chosen = slice(start, min(start + step, columns))
         copied = np.empty((frames, chosen.stop - start, components), array.dtype)

@@ -13,7 +13,7 @@ from dmae.reconstruction.compiled.reprojection import measure_distances
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.triangulation import Points, triangulate
 
-_BLOCK = 1 << 19
+_BLOCK = 1 << 18
 """Joints of detections, or of people, in cameras that are computed with at a time: some hundred MB."""
 _FEWEST = 64
 """Frames in a block."""
