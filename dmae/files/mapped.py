@@ -1,9 +1,11 @@
 """Arrays that are too large for memory: they lie in files, and are read and written by frames."""
 
+import ctypes
 import mmap
 import os
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import cache
 from math import prod
 
 import numpy as np
@@ -44,6 +46,19 @@ def release(*arrays: np.ndarray) -> None:
         array = array.obj if isinstance(array, memoryview) else array
         if isinstance(array, mmap.mmap) and hasattr(array, "madvise"):
             array.madvise(mmap.MADV_DONTNEED)
+
+
+def trim() -> None:
+    """Give freed memory back to the system, where the C library can: a process would hold the most of any step."""
+    _malloc_trim()(0)
+
+
+@cache
+def _malloc_trim() -> Callable[[int], int]:
+    try:
+        return ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):
+        return lambda _: 0
 
 
 def frame_blocks(*arrays: np.ndarray) -> Iterator[slice]:
