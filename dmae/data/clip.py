@@ -117,6 +117,7 @@ class Poses3D:
         """Return the poses with the joints where `dropped` (F, P, J) is True made absent."""
         if not dropped.any():
             return self
+        dropped = np.broadcast_to(dropped, self.source.shape)
 
         def with_absent(values: np.ndarray, absent: float) -> np.ndarray:
             def cut(dropped: np.ndarray, values: np.ndarray) -> np.ndarray:
