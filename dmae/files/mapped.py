@@ -94,14 +94,14 @@ def total(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.ndarra
     return sum(function(*(array[part] for array in arrays)).sum(0) for part in frame_blocks(*arrays))
 
 
-def column_blocks(array: np.ndarray, most: int = _BLOCK) -> Iterator[tuple[slice, np.ndarray]]:
+def column_blocks(array: np.ndarray, most: int | None = None) -> Iterator[tuple[slice, np.ndarray]]:
     """Yield the paths of (F, n, C) over all frames, some at a time: which of the n, and a copy (F, k, C) in memory.
 
     Args:
-        most: Bytes of a copy, as long as it has more than one path.
+        most: Bytes of a copy, as long as it has more than one path; by default those of a block.
     """
     frames, columns, components = array.shape
-    step = max(most // max(frames * components * array.itemsize, 1), 1)
+    step = max((most or _BLOCK) // max(frames * components * array.itemsize, 1), 1)
     for start in range(0, columns, step):
         chosen = slice(start, min(start + step, columns))
         copied = np.empty((frames, chosen.stop - start, components), array.dtype)
