@@ -32,10 +32,10 @@ def in_pieces(
     """
     asked = range(len(poses.xyz))[frames]
     parts = list(_parts(len(poses.xyz), fps, asked))
-    if len(parts) == 1:
+    count, persons = poses.xyz.shape[:2]
+    if not (count and persons and parts) or parts[0][1] == slice(0, count):
         return complete(poses, frames)
     names, made, skeleton = [field.name for field in fields(poses)[1:]], {}, poses.skeleton
-    persons = poses.xyz.shape[1]
     tasks = [(person, *part) for person in range(persons) for part in parts]
     for person, inner, around in progress(tasks, "completing"):
         given = {name: getattr(poses, name)[around, person : person + 1] for name in names}
@@ -49,7 +49,7 @@ def in_pieces(
             made[name][inner.start - asked.start : inner.stop - asked.start, person] = array[:, 0]
         release(*made.values(), *(getattr(poses, name) for name in names))
         trim()
-    return Poses3D(skeleton, **made) if made else complete(poses.select(slice(0, 0)), slice(None))
+    return Poses3D(skeleton, **made)
 
 
 def _parts(count: int, fps: float, asked: range) -> Iterator[tuple[slice, slice]]:

@@ -66,7 +66,11 @@ def test_blocks_give_the_poses_of_the_whole(name, in_blocks):
     make, config = CLIPS[name]
     clip = make()
     whole = capture(clip, config)
-    floor, sides, smoothed = find_floor(whole, clip.fps), exchanged_detections(clip, whole), smooth(whole, clip.fps, 0.1)
+    floor, sides, smoothed = (
+        find_floor(whole, clip.fps),
+        exchanged_detections(clip, whole),
+        smooth(whole, clip.fps, 0.1),
+    )
     in_blocks(23)
     found = capture(clip, config)
     assert_equal(found, whole)
