@@ -31,13 +31,15 @@ RESULT = Path(__file__).parents[1] / "results/found_people.json"
 _VIEWS = {"clips": 3, "seed": 172}
 _OPTIONS = ("scene=shelf_twin", "scene.persons=[3,3]", "scene.seconds=1.2", "images=[rgb]", "rgb=jpeg")
 _LEAST_PX = 40
+_TORSO = {"shoulders": ("l_shoulder", "r_shoulder"), "hips": ("l_hip", "r_hip")}
+"""Joints of which the median offset from the true ones is recorded, along the torso and relative to its length."""
 _EXCHANGED_MM = 50
 
 
 def views(made: str | None = None) -> dict:
     """Return shares of people found, and ghosts a picture, in clips with images, made here or before."""
     counts = dict.fromkeys(("pictures", "people", "found", "ghosts", "joints", "near", "detections"), 0)
-    seconds = 0.0
+    seconds, above = 0.0, {name: [] for name in _TORSO}
     with TemporaryDirectory() as folder:
         clips = dmae.load_dataset(made) if made else synth.generate(*_OPTIONS, **_VIEWS, out=folder)
         for clip in clips:
@@ -54,8 +56,16 @@ def views(made: str | None = None) -> dict:
             counts["ghosts"] += int((match.left_over & ~match.near).sum())
             counts["joints"] += int(counted.sum())
             counts["near"] += int((error[counted] < NEAR).sum())
+            torso = np.stack([seen.xy[..., BODY25.index(*names), :].mean(-2) for names in _TORSO.values()])
+            length = torso[0] - torso[1]
+            for name, names in _TORSO.items():
+                joints = BODY25.index(*names)
+                off = (match.found - seen.xy)[..., joints, :] * length[..., None, :]
+                off = off.sum(-1) / (length**2).sum(-1)[..., None]
+                above[name].append(off[counted[..., joints]])
             counts["detections"] += int(found.detections.observed.any(-1).sum())
-    return counts | {"cpu_s": round(seconds, 1)}
+    medians = {name: float(np.median(np.concatenate(each))) for name, each in above.items()}
+    return counts | {"cpu_s": round(seconds, 1), "above_true": medians}
 
 
 def videos(data: Path) -> dict:

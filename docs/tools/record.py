@@ -25,6 +25,10 @@ _ALL = "measured,linear,pchip_body,kalman,reject_pchip,rays,gaussian_process,rej
 _INTERACTIONS = (
     "synth generate -m interaction=fight,hug,dance,huddle rig=ring rig.ring.views=3 clips=4 seed=51 out=interactions"
 )
+_RECORDED_PEOPLE = (
+    "synth generate motion=recorded motion.path=$DMAE_DATA/cmu clips=60 seed=52 scene.fps=25 scene.seconds=6 "
+    "scene.persons=[2,3] rig=ring rig.ring.views=2 out=people"
+)
 _TWO_INTERACTIONS = _INTERACTIONS.replace(",dance,huddle", "")
 
 _ROOMS = ("office", "living_room", "market", "pillars", "studio", "warehouse")
@@ -76,6 +80,14 @@ RECORDED = {
     ),
     "table_1": ("dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf", "1 minute"),
     "table_2": ("dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf", "3 minutes"),
+    "table_1_network": (
+        f"{_RECORDED_PEOPLE} && dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf extra_data=[people]",
+        "25 minutes",
+    ),
+    "table_2_network": (
+        f"{_RECORDED_PEOPLE} && dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf extra_data=[people]",
+        "25 minutes",
+    ),
     "table_3": (
         f"{_INTERACTIONS} && "
         "dmae table number=3 data=interactions/0 extra_data=[interactions/1,interactions/2,interactions/3] size=small",

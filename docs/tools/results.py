@@ -24,12 +24,12 @@ METHODS = {
     "reject_pchip": "contradicted joints rejected, then `pchip_body` (`reject_pchip`)",
     "rays": "`pchip_body`, on the ray where one camera saw the joint (`rays`)",
     "gaussian_process": "`rays`, then a Gaussian process over similar poses (`gaussian_process`)",
-    "gaussian_process_learned": "the same, learned kernels too, hips, shoulders as well (`gaussian_process_learned`)",
+    "gaussian_process_learned": "the same with learned kernels (`gaussian_process_learned`)",
     "reject_gaussian_process": "contradicted joints rejected, then `gaussian_process` (`reject_gaussian_process`)",
-    "dmae": "**D-MAE**, shipped weights (learned from simulation alone)",
-    "dmae_reject": "D-MAE with `reject=true`",
-    "dmae_denoise": "D-MAE with `reject=true denoise=true`",
-    "dmae_online": "D-MAE `online`",
+    "dmae": "D-MAE (`dmae`): shipped weights; measured joints are not changed",
+    "dmae_reject": "D-MAE, contradicted joints rejected (`dmae_reject`)",
+    "dmae_denoise": "**D-MAE as `dmae complete` runs by default** (`dmae_denoise`)",
+    "dmae_online": "D-MAE during a recording (`dmae_online`)",
 }
 _FORMER = {"recall": "gaussian_process", "reject_recall": "reject_gaussian_process"}
 

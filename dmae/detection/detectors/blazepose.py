@@ -5,6 +5,7 @@ import numpy as np
 from dmae.data.skeleton import BLAZEPOSE33
 from dmae.detection.blazepose.confidence import confidence
 from dmae.detection.blazepose.people import PeopleDetector
+from dmae.detection.blazepose.torso import corrected_torso
 from dmae.detection.registry import PoseDetectorConfig, pose_detector
 
 
@@ -26,7 +27,7 @@ class BlazePose:
         people = self._people(picture)
         if not people:
             return np.empty((0, len(self.skeleton), 2)), np.empty((0, len(self.skeleton)))
-        xy = np.stack([person.xy for person in people])
+        xy = corrected_torso(np.stack([person.xy for person in people]))
         score = np.stack([confidence(person) for person in people])
         # A joint outside of the picture was not seen: its place is a guess.
         height, width = picture.shape[:2]

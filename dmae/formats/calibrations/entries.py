@@ -53,7 +53,7 @@ class CameraTable:
         """Return the finite numbers of a key, flat; their number is one of `counts`."""
         wanted = f"of {' or '.join(map(str, counts))} numbers"
         if key not in self.values:
-            raise self.error(key, wanted, f"no such key among {sorted(self.values)}")
+            raise self.error(key, wanted, f"no such key among {sorted(map(str, self.values))}")
         found = self.values[key]
         try:
             array = np.ravel(np.asarray(found))

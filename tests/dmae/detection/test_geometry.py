@@ -7,6 +7,7 @@ from dmae.data.skeleton import BLAZEPOSE33
 from dmae.detection.blazepose.candidates import _is_cut, _merged, anchors, same_region, windows_of
 from dmae.detection.blazepose.landmarks import TORSO, Person, disagreement, painted_over, same_torso
 from dmae.detection.blazepose.regions import Region, pyramid_of
+from dmae.detection.blazepose.torso import corrected_torso
 
 
 def test_anchors_are_those_of_the_network():
@@ -111,3 +112,14 @@ def test_a_person_painted_over_takes_the_colour_around():
     painted = painted_over(picture, region, [person])
     assert abs(painted.astype(int) - 90).max() <= 1
     assert painted_over(picture, region, []) is picture
+
+
+@pytest.mark.parametrize("degrees", [0, 90, 200])
+def test_hips_and_shoulders_are_moved_along_the_torso(degrees):
+    """A torso of 100 px: hips rise by 5 and move apart by 0.8 px each; the other landmarks stay."""
+    turn = np.array([[np.cos(a := np.radians(degrees)), -np.sin(a)], [np.sin(a), np.cos(a)]])
+    upright = np.random.default_rng(0).uniform(0, 300, (2, 33, 2))
+    upright[:, TORSO] = [(130, 50), (70, 50), (120, 150), (80, 150)]
+    wanted = upright.copy()
+    wanted[:, TORSO] = [(130, 48), (70, 48), (120.8, 145), (79.2, 145)]
+    np.testing.assert_allclose(corrected_torso(upright @ turn.T), wanted @ turn.T, atol=1e-9)

@@ -1,10 +1,12 @@
 """Calibrations that are malformed: what is wrong is named with file, camera and key."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dmae.formats.calibrations.entries import CameraTable
 from dmae.formats.calibrations.files import find_calibration, read_calibration
 from tests.support.calibrations import K, write
 
@@ -138,3 +140,8 @@ def test_yaml_cut_anywhere_is_an_error_or_whole(name, tmp_path):
         (folder / name).write_text(text[:length])
         with pytest.raises(ValueError, match=r"intri|extri"):
             read_calibration(folder)
+
+
+def test_names_that_are_no_text_are_listed():
+    with pytest.raises(ValueError, match=r"expected res of 2 numbers, found no such key among \['K', \"b'T'\"\]"):
+        CameraTable(Path("camera_params.npy"), "1", {"K": 1, b"T": 2}).numbers("res", 2)
