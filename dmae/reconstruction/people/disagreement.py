@@ -39,7 +39,7 @@ def _disagree(offset: np.ndarray) -> np.ndarray:
     seen = total(lambda offset: np.isfinite(offset[..., 0]).any(-1), offset)
     constant = np.zeros((persons, views, 2))
     for person, view, axis in np.ndindex(constant.shape):
-        one = np.concatenate([offset[part, person, view, :, axis] for part in frame_blocks(offset)])
+        one = np.concatenate([offset[part, person, view, :, axis].copy() for part in frame_blocks(offset)])
         constant[person, view, axis] = median_over_frames(one.ravel())
     return ((np.linalg.norm(constant, axis=-1) > _OFFSET) & (seen >= _MIN_FRAMES)).any(-1)
 
