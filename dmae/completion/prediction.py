@@ -17,7 +17,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.heading import rotate_z
 from dmae.numerics.resampling import resample
 
-_BATCH = 32
+_BATCH = 4
 _FEW = 3
 """Windows that take about as long as laying out the rows of a person."""
 _SAME_RATE = 0.01
