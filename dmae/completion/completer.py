@@ -23,7 +23,7 @@ _ACCELERATION = 40.0
 _AGREEING_VIEWS = 3
 """Three in four joints on which so many views agree and that the frames around contradict were right. Denoised, they
 came no nearer to annotations."""
-_EVIDENCE_COST = 4.0
+_EVIDENCE_COST = 5.0
 """Of rejection, see `dmae.completion.steps.Steps`."""
 
 

@@ -19,8 +19,8 @@ from dmae.numerics.resampling import resample
 
 _BATCH = 32
 _FEW = 1
-_ROWS_COST, _WINDOW_COST = 6.0, 5.0
-"""Of laying out rows, and of a window, see `Steps`."""
+_ROWS_COST, _WINDOW_COST = 14.0, 6.0
+"""Of laying out the rows of two people, and of a window, see `Steps`."""
 _SAME_RATE = 0.01
 """Rates within this share of each other are taken as equal."""
 

@@ -30,7 +30,7 @@ _FEWEST = 20
 """Training poses; with fewer the process predicts nothing."""
 _BLOCK = 5.0
 """s of frames that share training poses."""
-_COST = 1.5
+_COST = 0.75
 """Of a joint of a person, see `Steps`."""
 
 

@@ -22,7 +22,7 @@ _MOST = 160
 """Training poses of a gap."""
 _SHARE = 0.5
 """Of the learned kernels of limbs beside the kernel that is the same for all joints: processes with other errors."""
-_COST, _START_COST = 3.0, 6.0
+_COST, _START_COST = 1.5, 5.0
 """Of a gap, and of interpolation, see `Steps`."""
 
 
