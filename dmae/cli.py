@@ -36,7 +36,7 @@ from dmae.formats.registry import reader
 _HELP = ("-h", "--help", "help")
 DMAE = Program(
     "dmae",
-    "Capture people with several cameras, complete what no camera saw, and score it.",
+    "Capture people with several cameras, complete the joints that no camera measured, and score the result.",
     COMMANDS,
     {"data": presets_of(reader, "name")},
 )
@@ -173,7 +173,7 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
 
 
 def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -> None:
-    """Run a command with a configuration as Hydra composed it, and record that beside what was made."""
+    """Run a command with a configuration as Hydra composed it, and record the configuration with the output."""
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
     from omegaconf import OmegaConf

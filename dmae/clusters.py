@@ -1,4 +1,4 @@
-"""Tasks on a Ray or a Dask cluster. Tasks whose process or machine dies are given to another."""
+"""Tasks on a Ray or a Dask cluster. If a process or machine dies, its task is given to another."""
 
 import logging
 import os

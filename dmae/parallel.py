@@ -56,11 +56,11 @@ def backend_in_use() -> Backend:
 def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ordered: bool = True) -> Iterator:
     """Yield `function(*task)` of each task, on the backend of `running_on`.
 
-    Workers end when the main process is killed. On a cluster, a task whose worker dies is given to another.
+    Workers end when the main process is killed. On a cluster, if a worker dies, its task is given to another.
 
     Args:
-        workers: Processes; -1 for one a core, on a cluster of all its machines. With 1 everything runs in this process,
-            unless the backend is a cluster.
+        workers: Processes; -1 for one per core, on a cluster of all its machines. With 1 everything runs in this
+            process, unless the backend is a cluster.
         ordered: In the order of the tasks, or else as they are ready.
     """
     backend = backend_in_use()

@@ -143,7 +143,7 @@ def _read_part(folder: Path) -> Part:
     if not path.is_file():
         raise FileNotFoundError(
             f"{folder}: expected {PART}, which commands write at last with shard=..., first=... or clips=...; "
-            "was the command ended?"
+            "was the command interrupted?"
         )
     part = decode(Part, read_json(path), str(path))
     if not 0 <= part.first < part.stop <= part.of:

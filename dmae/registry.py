@@ -59,7 +59,7 @@ class Registry(Mapping[str, E], Generic[E]):
     Args:
         decorator: Name of the registry in the modules that use it as a decorator.
         entry: Class of the entries; settings without a default are required.
-        packages: Packages whose modules are searched. A module is imported to list its functions only if a setting of
+        packages: Packages with the modules to search. A module is imported to list its functions only if a setting of
             one is not a literal.
         kind: What the functions are, for messages; by default the name of the decorator.
         option: Option that takes a name or `package.module:function`; by default only names are taken.

@@ -41,10 +41,10 @@ _MIN_BODIES = 40
 _LENS_GAIN, _CHANCE = 1.03, 0.001
 """Ratio of the costs that other lenses must save, and the probability at which it is no coincidence."""
 _DETERMINED_BY = {
-    Kind.moved: "people who come nearer to this camera and go farther away",
-    Kind.turned: "people who come nearer to this camera and go farther away",
-    Kind.displaced: "people who come nearer to this camera and go farther away",
-    Kind.focal: "a picture of a calibration board by this camera, or people at different depths",
+    Kind.moved: "people who walk towards this camera and away from it",
+    Kind.turned: "people who walk towards this camera and away from it",
+    Kind.displaced: "people who walk towards this camera and away from it",
+    Kind.focal: "a calibration board in the image of this camera, or people at different depths",
     Kind.lens: "people, or a calibration board, near the edges of this camera's image",
     Kind.late: "people who move fast across this camera's image, or a light or sound at the start",
 }
@@ -120,7 +120,7 @@ def named_camera(
     )
     if len(kinds) > 1:
         by = dict.fromkeys(_DETERMINED_BY[each.kind] for each in kinds)
-        evidence += f"; these fit about equally, and this would determine which: {'; or '.join(by)}"
+        evidence += f"; these fit about equally well; to distinguish them, record: {'; or '.join(by)}"
     alternatives = tuple(_FAULTS[each.kind] for each in kinds) if len(kinds) > 1 else ()
     finding = Finding(fault, (name,), evidence, _remedy(kinds, undone, hypothesis, offsets), alternatives)
     return Named(finding, undone, best.view)
@@ -153,8 +153,8 @@ def undetermined(hypothesis: Hypothesis, found: Examination | None) -> tuple[str
         return ()
     names = " and ".join(hypothesis.rig.names[view] for view in found.suspects)
     return (
-        f"one of cameras {names} seems to differ from its calibration; this recording does not determine which: more "
-        "cameras would, or people in more places",
+        f"one of the cameras {names} seems to differ from its calibration; this recording does not determine which; "
+        "use more cameras, or people in more places",
     )
 
 
@@ -195,9 +195,9 @@ def _amount(difference: CameraDifference, fps: float) -> str:
     step = difference.step
     moved, turned = 100 * np.linalg.norm(step[CENTRE]), np.degrees(np.linalg.norm(step[ROTATION]))
     return {
-        Kind.moved: f"it stands {moved:.1f} cm from where the calibration has it",
+        Kind.moved: f"it is {moved:.1f} cm from its position in the calibration",
         Kind.turned: f"it is turned by {turned:.2f} degrees",
-        Kind.displaced: f"it stands {moved:.1f} cm from where the calibration has it, turned by {turned:.2f} degrees",
+        Kind.displaced: f"it is {moved:.1f} cm from its position in the calibration, turned by {turned:.2f} degrees",
         Kind.focal: f"its focal length is {100 * np.expm1(step[FOCAL]):+.1f} %",
         Kind.lens: f"its k1 is larger by {step[K1]:+.2f}",
         Kind.late: f"it is {-step[OFFSET] * fps:+.1f} frames off",

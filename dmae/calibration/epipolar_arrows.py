@@ -17,7 +17,7 @@ _MOST_ARROWS = 900
 def epipolar_arrows(hypothesis: Hypothesis) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return for each camera where joints were detected, (n, 2) undistorted px, and the way from there to the line.
 
-    The line is the epipolar line of the joint in another camera whose detection matches. A sound camera has short
+    The line is the epipolar line of the joint in another camera with a matching detection. A correct camera has short
     arrows in all directions; arrows that agree say how the image of the camera is off.
     """
     pairs = pairs_to_compare(len(hypothesis.rig))

@@ -17,7 +17,7 @@ class Fault(StrEnum):
     turned_left = "image is turned left"
     turned_right = "image is turned right"
     swapped_axes = "x and y are swapped"
-    scale = "detections are of another resolution"
+    scale = "detections have another resolution"
     distorted = "distortion is ignored"
     undistorted = "distortion was removed already"
     distortion_sign = "distortion has the wrong sign"

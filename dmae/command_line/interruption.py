@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: one line that says what is whole on disk and how to go on, and exit status 130 or 143."""
+"""Ctrl-C and SIGTERM: one line that states what is complete on disk and how to continue, and exit status 130 or 143."""
 
 import os
 import signal
@@ -19,7 +19,7 @@ class Interruption:
         self.signal: int | None = None
         """The signal that interrupted; None before."""
         self.describe: Callable[[], str] = lambda: "nothing was begun"
-        """What is whole, and how to go on."""
+        """What is complete, and how to continue."""
 
     @property
     def status(self) -> int:
@@ -36,7 +36,7 @@ class Interruption:
 def one_line(label: str) -> Iterator[Interruption]:
     """Answer Ctrl-C and SIGTERM in the block with one line and exit status 128 plus the signal.
 
-    A second signal ends the process at once.
+    A second signal ends the process immediately.
 
     Args:
         label: The command, which the line begins with.

@@ -58,7 +58,7 @@ def locked(out: Path) -> Iterator[None]:
 
 
 def record(configuration: str, out: Path) -> None:
-    """Write the resolved configuration, as YAML, beside what was made with it."""
+    """Write the resolved configuration, as YAML, to the output of its command."""
     from dmae.data.store import write_atomic
     from dmae.files.checksums import RECORD, with_own_checksum  # loads NumPy, which help does without
 

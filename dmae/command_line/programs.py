@@ -16,7 +16,8 @@ class Command:
 
     Its module has `run(config, out)`, annotated with the dataclass of its configuration; `EXAMPLES`, command lines;
     `WRITES`, "folder" or "file" as `out` is one, None where it has no `out` or that depends; and where they say more
-    than the defaults `default_out(config)` and `interrupted(config, out)`, which says what is whole and how to go on.
+    than the defaults `default_out(config)` and `interrupted(config, out)`, which states what is complete and how to
+    continue.
     """
 
     program: str

@@ -14,7 +14,7 @@ _OVERRIDE = re.compile(
 _NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|nan)", re.IGNORECASE)
 _EXPECTED = {"whole number": re.compile(r"[-+]?\d[\d_]*"), "number": _NUMBER}
 FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
-"""`package.module:function`, which registries take beside their own names."""
+"""`package.module:function`, which registries accept in addition to their own names."""
 _BOOLEANS = {"true", "false", "yes", "no", "on", "off", "1", "0"}
 FLAGS = (
     "--cfg", "-c", "--resolve", "--package", "-p", "--run", "-r", "--multirun", "-m", "--info", "-i", "--config-dir",

@@ -25,4 +25,4 @@ def run(config: BenchmarkConfig, out: Path) -> None:
 def interrupted(config: BenchmarkConfig, out: Path) -> str:
     data = Path(config.data_folder) if config.data_folder else out / "data"
     whole = len(list(data.glob("given/*/*/[!.]*/clip.json")))
-    return f"{whole} clips in {data} are made and captured; the same command goes on from there, and scores them again"
+    return f"{whole} clips in {data} are made and captured; the same command continues, and scores them again"

@@ -23,8 +23,8 @@ EXAMPLES = (
 class CalibrateCommand:
     """Refine a calibration by the people in a recording.
 
-    Writes the cameras as TOML, which every command takes as data.calibration, and beside them, as JSON, what changed,
-    with its covariance.
+    Writes the cameras as TOML, which every command accepts as data.calibration, and the changes with their covariance
+    as JSON in the same folder.
     """
 
     data: DataConfig = field(default_factory=DataConfig)

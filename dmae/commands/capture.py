@@ -71,7 +71,7 @@ class CaptureCommand:
     shard: str | None = None
     """Which piece of the clips: `shard=3/16` the third of sixteen, in a folder of its own; `dmae merge` joins them."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
@@ -84,7 +84,7 @@ class CaptureCommand:
         if not self.smooth >= 0:
             raise ValueError(f"smooth={self.smooth:g}: expected seconds, 0 (no smoothing) or more")
         if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
 
     def numbers(self, total: int) -> range:
         """Return the numbers of the clips to capture, of all clips of the data set."""

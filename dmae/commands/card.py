@@ -1,4 +1,4 @@
-"""`dmae card`: a model card beside trained weights."""
+"""`dmae card`: a model card in the folder of trained weights."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +12,7 @@ EXAMPLES = ('dmae card weights=runs/model scores=[runs/scores] command="make wei
 
 @dataclass(frozen=True)
 class CardCommand:
-    """Describe trained weights: what they are made of and how they score. Writes `MODEL_CARD.md` beside them."""
+    """Describe trained weights: training data and scores. Writes `MODEL_CARD.md` to their folder."""
 
     weights: str = "???"
     """Folder that `dmae train` wrote; the card is written there."""

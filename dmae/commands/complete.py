@@ -57,7 +57,7 @@ class CompleteCommand:
     damaged: bool = False
     """Complete even a data set of which files are missing or not as they were written."""
     workers: int = 1
-    """Processes, each with a clip at a time; -1 for one a core."""
+    """Processes, each with a clip at a time; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
@@ -68,7 +68,7 @@ class CompleteCommand:
 
     def __post_init__(self):
         if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
 
 
 def run(config: CompleteCommand, out: Path) -> None:

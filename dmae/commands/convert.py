@@ -25,7 +25,7 @@ class ConvertCommand:
     format: str = field(default="clip", metadata={"choices": recording_writer})
     """Format to convert to."""
     out: str = "???"
-    """Folder to write; of a data set a folder for each clip is made in it."""
+    """Folder to write; for a data set, it contains a folder for each clip."""
 
 
 def run(config: ConvertCommand, out: Path) -> None:

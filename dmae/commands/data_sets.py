@@ -69,7 +69,7 @@ class Manifest:
         several: Whether it is a data set.
         part: Which part of a larger one it is; None for a whole one.
         sealed: Whether clips are in our own format, and so get checksums.
-        settings: What the clips depend on (`settings_of`), where an interrupted run can go on; else None.
+        settings: What the clips depend on (`settings_of`), if an interrupted run can continue; otherwise None.
     """
 
     def __init__(
@@ -171,5 +171,5 @@ def describe_joints(poses: Poses3D) -> str:
         return shares
     return (
         f"{shares}; not counting {away} of {present.size} person-frames ({away / present.size:.1%}) in which the "
-        f"person is not there: with them {(poses.source == Source.ABSENT).mean():.1%} of all joints are NaN"
+        f"person is not present: with them {(poses.source == Source.ABSENT).mean():.1%} of all joints are NaN"
     )

@@ -33,7 +33,7 @@ _LEARNING = {
 
 @dataclass(frozen=True)
 class DemoCommand:
-    """Simulate people, detect, capture, learn, complete, score and report, by commands that are printed."""
+    """Simulate people, detect, capture, train, complete, score and report. Every command is printed."""
 
     size: DemoSize = DemoSize.small
     """How much is simulated and learned."""

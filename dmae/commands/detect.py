@@ -27,7 +27,7 @@ _CLAIM = "detect.json"
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """What the calibration does not say of itself; by default as is usual in its format."""
+    """Conventions that the calibration does not state; by default those of its format."""
 
     unit: LengthUnit | None = None
     """Unit of lengths."""
@@ -41,7 +41,7 @@ class WorldConfig:
 class DetectCommand:
     """Detect people in the videos of cameras, or in the images of clips.
 
-    The same command continues one that was interrupted.
+    The same command continues an interrupted run.
     """
 
     videos: str | None = None
@@ -53,14 +53,14 @@ class DetectCommand:
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
     fps: float | None = None
-    """1/s; frame rate, by default that of the videos. Folders of pictures do not say it."""
+    """1/s; frame rate, by default that of the videos. Required for folders of pictures."""
     offsets: list[int] | None = None
-    """Frames by which each camera started late, in the order of the calibration; by default what the videos say."""
+    """Frames by which each camera started late, in the order of the calibration; by default read from the videos."""
     world: WorldConfig = field(default_factory=WorldConfig)
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     out: str = "runs/detect"
-    """Folder of the clip, or of the files of keypoints; of a data set a folder for each clip is made in it."""
+    """Folder of the clip, or of the files of keypoints; for a data set, it contains a folder for each clip."""
 
     def __post_init__(self):
         if (self.videos is None) == (self.clip is None):
@@ -115,7 +115,9 @@ def _detect_clips(config: DetectCommand, out: Path) -> None:
         for folder in folders:
             clip, target = load_clip(folder), out / folder.name if several else out
             if target.resolve() == folder.resolve():
-                raise ValueError(f"out={out}: expected another folder than that of the clip, whose detections stay")
+                raise ValueError(
+                    f"out={out}: expected another folder than that of the clip, which keeps its own detections"
+                )
             pieces = target / _PIECES
             claim_folder(target / _CLAIM, _settings(config) | {"clip": str(folder)}, "detections", ())
             detected = detect_clip(clip, config.detector, pieces, config.output.skeleton, config.workers)
@@ -141,5 +143,5 @@ def _print(name: str, detections: Detections2D) -> None:
     people = there.mean(0) if frames else [0] * views
     each = ", ".join(f"{count:.2f}" for count in people)
     print(
-        f"{name}: {frames} frames, {views} cameras, {detections.skeleton.name}; people a frame in each camera: {each}"
+        f"{name}: {frames} frames, {views} cameras, {detections.skeleton.name}; people per frame in each camera: {each}"
     )

@@ -40,9 +40,9 @@ class DoctorCommand:
 
     data: DataConfig = field(default_factory=DataConfig)
     max_offset: int = 50
-    """frames; the largest time offset between two cameras that is tried, either way."""
+    """frames; the largest time offset between two cameras that is tested, in both directions."""
     out: str = "runs/doctor"
-    """Folder of what was found; of a data set a folder for each clip is made in it."""
+    """Folder of the results; for a data set, it contains a folder for each clip."""
 
 
 def run(config: DoctorCommand, out: Path) -> None:
@@ -98,7 +98,7 @@ def _print_sides(clip: Clip) -> None:
     if len(some.rig) < 2 or not len(some):
         return
     for note in describe_sides(some, capture(some, CaptureConfig())):
-        print(f"{clip.id}: {note}; dmae capture puts them right")
+        print(f"{clip.id}: {note}; dmae capture corrects them")
 
 
 def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:
@@ -130,7 +130,7 @@ def _cameras(clip: Clip, diagnosis: Diagnosis) -> Table:
             )
         )
     rows.sort(key=lambda row: row[1])
-    title = f"{clip.id}: cameras, worst first; on the right the smallest differences that are surely noticed"
+    title = f"{clip.id}: cameras, worst first; on the right the smallest differences that are reliably detected"
     return Table(title, header, rows)
 
 

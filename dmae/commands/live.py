@@ -28,21 +28,22 @@ class LiveCommand:
     """
 
     calibration: str = "???"
-    """Calibration file of any format that is read, or the folder in which it is."""
+    """Calibration file of any supported format, or its folder."""
     fps: float = "???"
-    """1/s; rate at which frames come."""
+    """1/s; rate at which frames arrive."""
     skeleton: str = "body25"
     """Skeleton of the detections."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     complete: bool = False
-    """Complete what no camera measured as well; this adds to the delay."""
+    """Also complete the joints that no camera measured; this adds to the delay."""
     weights: str | None = None
     """Folder that `dmae train` wrote; by default the weights that come with the package."""
     look_ahead: float | None = None
-    """s; most that any step waits for what comes after a frame. Less than the 0.4 of capture and the 0.28 of completion
-    costs accuracy; by default as much as they use."""
+    """s; longest time that any step waits for later frames. Less than the 0.4 of capture and the 0.28 of completion
+    reduces accuracy; by default the time that they use."""
     listen: str | None = None
-    """host:port to listen on; one program at a time, each with a capture of its own. By default standard input."""
+    """host:port to listen on, for one program at a time; each connection starts a new capture. By default standard
+    input."""
 
 
 def run(config: LiveCommand, out: None) -> None:

@@ -36,7 +36,7 @@ class MergePartsCommand:
     partial: bool = False
     """Join even if clips are missing."""
     clips: str | None = None
-    """Of stress tests: folder of the data set, where it is not where the first part found it."""
+    """For stress tests: folder of the data set, if it has moved since the first part was made."""
     out: str = "runs/merged"
     """Folder to write; it does not exist yet, or is empty."""
 
@@ -69,7 +69,7 @@ def join_parts(folders: Sequence[Path], out: Path, *, partial: bool, clips: str 
 
 
 def interrupted(config: MergePartsCommand, out: Path) -> str:
-    return f"nothing was written to {out}; the same command begins anew"
+    return f"nothing was written to {out}; the same command starts again"
 
 
 def _join_captured(parts: list[tuple[Path, Part]], folder: Path, out: Path, clips: str | None) -> str:

@@ -16,11 +16,11 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class PretrainCommand:
-    """Simulate people with your motion before your cameras and detector, and learn from them.
+    """Simulate people with your motion, cameras and detector, and train on them.
 
-    Makes a model before `dmae train init=<model>` tunes it on recordings: simulates, captures, trains, calibrates
-    uncertainty on held-back subjects, scores on others, and writes the card. Every step is a command that is printed.
-    The same command goes on where it was interrupted.
+    Trains a model that `dmae train init=<model>` can then fine-tune on recordings: simulates, captures, trains,
+    calibrates uncertainty on held-back subjects, scores on others, and writes the card. Every step is a command that is
+    printed. The same command continues an interrupted run.
     """
 
     motion: str | None = None
@@ -30,17 +30,17 @@ class PretrainCommand:
     detector: str = "shelf_openpose"
     """Preset of the simulated detector; `synth fit-detector` fits one to a recording."""
     clips: int = 60
-    """Clips of 12 s to learn from; a quarter as many are calibrated on, and as many scored on."""
+    """Clips of 12 s to train on; a quarter of this number is used for calibration, and a quarter for scores."""
     seconds: float = 12.0
     """s; length of a clip."""
     views: list[int] = field(default_factory=lambda: [2, 3, 4, 5])
-    """Numbers of cameras by which people are captured, drawn for each clip."""
+    """Numbers of cameras that capture people, drawn for each clip."""
     steps: int = 6000
-    """Steps of training. Nothing is bounded by the clock: the same command makes the same weights on one machine."""
+    """Steps of training. No step is limited by time: the same command makes the same weights on one machine."""
     workers: int = 1
     """Processes that simulate."""
     seed: int = 0
-    """Seed of everything."""
+    """Seed of all steps."""
     out: str = "runs/pretrain"
     """Folder of the data sets, of the model (`model`) and of its scores."""
 
@@ -121,4 +121,4 @@ def _procedural() -> list[str]:
 
 
 def interrupted(config: PretrainCommand, out: Path) -> str:
-    return f"{out} holds what is finished; the same command goes on from there"
+    return f"{out} holds what is finished; the same command continues"

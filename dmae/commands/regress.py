@@ -20,27 +20,27 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class RegressCommand:
-    """Check any triangulation against a frozen pack of cases. Exits with status 1 if a bound is broken.
+    """Check any triangulation against a fixed set of cases. Exits with status 1 if a bound is broken.
 
-    The solver is a plain function of keyword arrays (numpy alone is enough):
+    The solver is a plain function of keyword arrays (numpy is sufficient):
 
         def solver(*, K, dist, cam_from_world, size, xy, confidence): return xyz
 
         K (V, 3, 3) px; dist (V, 5) or (V, 8), OpenCV's k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole;
         cam_from_world (V, 4, 4), OpenCV cameras (x right, y down, z forward), m; size (V, 2) width, height;
         xy (n, V, 2) pixels as detected, distorted, NaN where a view has none, (0, 0) the centre of the first pixel;
-        confidence (n, V) in [0, 1], larger is surer, NaN where a view does not count; xyz (n, 3) m, NaN where it
-        refuses. Rows are independent.
+        confidence (n, V) in [0, 1], NaN where a view is not used; xyz (n, 3) m, NaN where the solver refuses. Rows are
+        independent.
 
     To start from: dmae.regression.solvers:ours, :dlt, :opencv. In pytest: the fixture check_triangulation.
     """
 
     solver: str = "???"
-    """package.module:function; the current folder is looked in first."""
+    """package.module:function; the current folder is searched first."""
     skip: list[str] = field(default_factory=list)
-    """Names of cases that the solver is not meant for."""
+    """Names of cases to skip."""
     seconds: float = SECONDS
-    """s; what it may take for one case."""
+    """s; time limit for one case."""
     report: str | None = None
     """An HTML page to write."""
 

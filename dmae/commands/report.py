@@ -17,7 +17,7 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class ReportCommand:
-    """Put clips, in a player, and scores on one page, an HTML file that loads nothing from elsewhere."""
+    """Make one page with a player for clips, and with scores: an HTML file that loads no other files."""
 
     title: str = TITLE
     """Heading of the page."""

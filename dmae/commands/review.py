@@ -22,20 +22,20 @@ _COLUMNS = ("entry", "person", "joint", "first", "last", "worst", "doubt_mm", "r
 
 @dataclass(frozen=True)
 class ReviewCommand:
-    """Rank the joints of a clip by how far off they may be; accept, blank or hand back entries of the ranking.
+    """Rank the joints of a clip by their possible error; accept, blank or hand back entries of the ranking.
 
-    Decisions are written to `decisions.json` in the folder of the clip. `dmae export` leaves out what is blanked or
-    handed back; `dmae complete` fills anew what is handed back. The next ranking is of what is left.
+    Decisions are written to `decisions.json` in the folder of the clip. `dmae export` leaves out blanked and
+    handed-back joints; `dmae complete` fills handed-back joints again. The next ranking contains the remaining joints.
     """
 
     clip: str = "???"
     """Folder of a captured or completed clip."""
     accept: list[int] = field(default_factory=list)
-    """Entries of the last ranking that are right."""
+    """Entries of the last ranking that are correct."""
     blank: list[int] = field(default_factory=list)
     """Entries that are wrong, to be left out."""
     hand_back: list[int] = field(default_factory=list)
-    """Entries that are wrong, to be completed anew."""
+    """Entries that are wrong, to be completed."""
     out: str | None = None
     """CSV file of the ranking; by default `<clip>_review.csv`, in the folder that the clip is in."""
 

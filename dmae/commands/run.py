@@ -24,7 +24,7 @@ _DETECTED, _CAPTURED, _COMPLETED = "detected", "captured", "completed"
 class RunCommand:
     """Turn videos of calibrated cameras into people in 3D: detect, capture, complete, report, export.
 
-    The same command continues one that was interrupted.
+    The same command continues an interrupted run.
     """
 
     videos: str | None = None
@@ -38,21 +38,21 @@ class RunCommand:
     weights: str | None = None
     """Folder that `dmae train` wrote; by default the weights that come with the package."""
     fps: float | None = None
-    """1/s; frame rate, by default that of the videos. Folders of pictures do not say it."""
+    """1/s; frame rate, by default that of the videos. Required for folders of pictures."""
     offsets: list[int] | None = None
-    """Frames by which each camera started late, in the order of the calibration; by default what the videos say."""
+    """Frames by which each camera started late, in the order of the calibration; by default read from the videos."""
     world: WorldConfig = field(default_factory=WorldConfig)
     export: list[str] = field(default_factory=lambda: ["trc"], metadata={"choices": pose_writer})
-    """Formats of the poses that are written beside the report."""
+    """Formats of the poses that are written in addition to the report."""
     workers: int = 1
-    """Processes that detect; -1 for one a core."""
+    """Processes that detect; -1 for one per core."""
     out: str = "runs/run"
     """Folder: `detected`, `captured` and `completed` clips, `report.html`, and `poses` in each format."""
 
     def __post_init__(self):
         if self.videos is not None and self.calibration is None:
             raise ValueError(
-                "expected calibration=<file>: without it people are found in 2D alone, which dmae detect does"
+                "expected calibration=<file>: without it people are found in 2D only; use dmae detect for that"
             )
 
 
@@ -80,4 +80,4 @@ def run(config: RunCommand, out: Path) -> None:
 
 
 def interrupted(config: RunCommand, out: Path) -> str:
-    return f"what is whole in {out} stays; the same command continues it"
+    return f"the complete parts of {out} stays; the same command continues it"

@@ -1,4 +1,4 @@
-"""`dmae table`: a table of the paper, published rows beside rows measured here."""
+"""`dmae table`: a table of the paper, published rows and rows measured here."""
 
 from pathlib import Path
 

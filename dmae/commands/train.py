@@ -33,9 +33,9 @@ def run(config: TrainConfig, out: Path) -> None:
 
 def interrupted(config: TrainConfig, out: Path) -> str:
     if list(Path(out).glob("checkpoint*.ckpt")):
-        return f"{out} holds a checkpoint; the same command goes on from there"
+        return f"{out} holds a checkpoint; the same command continues"
     epoch = f"learning.epoch={config.learning.epoch}"
-    return f"{out} holds no checkpoint yet (one is written every {epoch} steps); the same command begins anew"
+    return f"{out} holds no checkpoint yet (one is written every {epoch} steps); the same command starts again"
 
 
 def _named(sets: list[Clips], first: int = 0) -> Iterator[Clip]:

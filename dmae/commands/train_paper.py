@@ -18,7 +18,7 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class TrainPaperCommand:
-    """Train the paper's network by its own recipe: pretrained on true poses, or tuned on annotations from `init` on.
+    """Train the paper's network with the paper's training: on true poses, or from `init` on annotations.
 
     None of this package's own predictors, features or blending is used."""
 
@@ -26,16 +26,16 @@ class TrainPaperCommand:
     extra_data: list[str] = field(default_factory=list)
     """Folders of further data sets to pretrain on."""
     init: str | None = None
-    """Folder of a pretrained network, to tune it on annotations on Shelf's joints."""
+    """Folder of a pretrained network, to fine-tune it on annotations of Shelf's joints."""
     views: list[int] = field(default_factory=list)
-    """In tuning, the clip is captured by all subsets of so many cameras; by default by all cameras."""
+    """In fine-tuning, the clip is captured by all subsets with these numbers of cameras; by default by all cameras."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     size: PaperSize = PaperSize.small
-    """As a CPU trains it, or as in the paper, for a GPU."""
+    """Small enough for a CPU, or as in the paper, for a GPU."""
     steps: int = 0
     """Batches of pretraining; 0: those of the size."""
     tuning_epochs: int = 0
-    """Passes over the windows in tuning; 0: those of the size."""
+    """Passes over the windows in fine-tuning; 0: those of the size."""
     batch: int = 32
     """Windows in a batch."""
     lr: float | None = None
@@ -79,4 +79,4 @@ def run(config: TrainPaperCommand, out: Path) -> None:
 
 
 def interrupted(config: TrainPaperCommand, out: Path) -> str:
-    return f"the same command goes on from the checkpoint in {out}, which is written every 500 steps"
+    return f"the same command continues from the checkpoint in {out}, which is written every 500 steps"

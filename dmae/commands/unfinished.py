@@ -1,4 +1,4 @@
-"""Runs over many clips that were interrupted: which clips are whole, and of the same command on the same data."""
+"""Runs over many clips that were interrupted: which clips are complete, and of the same command on the same data."""
 
 import json
 from dataclasses import asdict

@@ -156,7 +156,7 @@ def picture_files(folder: Path) -> tuple[Path, ...]:
 def _numbered(folder: Path, frame: int) -> Path:
     files = picture_files(folder)
     if not 0 <= frame < len(files):
-        raise FileNotFoundError(f"{folder}: expected a picture of frame {frame}, found {len(files)}")
+        raise FileNotFoundError(f"{folder}: expected an image of frame {frame}, found {len(files)}")
     return files[frame]
 
 

@@ -1,4 +1,4 @@
-"""Find the project's data files: beside the packages in a checkout, inside them in a wheel."""
+"""Find the project's data files: next to the packages in a checkout, inside them in a wheel."""
 
 from pathlib import Path
 

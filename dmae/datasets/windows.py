@@ -1,4 +1,4 @@
-"""A data set of windows of motion: one person for so many frames."""
+"""A data set of windows of motion: one person for a fixed number of frames."""
 
 from pathlib import Path
 from typing import Literal, TypedDict
@@ -48,7 +48,7 @@ class WindowDataset(Dataset):
 
     Raises:
         FileNotFoundError: neither a clip nor a data set is there.
-        ValueError: no clip has such poses in so many frames, or a number is below 1.
+        ValueError: no clip has such poses in enough frames, or a number is below 1.
         KeyError: there is no such skeleton.
     """
 

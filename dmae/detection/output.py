@@ -31,8 +31,8 @@ class OutputConfig:
     skeleton: str | None = None
     """Skeleton to convert detections to, as body25; by default that of the detector."""
     images: bool = True
-    """Whether the clip has the pictures: the videos are linked to, or encoded anew where their size or frames differ
-    from those of the clip."""
+    """Whether the clip contains the images: the videos are linked, or encoded again if their size or frames differ from
+    those of the clip."""
     format: FlatFormat = field(default=FlatFormat.openpose)
     """Format of 2D keypoints, which are written without a calibration."""
 

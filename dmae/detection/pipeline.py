@@ -18,7 +18,7 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 
 PIECE = 240
-"""Pictures that are worked on at once. What is found in a piece depends on no other."""
+"""Pictures that are processed together. The results of a piece do not depend on other pieces."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def detect_people(
         cameras: Each with its pictures.
         config: The detector.
         pieces: Folder in which pieces are kept as they are done; those that are there are not done again.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         By name of the camera, what was found.

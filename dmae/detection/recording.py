@@ -58,8 +58,8 @@ def open_recording(
         videos: Folder of a video, or a folder of pictures, for each camera, named as in the calibration.
         rig: The calibration; None for 2D detections alone.
         fps: Frames per second; by default what the videos say.
-        offsets: Frames by which each camera started late, in the order of the calibration; by default what the videos
-            say.
+        offsets: Frames by which each camera started late, in the order of the calibration; by default read from the
+            videos.
 
     Raises:
         FileNotFoundError: there are no videos.
@@ -99,7 +99,7 @@ def detect_recording(
         config: The detector.
         pieces: As for `detect_people`.
         skeleton: Skeleton to convert to; by default that of the detector.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Raises:
         ValueError: as `detect_people`, or there is no such skeleton.
@@ -150,7 +150,7 @@ def make_clip(name: str, recording: Recording, detections: Detections2D, notes: 
 def write_images(recording: Recording, folder: Path, workers: int = 1) -> Images:
     """Put the videos of a recording into `<folder>/rgb`, a frame of the clip a picture, in the calibration's size.
 
-    Videos that are so already are linked to, or copied where the file system has no links. Others are encoded anew.
+    Videos that already fit are linked, or copied if the file system has no links. Others are encoded again.
     """
     (folder / "rgb").mkdir(parents=True, exist_ok=True)
     rig, alignment = recording.rig, recording.alignment

@@ -29,7 +29,8 @@ class PoseDetectorConfig:
     """Sides of the windows in which people are searched, relative to the longer side of the picture; smaller windows
     find smaller people, and take longer."""
     search_every: int = 10
-    """frames in which all windows are searched once, some in each; around a person that was lost at once."""
+    """Number of frames over which all windows are searched once, some in each frame; around a lost person, windows are
+    searched immediately."""
     min_presence: float = 0.5
     """Smallest probability that a region holds a person, 0 to 1."""
 

@@ -70,9 +70,9 @@ class EvaluateConfig:
     clips: int | None = None
     """Number of clips, of all shards together; by default all from `first` on."""
     shard: str | None = None
-    """Which piece of the clips: `shard=3/16` the third of sixteen, in a folder of its own; `dmae merge` joins them."""
+    """Part of the clips: `shard=3/16` is the third of sixteen, in its own folder; `dmae merge` joins them."""
     workers: int = 1
-    """Processes, each with a clip at a time; -1 for one a core."""
+    """Processes, each with a clip at a time; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
@@ -83,7 +83,7 @@ class EvaluateConfig:
 
     def __post_init__(self):
         if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
 
     def numbers(self, total: int) -> range:
         """Return the numbers of the clips to score, of all clips of the data set."""

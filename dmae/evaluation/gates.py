@@ -72,7 +72,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Gate:
-    """The verdict on scores beside a baseline.
+    """The verdict on scores compared with a baseline.
 
     Attributes:
         changes: Of all figures that could be compared.

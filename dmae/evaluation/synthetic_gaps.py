@@ -57,7 +57,7 @@ def cut_gaps(truth: Poses3D, fps: float, config: GapConfig, *, rng: np.random.Ge
 
 
 def perturb(poses: Poses3D, fps: float, *, rng: np.random.Generator) -> Poses3D:
-    """Return poses with errors like those of capture: correlated noise, drift beside gaps, and outliers."""
+    """Return poses with errors like those of capture: correlated noise, drift next to gaps, and outliers."""
     xyz = poses.xyz.astype(np.float64)
     error = _noise(xyz.shape, fps, rng) + _drift(~np.isnan(xyz).any(-1), fps, rng) + _outliers(xyz.shape, fps, rng)
     return Poses3D(poses.skeleton, xyz + error)

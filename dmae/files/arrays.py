@@ -13,7 +13,7 @@ from dmae.files.contents import read_bytes
 from dmae.files.pickles import pickled_values
 
 _LEAST_LIMIT, _EXPANSION = 1 << 28, 100
-"""Bytes that an archive may unpack to: so many, or so many times its own size."""
+"""Bytes that an archive may unpack to: the first number, or the second number times its own size."""
 _MOST_ARRAYS = 1000
 
 

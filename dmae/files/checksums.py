@@ -12,7 +12,7 @@ from dmae.files.structured import read_json
 
 FORMAT = 1
 RECORD = "config.yaml"
-"""What a command writes beside its output: the options that it ran with. It begins with a checksum of its own."""
+"""The options that a command ran with, written to its output. The file begins with its own checksum."""
 _BESIDE = (
     RECORD, ".*.lock", "*.config.yaml", "verify.json", "splits.json", "leaks.json", "statistics", "report*.html",
     "decisions.json", "unfinished.json",
@@ -91,7 +91,7 @@ def end_data_set(path: Path, own: Iterable[str], clips: dict[str, Checksum | Non
 
     Args:
         path: The data set.
-        own: Names of its files beside the manifest, of which those that exist count.
+        own: Names of its files in addition to the manifest, if they exist.
         clips: Of clips, by name (`clip_checksum`); None for those that have none.
     """
     path = Path(path)
@@ -158,7 +158,7 @@ def find_data_set_damage(path: Path, clips: Collection[str]) -> list[tuple[str |
         sealed = [name for name in clips if (path / name / CHECKSUMS).is_file()]
         if not sealed:
             return []
-        return [(None, f"{CHECKSUMS}: missing, and clip {sealed[0]} has one; was the command that made it ended?")]
+        return [(None, f"{CHECKSUMS}: missing, and clip {sealed[0]} has one; was its command interrupted?")]
     problems: list[tuple[str | None, str]] = []
     there = {name for name in files if (path / name).is_file()}
     for name in sorted(files.keys() - there):

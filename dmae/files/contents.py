@@ -41,7 +41,7 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     ) as file:
         data = file.read(size + 1)
     if len(data) > size:
-        raise ValueError(f"{path}: it grows while it is read")
+        raise ValueError(f"{path}: the file grows while it is read")
     return data
 
 

@@ -13,7 +13,7 @@ from dmae.files.contents import check_file
 T = TypeVar("T")
 
 _LEAST_LIMIT, _EXPANSION = 1 << 28, 100
-"""Bytes that an array may have: so many, or so many times the size of the file."""
+"""Bytes that an array may have: the first number, or the second number times the size of the file."""
 _FILTERS = {1, 2, 3, 4, 32000}
 """Deflate, shuffle, Fletcher, szip and LZF; of others HDF5 would load plugins."""
 _MOST_TEXTS, _LONGEST_TEXT = 5000, 20_000

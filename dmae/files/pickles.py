@@ -139,7 +139,7 @@ class _Machine:
         if name == "POP":
             self.stack.pop()
         elif name not in ("PROTO", "FRAME", "STOP"):
-            raise ValueError(f"it asks for the operation {name}, which is not read")
+            raise ValueError(f"it requests the operation {name}, which is not read")
         return name == "STOP"
 
     def _collect(self, name: str) -> bool:
@@ -182,7 +182,7 @@ def _global(module, name) -> _Global:
     try:
         return _Global(_GLOBALS[module, name])
     except (KeyError, TypeError):
-        raise ValueError(f"it asks for {module}.{name}, which is not loaded") from None
+        raise ValueError(f"it requests {module}.{name}, which is not loaded") from None
 
 
 def _call(function, arguments):
@@ -199,7 +199,7 @@ def _call(function, arguments):
             return text.encode("latin1")
         case "bytes", ():
             return b""
-    raise ValueError(f"it asks for {name} of {type(arguments).__name__}, which is not read")
+    raise ValueError(f"it requests {name} of {type(arguments).__name__}, which is not read")
 
 
 def _array(shape, kind, fortran, contents) -> np.ndarray:

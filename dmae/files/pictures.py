@@ -33,7 +33,7 @@ def check_picture(path: Path) -> tuple[int, int]:
             elif start.startswith(b"\xff\xd8"):
                 width, height = _jpeg_size(file)
             else:
-                raise ValueError("it begins like none of them")
+                raise ValueError("it does not begin like any of them")
         except (ValueError, struct.error) as error:
             raise ValueError(f"{path}: expected a PNG, JPEG or BMP picture, {error}") from None
     if not 0 < width * height <= MOST_PIXELS:

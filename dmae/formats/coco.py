@@ -58,7 +58,7 @@ def read_coco(
     fps: float | None = None,
     skeleton: Skeleton | None = None,
 ) -> Clip:
-    """COCO keypoints of all cameras in one JSON, or in one each, beside a calibration of any format.
+    """COCO keypoints of all cameras in one JSON, or in one each, with a calibration of any format.
 
     Args:
         path: The recording, or its file of annotations.
@@ -149,7 +149,7 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
         view = image.get("camera") or camera or name.parent.name
         if not view:
             raise ValueError(
-                f"{file}: images[{number}]: nothing says the camera of {name}; expected `camera`, a folder in "
+                f"{file}: images[{number}]: nothing states the camera of {name}; expected `camera`, a folder in "
                 "file_name, or a file of annotations for each camera"
             )
         frame = image["frame"] if "frame" in image else frame_number(Path(f"{file}, {name}"), name.stem)
@@ -157,7 +157,7 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
             raise ValueError(f"{file}: images[{number}]: expected a whole number as frame, found {frame!r:.60}")
         frames = found.views.setdefault(str(view), {})
         if image["id"] in places or frame in frames:
-            raise ValueError(f"{file}: images[{number}]: image {image['id']}, frame {frame} of {view}, is there twice")
+            raise ValueError(f"{file}: images[{number}]: image {image['id']}, frame {frame} of {view}, occurs twice")
         places[image["id"]] = frames[frame] = []
         if "width" in image and "height" in image:
             size = image["width"], image["height"]
@@ -243,7 +243,7 @@ def write_annotations(
 def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     """COCO keypoints of poses as the cameras see them, with masks where the clip has them, and its pictures.
 
-    Pictures go into a folder beside the file, `<name>_images`. Without images of colour there are none, which
+    Pictures go into a folder next to the file, `<name>_images`. Without images of colour there are none, which
     `info.pictures` says; the names of the files then only name camera and frame.
     """
     labels, info = joint_labels(clip, exported_poses(clip), poses.skeleton), clip_entry(clip)

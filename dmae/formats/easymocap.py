@@ -69,7 +69,7 @@ def read_detections(path: Path, skeleton: Skeleton = BODY25) -> NumberedDetectio
     Raises:
         FileNotFoundError: there are no such files.
         ValueError: a file is JSON but not EasyMocap's, people have not the skeleton's number of joints, images
-            of a camera differ in size, a frame is there twice, or no file could be read.
+            of a camera differ in size, a frame occurs twice, or no file could be read.
     """
     folders = _camera_folders(Path(path))
     views: dict[str, dict[int, np.ndarray]] = {name: {} for name in folders}

@@ -33,7 +33,7 @@ from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.progress import progress
 
 CALIBRATION = "calibration.toml"
-"""File of the calibration beside formats that have none of their own: Pose2Sim's."""
+"""File of the calibration for formats that have none of their own: Pose2Sim's."""
 FOLDERS = ("openpose", "keypoints", "pose", "json")
 """Folders in a recording where those of the cameras are looked for, after the recording itself."""
 _SUFFIXES = ("_keypoints", "_json")
@@ -84,7 +84,7 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: a file is JSON but not OpenPose's, a frame is there twice, or people have other numbers of
+        ValueError: a file is JSON but not OpenPose's, a frame occurs twice, or people have other numbers of
             joints than the skeleton; no file could be read; too few people tell the skeleton.
     """
     folders = camera_folders(Path(path))
@@ -221,7 +221,7 @@ def write_detections(
         cameras: V names.
         first: Number of the first frame.
         sources: (F, D, J) `Source` of the joints where `detections` are reprojected poses, the same D in each view:
-            people then have a `person_id`, and `joint_source` beside `pose_keypoints_2d`.
+            people then have a `person_id`, and `joint_source` in addition to `pose_keypoints_2d`.
         covariances: (F, V, D, J, 3) px^2, xx, xy and yy; people then have `joint_covariance`, null where unknown.
     """
     values = np.concatenate([detections.xy.astype(np.float64), detections.score[..., None]], -1)

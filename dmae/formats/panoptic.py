@@ -1,4 +1,4 @@
-"""CMU Panoptic Studio: 3D poses, a JSON a frame, beside the detections of OpenPose."""
+"""CMU Panoptic Studio: 3D poses, one JSON per frame, with the detections of OpenPose."""
 
 import json
 import re
@@ -135,7 +135,7 @@ def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bo
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: there are several folders of them, a file is JSON but not Panoptic's, an id is there twice in
+        ValueError: there are several folders of them, a file is JSON but not Panoptic's, an id occurs twice in
             a frame, frame rates differ, or no file could be read.
     """
     frames: dict[int, dict[int, np.ndarray]] = {}

@@ -49,7 +49,8 @@ def read_pose2sim(
 
 
 def read_detections(path: Path, detections: Path | None = None, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read the detections of a trial: `pose-sync/` or `pose/`, not the associated ones, as persons are found anew.
+    """Read the detections of a trial: `pose-sync/` or `pose/`, not the associated ones, because capture associates
+    persons itself.
 
     Settings come from the Config.toml nearest to the trial that has them: `pose.pose_model` says the skeleton
     and `project.frame_rate` the frame rate. Without it, the rate is that of `videos/*`, or else of the

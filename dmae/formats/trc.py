@@ -58,12 +58,12 @@ def opensim_marker(joint: str, skeleton: Skeleton) -> str:
 def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, float]:
     """Return the markers of a TRC, of one person, in our world, m, and the frame rate.
 
-    `source` and `cov` are those of the files that `write_trc` writes beside it; without them all markers count as
+    `source` and `cov` are those of the files that `write_trc` writes next to it; without them all markers count as
     measured, though some programs write interpolated ones.
 
     Args:
-        skeleton: By default the one in the file beside it, or the smallest of this package that has all markers; joints
-            without a marker are absent.
+        skeleton: By default the one in the file next to it, or the smallest of this package that has all markers;
+            joints without a marker are absent.
 
     Raises:
         FileNotFoundError: no such file.
@@ -162,7 +162,7 @@ def _skeleton(path: Path, names: list[str]) -> Skeleton:
     known = {marker(joint) for skeleton in SKELETONS.values() for joint in skeleton.joints} | set(_ALIASES)
     raise KeyError(
         f"{path}: no skeleton has all of the markers {names}; of no skeleton are {sorted(set(names) - known)}, "
-        f"there are {sorted(SKELETONS)}; {_skeleton_file(path).name} beside it defines another"
+        f"there are {sorted(SKELETONS)}; {_skeleton_file(path).name} next to it defines another"
     )
 
 

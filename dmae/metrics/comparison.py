@@ -1,4 +1,4 @@
-"""A prediction beside the truth: what every metric is computed from."""
+"""A prediction and the truth: the input of every metric."""
 
 from dataclasses import dataclass
 from functools import cached_property

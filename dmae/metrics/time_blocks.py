@@ -102,7 +102,7 @@ def block_sums(runs: list[dict], figure: str) -> BlockSums:
     subsets: dict[tuple, int] = {}
     for run in runs:
         if "blocks" not in run:
-            raise ValueError("these scores have no sums by time, which intervals need; run dmae evaluate again")
+            raise ValueError("these scores have no sums by time, which intervals require; run dmae evaluate again")
         if clips.setdefault(run["clip"], run["blocks"]["block"]) != run["blocks"]["block"]:
             raise ValueError(f"clip {run['clip']!r} has other annotated frames in one run than in another")
         subsets[tuple(run["cameras"])] = subsets.get(tuple(run["cameras"]), 0) + 1

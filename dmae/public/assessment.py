@@ -161,7 +161,7 @@ def benchmark(
         name: The benchmark, or a YAML file of your own.
         size: `small` or `full`.
         against: Earlier scores to compare with.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
         out: Folder of the clips, `scores.json` and `benchmark.html`.
 
     Returns:

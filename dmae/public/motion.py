@@ -183,7 +183,7 @@ def train(
 
 
 def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()) -> str:
-    """Describe trained weights: what they are made of and how they score.
+    """Describe trained weights: training data and scores.
 
     Args:
         weights: Folder that `train`, or `dmae train`, wrote.
@@ -191,7 +191,7 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
         scores: Folders that `dmae evaluate` wrote with these weights.
 
     Returns:
-        The card as Markdown; `dmae card` writes it to `MODEL_CARD.md` beside the weights.
+        The card as Markdown; `dmae card` writes it to `MODEL_CARD.md` in the folder of the weights.
 
     Raises:
         FileNotFoundError: a file of the weights or scores is missing.

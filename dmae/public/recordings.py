@@ -77,7 +77,7 @@ def detect(
         fps: Frames per second of the videos, where they do not say.
         offsets: Frames by which each camera started late; by default what the videos say.
         skeleton: Skeleton to convert to; by default that of the detector.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         A clip of F frames and V views, of videos without images. What was decided is in `clip.provenance["notes"]`.

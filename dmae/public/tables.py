@@ -1,4 +1,4 @@
-"""Tables of the paper, published rows beside measured ones."""
+"""Tables of the paper, published rows and measured ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def table(number: int, data: str | Path, out: str | Path, *overrides: str) -> dict:
-    """Reproduce a table of the paper: published rows beside rows measured here, with intervals.
+    """Reproduce a table of the paper: published rows and rows measured here, with intervals.
 
     Args:
         number: Of the table in the paper, 1 to 5.

@@ -37,7 +37,7 @@ def run(
         fps: Frames per second of the videos, where they do not say.
         offsets: Frames by which each camera started late; by default what the videos say.
         export: Formats of the poses that are written to `out`.
-        workers: Processes that detect; -1 for one a core.
+        workers: Processes that detect; -1 for one per core.
         out: Folder of what `dmae run` writes: clips of each step, a report, poses in each format. None: nothing is
             written. The same call continues one that was interrupted.
 

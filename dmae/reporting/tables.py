@@ -25,7 +25,7 @@ class Choices:
         name: Of the file.
         options: Values that a row can be given; without one it is left out of the file.
         rows: One for each row of the table: what the file says of it, with the value added as `verdict`.
-        file: What the file says beside its list of `decisions`.
+        file: Content of the file in addition to its list of `decisions`.
     """
 
     name: str

@@ -12,21 +12,22 @@ from dmae.viewing.occlusion import COLOURS
 DETECTED = (250, 226, 130)
 """Colour of detections, which are of no person yet."""
 TRUE = INK
-"""Colour of true joints beside poses."""
+"""Colour of true joints if there are poses."""
 
 
 @dataclass(frozen=True)
 class LayersConfig:
-    """What is drawn of a clip, of that which it has."""
+    """Layers that are drawn, if the clip has them."""
 
     detections: bool | None = None
-    """2D detections, crosses; by default where there are no occlusion labels."""
+    """2D detections, crosses; by default if there are no occlusion labels."""
     measured: bool = True
     """Measured joints, discs in the colour of their person."""
     completed: bool = True
     """Completed joints, red squares: no camera measured them."""
     truth: bool | None = None
-    """True joints: rings beside poses, else in the colours of what hides them; by default where there are no poses."""
+    """True joints: white rings if there are poses, otherwise in the colours of their occluders; by default if there are
+    no poses."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,8 @@ def drawn_poses(pixels: np.ndarray, source: np.ndarray, bones: list[tuple[int, i
 
 
 def drawn_truth(pixels: np.ndarray, bones: list[tuple[int, int]], layers: Layers) -> Drawn:
-    """Return true joints (P, J, 2), px: rings joined by thin lines, in the colour of the person unless beside poses."""
+    """Return true joints (P, J, 2), px: rings joined by thin lines, white if there are poses, otherwise in the colour
+    of the person."""
     drawn = Drawn()
     for person, joints in enumerate(pixels):
         known = np.isfinite(joints).all(-1)

@@ -75,7 +75,7 @@ def write_overlay_video(
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a file beside `path` that takes its place once it is written, and is removed if it is not."""
+    """Yield a temporary file next to `path`. It replaces `path` when it is written, and is removed on failure."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:

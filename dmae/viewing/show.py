@@ -20,17 +20,17 @@ _LEAST = {"frames": 1, "width": 160}
 
 @dataclass(frozen=True)
 class ShowConfig:
-    """Draw clips, captured, completed, simulated or as recorded: `sheet.png`, `clip.mp4` and a recording for Rerun."""
+    """Draw recorded, simulated, captured or completed clips: `sheet.png`, `clip.mp4` and a recording for Rerun."""
 
     data: DataConfig = field(default_factory=DataConfig)
     out: str = "runs/show"
     """Folder of the pictures; of a data set each clip has a folder in it."""
     frames: int = 4
-    """How many the sheet shows, evenly spread over the clip."""
+    """Number of frames on the sheet, evenly spread over the clip."""
     views: list[str] = field(default_factory=list)
     """Names of the cameras; none for all."""
     width: int = 480
-    """px; of a view."""
+    """px; width of a view."""
     layers: LayersConfig = field(default_factory=LayersConfig)
     video: bool = True
     """Whether to write `clip.mp4`, all views of all frames."""

@@ -78,11 +78,13 @@ RECORDED = {
         "rays,gaussian_process,reject_pchip,reject_gaussian_process,dmae,dmae_reject]",
         "5 minutes",
     ),
-    "table_1": (
+    "table_1": ("dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf", "1 minute"),
+    "table_2": ("dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf", "3 minutes"),
+    "table_1_network": (
         f"{_RECORDED_PEOPLE} && dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf extra_data=[people]",
         "25 minutes",
     ),
-    "table_2": (
+    "table_2_network": (
         f"{_RECORDED_PEOPLE} && dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf extra_data=[people]",
         "25 minutes",
     ),

@@ -25,14 +25,14 @@ class CompareCommand:
     """Compare the detections of a recording and of its simulation. Exits with status 1 if a limit is exceeded."""
 
     real: str = "???"
-    """Folder of the recording: a clip, which `dmae convert` makes of any, or Shelf's text files."""
+    """Folder of the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files."""
     sim: str = "???"
     """Folder of the simulated clips."""
     frames: list[int] | None = None
     """First frame of the recording, and the one after the last; by default all."""
     limits: Limits = field(default_factory=Limits)
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str = "runs/compare"

@@ -21,17 +21,17 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class CompareMotionCommand:
-    """Compare how recorded and how generated people move: `motion.html`, `motion.png` and `motion.json`."""
+    """Compare recorded with generated motion: `motion.html`, `motion.png` and `motion.json`."""
 
     real: str = "???"
     """A take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder with takes at any depth; or a clip or data set of clips:
-    the captured poses of each clip, or its truth where nothing was captured."""
+    the captured poses of each clip, or its truth if nothing was captured."""
     sim: str = "???"
-    """A simulated clip or data set of clips, of which the truth counts."""
+    """A simulated clip or data set of clips; the truth is used."""
     takes: list[str] = field(default_factory=lambda: ["*"])
-    """Only takes whose file names without suffix are like one of these; `*` and `?` stand for anything."""
+    """Only takes with a file name (without suffix) that matches one of these; `*` and `?` are wildcards."""
     longest: float = 10.0
-    """s; the most for which a take, or a person of a clip, counts."""
+    """s; longest part of a take, or of a person of a clip, that is used."""
     motion: ReadingConfig = field(default_factory=ReadingConfig)
     out: str = "runs/compare_motion"
     """Folder of the page, the figure and the numbers."""

@@ -23,26 +23,26 @@ _NUMBERS, _FIGURE = "errors.json", "errors.png"
 
 @dataclass(frozen=True)
 class DetectorErrorsCommand:
-    """Measure the errors of a detector against the truth: by what hides a joint, how far behind it the joint is, the
-    size of people, how near others are, and their direction.
+    """Measure the errors of a detector against the truth, by the occluder of a joint, the distance in depth, the size
+    of people, crowding, and the direction of view.
 
-    Detections are those of the clips, as `dmae detect clip=...` makes them of images.
+    The detections are those in the clips, as `dmae detect clip=...` makes them from images.
     """
 
     data: str = "???"
     """Folder of a data set, or of a clip, with truth and detections."""
     extra_data: list[str] = field(default_factory=list)
-    """More data sets that count in the same rows."""
+    """More data sets for the same table."""
     simulated: list[str] = field(default_factory=lambda: ["shelf_openpose", "hrnet_like"])
     """Presets of the simulated detector that are run on the same clips: names, or YAML files."""
     seed: int = 0
     """Seed of the simulated detectors."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str | None = None
-    """Folder of the numbers and of the figure; by default `errors` in the data set."""
+    """Folder of the results and the figure; by default `errors` in the data set."""
 
 
 def default_out(config: DetectorErrorsCommand) -> Path:

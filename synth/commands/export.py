@@ -18,7 +18,7 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class ExportDataCommand:
-    """Write a data set in the layout of another program: pictures, and what is in them."""
+    """Write a data set in the layout of another program: images and annotations."""
 
     data: str = "???"
     """Folder of a data set, or of a clip."""
@@ -27,17 +27,17 @@ class ExportDataCommand:
     splits: str | None = None
     """JSON file that `synth split` wrote; by default all clips are in the split train."""
     skeleton: str | None = None
-    """Skeleton of the joints; by default coco17, of panoptic always panoptic19."""
+    """Skeleton of the joints; by default coco17, for panoptic always panoptic19."""
     every: int = 1
-    """Frames from one picture to the next; 1 for all."""
+    """Number of frames from one image to the next; 1 for all."""
     pictures: PictureFormat = PictureFormat.jpg
-    """Files of pictures."""
+    """File format of images."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     damaged: bool = False
-    """Export even if files are missing or not as they were written."""
+    """Export even if files are missing or damaged."""
     out: str = "???"
     """Folder to write, whole or not at all; it must be empty or not exist."""
 

@@ -43,32 +43,33 @@ class FitDetectorCommand:
     """Fit a detector's preset to a recording: `detector/<name>.yaml` and `compare.html`."""
 
     detections: str = "???"
-    """Folder of the recording: a clip, which `dmae convert` makes of any, or Shelf's text files; with `truth=annotated`
-    also a data set."""
+    """Folder of the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files; with
+    `truth=annotated` also a data set."""
     extra_data: list[str] = field(default_factory=list)
     """With `truth=annotated`, more data sets of the same detector."""
     held_back: list[str] = field(default_factory=list)
-    """With `truth=annotated`, data sets of it that are not fitted to; distances on them are printed and written."""
+    """With `truth=annotated`, held-back data sets of the same detector, which are not used in the fit; distances on
+    them are printed and written."""
     truth: ErrorReference = ErrorReference.others
-    """What its detections are measured against. Clips with truth and labels of visibility, as `dmae detect clip=...`
-    keeps them, are simulated again themselves, and visible and hidden joints are fitted each by their own."""
+    """Reference for the detections. With `annotated`, clips with truth and visibility labels, as `dmae detect clip=...`
+    writes them, are themselves simulated again, and visible and hidden joints are fitted separately."""
     frames: list[int] | None = None
-    """First frame that is used, and the one after the last; by default all."""
+    """First frame to use, and the one after the last; by default all."""
     clips: str | None = None
-    """Folder of simulated clips of a scene like the recording's; by default some are made, seen by its cameras."""
+    """Folder of simulated clips of a similar scene; by default clips are made with the cameras of the recording."""
     count: int = 4
-    """How many clips are made."""
+    """Number of clips to make."""
     scene: SceneConfig = field(default_factory=SceneConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     interaction: InteractionConfig = field(default_factory=InteractionConfig)
     origin: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    """m; where in the recording's world the middle of the scene is, on the floor."""
+    """m; position of the middle of the scene on the floor, in the world of the recording."""
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     """Start of the fit. Options that the recording does not determine keep its values."""
     rounds: int = 8
     """Simulations."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     seed: int = 0
@@ -76,7 +77,7 @@ class FitDetectorCommand:
     name: str = "fitted"
     """Name of the preset."""
     out: str = "runs/detector"
-    """Folder of the preset, of the page that compares, and of the clips that are made."""
+    """Folder of the preset, the comparison page, and the new clips."""
 
 
 def run(config: FitDetectorCommand, out: Path) -> None:
@@ -139,16 +140,16 @@ def _json_row(row: Row) -> dict:
 def _write(config: FitDetectorCommand, fitted: Fit, what: str, out: Path) -> None:
     """Write the preset, and say what could not be determined."""
     for name, why in fitted.undetermined.items():
-        print(f"undetermined, kept as it was: {name}: {why}")
+        print(f"undetermined, not changed: {name}: {why}")
     # As Hydra wants it: with --config-dir=<out> the preset is one of the group.
     path = child(out / "detector", f"{config.name}.yaml", "detector")
     comments = [
         f"Fitted by `synth fit-detector` to {what}.",
-        *(f"Undetermined, kept as it was: {name}: {why}." for name, why in fitted.undetermined.items()),
+        *(f"Undetermined, not changed: {name}: {why}." for name, why in fitted.undetermined.items()),
     ]
     write_atomic(path, preset_yaml(fitted.config, config.name, comments))
     print(path)
-    print(f"use it by: synth generate --config-dir={out} detector={config.name} ...")
+    print(f"to use it: synth generate --config-dir={out} detector={config.name} ...")
 
 
 def _clips(config: FitDetectorCommand, recording: Clip, out: Path) -> list[Clip]:

@@ -17,18 +17,19 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class LabelCommand:
-    """Add labels that only physics has to clips that exist, in place. Nothing is simulated.
+    """Add labels from physics to existing clips, in place. Nothing is simulated again.
 
-    Contacts: which parts touch what, where, with what force. Forces: the ground reaction of each foot, and the residual
-    at the pelvis, by inverse dynamics. Surface: 256 named points on each person, and which camera sees them.
+    Contacts: the parts and objects that touch, the place, and the force. Forces: the ground reaction of each foot, and
+    the residual at the pelvis, by inverse dynamics. Surface: 256 named points on each person, and which camera sees
+    them.
     """
 
     data: str = "???"
     """Data set that `synth generate` made, or one clip of it."""
     labels: list[str] = field(default_factory=lambda: list(KINDS), metadata={"choices": KINDS})
-    """Labels that are added. Those that a clip has already are kept."""
+    """Labels to add. Existing labels of a clip are kept."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
 
@@ -40,4 +41,4 @@ def run(config: LabelCommand, out: None) -> None:
 
 
 def interrupted(config: LabelCommand, out: None) -> str:
-    return "clips are whole, each with its labels or without; the same command labels the others"
+    return "clips are complete, each with its labels or without; the same command labels the others"

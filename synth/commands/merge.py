@@ -31,4 +31,4 @@ def run(config: MergeCommand, out: Path) -> None:
 
 
 def interrupted(config: MergeCommand, out: Path) -> str:
-    return f"nothing was written to {out}; the same command begins anew"
+    return f"nothing was written to {out}; the same command starts again"

@@ -42,4 +42,4 @@ def run(config: PlanConfig, out: Path) -> None:
 
 
 def interrupted(config: PlanConfig, out: Path) -> str:
-    return f"nothing was written to {out}; the same command begins anew"
+    return f"nothing was written to {out}; the same command starts again"

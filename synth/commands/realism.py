@@ -23,27 +23,28 @@ _NUMBERS, _PICTURE = "realism.json", "worst.jpg"
 
 @dataclass(frozen=True)
 class RealismCommand:
-    """Run a detector on people in plain sight in rendered pictures: how many it finds, how near it puts their joints.
+    """Run a detector on people in plain sight in rendered images, and measure how many it finds and the errors of their
+    joints.
 
-    In plain sight are people of whose joints at least 80 % are hidden by nothing but their own body. Each is cut out of
-    the picture, and looked for as if nothing were known.
+    A person is in plain sight if at least 80 % of the joints are visible, or hidden only by the person's own body. Each
+    person is cut out of the image, and detected without further information.
     """
 
     data: str = "???"
     """Folder of a data set with colour images, or of a clip."""
     extra_data: list[str] = field(default_factory=list)
-    """More data sets that count in the same rows."""
+    """More data sets for the same table."""
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     every: int = 1
-    """frames; from one picture of a camera that is looked at to the next."""
+    """Number of frames from one examined image of a camera to the next."""
     shown: int = 36
-    """How many people, those that the detector does worst on, the picture shows."""
+    """Number of people in the figure, those with the worst detections."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str | None = None
-    """Folder of the numbers and of the picture; by default `realism` in the data set."""
+    """Folder of the results and the figure; by default `realism` in the data set."""
 
     def __post_init__(self):
         for name in ("every", "shown"):

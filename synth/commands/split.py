@@ -16,12 +16,13 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class SplitCommand:
-    """Divide the clips of a data set such that nothing of a kind is in two splits, or check such a division."""
+    """Divide the clips of a data set so that no person, motion or rig is in two splits, or check an existing
+    division."""
 
     data: str = "???"
     """Folder of a data set."""
     by: SplitBy = SplitBy.person
-    """What may not be in two splits."""
+    """Property that two splits must not share."""
     train: float = 0.8
     """Share of the clips."""
     validation: float = 0.1
@@ -29,11 +30,11 @@ class SplitCommand:
     test: float = 0.1
     """Share of the clips; 0 for no such split."""
     seed: int = 0
-    """Of the order in which clips are drawn."""
+    """Seed of the order in which clips are drawn."""
     check: str | None = None
-    """JSON file of splits to check in place of making some. Exits with status 1 if there are leaks."""
+    """JSON file of splits to check, instead of making new ones. Exits with status 1 if there are leaks."""
     out: str | None = None
-    """JSON file to write: the splits, by default `splits.json` in the data set; of a check the leaks, by default
+    """JSON file to write: the splits, by default `splits.json` in the data set; for a check the leaks, by default
     `leaks.json` there."""
 
 

@@ -17,13 +17,13 @@ class StatsCommand:
     data: str = "???"
     """Folder of a data set, or of a clip."""
     extra_data: list[str] = field(default_factory=list)
-    """More data sets that count on the same page."""
+    """More data sets that the same page describes."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str | None = None
-    """Folder of the page, its picture and the numbers of both; by default `statistics` in the data set."""
+    """Folder of the page, its figure and the numbers; by default `statistics` in the data set."""
 
 
 def default_out(config: StatsCommand) -> Path:

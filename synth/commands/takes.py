@@ -17,8 +17,8 @@ EXAMPLES = (
 
 @dataclass(frozen=True)
 class TakesCommand:
-    """List takes of recorded motion with their subjects, and divide them such that no subject is in two sets; or check
-    a list. Takes that cannot be read are listed with the reason, in no set."""
+    """List takes of recorded motion with their subjects, and divide them so that no subject is in two sets; or check a
+    list. Takes that cannot be read are listed with the reason, and are not in any set."""
 
     path: str = "???"
     """Folder of takes, or a list (TSV) to check. Exits with status 1 if a subject is in two sets of the list."""
@@ -29,7 +29,7 @@ class TakesCommand:
     test: float = 0.0
     """Share of the seconds."""
     seed: int = 0
-    """Of the order in which subjects are drawn."""
+    """Seed of the order in which subjects are drawn."""
     out: str | None = None
     """File (TSV) to write, by default `takes.tsv` in the folder."""
 

@@ -1,4 +1,4 @@
-"""`synth verify`: check that clips are whole and true."""
+"""`synth verify`: check that clips are complete and true."""
 
 import json
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ from synth.datasets.verify import CHECKS, DATA_SET, verify
 WRITES = "file"
 EXAMPLES = ("synth verify data=runs/data", "synth verify data=runs/data fast=true out=runs/verify.json")
 _SHOWN = 20
-"""So many problems, and names of clips, are printed; all are written."""
+"""Number of problems, and of names of clips, that are printed; all are written."""
 
 
 @dataclass(frozen=True)
 class VerifyCommand:
-    """Check that clips are whole and true. Exits with status 1 if they are not."""
+    """Check that clips are complete and correct. Exits with status 1 if they are not."""
 
     data: str = "???"
     """Folder of a data set, or of a clip."""
     fast: bool = False
-    """Compare sizes of files, and the contents of JSON files, with their checksums, and nothing else."""
+    """Compare only sizes of files, and the contents of JSON files, with their checksums."""
     out: str | None = None
-    """JSON file of what was found; by default `verify.json` in the folder that is checked."""
+    """JSON file of the findings; by default `verify.json` in the checked folder."""
 
 
 def default_out(config: VerifyCommand) -> Path:
@@ -49,7 +49,7 @@ def run(config: VerifyCommand, out: Path) -> None:
     for clip, check, what in found.problems[:_SHOWN]:
         print(f"{clip}: {check}: {what}")
     if found.again:
-        print(f"to make again, by the command that made the data set: {_some(found.again, _SHOWN)}")
+        print(f"to regenerate, with the command that made the data set: {_some(found.again, _SHOWN)}")
     if not found.problems:
         if found.number:
             print(f"sha256 of all: {found.number}")

@@ -12,7 +12,7 @@ _EDGE = 0.05
 _NEAR_CAMERA = 1e-3
 """m; tolerance of distances from the camera's plane, for the same reason."""
 _FAR_OFF = 0.15
-"""A detection whose median joint lies farther than this from its person, in heights of the person, is off. Used where a
+"""A detection is wrong if its median joint is farther than this from its person, in heights of the person. Used where a
 clip has no offsets of joints."""
 _MAX_OFF = 0.05
 """Fraction of a clip's detections that may be off: detectors make such errors."""

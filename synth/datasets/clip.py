@@ -38,32 +38,33 @@ class GenerateConfig:
     """Simulate clips with exact truth. The same configuration and seed give the same clips."""
 
     out: str = "runs/data"
-    """Folder of the data set. Clips that it already holds are kept."""
+    """Folder of the data set. Existing clips in it are kept."""
     seed: int = 0
-    """Seed of the whole data set; 0 is a seed."""
+    """Seed of the whole data set; 0 is a valid seed."""
     first: int = 0
     """Number of the first clip: `first=200 clips=50` makes clips 000200 to 000249, as in the whole data set."""
     clips: int = 8
     """Number of clips, of all shards together."""
     shard: str | None = None
-    """Which piece of the clips to make: `shard=3/16` the third of sixteen, in a folder of its own."""
+    """Part of the clips to make: `shard=3/16` is the third of sixteen, in its own folder."""
     recheck: bool = False
-    """Compare the contents of images that exist with their checksums, not their sizes alone."""
+    """Compare the contents of existing images with their checksums, not only their sizes."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
-    """Only print how many clips, frames and pictures are to be made, and what time and disk that takes, as a few short
-    clips show that are made and thrown away."""
+    """Only print the number of clips, frames and images, and a forecast of time and disk space. A few short clips are
+    made and deleted for the forecast."""
     prefix: str = ""
     """Text before the number in the name of each clip: `prefix=walk_` names them walk_000000, walk_000001, ..."""
     images: list[str] = field(default_factory=list, metadata={"choices": IMAGE_CHOICES})
-    """Images that are rendered beside the labels, now or later: the same command with other images adds them."""
+    """Images that are rendered in addition to the labels, now or later: the same command with other images adds
+    them."""
     quality: ImageQuality = ImageQuality.standard
     """Quality of the images."""
     rgb: RgbFormat = RgbFormat.h264
-    """Files of colour images: a video of each camera, or a file of each picture."""
+    """Files of colour images: one video per camera, or one file per image."""
     retries: int = 5
     """Number of times that a failed clip is tried again, with another seed (`attempt_seed`)."""
     scene: SceneConfig = field(default_factory=SceneConfig)
@@ -79,7 +80,7 @@ class GenerateConfig:
             if getattr(self, name) < least:
                 raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
         if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
         if self.first + self.clips > MOST_CLIPS:
             raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, got {self.first}")
         clip_numbers(self.first, self.clips, self.shard)

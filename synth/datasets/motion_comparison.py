@@ -40,7 +40,7 @@ def draw(real: Sequence[Sample], sim: Sequence[Sample], differences: Sequence[Di
     words = {"frameon": False, "fontsize": 11, "labelcolor": _INK, "borderaxespad": 0, "borderpad": 0}
     figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.015, 1 - 0.12 / height), ncols=2, **words)
     text = (
-        "Beside each title: Wasserstein distance of both, and in brackets that of random halves of the recordings; "
+        "After each title: Wasserstein distance of both, and in brackets that of random halves of the recordings; "
         f"orange where it is more than {_FAR:g} times that"
     )
     figure.text(0.015, 1 - 0.48 / height, text, va="top", fontsize=9.5, color=_MUTED)
@@ -102,9 +102,10 @@ def write_page(
 ) -> None:
     """Write a page with the figure, the table of distances, and the tracks measured."""
     how = (
-        "Angles, speeds and accelerations of the joints of BODY_25, measured alike on both: low-pass filtered at about "
-        "6 Hz, left and right together. Takes are fitted to one body on a level floor. Areas are fractions of all "
-        "values, within the axis or beyond. The zero of ankles and faces differs between recorded skeletons."
+        "Angles, speeds and accelerations of the joints of BODY_25, measured in the same way on both: low-pass "
+        "filtered at about 6 Hz, left and right together. Takes are fitted to one body on a level floor. Areas are "
+        "fractions of all values, within the axis or beyond. The zero of ankles and faces differs between recorded "
+        "skeletons."
     )
     weights = "A track is one person in one take or clip. Its weight is its seconds, spread evenly over it."
     if left_out:

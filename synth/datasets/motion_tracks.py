@@ -1,4 +1,4 @@
-"""Read tracks of people in motion, from recorded takes and from clips alike."""
+"""Read tracks of people in motion, from recorded takes or from clips."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -28,16 +28,16 @@ _PERFORMER = Body(1.70)
 
 @dataclass(frozen=True)
 class ReadingConfig:
-    """Overrides for takes whose files state nothing or something wrong; as in `synth.motion.source.MotionConfig`."""
+    """Overrides for takes with missing or wrong values in their files; as in `synth.motion.source.MotionConfig`."""
 
     fps: float | None = None
     """Frames per second, where the files state a wrong one."""
     unit: float | None = None
-    """Metres a unit of the files' lengths, where those of the legs do not tell."""
+    """Metres per unit of length in the files, if the length of the legs does not determine it."""
     up: UpAxis = UpAxis.auto
-    """Which axis of the files' world points up."""
+    """Axis of the files' world that points up."""
     mapping: str | None = None
-    """YAML file of lines `their name: our name`, of joints or markers that the files call otherwise."""
+    """YAML file of lines `their name: our name` for joints or markers with other names."""
 
 
 @dataclass(frozen=True)

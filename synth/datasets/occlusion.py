@@ -17,9 +17,9 @@ class OcclusionConfig:
     """Target occlusion: a fraction of the joints of BODY_25, over a clip."""
 
     target: list[float] = field(default_factory=list)
-    """Least and greatest fraction of joints that are hidden in at least `views` cameras; empty for any. The layout of
-    people and props follows from it: `scene.gathering` is only the start of the search, and of `scene.props` only the
-    least number counts."""
+    """Least and greatest fraction of joints that are hidden in at least `views` cameras; empty for any. It determines
+    the layout of people and props: `scene.gathering` is only the start of the search, and only the least number of
+    `scene.props` is used."""
     views: int = 3
     """Number of cameras in which a joint must be hidden to count."""
     by_self: bool = True

@@ -16,7 +16,7 @@ CONFIG = "config.json"
 _OF_IMAGES = ("images", "quality", "rgb")
 """Settings that may differ when images are added to a data set."""
 _OF_COMMANDS = ("config.yaml",)
-"""Files of a folder that is empty otherwise: what a command records beside its output."""
+"""Files that a folder may contain and still count as empty: records of a command about its run."""
 
 
 def claim(out: Path, settings: dict) -> None:

@@ -27,7 +27,7 @@ _RECORDED_ABOUT = " ("
 
 
 class SplitBy(Enum):
-    """What may not be in two splits."""
+    """Property that two splits must not share."""
 
     person = "person"
     """A person: the proportions of a body, whatever the clothes."""
@@ -56,7 +56,7 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
     """Return what a clip has of a kind, as names that are equal where the things are.
 
     A person is a `Body`: all of its numbers. A motion is a take, by the stem of its file, whatever stretch of it was
-    cut; procedural motion is drawn anew for each seed, clip and person, and is named by these. A rig is K, distortion
+    cut; procedural motion differs for each seed, clip and person, and is named by these. A rig is K, distortion
     and pose of all true cameras, to 1e-6. A subject is as `synth.motion.readers.cmu.subject` has it.
 
     Raises:
@@ -102,7 +102,7 @@ def split(data: Path, shares: dict[str, float], by: SplitBy = SplitBy.person, *,
     Args:
         data: The data set.
         shares: Share of the clips by name of split; those of 0 are left out.
-        by: What may not be in two splits.
+        by: Property that two splits must not share.
         seed: Of the order.
 
     Returns:

@@ -129,7 +129,7 @@ def _said(name: object, error: Exception) -> str:
     """Describe an error that a file caused: a key that it lacks, or a value of another kind."""
     lacks = isinstance(error, KeyError) and error.args
     what = f"lacks {error.args[0]!r}" if lacks else f"holds what cannot be read, {type(error).__name__}: {error}"
-    return f"{name}: {what}; was a key or value mistyped?"
+    return f"{name}: {what}; check keys and values for typing errors"
 
 
 def _manifest(path: Path) -> tuple[list[dict], list[Problem]]:

@@ -27,10 +27,10 @@ class DetectorError(Protocol):
 
 @dataclass(frozen=True)
 class DetectorConfig:
-    """A 2D pose detector of BODY25. By default it detects what is visible, and nothing else, without error.
+    """A 2D pose detector of BODY25. By default it detects all visible joints and no others, without error.
 
-    Errors are applied in the order of their fields. Each draws from random streams of its own: changing one leaves the
-    draws of the others unchanged.
+    Errors are applied in the order of their fields. Each has its own random streams: changing one does not change the
+    random numbers of the others.
     """
 
     name: str = "clean"
@@ -38,13 +38,13 @@ class DetectorConfig:
     parts: PartsConfig = field(default_factory=PartsConfig)
     """Noise, scores and misses by kind of joint."""
     times: Times = field(default_factory=Times)
-    """Over which times errors are correlated."""
+    """Correlation times of errors."""
     timing: Timing = field(default_factory=Timing)
     """Unsynchronised cameras and rolling shutters."""
     swaps: Swaps = field(default_factory=Swaps)
     """Joints that are detected on another person."""
     noise: Noise = field(default_factory=Noise)
-    """Errors of the place of detected joints."""
+    """Errors of the positions of detected joints."""
     scores: Scores = field(default_factory=Scores)
     """Confidences."""
     misses: Misses = field(default_factory=Misses)

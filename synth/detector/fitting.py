@@ -1,4 +1,4 @@
-"""Fit a detector's preset to a recording: simulate, measure both alike, correct, repeat.
+"""Fit a detector's preset to a recording: simulate, measure both in the same way, correct, repeat.
 
 How a recording is measured biases what it shows of a detector: errors are measured against other views, misses only of
 people who are detected at all. So no parameter is read off directly. The detector is run on simulated clips, both go
@@ -73,7 +73,7 @@ def fit(
         start: Start of the fit. Parameters that the recording does not determine keep its values.
         rounds: Number of simulations; each takes as long as measuring the clips.
         seed: Seed of the detector, the same in all rounds.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
         reference: What the detections of the clips are measured against, as those of the recording were.
 
     Raises:

@@ -10,7 +10,7 @@ from synth.detector.ranges import check_beta
 
 @dataclass(frozen=True)
 class PartConfig:
-    """How a detector does on one kind of joint."""
+    """Errors of the detector on one kind of joint."""
 
     noise: float = 0.0
     """Fraction of the person's height in the image: scale of Student's t of a pixel coordinate's error, where the joint
@@ -23,8 +23,9 @@ class PartConfig:
     """Probabilities that the joint is missed: visible, hidden by the person itself, by another person, by an object.
     Probabilities other than 0 and 1 are averaged with those of the limb's joints, except in the face."""
     offset: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    """Fractions: where the detector puts the joint relative to its annotation, in the image. The first is outwards, of
-    the distance to its partner of the other side; the second is down the trunk, of the way from neck to mid hip."""
+    """Fractions: offset of the detected joint from its annotation, in the image. The first is outwards, relative to the
+    distance to the same joint of the other side; the second is down the trunk, relative to the distance from neck to
+    mid hip."""
 
     hidden_noise: float = 0.0
     """As `noise`, where the joint is hidden; 0 for `noise` times `noise.hidden` of the detector."""
@@ -51,7 +52,7 @@ class PartConfig:
 
 @dataclass(frozen=True)
 class PartsConfig:
-    """How a detector does on each kind of joint, left and right alike."""
+    """Errors of a detector on each kind of joint, left and right together."""
 
     nose: PartConfig = field(default_factory=PartConfig)
     neck: PartConfig = field(default_factory=PartConfig)

@@ -30,7 +30,7 @@ def preset_yaml(config: DetectorConfig, name: str, comments: list[str]) -> str:
 
 
 def _changed(config, default) -> dict:
-    """Return the fields of a dataclass that differ from its defaults, nested ones alike."""
+    """Return the fields of a dataclass that differ from its defaults, nested ones included."""
     values = {key: (value, vars(default)[key]) for key, value in vars(config).items()}
     return {
         key: _changed(value, usual) if is_dataclass(value) else value

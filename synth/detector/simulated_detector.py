@@ -44,7 +44,7 @@ def detect(
     """Simulate a detector on a clip. A view's detections do not depend on which other views there are.
 
     Args:
-        truth: (F, P, K) poses whose skeleton holds the joints of BODY25, as such or as `body25.<joint>`.
+        truth: (F, P, K) poses on a skeleton with the joints of BODY25, named as such or as `body25.<joint>`.
         occlusion: Visibility and occluders of the K joints of `truth` in V views.
         rig: V cameras.
         fps: Frames per second.

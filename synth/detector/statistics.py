@@ -1,4 +1,4 @@
-"""Statistics of a detector's errors, measured alike on real and on simulated recordings.
+"""Statistics of a detector's errors, measured in the same way on real and on simulated recordings.
 
 Only detections and cameras are needed: people are reconstructed by capture, and the errors of a view are measured
 against the other views. So a real recording and its simulation are judged by the same reference, which makes both look
@@ -41,7 +41,7 @@ class ErrorReference(StrEnum):
 class DetectorStatistics:
     """Statistics of the detections of a recording in V views.
 
-    Kinds are joints, left and right alike. Lengths are in heights of the person in the image.
+    Kinds are joints, left and right together. Lengths are in heights of the person in the image.
 
     Attributes:
         name: Of the recording.
@@ -205,7 +205,7 @@ def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
 
 
 def _correlation(off: np.ndarray, size: np.ndarray, frames: int) -> tuple[float, float]:
-    """Return products of errors so many frames apart, and of themselves; gross ones left out."""
+    """Return products of errors that many frames apart, and of themselves; gross ones left out."""
     both = (size[:-frames] < GROSS) & (size[frames:] < GROSS)
     first, second = off[:-frames][both], off[frames:][both]
     return float((first * second).sum()), float(((first**2).sum() + (second**2).sum()) / 2)

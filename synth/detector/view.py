@@ -34,14 +34,14 @@ class ErrorStream(IntEnum):
 
 @dataclass(frozen=True)
 class Times:
-    """Over which times errors are correlated."""
+    """Correlation times of errors."""
 
     correlation: float = 0.1
     """s; time in which the varying part of errors decorrelates: half of it to 1/e in three times that, half in a third
     of it. Scores and ghosts decorrelate in this time."""
     bursts: list[float] = field(default_factory=lambda: [3.0, 0.4])
-    """s; two correlation times of events, a long and a short one, mixed half and half. How large errors are is
-    correlated over the long one."""
+    """s; two correlation times of events, a long and a short one, mixed half and half. The size of errors is correlated
+    over the long one."""
 
     def __post_init__(self):
         if not 0 <= self.correlation < float("inf"):
@@ -65,15 +65,15 @@ class View:
         occluder: (F, P, 25) index of the person or object that hides the joint.
         parts: Fields of `PartConfig`, (25, ...) each.
         times: Correlation times of errors.
-        minimum_score: Joints of less confidence are not reported.
+        minimum_score: Joints with less confidence are not reported.
         random: Returns the generator of a stream of this view, from its beginning.
         xy: (F, D, 25, 2) detected joints, px; NaN where missed.
         score: (F, D, 25) confidence; NaN where missed.
-        owner: (F, D, 25) int16 index of the person whose joint each detected joint lies on; -1 in ghosts.
+        owner: (F, D, 25) int16 index of the person that each detected joint belongs to; -1 in ghosts.
         kind: (F, D, 25) uint8 `JointError`; GOOD where no joint or person was confused, however far off the joint is.
         person: (D,) int16 index of the person of each detection; -1 for ghosts.
         error_rank: (F, P, 25) rank of the size of each joint's noise, from 0 to 1, among all that it could have had.
-        shown: (F,) index of the frame whose detections each frame shows; -1 for none.
+        shown: (F,) index of the frame with the detections that each frame shows; -1 for none.
     """
 
     fps: float

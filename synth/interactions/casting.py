@@ -100,7 +100,7 @@ def cast_roles(script: Script, cast: Cast, config: MotionConfig, *, rng: np.rand
 
 
 def _at_size(config: MotionConfig, body: Body, *, seconds: float, fps: float, rng: np.random.Generator) -> Motion:
-    """A motion of the body's size; an adult's is played faster for a child, whose steps are shorter."""
+    """A motion of the body's size; an adult's is played faster for a child, who has shorter steps."""
     # All stools have one height, so that short people sit higher relative to their legs.
     seat = seated(body) / body.hip_height
     motion = load_motion(config, seconds=seconds * body.tempo, fps=fps / body.tempo, rng=rng, seated=seat)
@@ -132,7 +132,7 @@ def _together(pair: tuple[Motion, ...]) -> list[Motion]:
     first = max(take.first for take in pair)
     end = min(take.first + len(take) for take in pair)
     if end <= first:
-        raise ValueError(f"{' and '.join(take.name for take in pair)}: no frame is sound in both takes")
+        raise ValueError(f"{' and '.join(take.name for take in pair)}: no frame is valid in both takes")
     frames = [slice(first - take.first, end - take.first) for take in pair]
     return [
         replace(take, root=take.root[part], rotations=take.rotations[part], first=first)

@@ -18,7 +18,7 @@ _BEHIND, _HIGH = 0.14, 0.10
 _KNUCKLES = 0.028
 """Distance of a fist's knuckles beyond the point that a palm reaches, as a fraction of stature."""
 _AIMS = {"face": 0.25, "chest": 0.35, "belly": 0.25, "beside": 0.15}
-"""What blows are aimed at, and how often; those beside miss the face."""
+"""Targets of blows, and their frequency; `beside` misses the face."""
 _GUARD = (0.155, 0.055, 0.15)
 """Where fists are held, in the frame of the chest, y outward, as fractions of stature."""
 _OPEN = {"face": (0.12, 0.12, 0.03), "chest": (0.10, 0.15, 0.19), "belly": (0.12, 0.13, 0.20)}

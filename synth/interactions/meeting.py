@@ -22,7 +22,7 @@ def crossing(cast: Cast, *, rng: np.random.Generator) -> Script:
     """People walk through the middle, from all sides, at about the same time."""
     count = len(cast.bodies)
     first, side = rng.uniform(0, 2 * np.pi), rng.choice((-1, 1))
-    # One just after the other, so that no two are in the middle at once.
+    # One just after the other, so that no two are in the middle at the same time.
     order = (rng.permutation(count) - (count - 1) / 2) * min(0.4, 0.3 * cast.seconds[-1] / count)
     roles = []
     for person in range(count):

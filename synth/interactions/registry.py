@@ -35,11 +35,11 @@ find_interaction = interaction.find
 
 @dataclass(frozen=True)
 class InteractionConfig:
-    """What people do together, if anything.
+    """Interaction of people, if any.
 
     Attributes:
         kind: Name of the interaction, or `<module>:<function>` of your own.
-        bystanders: Number of people who do not take part, each with a motion of their own, added to `scene.persons`.
+        bystanders: Number of people who do not take part, each with an independent motion, added to `scene.persons`.
     """
 
     kind: str = NO_INTERACTION
@@ -90,4 +90,4 @@ def people(count: tuple[int, int]) -> str:
 def interaction_choices() -> dict[str, str]:
     """Return the line of help of each interaction, and of none, by name."""
     help = {name: f"{each.help} For {people(each.persons)}." for name, each in interaction.items()}
-    return {NO_INTERACTION: "Each person follows a motion of their own."} | help
+    return {NO_INTERACTION: "Each person follows an independent motion."} | help

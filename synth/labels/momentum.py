@@ -10,7 +10,7 @@ from scipy.signal import butter, sosfiltfilt
 _CUTOFF = 6.0
 """Frequency up to which motion counts, Hz: what gait laboratories keep of markers before they differentiate."""
 LEAST_FPS = 12.0
-"""Frames per second below which accelerations cannot be told from positions."""
+"""Frames per second below which accelerations cannot be computed from positions."""
 
 
 class Movement(NamedTuple):

@@ -27,7 +27,7 @@ class SurfaceLabels:
         xyz: (F, P, S, 3) float32 m, world.
         normals: (F, P, S, 3) float32 unit, outward, world.
         visibility: (F, V, P, S) uint8, of `dmae.data.labels.Visibility`: of the first thing on the way from the camera,
-            as for joints. A point whose surface faces away is at least hidden by the person's own body.
+            as for joints. A point on a surface that faces away is at least hidden by the person's own body.
         hidden_by: (F, V, P, S) int16 index of the person or object in front, -1 for none.
     """
 

@@ -20,7 +20,7 @@ _BRIEF = 0.08
 _STRETCH = 0.999
 """Length of a straight leg as a fraction of its bones."""
 _CLEAR = 0.04
-"""Height of a swinging foot while neither stands, or while it is flat beside one that does, m."""
+"""Height of a swinging foot while neither stands, or while it is flat next to one that does, m."""
 SOLE = np.array(((-0.038, 0, -ANKLE_HEIGHT), (0.106, 0, -ANKLE_HEIGHT)))
 """(2, 3) heel, and the tip over which a foot rolls forward, in the foot's frame, fractions of stature; as in `legs`."""
 
@@ -64,7 +64,7 @@ def foot_contacts(
     # Between each frame and the next.
     holds = np.any([(height < low) & (speed < slow) for low, slow in _STILL], axis=0).any(2)
     brief = np.ones((1 + round(_BRIEF * fps), 1), bool)
-    # A clip is taken to go on as it begins and ends.
+    # A clip is assumed to continue as it begins and ends.
     padded = np.pad(holds, ((len(brief), len(brief)), (0, 0)), mode="edge")
     holds = binary_opening(binary_closing(padded, brief), brief)[len(brief) : -len(brief)]
     # A body with a foot near the floor stands on the one that moves least.
@@ -109,7 +109,7 @@ def lock_feet(
     """Remove foot skate: hold standing feet in place and keep all feet above the floor.
 
     While a foot stands, it keeps its heading, and the part of its sole that bears weight keeps its place; the swing
-    makes up for the difference. Where the tip or the heel would be below the floor, as in recordings, whose toes bend,
+    makes up for the difference. Where the tip or the heel would be below the floor, as in recordings, where toes bend,
     the foot is turned about its ankle and, if that is not enough, raised. Thigh and shin reach for the ankle by the law
     of cosines, the knee on the side where it was. The hips sink where the legs are too short.
 

@@ -7,7 +7,7 @@ from synth.people.body import SIDES, Body
 from synth.people.segments import SEGMENTS
 
 PALM = np.array((0.0, 0.050, -0.013))
-"""(3,) point on the skin of the left palm, whose normal is -z, in the hand's frame; fractions of stature."""
+"""(3,) point on the skin of the left palm, with normal -z, in the hand's frame; fractions of stature."""
 _WRIST = 1.0
 """Greatest bend of a wrist by which a palm comes to lie on what it touches, rad."""
 _BENT, _STRAIGHT = 0.35, 0.995

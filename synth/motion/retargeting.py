@@ -156,7 +156,8 @@ def unit_of(leg: float, path: Path, unit: float | None) -> tuple[str, float]:
             return name, metres
     raise ValueError(
         f"{path}: expected thigh and shin of {_LEGS[0]} to {_LEGS[1]} m together, found {leg:.4g} units, "
-        f"which is no human leg in any of {', '.join(_UNITS)}; if it is right, give motion.unit=<metres a unit>"
+        f"which is not the length of a human leg in any of {', '.join(_UNITS)}; if it is correct, give "
+        "motion.unit=<metres per unit>"
     )
 
 

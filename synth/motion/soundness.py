@@ -44,7 +44,7 @@ _ODD = 0.1
 def repair(motion: Motion, path: Path) -> Motion:
     """Return a motion without frames in which joints jump.
 
-    A fault is a jump, or jumps less than 0.25 s apart, with the frozen frames beside them. Up to 0.25 s long it is
+    A fault is a jump, or jumps less than 0.25 s apart, with the adjacent frozen frames. Up to 0.25 s long it is
     bridged by slerp and straight lines, if people can move that fast; others are cut out, and the longest stretch
     between them is left. The name says what was done; `first` counts on. A single step at no more than 8 m/s stays.
 
@@ -77,7 +77,7 @@ def repair(motion: Motion, path: Path) -> Motion:
     if end - first < min(_SHORTEST * motion.fps, len(motion)):
         raise ValueError(
             f"{path}: joints jump {len(cuts)} times, first from frame {cuts[0][0] + 1} to {cuts[0][1] + 1}, so that at "
-            f"most {(end - first) / motion.fps:.2g} s are sound; expected at least {_SHORTEST:g} s, repair the take"
+            f"most {(end - first) / motion.fps:.2g} s are valid; expected at least {_SHORTEST:g} s, repair the take"
         )
     if not (bridged or cuts):
         return motion

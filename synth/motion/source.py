@@ -47,21 +47,21 @@ class MotionConfig:
     Attributes:
         kind: `procedural`; or the format of recordings, `recorded` for all formats, or `<module>:<function>`, a reader
             of your own.
-        path: For recorded motion: a file; a folder whose files of the format, at any depth, are drawn from; or a list
-            of takes, `<name>.tsv`, as `synth takes` writes it. Of folders and lists takes that cannot be read are left
-            out with a warning.
-        sets: Of a list, the sets that are drawn from, as [train]; all if empty.
-        fps: Frames per second of the recordings, where files state a wrong rate. Known wrong rates of takes of the CMU
-            database are corrected without it.
-        unit: Metres per unit of length in the recordings, where the length of the legs does not show it.
+        path: For recorded motion: a file; a folder with files of the format at any depth; or a list of takes,
+        `<name>.tsv`, as `synth takes` writes it. Takes of folders and lists that cannot be read are left out with a
+        warning.
+        sets: Sets of a list of takes that are used, such as [train]; all if empty.
+        fps: Frames per second of the recordings, if files state a wrong rate. Known wrong rates of takes of the CMU
+        database are corrected automatically.
+        unit: Metres per unit of length in the recordings, if the length of the legs does not determine it.
         up: Axis of the recordings' world that points up.
         mapping: YAML file of lines `their name: our name` for joints or markers with other names. Our names are those
             of any known skeleton, or `pelvis spine chest head`, and `l_` and `r_` before `upper_arm forearm hand
             knuckle thigh shin foot`.
-        actions: Actions of procedural people, performed one after another. If empty, people walk or stand throughout,
-            as `procedural` says, of which otherwise only the speed applies.
+        actions: Actions of procedural people, performed one after another. If empty, people only walk or stand, as set
+        by `motion.procedural`; otherwise only its speed applies.
         weights: Relative frequency of each action, 1 if it is not named.
-        procedural: Procedural people who walk or stand throughout.
+        procedural: Procedural people who only walk or stand.
     """
 
     kind: str = PROCEDURAL
@@ -252,7 +252,7 @@ def place(motion: Motion, xy: tuple[float, float], yaw: float, leader: Motion | 
         motion: The motion to move.
         xy: Target of the mean of the root, m, world.
         yaw: Target of the mean heading of the pelvis (the direction of the mean of its x axis), rad from +x to +y.
-        leader: Another motion whose mean root and heading land there instead; `motion` moves along with it as its
+        leader: Another motion: its mean root and heading are placed there instead; `motion` moves along with it as its
             partner.
     """
     leader = leader or motion

@@ -17,7 +17,7 @@ class _Landmark(NamedTuple):
 
     Attributes:
         segment: Segment that it moves with.
-        joint: Segment at whose origin in the T-pose its offset begins.
+        joint: Segment; the offset begins at its origin in the T-pose.
         x, y, z: Offset, fractions of stature; from the head, it is scaled by the size of the head.
         radius: Depth in the limb, with clothes, from three quarters of the directions that see it, fractions of
             stature; girth widens it. It is 0 for points on the skin of the head, which the head itself hides.

@@ -42,7 +42,7 @@ def add_person(
 
     Args:
         spec: The scene.
-        person: Index of the person, whose capsules touch everything but each other.
+        person: Index of the person. The person's capsules touch everything except each other.
         body: Proportions.
         looks: Colours and clothes.
         position: (3,) of the mid point of the hip joints, m.

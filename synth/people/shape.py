@@ -174,7 +174,7 @@ def _trunk(body: Body, looks: PersonLooks) -> Iterator[SurfacePart]:
         rows = np.stack([rows, *(np.interp(rows, up, column) for column in dense[:, 1:].T)], -1)
         rows[:, 3:] += np.interp(rows[:, 0] / body.stature, *np.array(cloth).T)[:, None]
         if 0 < share < 1:
-            # Edges lie below the pieces beside them.
+            # Edges lie below the adjacent pieces.
             rows[:, 3:] -= 0.001 * np.linspace(-1, 1, len(rows))[:, None] ** 8
         rows -= np.array((z, x, 0, 0, 0))
         rings = max(3, round(50 * (stop - start)))
@@ -210,7 +210,7 @@ def _trunk(body: Body, looks: PersonLooks) -> Iterator[SurfacePart]:
 
 
 def _bust(body: Body, points: np.ndarray, origin: float) -> np.ndarray:
-    """Return the shift (N, 3), m, by a bust of points (N, 3) on a chest whose origin is `origin` above the hips, m."""
+    """Return the shift (N, 3), m, by a bust of points (N, 3) on a chest with its origin `origin` above the hips, m."""
     size = body.stature * body.girth**0.8
     up = (points[:, 2] - 0.222 * body.stature * body.trunk + origin) / (0.036 * size)
     aside = (np.abs(points[:, 1]) - 0.036 * body.stature) / (0.028 * size)

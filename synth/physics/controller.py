@@ -36,7 +36,7 @@ _FOOT = (20000.0, 250.0)
 _FRICTION = 0.9
 """Greatest force of that hold, as a share of the weight on the foot."""
 _DYNAMICS = 2.0
-"""Greatest force of the inverse dynamics, as a multiple of the strength that is left beside it."""
+"""Greatest force of the inverse dynamics, as a multiple of the remaining strength."""
 
 _LEASH, _RETURN = 0.06, 1.0
 """Greatest lag of a pelvis behind its path before the path shifts, m, and the time constant of its return, s."""

@@ -86,7 +86,7 @@ def assess(
     ]
     for what, found, most in limits:
         if not found <= most:
-            raise FailedSimulation(f"{what}: {found:.3g}, at most {most:.3g} is fit for use")
+            raise FailedSimulation(f"{what}: {found:.3g}, at most {most:.3g} is allowed")
     return quality
 
 

@@ -30,7 +30,7 @@ class StatesAt:
         self._contacts: list[tuple[np.ndarray, ...]] = []
 
     def see(self, data: mujoco.MjData, step: int) -> None:
-        """Take the state after so many steps; all have to be seen in turn."""
+        """Take the state after this number of steps; call it for all steps in order."""
         while self._next < len(self._times) and self._times[self._next] <= step + AT_ONCE:
             self.qpos[self._next] = self._between(data.qpos, self._times[self._next] - (step - 1))
             self.forces[self._next] = self._joints.moves(data.qfrc_applied)

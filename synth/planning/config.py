@@ -21,15 +21,15 @@ class MountConfig:
     """Where cameras may be mounted. Heights are the least and the greatest, m above the floor.
 
     Attributes:
-        walls: Heights of cameras on walls; empty for none there.
+        walls: Heights of cameras on walls; empty for none.
         ceiling: Whether cameras may hang from the ceiling, or from a frame at the top of the walls.
         tripods: Heights of cameras on tripods, which stand outside the people's area; empty for none.
-        area: Cameras stand and hang only in this rectangle: least x, least y, greatest x, greatest y, m; empty for the
+        area: Cameras are mounted only in this rectangle: least x, least y, greatest x, greatest y, m; empty for the
             whole room. Rooms without walls need it.
-        places: How many places are tried, spread evenly over what is allowed.
+        places: Number of candidate places, spread evenly over the allowed surfaces.
         wall_distance: Distance of a camera from the wall or the ceiling that it is mounted on, m.
-        steepest_deg: Greatest angle at which cameras look down, degrees. The detectors' presets are fitted to views
-            from the side, and know nothing of views from above.
+        steepest_deg: Greatest angle at which cameras look down, degrees. The detector presets are fitted to views from
+        the side, and are not valid for views from above.
     """
 
     walls: list[float] = field(default_factory=lambda: [1.8, 2.6])
@@ -62,10 +62,10 @@ class MountConfig:
 
 @dataclass(frozen=True)
 class LensConfig:
-    """The cameras that are bought: pinholes of one image size.
+    """The new cameras: pinhole cameras of one image size.
 
     Attributes:
-        view_deg: Horizontal fields of view, degrees. Of several, the search chooses one for each camera.
+        view_deg: Horizontal fields of view, degrees. If there are several, the search chooses one for each camera.
         size: Image width and height, px.
     """
 
@@ -85,13 +85,13 @@ class LensConfig:
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """How cameras are searched for, and how the rigs that are found are checked.
+    """Search for cameras, and check of the resulting rigs.
 
     Attributes:
-        clips: Simulated clips that cameras are chosen by.
-        frames: Frames of each of them, evenly spread, in which the visibility of joints is computed.
-        exchanges: How often at most each camera of a rig is exchanged for the best one of all places.
-        check_clips: Simulated clips of other people, through whose captures the rigs are checked.
+        clips: Number of simulated clips for the search.
+        frames: Number of frames of each clip, evenly spread, in which the visibility of joints is computed.
+        exchanges: Maximum number of times that each camera of a rig is exchanged for the best one of all places.
+        check_clips: Number of simulated clips of other people, which are captured to check the rigs.
     """
 
     clips: int = 6
@@ -107,10 +107,10 @@ class SearchConfig:
 
 @dataclass(frozen=True)
 class PlanConfig:
-    """Plan where to mount cameras: which places are best for 4, 5, ... cameras, and what each number captures.
+    """Plan where to mount cameras: the best places for 4, 5, ... cameras, and the expected capture for each number.
 
-    People are simulated once. Cameras are chosen by the visibility of joints, and the rigs that are found are checked
-    by capturing the simulated detections of people who were not used in choosing.
+    People are simulated once. Cameras are chosen by the visibility of joints. The resulting rigs are checked by
+    capturing simulated detections of other people, who were not used in the search.
     """
 
     arena: str | None = None
@@ -122,20 +122,20 @@ class PlanConfig:
     mount: MountConfig = field(default_factory=MountConfig)
     lens: LensConfig = field(default_factory=LensConfig)
     rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
-    """Cameras that exist: the best of them are chosen, and none are mounted."""
+    """Existing cameras: the best of them are chosen, and no new ones are mounted."""
     scene: SceneConfig = field(default_factory=SceneConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     interaction: InteractionConfig = field(default_factory=InteractionConfig)
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     seed: int = 0
-    """Seed of people, detector and ties; 0 is a seed."""
+    """Seed of people, detector and ties; 0 is a valid seed."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
-    """Only print what is to be simulated and captured, and about how long it takes."""
+    """Only print what would be simulated and captured, and an estimate of the time."""
     out: str = "runs/plan"
     """Folder of the page, the rigs and the lists to print; written whole or not at all."""
 
@@ -149,7 +149,7 @@ class PlanConfig:
         if self.seed < 0:
             raise ValueError(f"seed: expected 0 or more, got {self.seed}")
         if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
         self.setting()
 
     @property

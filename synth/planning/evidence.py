@@ -22,7 +22,7 @@ _JOINTS = BODY25.index(
 )  # fmt: skip
 """Joints that count, one each of those that lie together."""
 _WIDE_FOCAL, _WIDE_SIDE = 20.0, 4000
-"""px; a pinhole that sees nearly all before it, to look from a place in every direction at once."""
+"""px; a pinhole that sees nearly all before it, to look from a place in every direction."""
 _LEAST_SCALE = 0.003
 """m; least error of a detected joint, where a preset has none."""
 

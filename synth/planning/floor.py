@@ -13,7 +13,7 @@ from synth.rooms.rays import cast_rays
 _HEIGHTS = np.array([0.1, 0.5, 0.9, 1.3, 1.7])
 """Of the points of a person who stands, m."""
 _ENOUGH = 4
-"""Of these points; a camera that sees so many sees the person."""
+"""Number of these points; a camera that sees this many sees the person."""
 _STEP = 0.2
 """m between points of the floor."""
 _GROUPS = tuple(range(6))
@@ -35,7 +35,7 @@ class FloorCoverage:
     cameras: np.ndarray
 
     def share(self, least: int) -> float:
-        """Return how many % of the people's area are seen by so many cameras or more."""
+        """Return the % of the people's area that at least this number of cameras see."""
         inside = self.cameras >= 0
         return float(100 * (self.cameras[inside] >= least).mean())
 

@@ -95,7 +95,9 @@ def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
             f"{list(config.walls)}); set mount.walls=[] and mount.ceiling=false, and mount.area for tripods"
         )
     if (config.ceiling or config.tripods) and not (walled or config.area):
-        raise ValueError(f"{name} has no walls, so that it ends nowhere; say where cameras may be: mount.area=[...]")
+        raise ValueError(
+            f"{name} has no walls, so that its extent is unknown; state where cameras may be: mount.area=[...]"
+        )
     for kind in ("walls", "tripods"):
         heights = getattr(config, kind)
         if walled and heights and heights[1] > outline.top:

@@ -18,7 +18,7 @@ _ABOUT = (
     "Cameras were chosen by the visibility of joints of simulated people, computed by rays, and by how often the "
     "detector's preset misses joints so visible. The figures are of other simulated people: their simulated detections "
     "were captured, gaps filled by straight lines, and compared with the truth. Intervals are of 95 %, over clips of "
-    "different people. They say nothing about what the simulation lacks: another detector, an inexact calibration, "
+    "different people. They do not cover effects that the simulation lacks: another detector, an inexact calibration, "
     "light, clothes, furniture that is not in the room's file."
 )
 _WORTH = (
@@ -38,7 +38,7 @@ def numbers_table(plan: CameraPlan) -> Table:
         )
         for each in plan.rigs
     ]
-    return Table("what each number of cameras is expected to capture", header, rows)
+    return Table("expected capture for each number of cameras", header, rows)
 
 
 def figure_text(figure: Expected, signed: bool = False) -> str:
@@ -51,14 +51,14 @@ def figure_text(figure: Expected, signed: bool = False) -> str:
 
 
 def worth_table(planned: PlannedRig) -> Table:
-    """Return what each camera is worth."""
+    """Return gain from each camera."""
     shown = ("missing", "pcp", "error")
     header = ("camera", *(f"{FIGURES[name][0]}, {FIGURES[name][1]}" for name in shown))
     rows = [
         (name, *(figure_text(worth[figure], signed=True) for figure in shown))
         for name, worth in zip(planned.rig.names, planned.worth, strict=True)
     ]
-    return Table("what each camera is worth", header, rows)
+    return Table("gain from each camera", header, rows)
 
 
 def write_page(plan: CameraPlan, path: Path) -> None:

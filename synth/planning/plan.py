@@ -36,7 +36,7 @@ class PlannedRig:
         view_deg, pan_deg, tilt_deg: (V,) as in `synth.planning.candidates.CandidateCameras`.
         prediction: What the search expects.
         figures: What people who were not used in planning show, by name of `synth.planning.check.FIGURES`.
-        worth: (V,) what each camera is worth: the figures with it less those without it; empty of two cameras.
+        worth: (V,) gain from each camera: the figures with it less those without it; empty of two cameras.
         floor: Coverage of the floor.
     """
 
@@ -68,7 +68,7 @@ class CameraPlan:
     room: tuple[str, ...]
 
     def __getitem__(self, number: int) -> PlannedRig:
-        """Return the rig of so many cameras."""
+        """Return the rig with this number of cameras."""
         return next(each for each in self.rigs if len(each.rig) == number)
 
 

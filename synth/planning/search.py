@@ -133,19 +133,19 @@ def seconds_of_search(evidence: JointEvidence, rows: int, cameras: int, numbers:
 
 
 def _best(evidence: JointEvidence, place: np.ndarray, others: list[int]) -> int:
-    """Return the camera that is best beside others."""
+    """Return the camera that is best in addition to others."""
     return int(_scores(evidence, place, others).argmax())
 
 
 def _scores(evidence: JointEvidence, place: np.ndarray, others: list[int]) -> np.ndarray:
-    """Return the score (C,) of each camera beside others; -1 for those at a place that is taken."""
+    """Return the score (C,) of each camera in addition to others; -1 for those at an occupied place."""
     before = _State.of(evidence, others)
     free = ~np.isin(place, place[others])
     return np.array([before.with_camera(evidence, c).value() if free[c] else -1.0 for c in range(len(place))])
 
 
 def _exchanged(evidence: JointEvidence, place: np.ndarray, chosen: list[int], rounds: int) -> list[int]:
-    """Return the cameras after each was exchanged for the best other one, in at most so many rounds."""
+    """Return the cameras after each was exchanged for the best other one, in at most this number of rounds."""
     chosen = list(chosen)
     for _ in range(rounds):
         before = list(chosen)

@@ -23,7 +23,7 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
         real: The recording, of three cameras or more.
         sim: Simulated clips, with the same skeleton.
         limits: Greatest differences allowed; by default those of `synth compare`.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         A row a statistic: `what`, the values `real` and `sim`, their `distance`, and whether it is `exceeded`.
@@ -48,18 +48,18 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
 def compare_motion(
     real: str | Path | Iterable[Clip], sim: Iterable[Clip], *, takes: Sequence[str] = ("*",), longest: float = 10.0
 ) -> list[Difference]:
-    """Compare how recorded and how generated people move.
+    """Compare recorded with generated motion.
 
     Args:
         real: A take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder of takes; or clips, of which the captured poses
             count, or else the truth.
         sim: Simulated clips, of which the truth counts.
-        takes: Only takes whose file names without suffix are like one of these; `*` and `?` stand for anything.
+        takes: Only takes with a file name (without suffix) that matches one of these; `*` and `?` are wildcards.
         longest: The most for which a take, or a person of a clip, counts, s.
 
     Returns:
         A difference a quantity, as of speeds and angles: quantiles of both, and Wasserstein and Kolmogorov-Smirnov
-        distances, beside those between halves of the recordings.
+        distances, compared with those between halves of the recordings.
 
     Raises:
         FileNotFoundError: there are no takes.
@@ -103,7 +103,7 @@ def fit_detector(
         truth: What its detections are measured against: `others`, the other views, or `annotated`, the clip's truth.
         rounds: Number of simulations.
         seed: Of the detector.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         `config`, the detector; `undetermined`, options that the recording does not determine, and why; `statistics` of

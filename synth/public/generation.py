@@ -53,7 +53,7 @@ def generate(
         motion: Name of a preset: how people move, or the kind of recordings to replay.
         interaction: Name of a preset: what people do together.
         detector: Name of a preset: how the 2D detector fails.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
         out: Folder of a data set, made or completed as `synth generate` does, from which the clips are then read. By
             default they are made in memory, and have no images.
 
@@ -170,14 +170,14 @@ def split(
         train: Share of the clips.
         validation: Share of the clips; 0 for no such split.
         test: Share of the clips; 0 for no such split.
-        seed: Of the order in which clips are drawn.
+        seed: Seed of the order in which clips are drawn.
         out: JSON file to write, which `export` takes; by default none.
 
     Returns:
         Names of clips by name of split.
 
     Raises:
-        ValueError: the shares do not add up to 1, or clips share too much for so many splits.
+        ValueError: the shares do not add up to 1, or clips share too much for this number of splits.
 
     Examples:
         >>> for clip in synth.generate("scene.seconds=1", clips=2, seed=7, out="walks"): pass
@@ -205,7 +205,7 @@ def takes(
         train: Share of the seconds; all 0 for no sets.
         validation: Share of the seconds.
         test: Share of the seconds.
-        seed: Of the order in which subjects are drawn.
+        seed: Seed of the order in which subjects are drawn.
 
     Returns:
         The takes: `listed` (file, subject, set), `seconds`, `fps`, `readable`, and `notes`, of those that cannot be
@@ -232,8 +232,8 @@ def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path]
     Args:
         path: The data set, or a clip.
         out: Folder of the page, `README.md`, its picture, and the numbers of both.
-        extra_data: More data sets that count on the same page.
-        workers: Processes; -1 for one a core.
+        extra_data: More data sets that the same page describes.
+        workers: Processes; -1 for one per core.
 
     Returns:
         The numbers, as in `statistics.json`.
@@ -262,17 +262,17 @@ def export(
     workers: int = 1,
     damaged: bool = False,
 ) -> dict:
-    """Write a data set in the layout of another program: pictures, and what is in them.
+    """Write a data set in the layout of another program: images and annotations.
 
     Args:
         path: The data set, or a clip.
         out: Folder to write, whole or not at all; it must be empty or not exist.
         format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic` or `npz`. All but the last two need images.
         splits: File that `split` wrote; by default all clips are in the split `train`.
-        skeleton: Skeleton of the joints; by default coco17, of panoptic always panoptic19.
+        skeleton: Skeleton of the joints; by default coco17, for panoptic always panoptic19.
         every: 2 for every other frame.
         pictures: `jpg` or `png`.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
         damaged: Whether to export even if files are missing or not as they were written.
 
     Returns:

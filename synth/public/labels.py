@@ -11,14 +11,14 @@ from synth.physics.body_state import BodyState, load_state
 
 
 def label(data: str | Path, labels: Sequence[str] = KINDS, *, workers: int = 1) -> int:
-    """Add labels that only physics has to clips that exist, in place. Nothing is simulated.
+    """Add labels from physics to existing clips, in place. Nothing is simulated again.
 
     Args:
         data: Data set that `generate` made, or one clip of it.
         labels: `contacts` (which parts touch what, where, with what force), `forces` (ground reaction of each foot,
             residual at the pelvis), `surface` (256 named points on each person, and which camera sees them). Those
             that a clip has already are kept.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         How many clips lacked any of them.

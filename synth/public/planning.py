@@ -35,7 +35,7 @@ def plan(
         persons: Least and greatest number of people; by default those of `scene`.
         detector: Name of a preset: how the 2D detector fails.
         seed: Of people and detector; 0 is a seed.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
         out: Folder of the page, the rigs and the lists to print, which must not exist or be empty; by default nothing
             is written.
 

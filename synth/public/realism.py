@@ -18,14 +18,15 @@ def realism(
     every: int = 1,
     workers: int = 1,
 ) -> list[Rate]:
-    """Run a detector on people in plain sight in rendered pictures: how many it finds, how near it puts their joints.
+    """Run a detector on people in plain sight in rendered images, and measure how many it finds and the errors of their
+    joints.
 
     Args:
         path: Data set with colour images, or a clip.
-        extra_data: More data sets that count in the same rows.
+        extra_data: More data sets for the same table.
         detector: `blazepose`, or `package.module:function`.
         every: Frames from one picture of a camera that is looked at to the next.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         Rows: of all people first, then by room, clothing, direction, posture, distance, size, contrast and joint, with
@@ -62,10 +63,10 @@ def detector_errors(
 
     Args:
         path: Data set with truth and detections, as `dmae detect clip=...` writes it, or a clip.
-        extra_data: More data sets that count in the same rows.
+        extra_data: More data sets for the same table.
         simulated: Presets of the simulated detector that are run on the same clips: names, or YAML files.
         seed: Of these.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         By detector, that of the clips first: rows of `joints` by cause, depth margin, size, crowding, direction and

@@ -46,7 +46,7 @@ def render(data: str | Path, *overrides: str, out: str | Path, rig: str | None =
         data: Data set that `generate` made, or one clip of it.
         overrides: Options as on the command line.
         out: Folder of the data set that is made or completed.
-        rig: Name of a preset: other cameras, whose visibility and detections are made as well.
+        rig: Name of a preset: other cameras, for which visibility and detections are made as well.
 
     Yields:
         Clips with images, and with all labels.

@@ -1,4 +1,4 @@
-"""Curves of a detector's errors, of several detectors beside each other."""
+"""Curves of the errors of several detectors."""
 
 from matplotlib.figure import Figure
 

@@ -119,7 +119,7 @@ def numbers(found: DetectorObservations) -> dict:
 
 
 def tables(studied: dict[str, dict]) -> list[Table]:
-    """Return tables of several detectors beside each other, each as `numbers` returns it; kinds of joints are left out.
+    """Return tables with a column for each detector, as `numbers` returns it; kinds of joints are left out.
 
     Rows are those of the first detector.
     """

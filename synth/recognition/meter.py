@@ -66,7 +66,7 @@ def judge(folders: Sequence[Path], config: PoseDetectorConfig, every: int = 1, w
         folders: Of data sets or clips with truth and colour images.
         config: The detector.
         every: Frames from one that is used to the next.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Raises:
         FileNotFoundError: there are no clips.

@@ -13,7 +13,7 @@ from dmae.numerics.heading import body_heading
 from synth.scene.spec import SceneSpec
 
 STATURE = 1.7
-"""m; height of a body whose clip does not say it."""
+"""m; height of a body, if its clip does not state it."""
 _FACING, _AWAY = np.radians(60), np.radians(120)
 _BENT = np.radians(45)
 _SEATED = 0.6

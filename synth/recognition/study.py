@@ -21,7 +21,7 @@ def study(
         folders: Of data sets or clips with truth and labels of visibility.
         simulated: Simulated detectors by name.
         seed: Of these.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         By name of the detector its tables, see `synth.recognition.error_tables.numbers`; that of the clips comes first.

@@ -32,7 +32,7 @@ _ENOUGH = 150
 """Fewest joints of a kind and state for their parameters to be fitted."""
 _STEP = 0.8
 _LOW, _HIGH, _UNSURE_STEP = 0.5, 0.8, 0.5
-"""Low and high confidences, whose errors determine how errors and confidences are correlated, and the step of that."""
+"""Low and high confidences; their errors determine how errors and confidences are correlated. And the step of that."""
 _KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
 _INVERTING = BODY25.index("l_shoulder", "r_shoulder")
 """Shoulders are exchanged where the whole body is."""
@@ -49,7 +49,7 @@ def fit_to_truth(
         start: Start of the fit. Parameters that the clips do not determine keep its values.
         rounds: Number of simulations, of each of the two parts of the fit.
         seed: Seed of the detector, the same in all rounds.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Raises:
         ValueError: a clip has no truth or labels, or the clips have different numbers of cameras.
@@ -168,7 +168,7 @@ def _corrected_part(
 
 
 def _beta(shape: Sequence[float], real: np.ndarray, sim: np.ndarray) -> tuple[float, float]:
-    """Return (a, b) of the Beta distribution whose mean and spread are corrected towards the real ones."""
+    """Return (a, b) of the Beta distribution with mean and spread corrected towards the real ones."""
     a, b = shape if shape[1] > 0 else (30.0, 1.0)
     mean = float(np.clip(a / (a + b) + _STEP * (real.mean() - sim.mean()), 0.02, 0.98))
     size = float(np.clip((a + b) * (sim.var() / max(real.var(), 1e-6)) ** _STEP, 0.3, 500))

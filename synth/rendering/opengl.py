@@ -234,7 +234,7 @@ class OpenGLPainter:
 
 
 def _apart(parts: dict[int, tuple[slice, slice]]) -> list[list[int]]:
-    """Return owners in groups in which no two parts of the picture overlap; each group is drawn at once."""
+    """Return owners in groups in which no two parts of the picture overlap; each group is drawn in one pass."""
     groups: list[list[int]] = []
     for owner, part in parts.items():
         for group in groups:

@@ -8,7 +8,7 @@ from synth.people.bending import Bending
 
 
 class SurfaceFlow:
-    """The flow of images of a scene whose geoms are rigid.
+    """The flow of images of a scene of rigid geoms.
 
     Args:
         model: The scene.

@@ -42,7 +42,8 @@ class Stage:
 
 
 def area(stage: Stage) -> np.ndarray:
-    """(R, S, L, 3) corners of cells whose convex hulls together hold the people's area, m: rings, sectors, levels."""
+    """(R, S, L, 3) corners of cells; their convex hulls together contain the people's area, m: rings, sectors,
+    levels."""
     # The polygon is around the circle, so that it holds the circle.
     rings = np.linspace(0, stage.radius / np.cos(np.pi / _SECTORS), _RINGS)
     angle = 2 * np.pi * np.arange(_SECTORS) / _SECTORS

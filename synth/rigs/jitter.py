@@ -1,4 +1,4 @@
-"""Jitter: cameras displaced from where the rig has them, anew for each clip."""
+"""Jitter: cameras displaced from their places in the rig, differently for each clip."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from synth.rigs.displacement import check_deviations, displace
 class JitterConfig:
     """Displacement of the cameras, as if held by hand, constant within a clip.
 
-    Drawn anew for each clip and camera, normally distributed; the values are standard deviations.
+    Drawn for each clip and camera, normally distributed; the values are standard deviations.
 
     Attributes:
         position: Along each axis, m.

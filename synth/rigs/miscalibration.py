@@ -13,7 +13,7 @@ from synth.rigs.displacement import check_deviations, displace
 class MiscalibrationConfig:
     """Errors of the calibration that a clip stores as its rig.
 
-    Pictures and labels are those of the true cameras, which the clip stores as `true_rig`. Drawn anew for each clip and
+    Pictures and labels are those of the true cameras, which the clip stores as `true_rig`. Drawn for each clip and
     camera, normally distributed; the values are standard deviations.
 
     Attributes:

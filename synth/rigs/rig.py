@@ -32,12 +32,12 @@ class CameraPlacement(Enum):
 
 @dataclass(frozen=True)
 class RigConfig:
-    """The cameras of a clip: those of a file, or else those listed, or else those that are placed.
+    """The cameras of a clip: those of a file, otherwise listed cameras, otherwise placed cameras.
 
     Attributes:
-        name: Name of the rig, for people to read.
+        name: Descriptive name of the rig.
         path: Calibration file of any format of `dmae.formats.calibrations`.
-        size: Image width and height, px, for files that hold none.
+        size: Image width and height, px, for files that do not state them.
         unit: Unit of lengths in the file; by default that of its format, like `up` and `inverse`.
         up: Up direction of the file's world.
         inverse: Whether poses in the file are world_from_cam.

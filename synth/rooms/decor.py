@@ -1,4 +1,4 @@
-"""The look of a room: coverings, colours and light, drawn anew for every clip or the room's own."""
+"""The look of a room: coverings, colours and light, random in every clip or the room's own."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -114,7 +114,7 @@ def sample_decor(arena: Path, *, randomize: bool, rng: np.random.Generator) -> D
         strength=float(rng.uniform(0.85, 1.12)),
         tint=(1 + warmth, 1.0, 1 - warmth),
     )
-    # No two alike while there are colours left.
+    # No two are equal while there are colours left.
     order = np.resize(rng.permutation(len(_TINTS)), len(materials))
     return Decor(floor, wall, light, tuple((name, _TINTS[tint]) for name, tint in zip(materials, order, strict=True)))
 

@@ -12,7 +12,7 @@ from dmae.files.contents import read_bytes
 from dmae.files.structured import parse_json
 
 _MOST_NEIGHBOUR = 16 << 20
-"""Bytes of a material or texture beside a mesh."""
+"""Bytes of a material or texture of a mesh."""
 _PLY_ELEMENT = re.compile(rb"^element\s+\S+\s+(\S+)", re.MULTILINE)
 _GLB_HEAD = struct.Struct("<4sIIII")
 

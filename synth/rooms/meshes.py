@@ -77,7 +77,9 @@ def load_mesh(path: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> tuple[
         except Exception as error:
             if path in str(error):
                 raise
-            raise ValueError(f"{path}: this mesh is broken: {type(error).__name__}: {error}; export it anew") from error
+            raise ValueError(
+                f"{path}: this mesh is broken: {type(error).__name__}: {error}; export it again"
+            ) from error
     corners = np.concatenate([piece.vertices for piece, _ in pieces]) @ turn.T
     low, high = corners.min(0), corners.max(0)
     _check_size(path, (high - low) * scale, scale)
@@ -103,7 +105,7 @@ def _read(path: str) -> list[trimesh.Trimesh]:
             found = scene.dump()
     # Readers of foreign formats raise errors of any type.
     except Exception as error:
-        raise ValueError(f"{path}: this mesh is broken: {type(error).__name__}: {error}; export it anew") from error
+        raise ValueError(f"{path}: this mesh is broken: {type(error).__name__}: {error}; export it again") from error
     meshes = [mesh for mesh in found if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
     if not meshes:
         raise ValueError(f"{path}: this mesh is empty: it holds no triangles; export surfaces, not points or curves")
@@ -115,11 +117,11 @@ def _read(path: str) -> list[trimesh.Trimesh]:
 def _pieces(mesh: trimesh.Trimesh, path: str) -> list[trimesh.Trimesh]:
     """The connected parts of a mesh, corners merged, each closed and with all faces turned outward."""
     if not np.isfinite(mesh.vertices).all():
-        raise ValueError(f"{path}: this mesh is broken: it has vertices that are not finite; export it anew")
+        raise ValueError(f"{path}: this mesh is broken: it has vertices that are not finite; export it again")
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
-        raise ValueError(f"{path}: this mesh is broken: it has faces of vertices that are not there; export it anew")
+        raise ValueError(f"{path}: this mesh is broken: it has faces of vertices that are not there; export it again")
     if np.abs(mesh.vertices).max() > _FARTHEST:
-        raise ValueError(f"{path}: this mesh is broken: it has vertices beyond {_FARTHEST:g}; export it anew")
+        raise ValueError(f"{path}: this mesh is broken: it has vertices beyond {_FARTHEST:g}; export it again")
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     mesh.update_faces(mesh.nondegenerate_faces())
     mesh.remove_unreferenced_vertices()

@@ -16,7 +16,7 @@ from synth.rooms.mjcf import read_mjcf
 
 @dataclass(frozen=True)
 class PropsConfig:
-    """Meshes of your own, used in place of `scene.prop_kinds`.
+    """Your own meshes, used instead of `scene.prop_kinds`.
 
     Attributes:
         path: A mesh file (.obj, .stl, .ply, .glb) or a folder of them; empty for none.

@@ -69,7 +69,7 @@ def room_name(arena: str) -> str:
 def _filled(spec: mujoco.MjSpec):
     """Fill in what a room lacks, and yield what that was."""
     if taken := _hold_still(spec):
-        yield f"left out {taken}: rooms stand still"
+        yield f"left out {taken}: rooms are static"
     _reset_options(spec)
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:

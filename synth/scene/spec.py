@@ -31,24 +31,24 @@ _LONGEST, _FASTEST = 3600.0, 1000.0
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """What scenes are drawn from. Pairs are the least and the greatest value.
+    """Distributions from which scenes are drawn. Pairs are the least and the greatest value.
 
     Attributes:
         arena: Room of `scenes/`, or path of an MJCF file.
-        persons: Number of people; of an interaction, those who take part. By default 2 to 4, or as many of them as the
-            interaction takes.
+        persons: Number of people; with an interaction, of its participants. By default 2 to 4, within the numbers that
+        the interaction allows.
         children: Share of children, 4 to 17 years old, among the people.
         seconds: Length of a clip, s.
         fps: Frames per second of a clip. The same seed gives the same motion at any rate.
         middle: x, y of the point around which people and props are placed, m.
-        radius: Greatest distance of people's hips from the middle, m; motions that cannot be bent to fit may reach
-            0.3 m farther.
-        gathering: Distance from the middle at which people pass at some time, m (standard deviation). Small values
-            make people meet and hide each other.
+        radius: Greatest distance of people's hips from the middle, m; motions that cannot be adapted may reach 0.3 m
+        farther.
+        gathering: Distance from the middle through which people pass at some time, m (standard deviation). With small
+        values people meet and hide each other.
         clearance: Distance that people keep between their hips, m; one value per clip. Below 0.5 they touch.
         props: Number of props, where there is space.
         prop_kinds: Kinds of props: of `scenes/props/`, or paths of MJCF files.
-        randomize: Whether floor, walls, light and colours are drawn anew for each clip; otherwise the room's own.
+        randomize: Whether floor, walls, light and colours are random in each clip; otherwise those of the room.
     """
 
     arena: str = "studio"

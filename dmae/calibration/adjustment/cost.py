@@ -1,6 +1,6 @@
 """The cost of an adjustment, and its derivatives.
 
-A detector puts some joints of a person in a view beside their place, at all times by about the same: 23 % of the energy
+A detector displaces some joints of a person in a view by nearly constant offsets: 23 % of the energy
 of OpenPose's errors on Shelf, with each view left out in turn. Longer recordings do not average it away. These offsets
 can therefore be unknowns, too, with a prior.
 

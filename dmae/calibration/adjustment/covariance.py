@@ -1,4 +1,4 @@
-"""The covariance of adjusted cameras, as detectors err: alike for a while, and with constant offsets of joints."""
+"""The covariance of adjusted cameras, for correlated errors of detectors over time, and constant offsets of joints."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ def _root(matrix: np.ndarray) -> np.ndarray:
 
 
 def _alike(observations: Observations, scores: np.ndarray) -> float:
-    """Return how many bodies of a person err alike, from contributions (M, P) of bodies to a gradient, uncorrelated.
+    """Return how many bodies of a person have the same error, from contributions (M, P) of bodies to a gradient,
+    uncorrelated.
 
     It is the energy of sums over stretches of time, relative to the sum of energies.
     """

@@ -29,7 +29,7 @@ _CHANCE_OF_KIND = 0.01
 _REFERENCE = 4.0
 """How many times the gain must be that which the other cameras would have from such a change."""
 _NEAR = 0.04
-"""Share of the gain by which two kinds may differ and yet not be told apart."""
+"""Share of the gain by which two kinds may differ and still not be distinguished."""
 _RIVAL = 0.7
 """Share of the gain that a change of another camera may have."""
 _SURE = 0.1

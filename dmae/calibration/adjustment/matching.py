@@ -32,8 +32,8 @@ _ALIGNED_BODIES = 150
 def match_tracks(clip: Clip, config: CaptureConfig | None = None) -> ImageTracks:
     """Match the detections of all views to the people that capture finds, also those of a camera that is wrong.
 
-    Each camera is aligned with the people, its detections are assigned to them anew, and so on, with gates that narrow.
-    Only the assignment depends on that alignment.
+    Each camera is aligned with the people, its detections are assigned to them again, and so on, with narrower gates
+    each time. Only the assignment depends on that alignment.
     """
     skeleton, kept = coarse_skeleton(clip.detections.skeleton)
     xyz = capture(clip, config or CaptureConfig()).xyz[:, :, kept].astype(np.float64)

@@ -1,4 +1,4 @@
-"""Refinement: the cameras of a recording, calibrated anew by the people in it."""
+"""Refinement: the cameras of a recording, calibrated again with the people in it."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ _PRIOR = ((ROTATION, np.radians(3)), (CENTRE, 0.3), (FOCAL, 0.1), (K1, 0.3), (OF
 
 @dataclass(frozen=True)
 class RefineConfig:
-    """What is calibrated anew."""
+    """Parameters that are calibrated."""
 
     cameras: list[str] = field(default_factory=lambda: [AUTO])
     """Names of the cameras that may change; `auto`: those that clearly differ from their calibration; `all`."""
     known: bool = True
-    """Whether extrinsics are roughly right. Otherwise they are found from intrinsics alone, which takes frames in which
-    one person is seen by two cameras; the world is then level."""
+    """Whether extrinsics are roughly right. Otherwise they are estimated from intrinsics only, which requires frames in
+    which two cameras see one person; the world is then level."""
     extrinsics: bool = True
-    """Refine where these cameras stand and look."""
+    """Refine the positions and directions of these cameras."""
     focal: bool = False
-    """Refine their focal lengths; fx / fy stays."""
+    """Refine their focal lengths; fx / fy does not change."""
     distortion: bool = False
     """Refine k1."""
     offsets: bool = False
     """Refine the time offset of each camera, to a fraction of a frame."""
     drift: bool = False
-    """Refine how fast that offset grows."""
+    """Refine the drift of that offset."""
     bones: bool = True
     """Expect bones of constant length."""
     bodies: int = 1000
-    """Most bodies, each a person in a frame, that are compared."""
+    """Largest number of bodies (a person in a frame) that are compared."""
     stature: float | None = None
-    """m; scale the world so that the people, on average, are so tall."""
+    """m; scale the world so that the people have this mean stature."""
     level: bool = False
     """Turn the world so that z is up, by the feet and bodies of people, and move the floor to z = 0. With
     extrinsics=false nothing else changes."""
@@ -113,8 +113,8 @@ class Refined:
         rig: The cameras.
         offset, drift: (V,) s and s/s, as in `Calibration`.
         covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment.parameters`), if the errors
-            of the detector were as they usually are: alike for some tenths of a second, with a constant part at each
-            joint of a person in a view. 0 where not refined.
+            of the detector were as they usually are: correlated over some tenths of a second, with a constant part at
+            each joint of a person in a view. 0 where not refined.
         changes: What changed, a camera each, in the world as it was.
         floor: Where the floor was and how the world was tilted, if the world was made level.
     """
@@ -131,7 +131,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
     """Return cameras that fit the detections of the people better.
 
     Args:
-        clip: F frames of V cameras, two or more, whose calibration is roughly right.
+        clip: F frames of V cameras, two or more, with a roughly correct calibration.
         config: What may change.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Skeletons of your own: defined in a YAML file, or beside what is stored of their joints.
+"""Your own skeletons: defined in a YAML file, or stored together with data on their joints.
 
 name: hand
 size_m: 0.19                  # optional

@@ -21,7 +21,7 @@ _PASSES = 2
 _PENALTY = 1.0
 """On the square of the weights of the scores, which keeps rare joints from extremes."""
 _MATCHED = 0.15
-"""m/m; a person whose joints are farther from the true ones on average is another one."""
+"""m/m; a person with a greater mean distance from the true joints is another person."""
 GROUPS = {
     "face": ("nose", "eye", "eye_inner", "eye_outer", "mouth"),
     "ear": ("ear",),

@@ -26,15 +26,15 @@ _FAINT = 0.3
 _CLEAR = 0.42
 """Smallest mean confidence of the joints of a person."""
 _SHIFTS = (-0.4, 0.4)
-"""Where a person is looked for beside a region that holds parts of two, relative to its radius."""
+"""Offsets of searches next to a region that contains parts of two people, relative to its radius."""
 _NARROWER = 0.8
 """Side of the region there, relative to the first."""
 _CROWD = (1.6, 2.4)
 """Sides of the windows around people in which others are searched with them painted over, relative to their regions."""
 _CLEARER = 0.05
-"""A person found anew takes the place of one followed if the mean confidence of the joints is higher by this much."""
+"""A newly found person replaces a followed one if the mean confidence of the joints is higher by this much."""
 _DROP = 0.12
-"""A followed person whose mean confidence falls by this much below its usual one is searched again."""
+"""A followed person is searched again if the mean confidence falls by this much below its usual value."""
 _JUMP = 0.25
 """Way from one picture to the next, relative to the torso, after which a second pass checks the person."""
 _FULL_SEARCHES = 3

@@ -1,1 +1,1 @@
-"""How do I compare? A benchmark of occlusion that is made anew from its definition, not downloaded."""
+"""How do I compare? A benchmark of occlusion that is generated from its definition, not downloaded."""

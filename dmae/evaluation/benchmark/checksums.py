@@ -51,7 +51,9 @@ def freeze(clips: dict[str, Clip], file: Path) -> None:
         ValueError: the file exists. Frozen checksums are not changed; another version of a benchmark has its own.
     """
     if Path(file).exists():
-        raise ValueError(f"{file}: exists; frozen checksums stay. Remove the file only if no scores are published yet")
+        raise ValueError(
+            f"{file}: exists; stored checksums are not overwritten. Remove the file only if no scores are published yet"
+        )
     versions = next(iter(clips.values())).provenance.get("versions", {})
     # A line a clip.
     lines = ",\n".join(
@@ -72,7 +74,9 @@ def check_clip(name: str, clip: Clip, file: Path) -> FrozenMatch:
     """
     frozen = read_json(file)
     if name not in frozen["clips"]:
-        raise ValueError(f"clip {name}: has no checksum in {file}; the definition was changed after it was frozen")
+        raise ValueError(
+            f"clip {name}: has no checksum in {file}; the definition was changed after its checksums were stored"
+        )
     found, expected = clip_checksums(clip), frozen["clips"][name]
     differing = [part for part in PARTS if found[part] != expected[part]]
     if not differing:

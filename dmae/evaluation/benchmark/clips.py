@@ -30,7 +30,7 @@ def make_clips(definition: Definition, size: BenchmarkSize, data: Path, workers:
         definition: The benchmark.
         size: How many clips.
         data: The folder. Everything in it can be made again.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Returns:
         How the clips agree with those that were frozen, of all the worst.

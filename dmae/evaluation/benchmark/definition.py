@@ -115,7 +115,7 @@ class Definition:
 
     @property
     def checksums(self) -> Path:
-        """The file of the frozen checksums, beside the definition."""
+        """The file of the published checksums, in the folder of the definition."""
         return Path(self.file).with_suffix(".checksums.json")
 
     def sets(self, size: BenchmarkSize) -> list[ClipSet]:

@@ -62,5 +62,5 @@ def _check_holes(cells: dict[str, dict], earlier: dict[str, dict]) -> None:
         if cells[name]["holes"] != earlier[name]["holes"]:
             raise ValueError(
                 f"against: clip {name} has {now} holes, then it had {then}, or others as many. The captured poses "
-                "differ, as of another version of capture or another processor; score the earlier hand-in again"
+                "differ, as of another version of capture or another processor; score the earlier method again"
             )

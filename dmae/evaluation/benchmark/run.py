@@ -21,21 +21,23 @@ from dmae.progress import progress
 
 @dataclass(frozen=True)
 class BenchmarkConfig:
-    """Compare completion and capture on a benchmark of occlusion that is made here, not downloaded.
+    """Score completion and capture on a benchmark of occlusion, which is generated, not downloaded.
 
-    Clips are simulated from a definition and its seed, and their checksums compared with the frozen ones. Methods fill
-    the holes of the same captured poses; captures make poses of the detections. A method or a capture is a name,
-    package.module:function, or a folder of poses with a file LEVEL/SET/CLIP.npz for each clip.
+    Clips are simulated from a definition and its seed, and their checksums are compared with the published ones.
+    Methods fill the holes of the same captured poses; captures make poses from the detections. A method or a capture is
+    a name, package.module:function, or a folder of poses with a file LEVEL/SET/CLIP.npz for each clip.
     """
 
     name: str = "occlusion-v2"
-    """The benchmark: one that comes with the package, or a YAML file of your own."""
+    """The benchmark: one of the package, or your own YAML file."""
     size: BenchmarkSize = BenchmarkSize.small
-    """Number of clips: small takes minutes; full is what tables are published of."""
+    """Number of clips: small takes minutes; published tables use full."""
     methods: list[str] = field(default_factory=lambda: ["linear", "pchip_body", "gaussian_process", "dmae"])
-    """What fills holes: completion methods, module:function of poses and their frame rate, or folders of poses."""
+    """Methods that fill holes: completion methods, module:function of poses and their frame rate, or folders of
+    poses."""
     captures: list[str] = field(default_factory=lambda: [OURS])
-    """What makes poses of detections: `capture` (ours), module:function of a clip, or folders of poses."""
+    """Methods that make poses from detections: `capture` (this package), module:function of a clip, or folders of
+    poses."""
     weights: str | None = None
     """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
     against: str | None = None
@@ -43,7 +45,7 @@ class BenchmarkConfig:
     data_folder: str | None = None
     """Folder of the clips, which runs can share; by default `data` in `out`."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str = "runs/benchmark"
@@ -55,7 +57,7 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
 
     Args:
         config: What is run.
-        methods, captures: Functions beside those that the configuration names.
+        methods, captures: Functions in addition to those that the configuration names.
 
     Returns:
         JSON-able. `benchmark`; `size`; `checksums`, how the clips agree with those that were frozen (`FrozenMatch`);
@@ -74,7 +76,7 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
     hand_ins += [find_hand_in(each, Task.capture) for each in (*config.captures, *captures)]
     names = [(each.task, each.name) for each in hand_ins]
     if len(set(names)) < len(names):
-        raise ValueError(f"expected hand-ins of different names, found {[name for _, name in names]}")
+        raise ValueError(f"expected methods of different names, found {[name for _, name in names]}")
     if not hand_ins:
         raise ValueError("methods=[] captures=[]: nothing to score")
     sets = definition.sets(config.size)
@@ -139,7 +141,7 @@ def score_clip(data: Path, name: str, hand_ins: list[HandIn]) -> dict:
     linear = find_method("linear").function(given.poses, given.fps)
     found: dict[str, dict] = {task.value: {} for task in Task}
     for hand_in in hand_ins:
-        # Read anew for each, so that none sees what another has changed.
+        # Read again for each, so that no method gets data that another has changed.
         poses = hand_in.poses(name, given_clip(data, name))
         if hand_in.task == Task.completion:
             found[Task.completion][hand_in.name] = completion_cells(holes, given.poses, linear, poses)

@@ -16,10 +16,10 @@ from dmae.reporting.tables import Table
 
 NOT_MEASURED = "not measured"
 CHECKED = {
-    FrozenMatch.equal: "The clips are byte for byte those that were frozen.",
+    FrozenMatch.equal: "The clips are byte for byte those of the published checksums.",
     FrozenMatch.near: "The clips are those that were frozen, up to how this processor rounds: scores differ in their "
     "last digits from those made elsewhere.",
-    FrozenMatch.unchecked: "No checksums are frozen: scores from elsewhere may be of other clips.",
+    FrozenMatch.unchecked: "There are no published checksums: scores from other machines may be for other clips.",
 }
 """What `checksums` of scores means."""
 _MARKERS = "osD^vP*X<>h"

@@ -28,7 +28,7 @@ class Corruption(Entry):
         order: Corruptions are applied, and listed, in this order.
         most: Greatest level that there is.
         whole: Levels are whole numbers.
-        people: Smallest number of people, in the image at once, that it takes.
+        people: Smallest number of people that must be in an image at the same time.
         fewer_cameras: A level is the number of cameras that are left out.
     """
 

@@ -1,1 +1,1 @@
-"""What did the paper report, and what is measured here? Its five tables, published rows beside measured ones."""
+"""What did the paper report, and what is measured here? Its five tables, published rows and measured ones."""

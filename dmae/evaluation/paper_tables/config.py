@@ -30,7 +30,7 @@ class TableSize(StrEnum):
 
 @dataclass(frozen=True)
 class TableConfig:
-    """Reproduce a table of the paper: published rows beside rows measured here, with intervals.
+    """Reproduce a table of the paper: published rows and rows measured here, with intervals.
 
     Tables 1 and 2 (PCP of each actor; by number of cameras) and 4 (pose fusion, limb by limb) score one recording with
     truth on Shelf's joints. Table 3 (people who interact, and transfer) and 5 (the codes) take a generated data set.
@@ -41,15 +41,15 @@ class TableConfig:
     """Number of the table in the paper, 1 to 5."""
     data: DataConfig = field(default_factory=DataConfig)
     extra_data: list[str] = field(default_factory=list)
-    """Folders of further data sets: of tables 1, 2 and 4 simulated clips that the paper's network and fusion are
-    learned from, without which their rows are not measured; of tables 3 and 5 more clips."""
+    """Folders of further data sets: for tables 1, 2 and 4, simulated clips to train the paper's network and fusion,
+    whose rows are not measured without them; for tables 3 and 5, more clips."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     protocol: str = field(default="strict", metadata={"choices": protocol})
     """How limbs are counted in the rows measured here; the others are for comparison with rows published under them."""
     size: TableSize = TableSize.full
-    """How much is spent: all methods and full trainings, or a table in a minute or two."""
+    """Amount of computation: all methods and full trainings, or a table in a minute or two."""
     paper: PaperSize = PaperSize.small
-    """Size of the paper's own network in tables 1 and 2: as a CPU trains it, or full."""
+    """Size of the paper's own network in tables 1 and 2: small enough for a CPU, or full."""
     weights: str | None = None
     """Folder that `dmae train` wrote, for `dmae`; by default the weights that come with the package."""
     seed: int = 0

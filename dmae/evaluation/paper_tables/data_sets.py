@@ -61,7 +61,7 @@ def halves(data: DataConfig, paths: Sequence[str]) -> tuple[NamedClips, NamedCli
 
 
 def check_truth(clip: Clip, number: int) -> None:
-    """Raise ValueError where a clip has no truth on the joints of Shelf, whose limbs a table is about."""
+    """Raise ValueError where a clip has no truth on the joints of Shelf, which a table scores."""
     if clip.truth is None or np.isnan(clip.truth.xyz).all():
         raise ValueError(f"clip {clip.id!r} has no truth; table {number} needs true poses on {SHELF14.name}")
     if SHELF14 not in clip.truth.skeleton.parts:

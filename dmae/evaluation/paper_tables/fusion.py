@@ -32,7 +32,7 @@ from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture
 
 PRETRAINED, TUNED, BETTER = (
-    "fusion, learned from simulation alone", "fusion, tuned on some frames", "better of dmae and tuned fusion",
+    "fusion, trained only on simulation", "fusion, fine-tuned on some frames", "better of dmae and tuned fusion",
 )  # fmt: skip
 GROUPS = {
     "head": ("bottom_head-top_head",),
@@ -90,7 +90,7 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
     for name, tally in tallies.items():
         cells = {key: pooled([tally], kinds=chosen) for key, chosen in kinds.items()}
         rows.append(MeasuredRow(name, cells | errors.get(name, {}), **_remarks(name)))
-    missing = "there are no simulated clips to learn from: give extra_data=[...]"
+    missing = "there are no simulated clips to train on: give extra_data=[...]"
     rows += [MeasuredRow(name, missing=missing) for name in (PRETRAINED, TUNED, BETTER) if name not in tallies]
     shelf = clip.provenance.get("format") == "shelf"
     notes = [

@@ -29,7 +29,7 @@ from dmae.metrics.time_blocks import block_sums
 from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture
 
-TUNED, ALONE = "dmae, tuned on this data", "dmae, learned from this data alone"
+TUNED, ALONE = "dmae, fine-tuned on this data", "dmae, trained only on this data"
 _STEPS = {TableSize.small: (60, 200), TableSize.full: (1000, 6000)}
 """Steps of tuning, and of learning from nothing."""
 _OBSERVED_WEIGHT = 0.2

@@ -17,7 +17,7 @@ from dmae.formats.recordings.selection import camera_subsets
 from dmae.reconstruction.pipeline import capture
 
 PRETRAINED, TUNED = "the paper's network, without fine-tuning", "the paper's network, final"
-MISSING = "there are no simulated clips to learn from: give extra_data=[...]"
+MISSING = "there are no simulated clips to train on: give extra_data=[...]"
 TUNED_FRAMES, APART = 40, 10
 """Frames at the beginning of the recording that are learned from, and those after them that are not scored."""
 _FEW = (150, 10)
@@ -48,7 +48,7 @@ def note(config: TableConfig) -> dict[str, str]:
     size = SIZES[config.paper].network
     return {
         "note": f"{config.paper} size: {size.dim} channels and {size.depth} layers in the encoder, where the paper has "
-        "256 and 6; none of this package's methods beside it"
+        "256 and 6; without any of this package's methods"
     }
 
 

@@ -1,9 +1,10 @@
-"""Published rows: figures of others, each with its source and its protocol, from `published.toml` beside this file."""
+"""Published rows: figures of others, each with its source and its protocol, from `published.toml` in the same
+folder."""
 
 import tomllib
 from importlib.resources import files
 
-_SECOND_HAND = "figures quoted at second hand, not read in the publication"
+_SECOND_HAND = "figures from a secondary source, not from the publication itself"
 _REQUIRED = {"table", "name", "data", "protocol", "source", "values"}
 _OPTIONAL = {"note", "second_hand"}
 

@@ -83,7 +83,7 @@ def actor_table(config: TableConfig, out: Path) -> dict:
 
 
 def camera_table(config: TableConfig, out: Path) -> dict:
-    """Return table 2: PCP by the number of cameras, over all subsets of so many.
+    """Return table 2: PCP by the number of cameras, over all subsets of each size.
 
     Raises:
         ValueError: as `actor_table`.
@@ -102,7 +102,7 @@ def camera_table(config: TableConfig, out: Path) -> dict:
             columns.append(TableColumn(f"worst_{count}", f"worst {count}"))
             for name, row in rows.items():
                 row.cells[f"worst_{count}"] = float(np.fmin.reduce([_mean(each) for each in found[name]]))
-    notes = ["Cells are means over all subsets of so many cameras, and PCP with the worst subset."]
+    notes = ["Cells are means over all subsets with this number of cameras; PCP also has the worst subset."]
     return _table(config, clip, columns, list(rows.values()), frames, notes)
 
 

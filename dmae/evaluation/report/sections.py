@@ -21,7 +21,7 @@ from dmae.reporting.tables import Choices, Moment, Table
 _KINDS = {
     "error": "Largest errors of a joint",
     "missed": "True people without a captured one",
-    "not measured": "Frames in which cameras measured least of a person",
+    "not measured": "Frames with the fewest measured joints of a person",
     "reprojection": "Measured joints farthest from their detection",
 }
 _MOST_MOMENTS = 8
@@ -58,7 +58,7 @@ def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list
         "measured joints"
     )
     held = (
-        f" The player holds {len(played)} of them, those with the greatest errors."
+        f" The player contains {len(played)} of them, those with the greatest errors."
         if len(played) < len(findings)
         else ""
     )
@@ -145,7 +145,7 @@ def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:
     figures = []
     if known:
         figures = [
-            CaptionedFigure("Error by length of the gap, and what 90 % stay under.", _gap_figure(groups[BY_GAP])),
+            CaptionedFigure("Error by length of the gap: mean and 90 % quantile.", _gap_figure(groups[BY_GAP])),
             CaptionedFigure("Share of joints within an error, measured and completed ones.", _error_figure(truth)),
         ]
     return [Section("Where it errs" if known else "What was not measured", text, tables, figures)]
@@ -165,7 +165,7 @@ def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
     text = (
         f"{counted} have a stated uncertainty and a truth. Above the diagonal it is too cautious, below overconfident."
     )
-    caption = "Stated against found; on the diagonal the uncertainty is right."
+    caption = "Stated against measured probability; on the diagonal the uncertainty is correct."
     return [Section("Is the uncertainty right?", text, [table], [CaptionedFigure(caption, _regions_figure(regions))])]
 
 

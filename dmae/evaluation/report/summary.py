@@ -117,7 +117,7 @@ def _residuals(findings: Sequence[Findings]) -> list[str]:
 
 def _floor(findings: Sequence[Findings]) -> list[str]:
     floors = [each.floor for each in findings if each.floor is not None]
-    return [f"Judged by feet and bodies, {floors[0].describe()}."] if len(floors) == len(findings) == 1 else []
+    return [f"Estimated from feet and bodies: {floors[0].describe()}."] if len(floors) == len(findings) == 1 else []
 
 
 def _pictures(findings: Sequence[Findings]) -> list[str]:

@@ -26,7 +26,7 @@ class ReviewVerdict(StrEnum):
     blank = "blank"
     """It is left out of exports, and of what is completed."""
     hand_back = "hand_back"
-    """It is completed anew by `dmae complete`, as if no camera had measured it; until then exports leave it out."""
+    """`dmae complete` completes it, as if no camera had measured it; until then exports leave it out."""
 
 
 @dataclass(frozen=True)

@@ -32,9 +32,9 @@ class StressConfig:
     size: StressSize = StressSize.small
     """How many levels of each axis, pairs of axes and seeds."""
     axes: list[str] = field(default_factory=list, metadata={"choices": corruption})
-    """What goes wrong, one at a time, or module:function of your own; by default everything that the clips allow."""
+    """Corruptions, one at a time, or your own module:function; by default all that the clips allow."""
     pairs: list[str] | None = None
-    """What goes wrong together, as [cameras+objects]; by default one pair, or with size=full four."""
+    """Pairs of corruptions at the same time, such as [cameras+objects]; by default one pair, or with size=full four."""
     levels: dict[str, list[float]] = field(default_factory=dict)
     """Levels of an axis, as levels.jitter=[1,2,4]; others have those of the size."""
     methods: list[str] = field(
@@ -47,9 +47,9 @@ class StressConfig:
     paper_weights: str | None = None
     """Folder that `dmae train model=paper` wrote, for the method `paper`; without it that fills linearly."""
     seed: int = 0
-    """Seed of what is drawn at random."""
+    """Seed of the random numbers."""
     workers: int = 1
-    """Processes; -1 for one a core. The results are the same."""
+    """Processes; -1 for one per core. The results are the same."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     first: int = 0
@@ -57,11 +57,11 @@ class StressConfig:
     clips: int | None = None
     """Number of clips, of all shards together; by default all from `first` on."""
     shard: str | None = None
-    """Which piece of the clips: `shard=3/16` the third of sixteen, in a folder of its own; `dmae merge` joins them."""
+    """Part of the clips: `shard=3/16` is the third of sixteen, in its own folder; `dmae merge` joins them."""
     dry_run: bool = False
     """Only print how many cells are to be computed, and what time that takes, as a few of them show."""
     out: str = "runs/stress"
-    """Folder of `stress.json` and `stress.html`, and of `cache`, from which later runs take what they share."""
+    """Folder of `stress.json` and `stress.html`, and of `cache`, from which later runs reuse results."""
 
     def numbers(self, total: int) -> range:
         """Return the numbers of the clips to stress, of all clips of the data set."""

@@ -14,9 +14,9 @@ from dmae.reporting.tables import Table
 _MEASURED = (
     "Strict PCP, one-to-one matching within 0.5 m. Hidden joints are those that the capture of the method did not "
     "measure, of people that it found; the error is over those that the method filled. Intervals are of 95 %, from "
-    "whole seconds drawn anew; they are about other moments of these clips, not about other clips. Level 0 is the clip "
-    f"as it is. A method breaks where its PCP is {PCP_DROP:g} points below its own at level 0, or where the mean error "
-    f"of hidden joints passes {HIDDEN_ERROR:g} mm, by straight lines between levels."
+    "resampled whole seconds; they describe other moments of these clips, not other clips. Level 0 is the original "
+    f"clip. A method breaks where its PCP is {PCP_DROP:g} points below its own at level 0, or where the mean error "
+    f"of hidden joints exceeds {HIDDEN_ERROR:g} mm, interpolated linearly between levels."
 )
 
 
@@ -40,7 +40,7 @@ def sections(result: dict) -> list[Section]:
         *(_axis_section(axis) for axis in result["axes"]),
     ]
     if result["pairs"]:
-        found.append(Section("Two at once", "PCP with two corruptions together.", tables=pair_tables(result)))
+        found.append(Section("Two corruptions", "PCP with two corruptions together.", tables=pair_tables(result)))
     methods = Table("Methods", ("method", "what it is"), list(result["methods"].items()))
     found.append(Section("How this was measured", " ".join([_MEASURED, *result["notes"]]), tables=[methods]))
     return found

@@ -31,7 +31,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Axis:
-    """One corruption, or two at once.
+    """One corruption, or two at the same time.
 
     Attributes:
         names: Of the corruptions.

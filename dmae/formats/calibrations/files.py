@@ -66,7 +66,7 @@ def read_calibration(
     Args:
         path: The file, recognised by its content; of EasyMocap one of the two, or their folder; or a folder in which
             `find_calibration` finds the one calibration.
-        size: Image width and height, px, for files that hold none.
+        size: Image width and height, px, for files that do not state them.
         unit: Unit of lengths; None for that of the format.
         up: Axis that points up; None for that of the format.
         inverse: Whether poses are written as world_from_cam; None for what is usual in the format.

@@ -111,7 +111,7 @@ def file_part(name: str) -> str:
 
 
 def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, rgb: bool = True) -> Iterator[Picture]:
-    """Yield the pictures of a clip, view by view, every so many frames; one is in memory at a time.
+    """Yield the pictures of a clip, view by view, one frame in `every`; one is in memory at a time.
 
     Args:
         clip: With or without images.

@@ -1,6 +1,6 @@
 """BVH, Biovision's text format of joint angles: y up, facing z in the rest pose, a file for each person.
 
-A BVH cannot say that a joint is absent or was not measured, so a table beside each file does
+A BVH cannot say that a joint is absent or was not measured, so a table next to each file does
 (`dmae.formats.motion_capture.source_table`).
 """
 

@@ -43,14 +43,14 @@ def match_cameras(
         lacking = [name for name, plain in zip(names, found, strict=True) if plain not in calibrated]
         raise ValueError(
             f"{path}: expected a calibration of each camera that has {what}, found {both}: {', '.join(lacking)} "
-            f"has none; name the cameras alike, or name other files by {options}"
+            f"has none; give the cameras the same names, or name other files by {options}"
         )
     numbers = [[_number(name) for name in part] for part in (names, rig.names)]
     ranks, how = [_ranks([natural(name) for name in part]) for part in (names, rig.names)], "in order of their names"
     if all(None not in part and len(set(part)) == len(part) for part in numbers):
         steps = {a - b for a, b in zip(*map(sorted, numbers), strict=True)}
         if len(steps) > 1:
-            raise ValueError(f"{path}: expected cameras numbered alike, found {both}")
+            raise ValueError(f"{path}: expected cameras with the same numbers, found {both}")
         ranks, how = [_ranks(part) for part in numbers], "by number" if steps == {0} else "in order of their numbers"
     index = [ranks[1].index(rank) for rank in ranks[0]]
     pairs = ", ".join(f"{name} = {rig.names[i]}" for name, i in zip(names, index, strict=True))

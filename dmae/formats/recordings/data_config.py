@@ -27,11 +27,11 @@ class DataConfig:
     images: str | None = None
     """Folder of the pictures that people were detected in, a folder of PNG or JPEG files for each camera."""
     fps: float | None = None
-    """1/s; frame rate, where the files do not hold it."""
+    """1/s; frame rate, if the files do not state it."""
     size: list[int] | None = None
-    """px; image width and height, where the files do not hold them."""
+    """px; image width and height, if the files do not state them."""
     skeleton: str | None = None
-    """Skeleton of the detections, where the files do not hold it or are wrong."""
+    """Skeleton of the detections, if the files do not state it or are wrong."""
     unit: LengthUnit | None = None
     """Unit of lengths in the calibration; by default that of its format."""
     up: UpDirection | None = None

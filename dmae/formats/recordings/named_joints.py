@@ -92,7 +92,7 @@ def named_skeleton(
         notes: Decisions that can be wrong.
 
     Raises:
-        ValueError: a joint is there twice or missing; the message has the joints of both.
+        ValueError: a joint occurs twice or missing; the message has the joints of both.
     """
     plain = [_plain(name) for name in names]
     if len(set(plain)) < len(plain) or not names:

@@ -15,7 +15,7 @@ _MAX_SPAN = 20
 """Frames that a recording may span for each frame with a file; more, and the numbers do not count frames."""
 
 _CELLS, _CELLS_EACH = 250_000, 50
-"""Places for people in all frames: so many, or so many for each that is there."""
+"""Places for people in all frames: the first number, or the second number for each person."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def known_rate(fps: float | None, found: NumberedDetections, path: Path) -> floa
     """Return the frame rate that was given, else that of the files; ValueError where both are unknown."""
     fps = fps or found.fps
     if fps is None:
-        raise ValueError(f"{path}: no file says the frame rate; give data.fps=...")
+        raise ValueError(f"{path}: no file states the frame rate; give data.fps=...")
     return fps
 
 

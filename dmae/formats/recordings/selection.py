@@ -113,7 +113,7 @@ def camera_subsets(clip: Clip, sizes: Sequence[int]) -> list[list[int]]:
     """Return all subsets of a clip's cameras of each size; without sizes, all cameras.
 
     Raises:
-        ValueError: there are not so many cameras, or a size is less than two.
+        ValueError: there are not enough cameras, or a size is less than two.
     """
     views = len(clip.rig)
     sizes = list(dict.fromkeys(sizes)) or [views]

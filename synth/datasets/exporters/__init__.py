@@ -1,3 +1,3 @@
-"""In whose layout is a data set handed on? A file a format, under the decorator `exporter`."""
+"""Which layouts can a data set be exported in? One module per layout, with the decorator `exporter`."""
 
 from synth.datasets.exporters.registry import exporter as exporter

@@ -44,8 +44,8 @@ def export(
         splits: File that `synth.datasets.splits.write_splits` wrote; by default all clips are in the split `train`.
         skeleton: Skeleton to write; by default the format's.
         every: 2 for every other frame.
-        pictures: Files of pictures.
-        workers: Processes; -1 for one a core.
+        pictures: File format of images.
+        workers: Processes; -1 for one per core.
         damaged: Whether to export even if files are missing or not as they were written.
 
     Returns:
@@ -60,7 +60,7 @@ def export(
     if every < 1:
         raise ValueError(f"every: expected 1 or more frames, got {every}")
     if workers == 0:
-        raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
     folders = clip_folders(data)
     if not damaged:
         refuse_damaged(data, "damaged=true")

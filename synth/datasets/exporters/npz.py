@@ -49,7 +49,7 @@ def _write_clip(task: ClipTask) -> Counter:
 
 
 def physical_arrays(folder: Path, every: int = 1) -> dict[str, np.ndarray]:
-    """Return the physical labels of a clip, of every so many frames: `contacts.*`, `forces.*`, `surface.*`.
+    """Return the physical labels of a clip, of one frame in `every`: `contacts.*`, `forces.*`, `surface.*`.
 
     Frames of contacts keep their numbers in the clip. There are no arrays where the clip has no such labels.
     """

@@ -21,7 +21,7 @@ PARTS = ".parts"
 
 
 class PictureFormat(Enum):
-    """Files of pictures."""
+    """File format of images."""
 
     jpg = "jpg"
     """JPEG of quality 95."""
@@ -102,8 +102,8 @@ class Selection:
         splits: Names of clips by name of split.
         skeleton: J joints to write.
         every: 2 for every other frame.
-        pictures: Files of pictures.
-        workers: Processes; -1 for one a core.
+        pictures: File format of images.
+        workers: Processes; -1 for one per core.
     """
 
     data: Path

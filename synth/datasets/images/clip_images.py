@@ -1,4 +1,4 @@
-"""The images of a clip, rendered from the states that are kept beside its labels, whenever they are asked for."""
+"""The images of a clip, rendered on request from the states that are stored with its labels."""
 
 import json
 import shutil
@@ -24,7 +24,7 @@ _FOLDER = "images"
 
 
 class RgbFormat(Enum):
-    """Files of colour images: a video of each camera, or a file of each picture."""
+    """Files of colour images: one video per camera, or one file per image."""
 
     h264 = "h264"
     png = "png"
@@ -50,7 +50,7 @@ def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
     """Return the kinds that a list of `IMAGE_CHOICES`, or one of them, stands for.
 
     Raises:
-        ValueError: one is unknown, or `none` is beside others.
+        ValueError: one is unknown, or `none` is combined with others.
     """
     choices = [choices] if isinstance(choices, str) else list(choices)
     unknown = [choice for choice in choices if choice not in IMAGE_CHOICES]
@@ -89,7 +89,7 @@ def missing_kinds(clip: Clip, options: ImageOptions) -> tuple[str, ...]:
     if found != (options.quality.name, rgb):
         raise ValueError(
             f"clip {clip.id!r} has images of quality={found[0]} rgb={found[1]}, not quality={options.quality.name} "
-            f"rgb={rgb}; `synth render data=... out=...` renders it anew in another folder"
+            f"rgb={rgb}; `synth render data=... out=...` renders it again in another folder"
         )
     return tuple(kind for kind in options.kinds if kind not in clip.images.kinds)
 

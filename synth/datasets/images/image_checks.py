@@ -11,7 +11,7 @@ from dmae.data.images import FIRST_OBJECT_ID, Images
 from synth.labels.silhouettes import agreement
 
 _MIN_AGREEMENT = 0.99
-"""Smallest fraction of joints whose visibility agrees with the images of ids, by more than chance."""
+"""Smallest fraction of joints with a visibility that agrees with the images of ids, by more than chance."""
 
 
 def check_images(clip: Clip) -> list[str]:

@@ -47,24 +47,25 @@ _OWN = RigConfig(name="")
 
 @dataclass(frozen=True)
 class RenderConfig:
-    """Render simulated clips again: as other images, at another quality, through other cameras. Nothing is simulated.
+    """Render simulated clips again: as other images, at another quality, or from other cameras. Nothing is simulated
+    again.
 
     The clips are written to another folder with all of their labels. With another rig the labels are those of its
-    cameras: visibility and detections are made anew, as generation with that rig would have made them.
+    cameras: visibility and detections are recomputed, with the same result as generation with that rig.
     """
 
     data: str = "???"
     """Data set that `synth generate` made, or one clip of it."""
     out: str = "runs/rendered"
-    """Folder of the data set that is made. Clips that it already holds are kept."""
+    """Folder of the new data set. Existing clips in it are kept."""
     images: list[str] = field(default_factory=lambda: ["rgb"], metadata={"choices": IMAGE_CHOICES})
     """Images that are rendered."""
     quality: ImageQuality = ImageQuality.standard
     """Quality of the images."""
     rgb: RgbFormat = RgbFormat.h264
-    """Files of colour images: a video of each camera, or a file of each picture."""
+    """Files of colour images: one video per camera, or one file per image."""
     workers: int = 1
-    """Processes; -1 for one a core."""
+    """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     rig: RigConfig = field(default_factory=lambda: RigConfig(name=""))
@@ -72,7 +73,7 @@ class RenderConfig:
 
     def __post_init__(self):
         if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
         image_kinds(self.images)
 
     @property

@@ -22,7 +22,7 @@ class PixelTally:
         self._path, self._shape = Path(folder) / FILE, (clips, 2)
 
     def begin(self, pictures: Sequence[int]) -> None:
-        """Begin with so many pictures to do in each clip."""
+        """Begin with the number of pictures in each clip."""
         np.stack([np.zeros(self._shape[0]), pictures], axis=1).astype(np.int64).tofile(self._path)
 
     def count(self) -> tuple[int, int]:

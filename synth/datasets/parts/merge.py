@@ -1,4 +1,4 @@
-"""Join the parts of a data set into one, the same as if it had been made at once."""
+"""Join the parts of a data set into one, the same as if it had been made in one run."""
 
 import os
 import shutil
@@ -65,7 +65,7 @@ def _lines(data: list[Path]) -> dict[str, tuple[Path, dict]]:
         for name in (MANIFEST, CONFIG, CHECKSUMS):
             if not (path / name).is_file():
                 raise FileNotFoundError(
-                    f"{path}: expected a data set with {name}, as synth generate makes it; was the command ended?"
+                    f"{path}: expected a data set with {name}, as synth generate makes it; was the command interrupted?"
                 )
         found = read_json(path / CONFIG)
         if settings is not None and found != settings:

@@ -42,7 +42,7 @@ def list_takes(path: Path, shares: Mapping[str, float], *, seed: int = 0) -> lis
     Args:
         path: A folder, a file, or a list of takes, which keeps its subjects and sets.
         shares: Share of the seconds by name of set; empty for no sets.
-        seed: Of the order in which subjects are drawn.
+        seed: Seed of the order in which subjects are drawn.
 
     Raises:
         FileNotFoundError: there is no take.

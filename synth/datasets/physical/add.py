@@ -43,7 +43,7 @@ def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) ->
     Args:
         data: Data set that `synth generate` made, or one clip of it.
         kinds: Of `synth.labels.physical_labels.KINDS`. Those that a clip has already are kept.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Raises:
         FileNotFoundError: there is no clip, or it holds no state of bodies.
@@ -51,7 +51,7 @@ def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) ->
     """
     data, kinds = Path(data), check_kinds(kinds)
     if workers == 0:
-        raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
     folders = clip_folders(data)
     for folder in folders:
         load_state(folder)

@@ -116,7 +116,7 @@ def measure(data: Path | list[Path], *, workers: int = 1) -> Statistics:
 
     Args:
         data: The folder, or several.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Raises:
         FileNotFoundError: neither a clip nor a data set is there.

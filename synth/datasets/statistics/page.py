@@ -16,7 +16,7 @@ PAGE, PICTURE, NUMBERS = "README.md", "statistics.png", "statistics.json"
 FORMAT = 1
 _HIDDEN = (Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_PERSON, Visibility.HIDDEN_BY_OBJECT)
 _OCCLUDERS = 12
-"""So many occluders are listed."""
+"""Number of occluders that are listed."""
 
 
 def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statistics:
@@ -25,7 +25,7 @@ def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statist
     Args:
         data: The data set or clip, or several.
         out: Folder to write; it does not exist, is empty, or holds an earlier page.
-        workers: Processes; -1 for one a core.
+        workers: Processes; -1 for one per core.
 
     Raises:
         FileNotFoundError: neither a clip nor a data set is there.
@@ -33,7 +33,7 @@ def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statist
     """
     data, out = [Path(path) for path in (data if isinstance(data, list) else [data])], Path(out)
     if workers == 0:
-        raise ValueError("workers: expected a number of processes, or -1 for one a core; got 0")
+        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
     if out.is_dir() and any(out.iterdir()) and not (out / NUMBERS).is_file():
         raise ValueError(
             f"{out}: expected no such folder, an empty one, or one with an earlier {NUMBERS}; choose another out"
@@ -114,7 +114,7 @@ def _occlusion(found: Statistics) -> str:
     judged = found.causes[:, : Visibility.ABSENT]
     total = judged.sum()
     if not total:
-        return "Not measured: no person is in any clip."
+        return "Not measured: no clip contains a person."
     rows = [
         (joint.replace("_", " "), *(f"{share:.0%}" for share in row / max(1, row.sum())))
         for joint, row in [("all", judged.sum(0)), *zip(found.joints, judged, strict=True)]
@@ -163,7 +163,7 @@ def _quantities(found: Statistics) -> str:
             rows.append((quantity.meaning, quantity.unit, "not measured", "", ""))
             continue
         rows.append((quantity.meaning, quantity.unit, *(f"{value:.3g}" for value in quantiles(counts, quantity.edges))))
-    return "To the width of the bins of the histograms, which `statistics.json` holds.\n\n" + _table(
+    return "Precision is the bin width of the histograms in `statistics.json`.\n\n" + _table(
         ("quantity", "unit", "5 % below", "median", "95 % below"), rows
     )
 

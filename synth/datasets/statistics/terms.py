@@ -17,13 +17,15 @@ def terms(found: Statistics) -> str:
     ]
     if recorded:
         lines.append(
-            f"**Recorded motion** ({_listed(recorded)}): the terms of those takes hold for these clips. "
+            f"**Recorded motion** ({_listed(recorded)}): the terms of those takes apply to these clips. "
             "`clip.json` names the take of each person."
         )
     if foreign:
-        lines.append(f"**Rooms from files** ({_listed(foreign)}): the terms of those files hold for pictures of them.")
+        lines.append(f"**Rooms from files** ({_listed(foreign)}): the terms of those files apply to images of them.")
     if not motion:
-        lines.append("**Not simulated here**: the clips do not say what they were made from. Ask their source.")
+        lines.append(
+            "**Not simulated by this project**: the clips do not state their origin. Ask the source of the clips."
+        )
     return "\n\n".join(lines)
 
 

@@ -16,7 +16,7 @@ class Drops:
     probability: float = 0.0
     """Probability that a frame is lost, in bursts of the short time of `times.bursts`."""
     repeat: bool = False
-    """Whether the detections of the last frame before stand in for those of a lost one."""
+    """Whether a lost frame repeats the detections of the previous frame."""
 
     def __post_init__(self):
         check_probabilities("drops", self, ("probability",))

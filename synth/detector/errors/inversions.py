@@ -25,9 +25,10 @@ class Inversions:
     arms: float = 0.0
     """Probability that elbows and wrists of a person are inverted in a frame."""
     body: float = 0.0
-    """Probability that all joints of a person are inverted in a frame, as of a person taken to be seen from behind."""
+    """Probability that all joints of a person are inverted in a frame, as for a person mistaken for one seen from
+    behind."""
     seconds: float = 1.0
-    """s; correlation time of `body`: how long sides stay exchanged."""
+    """s; correlation time of `body`: the duration for which sides stay exchanged."""
 
     def __post_init__(self):
         check_probabilities("inversions", self, ("legs", "arms", "body"))

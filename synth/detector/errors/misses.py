@@ -46,16 +46,16 @@ class Misses:
     limb_correlation: float = 0.0
     """Correlation of misses within an arm, a leg with its heel, the toes of a foot, the face and the trunk."""
     neighbour_correlation: float = 0.0
-    """Probability that the outer neighbour of a missed joint is missed with it, as by detectors that join parts to
-    people: wrists with elbows, ankles with knees, feet with ankles, eyes with the nose, ears with both eye and
+    """Probability that the outer neighbour of a missed joint is also missed, as with bottom-up detectors that join
+    parts to people: wrists with elbows, ankles with knees, feet with ankles, eyes with the nose, ears with both eye and
     shoulder."""
     person: float = 0.0
-    """Probability that a person in full view is missed whole."""
+    """Probability that a person in full view is not detected at all."""
     hidden_person: float = 0.0
-    """Probability that a person wholly hidden or outside the image is missed whole. In between it grows with the cube
-    of the fraction of joints that are."""
+    """Probability that a person who is completely hidden or outside the image is not detected at all. For partly hidden
+    people the probability grows with the cube of the fraction of such joints."""
     lost_from: float = 1.0
-    """Fraction of joints hidden or outside the image from which on `hidden_person` holds."""
+    """Fraction of joints hidden or outside the image from which `hidden_person` applies."""
     steepness: float = 3.0
     """Power of that fraction with which the probability grows; 3 is its cube."""
 

@@ -20,17 +20,18 @@ _MAX_WIDTH = 12.0
 
 @dataclass(frozen=True)
 class Noise:
-    """Errors of the place of detected joints. `parts.<kind>.noise`, `.tail` and `.offset` say how large they are."""
+    """Errors of the positions of detected joints. `parts.<kind>.noise`, `.tail` and `.offset` say how large they
+    are."""
 
     view_offset: float = 0.0
-    """Fraction of a person's height in the image: standard deviation of an offset that all people have in common at a
-    joint in a view."""
+    """Fraction of a person's height in the image: standard deviation of an offset of a joint in a view that is the same
+    for all people."""
     bias: float = 0.0
     """Fraction of the error's energy that is constant for a person, view and joint; long tails dilute it."""
     minimum: float = 0.0
-    """px; added to the scale of errors, however small a person is; squares add up."""
+    """px; added in quadrature to the scale of errors, for people of any size."""
     blur: float = 0.0
-    """Fraction of a joint's motion in the image from frame to frame, added to the scale of errors; squares add up."""
+    """Fraction of a joint's motion in the image from frame to frame, added in quadrature to the scale of errors."""
     truncation: float = 0.0
     """Growth of errors with the fraction of a person's joints that is outside the image: by a factor of
     1 + `truncation` * fraction."""

@@ -19,7 +19,7 @@ class Scores:
     error_correlation: float = 0.0
     """Correlation, 0 to 1, between the ranks of a confidence and of a small error."""
     minimum: float = 0.0
-    """Joints of less confidence are not reported."""
+    """Joints with less confidence are not reported."""
 
     def __post_init__(self):
         check_probabilities("scores", self, ("error_correlation", "minimum"))

@@ -14,7 +14,8 @@ class Timing:
     """Cameras that do not expose their images at the times of the frames."""
 
     unsynchronised: float = 0.0
-    """Frames: each view shows another time than its frame's, by a constant drawn evenly from minus to plus this."""
+    """Frames: the images of each view are shifted in time by a constant, drawn uniformly from minus to plus this
+    value."""
     rolling_shutter: float = 0.0
     """s; from the exposure of an image's first row to that of its last."""
 

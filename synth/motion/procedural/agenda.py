@@ -88,7 +88,7 @@ def draw_agenda(
 ) -> tuple[list[AgendaItem], float]:
     """Draw what a person does, one thing after the other, and when in that the clip begins.
 
-    An action without enough room, such as a kick beside a seat, is replaced by another; if none fits, the
+    An action without enough room, such as a kick next to a seat, is replaced by another; if none fits, the
     person stands.
 
     Args:

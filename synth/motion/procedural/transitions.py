@@ -150,7 +150,7 @@ class _Step:
         return self._above(xyz, pitch), self._turned(self.foot[2] + smoothstep(u) * (printed - self.foot[2]), pitch)
 
     def closing(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the ankle and the orientation of a foot that pushes off as in walking and lands beside the other."""
+        """Return the ankle and the orientation of a foot that pushes off as in walking and lands next to the other."""
         stance = self.walk.stance
         leaving, velocity = self._planted(np.array((stance, stance - _EPS)))
         off = (stance - 0.5) / self._rate

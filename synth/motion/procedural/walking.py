@@ -20,7 +20,7 @@ class ProceduralConfig:
     Attributes:
         standing: Share, 0 to 1, of the people who stand; the others walk.
         speed: m/s, least and greatest walking speed.
-        straight: Share, 0 to 1, of the walks that go straight ahead; half of the others circle, half wind to and fro.
+        straight: Share, 0 to 1, of the walks that go straight ahead; half of the others are circles, half are winding.
         radius: m, least and greatest radius of turns.
         gesture: Share, 0 to 1, of the people who reach out or wave once.
     """

@@ -37,22 +37,22 @@ class Bone:
 
 @reader("amc", text=True)
 def read_motion(path: Path, options: ReadOptions) -> Motion:
-    """Acclaim AMC; the skeleton <subject>.asf lies beside <subject>_<trial>.amc."""
+    """Acclaim AMC, <subject>_<trial>.amc; the skeleton <subject>.asf is in the same folder."""
     return retarget_take(read_amc(path), options)
 
 
 def read_amc(path: Path) -> SkeletonRecording:
-    """Read an AMC file with the skeleton that lies beside it.
+    """Read an AMC file with the skeleton in its folder.
 
     The local rotation of a bone is C Rz Ry Rx C^-1, with its axis C in the rest pose (Lander, "Working with motion
     capture file formats", Game Developer, January 1998). Joints have the names of their bones and lie where these
     start.
 
     Args:
-        path: The file `<subject>_<trial>.amc`; its skeleton `<subject>.asf` lies beside it.
+        path: The file `<subject>_<trial>.amc`; its skeleton `<subject>.asf` is in the same folder.
 
     Raises:
-        FileNotFoundError: there is no such file, or no skeleton beside it.
+        FileNotFoundError: there is no such file, or no skeleton in its folder.
         ValueError: a file is malformed; the message gives the line, what was expected and what was found.
     """
     lines = read_lines(path)
@@ -90,7 +90,7 @@ def read_amc(path: Path) -> SkeletonRecording:
 
 
 def read_asf(path: Path) -> dict[str, Bone]:
-    """Read the bones of an ASF file by name, parents before children; the first is `root`, whose `end` is its position.
+    """Read the bones of an ASF file by name, parents before children; the first is `root`; its `end` is its position.
 
     Raises:
         FileNotFoundError: there is no such file.

@@ -135,7 +135,7 @@ DIALECTS = (
     ),
 )
 SMPL = DIALECTS[-1]
-# Names that a mapping file may give the joints of any other skeleton, whose bones show its rest pose.
+# Names that a mapping file may give the joints of any other skeleton; its bones show its rest pose.
 OWN = Dialect(
     "mapped",
     ("l", "r"),

@@ -80,7 +80,7 @@ def test_training_resumes_from_its_checkpoint(folder, by, status):
     _, error = interrupt(process, by=by)
     assert process.returncode == status
     assert error.splitlines() == [
-        f"dmae train: interrupted; model{status} holds a checkpoint; the same command goes on from there"
+        f"dmae train: interrupted; model{status} holds a checkpoint; the same command continues"
     ]
 
 

@@ -29,7 +29,7 @@ def test_absent_joints_and_absent_people_are_counted_separately():
     joints = 21 * 25
     assert said == (
         f"joints {1 - 15 / joints:.1%} measured, {10 / joints:.1%} completed, {5 / joints:.1%} absent; not counting 3 "
-        f"of 24 person-frames (12.5%) in which the person is not there: with them {(3 * 25 + 5) / 600:.1%} of all "
+        f"of 24 person-frames (12.5%) in which the person is not present: with them {(3 * 25 + 5) / 600:.1%} of all "
         "joints are NaN"
     )
     assert "person-frames" not in describe_joints(walkers())

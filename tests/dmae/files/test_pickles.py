@@ -127,7 +127,7 @@ def test_harm_is_refused_at_once_with_the_name_of_the_file(tmp_path, name):
 
 @pytest.mark.parametrize("name", ["system", "dotted", "getattr", "dtype of a class"])
 def test_what_it_asks_for_is_named(tmp_path, name):
-    with pytest.raises(ValueError, match=r"it asks for "):
+    with pytest.raises(ValueError, match=r"it requests "):
         read_npy(saved(tmp_path / "harm.npy", HARM[name]))
 
 

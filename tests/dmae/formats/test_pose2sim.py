@@ -48,7 +48,7 @@ def test_a_trial_finds_what_its_session_says(trial):
 
 
 def test_the_nearest_setting_counts_and_auto_is_none(trial):
-    with pytest.raises(ValueError, match=r"T02: no file says the frame rate; give data\.fps=\.\.\."):
+    with pytest.raises(ValueError, match=r"T02: no file states the frame rate; give data\.fps=\.\.\."):
         read(trial)
     assert read(trial, fps=50.0).fps == 50
     (trial / "Config.toml").write_text("[project]\nframe_rate = 100\n")

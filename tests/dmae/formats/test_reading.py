@@ -112,7 +112,7 @@ def test_openpose_needs_the_frame_rate_and_says_so(walk, tmp_path):
     write_openpose_recording(walk, tmp_path)
     same(read("openpose", tmp_path, fps=50.0), walk)
     assert read("openpose", tmp_path, fps=50.0).fps == 50
-    with pytest.raises(ValueError, match=r"no file says the frame rate; give data\.fps=\.\.\."):
+    with pytest.raises(ValueError, match=r"no file states the frame rate; give data\.fps=\.\.\."):
         read("openpose", tmp_path)
 
 

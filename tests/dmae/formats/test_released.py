@@ -107,7 +107,7 @@ def test_a_harmful_file_does_nothing_and_is_refused_by_what_it_asks_for(tmp_path
         if what is os.system:
             bad = Harmful(what, f"mkdir {harm}")
         save(tmp_path / "bad.npy", np.array([hide(bad)], object))
-        with pytest.raises(ValueError, match=rf"bad\.npy: .*it asks for .*\.{name}, which is not loaded"):
+        with pytest.raises(ValueError, match=rf"bad\.npy: .*it requests .*\.{name}, which is not loaded"):
             read_npy(tmp_path / "bad.npy")
         assert not harm.exists()
     # The same file in NumPy's own hands.

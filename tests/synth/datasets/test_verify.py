@@ -208,7 +208,7 @@ def test_the_command_counts_and_fails(data, tmp_path, capsys):
         command.run(VerifyCommand(data=str(data)), tmp_path / "found.json")
     printed = capsys.readouterr().out
     assert "000000: files: " in printed
-    assert "to make again, by the command that made the data set: 000000\n" in printed
+    assert "to regenerate, with the command that made the data set: 000000\n" in printed
     assert read_json(tmp_path / "found.json")["problems"][0]["check"] == "files"
     with pytest.raises(FileNotFoundError, match="neither"):
         verify(tmp_path)

@@ -118,7 +118,7 @@ def test_two_close_persons_are_merged(rig):
         np.testing.assert_array_equal(guests[:, neck][guests[:, neck] >= 0], host[guests[:, neck] >= 0])
         if not rest:
             assert (~there[merged.any(-1)][:, :2]).sum(-1).all()
-        # No joint of anybody's is there twice.
+        # No joint of anybody's occurs twice.
         frame, view, place, joint = np.nonzero(found.labels.joint_person >= 0)
         keys = np.stack([frame, view, joint, found.labels.joint_person[frame, view, place, joint]])
         assert len(np.unique(keys, axis=1).T) == keys.shape[1]

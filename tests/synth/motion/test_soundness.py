@@ -67,7 +67,7 @@ def test_takes_with_nothing_sound_are_refused():
     motion = walk(200)
     motion.root[::40, 1] += np.where(np.arange(5) % 2, 0.0, 0.4)
     motion.root[20:, 1] += 0.5 * (np.arange(180) // 60)
-    with pytest.raises(ValueError, match=r"take.bvh: joints jump .* are sound; expected at least 1 s"):
+    with pytest.raises(ValueError, match=r"take.bvh: joints jump .* are valid; expected at least 1 s"):
         repair(motion, _PATH)
 
 

@@ -1,4 +1,4 @@
-"""Joints that are detected beside their place."""
+"""Joints that are detected with an offset."""
 
 import numpy as np
 

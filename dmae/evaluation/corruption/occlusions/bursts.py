@@ -17,7 +17,7 @@ _TIMES = (1.0, 0.2)
 def bursts(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """Limbs that no camera detects, % of the time, in bursts of tenths of a second to seconds.
 
-    An arm, a leg, the head or the trunk of a person is missed by all cameras at once.
+    An arm, a leg, the head or the trunk of a person is missed by all cameras at the same time.
     """
     limb = limb_of_joint(clip.poses.skeleton)
     shape = (clip.poses.xyz.shape[1], limb.max(initial=-1) + 1)

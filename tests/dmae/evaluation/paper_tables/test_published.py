@@ -48,8 +48,8 @@ def test_the_paper_is_in_every_table_and_its_successors_in_the_first():
 
 def test_what_is_quoted_at_second_hand_says_so():
     rows = {row["name"]: row["note"] for row in published_rows(1)}
-    assert "second hand" in rows["MMDM (Jiang et al. 2026)"]
-    assert "second hand" not in rows["MvP (Wang et al. 2021)"]
+    assert "secondary source" in rows["MMDM (Jiang et al. 2026)"]
+    assert "secondary source" not in rows["MvP (Wang et al. 2021)"]
 
 
 def test_a_row_without_a_source_is_an_error(tmp_path, monkeypatch):

@@ -124,5 +124,5 @@ def test_result_is_strict_json_and_a_page_that_loads_nothing(result, tmp_path):
     write_result(result, tmp_path)
     assert json.loads((tmp_path / "stress.json").read_text()) == result
     page = (tmp_path / "stress.html").read_text()
-    assert page.count('role="img"') == 1 and "Two at once" in page and "pillars that stand in the scene" in page
+    assert page.count('role="img"') == 1 and "Two corruptions" in page and "pillars that stand in the scene" in page
     assert not re.search(r'(src|href)="http', page)

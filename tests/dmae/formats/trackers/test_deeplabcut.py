@@ -80,5 +80,5 @@ def test_pickled_labels_run_nothing(tmp_path):
     write_deeplabcut(tmp_path)
     with h5py.File(tmp_path / "cam0DLC_resnet50_x.h5", "r+") as file:
         file["df_with_missing"].attrs["non_index_axes"] = np.bytes_(b"cos\nsystem\n(S'false'\ntR.")
-    with pytest.raises(ValueError, match=r"asks for os.system, which is not loaded"):
+    with pytest.raises(ValueError, match=r"requests os.system, which is not loaded"):
         dmae.read(tmp_path, fps=30)

@@ -1,4 +1,4 @@
-"""Left and right exchanged by a detector, put right by the other cameras and the frames around."""
+"""Left and right exchanged by a detector, corrected by the other cameras and the frames around."""
 
 from dataclasses import replace
 

@@ -24,4 +24,4 @@ def test_recorded_motion_and_foreign_rooms_bring_their_terms():
 
 
 def test_clips_of_unknown_origin_are_not_said_to_be_free():
-    assert "Not simulated here" in section()
+    assert "Not simulated by this project" in section()

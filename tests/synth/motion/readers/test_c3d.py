@@ -70,7 +70,7 @@ def test_units_follow_from_legs_whatever_the_file_states(tmp_path, scale, units,
 
 def test_legs_that_fit_no_unit_need_one_to_be_given(tmp_path):
     path = c3d(tmp_path / "take.c3d", walking(), scale=4.0)
-    with pytest.raises(ValueError, match=r"found 3\.\d+ units, which is no human leg .* motion\.unit"):
+    with pytest.raises(ValueError, match=r"found 3\.\d+ units, which is not the length of a human leg .* motion\.unit"):
         read_take(path)
     assert read_take(path, unit=0.25).hip_height == pytest.approx(0.90, abs=0.02)
 
