@@ -1,6 +1,5 @@
 """Tasks in several processes, here or on a cluster. Ctrl-C reaches the main process alone, which ends the others."""
 
-import ctypes
 import os
 import signal
 import threading
@@ -16,6 +15,7 @@ from multiprocessing import resource_tracker
 from joblib import Parallel, cpu_count, delayed, effective_n_jobs
 
 from dmae.clusters import Cluster, connect, on_cluster
+from dmae.files.mapped import trim
 
 # joblib replaces workers that have grown by 300 MB, as with many people in one clip; their tasks are not lost.
 warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
@@ -102,17 +102,8 @@ def _in_worker(main: int, function: Callable, *task):
         _end_with(main)
     result = function(*task)
     if os.getpid() != main:
-        _give_back()(0)
+        trim()
     return result
-
-
-@cache
-def _give_back() -> Callable[[int], int]:
-    """Return glibc's function that gives freed memory back to the system: a worker would hold the most of any task."""
-    try:
-        return ctypes.CDLL(None).malloc_trim
-    except (AttributeError, OSError, TypeError):
-        return lambda _: 0
 
 
 @cache

@@ -7,10 +7,11 @@ import numpy as np
 
 from dmae.completion import fusion
 from dmae.completion.blending import near_measurement, noisiness
+from dmae.completion.gaussian_process.steps import Steps, finished
 from dmae.completion.network.paper import DMAE
+from dmae.completion.pieces import in_pieces
 from dmae.completion.prediction import has_rate, one_thread, predict, stride
 from dmae.completion.rejection import contradicted
-from dmae.completion.steps import Steps, finished
 from dmae.completion.uncertainty import Factors, calibrated
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
@@ -24,7 +25,7 @@ _AGREEING_VIEWS = 3
 """Three in four joints on which so many views agree and that the frames around contradict were right. Denoised, they
 came no nearer to annotations."""
 _EVIDENCE_COST = 5.0
-"""Of rejection, see `dmae.completion.steps.Steps`."""
+"""Of rejection, see `dmae.completion.gaussian_process.steps.Steps`."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,8 @@ class Completer:
 
     With `smooth`, all joints are smoothed over so many seconds in the end: noise that measurements of two views have is
     greater than what smoothing takes from fast motion. With `frames`, only those are completed and returned, using all
-    frames. The network runs on one thread of the CPU: it is so small that more threads take longer on a busy machine.
+    frames. Recordings of more than 4000 frames are completed in pieces (`dmae.completion.pieces`). The network runs on
+    one thread of the CPU: it is so small that more threads take longer on a busy machine.
 
     Raises (when called):
         ValueError: the skeletons have no joint in common, or fps is not positive and finite.
@@ -76,6 +78,10 @@ class Completer:
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
         if not (np.isfinite(fps) and fps > 0):
             raise ValueError(f"fps must be positive, found {fps}")
+        return in_pieces(lambda poses, frames: self._whole(poses, fps, frames), poses, fps, frames)
+
+    def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+        """Return some frames of poses that are completed at once."""
         with one_thread():
             if not self.smooth:
                 return finished(self._complete(poses, fps, frames))

@@ -8,16 +8,16 @@ import numpy as np
 import torch
 
 from dmae.completion.blending import correction_weight
+from dmae.completion.gaussian_process.steps import Steps
 from dmae.completion.methods.gaussian_process_learned import fill_both
 from dmae.completion.network.paper import DMAE
-from dmae.completion.steps import Steps
 from dmae.completion.windows import Rows, make_rows
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.heading import rotate_z
 from dmae.numerics.resampling import resample
 
-_BATCH = 32
+_BATCH = 4
 _FEW = 1
 _ROWS_COST, _WINDOW_COST = 14.0, 6.0
 """Of laying out the rows of two people, and of a window, see `Steps`."""

@@ -14,6 +14,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 from torch import Tensor
+from torch.overrides import TorchFunctionMode
 
 from dmae.completion.network.build import build_network
 from dmae.completion.network.config import ModelConfig, model_config
@@ -111,9 +112,24 @@ def load_model(folder: Path) -> tuple[DMAE, Skeleton, dict]:
     return model.eval(), skeleton, meta
 
 
+class _Unfilled(TorchFunctionMode):
+    """Make tensors without drawing and scaling numbers, for which those of no memory would load compilers of 80 MB."""
+
+    def __torch_function__(self, function, types, args=(), kwargs=None):
+        if function is torch.randn:
+            return torch.empty(*args, **(kwargs or {}))
+        if function is torch.linspace:
+            return torch.empty(args[2])
+        if function is Tensor.repeat:
+            return torch.empty(args[0].numel() * args[1])
+        if function in (Tensor.normal_, Tensor.uniform_, Tensor.mul):
+            return args[0]
+        return function(*args, **(kwargs or {}))
+
+
 def _check_sizes(config: ModelConfig, joints: int, tensors: dict[str, Tensor]) -> None:
     """Refuse a network other than that of the tensors before any memory is taken for it."""
-    with torch.device("meta"):
+    with torch.device("meta"), _Unfilled():
         wanted = build_network(config, joints).state_dict()
     for name in sorted(wanted.keys() | tensors.keys()):
         shapes = [tuple(part[name].shape) if name in part else "none" for part in (wanted, tensors)]

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from dmae.files.mapped import LARGE
+
 _LONGEST_EMPTY = 1_000_000
 """Length of an axis where another has length zero: a file without contents can state any."""
 ANY = -1
@@ -26,10 +28,16 @@ def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], defaul
     value = getattr(owner, name)
     # What is too large for the type becomes infinite, which is for the owner to judge.
     with np.errstate(over="ignore"):
-        array = np.full(shape, default, dtype) if value is None else np.asarray(value, dtype)
+        array = _full(shape, default, dtype) if value is None else np.asarray(value, dtype)
     if array.ndim != len(shape) or any(want not in (ANY, n) for want, n in zip(shape, array.shape, strict=True)):
         expected = tuple("any" if n == ANY else n for n in shape)
         raise ValueError(f"{type(owner).__name__}.{name}: expected shape {expected}, found {array.shape}")
     if array.size == 0 and max(array.shape, default=0) > _LONGEST_EMPTY:
         raise ValueError(f"{type(owner).__name__}.{name}: found an empty array of shape {array.shape}")
     object.__setattr__(owner, name, array)
+
+
+def _full(shape: tuple[int, ...], value: float, dtype: type) -> np.ndarray:
+    """Return an array of one value; a large one is to be read only, and takes no memory."""
+    filled = np.broadcast_to(np.array(value, dtype), shape)
+    return filled if filled.nbytes >= LARGE else filled.copy()

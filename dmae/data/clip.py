@@ -10,6 +10,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import by_frames, frame_blocks
 from dmae.files.numbers import (
     MOST_METRES,
     MOST_PIXELS,
@@ -48,7 +49,8 @@ class Detections2D:
     def __post_init__(self):
         set_array(self, "xy", np.float32, (ANY, ANY, ANY, len(self.skeleton), 2))
         set_array(self, "score", np.float32, self.xy.shape[:-1])
-        if not np.array_equal(np.isnan(self.xy).any(-1), np.isnan(self.score)):
+        parts = frame_blocks(self.xy, self.score)
+        if not all(np.array_equal(np.isnan(self.xy[part]).any(-1), np.isnan(self.score[part])) for part in parts):
             raise ValueError("Detections2D: score must be NaN exactly where xy is")
 
     @property
@@ -88,7 +90,7 @@ class Poses3D:
     def __post_init__(self):
         set_array(self, "xyz", np.float32, (ANY, ANY, len(self.skeleton), 3))
         joints = self.xyz.shape[:-1]
-        absent = np.isnan(self.xyz).any(-1)
+        absent = by_frames(lambda xyz: np.isnan(xyz).any(-1), self.xyz)
         if self.source is None:
             object.__setattr__(self, "source", np.where(absent, Source.ABSENT, Source.MEASURED))
         set_array(self, "source", np.uint8, joints)
@@ -103,7 +105,7 @@ class Poses3D:
         check_numbers(f"{name}.xyz, m", self.xyz, MOST_METRES)
         check_numbers(f"{name}.rays, m", self.rays, MOST_METRES)
         check_numbers(f"{name}.cov, m^2", self.cov, MOST_VARIANCE)
-        if (self.source > max(Source)).any():
+        if self.source.max(initial=0) > max(Source):
             raise ValueError(f"{name}.source: expected {', '.join(f'{s:d} {s.name.lower()}' for s in Source)}")
 
     @property
@@ -115,12 +117,22 @@ class Poses3D:
         """Return the poses with the joints where `dropped` (F, P, J) is True made absent."""
         if not dropped.any():
             return self
+        dropped = np.broadcast_to(dropped, self.source.shape)
+
+        def with_absent(values: np.ndarray, absent: float) -> np.ndarray:
+            def cut(dropped: np.ndarray, values: np.ndarray) -> np.ndarray:
+                return np.where(
+                    dropped.reshape(*dropped.shape, *(1,) * (values.ndim - 3)), values.dtype.type(absent), values
+                )
+
+            return by_frames(cut, dropped, values)
+
         return replace(
             self,
-            xyz=np.where(dropped[..., None], np.nan, self.xyz),
-            source=np.where(dropped, Source.ABSENT, self.source),
-            cov=np.where(dropped[..., None, None], np.nan, self.cov),
-            views=np.where(dropped, 0, self.views),
+            xyz=with_absent(self.xyz, np.nan),
+            source=with_absent(self.source, Source.ABSENT),
+            cov=with_absent(self.cov, np.nan),
+            views=with_absent(self.views, 0),
         )
 
     def select(self, frames) -> "Poses3D":

@@ -5,15 +5,13 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load as load_tensors
-from safetensors.numpy import save as save_tensors
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
@@ -21,9 +19,11 @@ from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import decode_skeleton
 from dmae.data.skeletons.definition import encode
-from dmae.files.contents import read_bytes, read_text
+from dmae.files.contents import read_text
+from dmae.files.mapped import frame_blocks
 from dmae.files.names import child
 from dmae.files.structured import parse_json, read_json
+from dmae.files.tensors import digest_of, read_tensors, tensor_pieces
 
 FORMAT = 1
 MANIFEST = "manifest.jsonl"
@@ -46,12 +46,12 @@ _LABELS = {
 """Fields of a clip's labels, and the names of their arrays on disk. Older clips lack some of them."""
 
 
-def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None:
+def write_atomic(path: Path, data: bytes | str | Iterable[bytes], *, lasting: bool = True) -> None:
     """Write a file whole or not at all: temporary name, fsync, rename.
 
     Args:
         path: The file; its folder is made.
-        data: Contents.
+        data: Contents, whole or in pieces.
         lasting: Whether to fsync. Unnecessary for files that are checked on reading and can be made again: a loss of
             power may damage them.
     """
@@ -61,7 +61,7 @@ def write_atomic(path: Path, data: bytes | str, *, lasting: bool = True) -> None
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(data)
+            file.writelines([data] if isinstance(data, bytes) else data)
             file.flush()
             if lasting:
                 os.fsync(file.fileno())
@@ -122,7 +122,7 @@ def save_clip(clip: Clip, folder: Path) -> None:
     """
     clip.check_numbers()
     folder = Path(folder)
-    data = save_tensors({name: np.ascontiguousarray(array) for name, array in _arrays(clip).items()})
+    arrays, digest = _arrays(clip), hashlib.sha256()
     meta = {
         "format": FORMAT,
         "id": clip.id,
@@ -136,13 +136,12 @@ def save_clip(clip: Clip, folder: Path) -> None:
         "objects": clip.occlusion.objects if clip.occlusion else (),
         "images": _images_meta(clip.images, folder),
         "provenance": clip.provenance,
-        "sha256": hashlib.sha256(data).hexdigest(),
     }
     # Those of a clip that was there are not this one's.
     (folder / CHECKSUMS).unlink(missing_ok=True)
     # The JSON is written last and holds the checksum: loading detects files that do not belong together.
-    write_atomic(folder / "arrays.safetensors", data)
-    write_atomic(folder / "clip.json", json.dumps(meta, indent=1))
+    write_atomic(folder / "arrays.safetensors", digest_of(tensor_pieces(arrays), digest))
+    write_atomic(folder / "clip.json", json.dumps(meta | {"sha256": digest.hexdigest()}, indent=1))
 
 
 def _arrays(clip: Clip) -> dict[str, np.ndarray]:
@@ -152,12 +151,16 @@ def _arrays(clip: Clip) -> dict[str, np.ndarray]:
         part = getattr(clip, name)
         if part is not None:
             arrays |= {f"{name}.{f.name}": getattr(part, f.name) for f in fields(part) if f.name != "skeleton"}
-    arrays = {name: array for name, array in arrays.items() if not (name.endswith(".rays") and np.isnan(array).all())}
+    arrays = {name: array for name, array in arrays.items() if not (name.endswith(".rays") and _all_nan(array))}
     for part, names in _LABELS.items():
         labels = getattr(clip, part)
         stored = {} if labels is None else {stored: getattr(labels, name) for name, stored in names.items()}
         arrays |= {name: array for name, array in stored.items() if array is not None}
     return arrays
+
+
+def _all_nan(array: np.ndarray) -> bool:
+    return all(np.isnan(array[part]).all() for part in frame_blocks(array))
 
 
 def _images_meta(images: Images | None, folder: Path) -> dict | None:
@@ -169,7 +172,7 @@ def _images_meta(images: Images | None, folder: Path) -> dict | None:
 
 
 def load_clip(folder: Path) -> Clip:
-    """Read a clip from a folder.
+    """Read a clip from a folder. Arrays of a long one stay in the file, and are read when they are accessed.
 
     Raises:
         FileNotFoundError: no clip in the folder.
@@ -183,11 +186,9 @@ def load_clip(folder: Path) -> Clip:
     if found != FORMAT:
         raise ValueError(f"{folder / 'clip.json'}: expected a clip of format {FORMAT}, found format {found!r}")
     path = folder / "arrays.safetensors"
-    data = read_bytes(path)
-    if hashlib.sha256(data).hexdigest() != meta.get("sha256"):
-        raise ValueError(f"{path}: does not match the checksum in clip.json; the clip is damaged, make it again")
+    arrays = read_tensors(path, meta.get("sha256"))
     try:
-        clip = assemble_clip(folder, meta, load_tensors(data))
+        clip = assemble_clip(folder, meta, arrays)
         clip.check_numbers()
     except KeyError as error:
         raise ValueError(f"{folder}: clip.json or arrays.safetensors lacks {error}") from None

@@ -2,6 +2,7 @@
 
 import os
 import stat
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 MOST_BYTES = 4 << 30
@@ -56,6 +57,11 @@ def read_text(path: Path, most: int = 1 << 30) -> str:
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: expected text in UTF-8, {error}") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def written(lines: Iterable[str]) -> Iterator[bytes]:
+    """Yield lines of text as the pieces of a file."""
+    return (f"{line}\n".encode() for line in lines)
 
 
 def _size(count: int) -> str:

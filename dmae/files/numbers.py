@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from dmae.files.mapped import frame_blocks
+
 MOST_PIXELS, MOST_METRES, MOST_SCORE, MOST_VARIANCE = 1e7, 1e7, 1e6, 1e30
 """Greatest coordinate, px and m, greatest confidence, and greatest covariance, m^2."""
 LEAST_FOCAL, MOST_FOCAL, MOST_DISTORTION, MOST_SIZE = 0.1, 1e6, 1e4, 100_000
@@ -13,6 +15,14 @@ LEAST_RATE, MOST_RATE = 0.01, 100_000.0
 def check_numbers(what: str, values, most: float | np.ndarray, least: float | None = None) -> None:
     """Raise ValueError, which names `what`, unless all numbers but NaN are from `least` (or -`most`) to `most`."""
     array = np.asarray(values)
+    if array.ndim > np.ndim(most):
+        for part in frame_blocks(array):
+            _check_numbers(what, array[part], most, least)
+    else:
+        _check_numbers(what, array, most, least)
+
+
+def _check_numbers(what: str, array: np.ndarray, most: float | np.ndarray, least: float | None) -> None:
     least = -most if least is None else least
     with np.errstate(invalid="ignore"):
         wrong = (array > most) | (array < least)

@@ -10,6 +10,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import check_vacant, whole_folder
+from dmae.files.mapped import frame_blocks
 from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.files.structured import read_json
 from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
@@ -28,6 +29,8 @@ from dmae.progress import progress
 KEYPOINTS = "keypoints.json"
 HIDDEN_SCORE = 0.5
 """Confidence of a joint that is labelled and not visible (v = 1), where the file has no other; visible ones get 1."""
+_FRAMES = 512
+"""Frames of which pictures without images are written at a time."""
 _Id = int | str
 """What images are known by."""
 
@@ -246,10 +249,11 @@ def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
     Pictures go into a folder next to the file, `<name>_images`. Without images of colour there are none, which
     `info.pictures` says; the names of the files then only name camera and frame.
     """
-    labels, info = joint_labels(clip, exported_poses(clip), poses.skeleton), clip_entry(clip)
+    info = clip_entry(clip)
     if clip.images is None or "rgb" not in clip.images.kinds:
-        write_json(path, info | {"pictures": False}, poses.skeleton, _in_order(read_pictures(clip, labels)))
+        write_json(path, info | {"pictures": False}, poses.skeleton, _without_colour(clip, poses.skeleton))
         return
+    labels = joint_labels(clip, exported_poses(clip), poses.skeleton)
     folder = path.with_name(f"{path.stem}_images")
     check_vacant(folder, "the pictures")
     with whole_folder(folder) as partial:
@@ -263,6 +267,20 @@ def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
 
         pictures = _in_order(written())
     write_json(path, info | {"pictures": True}, poses.skeleton, pictures, f"{folder.name}/")
+
+
+def _without_colour(clip: Clip, skeleton: Skeleton) -> Iterator[Picture]:
+    """Yield the pictures of a clip in order; without images, those of some frames are in memory at a time."""
+    first, cov = clip.provenance.get("first_frame", 0), exported_poses(clip).cov
+    stated = any(np.isfinite(cov[part]).any() for part in frame_blocks(cov))
+    step = _FRAMES if clip.images is None else max(len(clip), 1)
+    for start in range(0, len(clip), step):
+        part = clip.select(frames=slice(start, start + step))
+        part = replace(part, provenance=clip.provenance | {"first_frame": first + start})
+        labels = joint_labels(part, exported_poses(part), skeleton)
+        if stated and labels.cov is None and labels.cause is None:
+            labels = replace(labels, cov=np.full((*labels.flags.shape, 3), np.nan))
+        yield from _in_order(read_pictures(part, labels))
 
 
 def _in_order(pictures: Iterable[Picture]) -> list[Picture]:

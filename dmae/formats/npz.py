@@ -16,17 +16,21 @@ For F frames, P persons and J joints it holds:
 Where all joints of a person are absent in a frame, the person is not there.
 """
 
-import io
 import json
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryFile
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
+from numpy.lib.format import header_data_from_array_1_0, write_array_header_1_0
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton, decode_skeleton
 from dmae.data.skeletons.definition import encode
 from dmae.data.store import write_atomic
 from dmae.files.arrays import read_arrays
+from dmae.files.mapped import frame_blocks
 from dmae.files.numbers import check_rate
 from dmae.files.structured import parse_json
 from dmae.formats.recordings.pose_files import PoseFile
@@ -47,19 +51,26 @@ def read_npz_poses(path: Path) -> PoseFile:
 
 def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
     """Write poses, with the arrays that the module lists."""
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        joints=poses.xyz,
-        source=poses.source,
-        source_names=np.array([source.name.lower() for source in Source]),
-        cov=poses.cov,
-        views=poses.views,
-        names=np.array(poses.skeleton.joints),
-        skeleton=np.array(_written(poses.skeleton)),
-        fps=np.float64(fps),
-    )
-    write_atomic(Path(path), buffer.getvalue())
+    arrays = {
+        "joints": poses.xyz,
+        "source": poses.source,
+        "source_names": np.array([source.name.lower() for source in Source]),
+        "cov": poses.cov,
+        "views": poses.views,
+        "names": np.array(poses.skeleton.joints),
+        "skeleton": np.array(_written(poses.skeleton)),
+        "fps": np.array(fps, np.float64),
+    }
+    # As numpy.savez_compressed writes it, without the arrays in memory.
+    with TemporaryFile(prefix="dmae-") as file:
+        with ZipFile(file, "w", ZIP_DEFLATED) as archive:
+            for name, array in arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    write_array_header_1_0(member, header_data_from_array_1_0(array) | {"fortran_order": False})
+                    for part in frame_blocks(array) if array.ndim else [...]:
+                        member.write(array[part].tobytes())
+        file.seek(0)
+        write_atomic(Path(path), iter(partial(file.read, 1 << 20), b""))
 
 
 def read_npz(path: Path) -> tuple[Poses3D, float]:

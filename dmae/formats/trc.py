@@ -1,6 +1,9 @@
 """TRC, the text format of OpenSim for markers: y up, tab separated, an empty cell where a marker is absent."""
 
 import re
+from collections.abc import Iterator
+from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +13,8 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import SKELETONS, Skeleton
 from dmae.data.skeletons.definition import encode, read_skeleton
 from dmae.data.store import write_atomic
-from dmae.files.contents import read_text
+from dmae.files.contents import read_text, written
+from dmae.files.mapped import by_frames, frame_blocks
 from dmae.files.numbers import MOST_METRES, check_numbers, check_rate
 from dmae.formats.calibrations.conventions import METRES, LengthUnit
 from dmae.formats.motion_capture.source_table import (
@@ -223,25 +227,22 @@ def write_trc(
     paths = person_paths(path, poses.xyz.shape[1])
     digits = {LengthUnit.m: 6, LengthUnit.cm: 4, LengthUnit.mm: 3}[unit]
     for person, file in enumerate(paths):
-        xyz = poses.xyz[:, person][..., _TRC].astype(np.float64) / METRES[unit]
-        write_atomic(
-            file,
-            "\n".join(
-                [
-                    *_written_header(file, names, len(xyz), fps, unit, number),
-                    *_written(xyz, fps, digits, number, start),
-                ]
-            )
-            + "\n",
-        )
+        header = _written_header(file, names, len(poses.xyz), fps, unit, number)
+        rows = _rows_of(poses.xyz[:, person], METRES[unit], fps, digits, number, start)
+        write_atomic(file, written(chain(header, rows)))
         write_source_table(file, names, poses.source[:, person], number)
         if poses.skeleton.defined:
             write_atomic(_skeleton_file(file), yaml.safe_dump(encode(poses.skeleton), sort_keys=False))
         else:
             _skeleton_file(file).unlink(missing_ok=True)
-        cov = poses.cov[:, person].astype(np.float64)[..., _TRC, :][..., _TRC] / METRES[unit] ** 2
-        write_covariance_table(file, names, cov, number)
+        turned = partial(_turned, person=person, metre=METRES[unit])
+        write_covariance_table(file, names, by_frames(turned, poses.cov), number)
     return paths
+
+
+def _turned(cov: np.ndarray, person: int, metre: float) -> np.ndarray:
+    """Return covariances (F, P, J, 3, 3) of one person in the axes and the unit of a TRC."""
+    return cov[:, person].astype(np.float64)[..., _TRC, :][..., _TRC] / metre**2
 
 
 def _written_header(path: Path, names: list[str], frames: int, fps: float, unit: LengthUnit, first: int) -> list[str]:
@@ -254,17 +255,11 @@ def _written_header(path: Path, names: list[str], frames: int, fps: float, unit:
     ]
 
 
-def _written(xyz: np.ndarray, fps: float, digits: int, number: int, start: int) -> list[str]:
-    return [
-        "\t".join(
-            [
-                str(frame + number),
-                f"{(frame + start) / fps:.6f}",
-                *("" if np.isnan(v) else f"{v:.{digits}f}" for v in row.ravel()),
-            ]
-        )
-        for frame, row in enumerate(xyz)
-    ]
+def _rows_of(xyz: np.ndarray, metre: float, fps: float, digits: int, number: int, start: int) -> Iterator[str]:
+    for part in frame_blocks(xyz):
+        for frame, row in enumerate(xyz[part][..., _TRC].astype(np.float64) / metre, part.start):
+            cells = ("" if v != v else f"{v:.{digits}f}" for v in row.ravel().tolist())
+            yield "\t".join([str(frame + number), f"{(frame + start) / fps:.6f}", *cells])
 
 
 def _read_source(path: Path, xyz: np.ndarray, names: list[str], joints: list[int]) -> np.ndarray | None:

@@ -56,7 +56,8 @@ def write_poses(
     poses = exported_poses(clip)
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has neither poses nor truth to export; run dmae capture on it first")
-    written = convert(without_unlikely(poses, keep_mm), _skeleton(writer, poses, skeleton))
+    kept = without_unlikely(poses, keep_mm)
+    written = convert(kept, _skeleton(writer, poses, skeleton))
     options = {}
     if "unit" in writer.options:
         options["unit"] = LengthUnit(unit)
@@ -67,6 +68,9 @@ def write_poses(
     if poses is clip.truth and clip.true_rig is not None:
         # Truth is seen by the true cameras, not by those of a calibration in error.
         clip = replace(clip, rig=clip.true_rig)
+    if poses is clip.poses:
+        # Some writers project the poses of the clip.
+        clip = replace(clip, poses=kept)
     writer.function(written, clip, path, **options)
     return written
 

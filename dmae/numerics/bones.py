@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import by_frames
 from dmae.numerics.compiled import compiled
 from dmae.numerics.robust import median_over_frames
 
@@ -54,11 +55,29 @@ def symmetric_bone_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
         xyz: (F, P, J, 3) m, NaN where not measured.
     """
     bones = skeleton.rigid_bones
-    lengths = bone_lengths(xyz, bones)
+    lengths = by_frames(lambda xyz: bone_lengths(xyz, bones), xyz)
     order = {bone: i for i, bone in enumerate(bones)}
     mirror = skeleton.mirror
     partner = [order.get((mirror[a], mirror[b]), i) for i, (a, b) in enumerate(bones)]
-    return median_over_frames(np.concatenate([lengths, lengths[:, :, partner]]))
+    return _pooled_medians(lengths, np.array(partner, np.int64))
+
+
+@compiled()
+def _pooled_medians(lengths, partner):
+    """Return medians (P, B) of what is not NaN in (F, P, B), of bones and their partners (B,); NaN of none."""
+    frames, persons, count = lengths.shape
+    medians, known = np.full((persons, count), np.nan), np.empty(2 * frames)
+    for p in range(persons):
+        for b in range(count):
+            number = 0
+            for side in (b, partner[b]):
+                for f in range(frames):
+                    if not np.isnan(lengths[f, p, side]):
+                        known[number] = lengths[f, p, side]
+                        number += 1
+            if number:
+                medians[p, b] = np.median(known[:number])
+    return medians
 
 
 def parent_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:

@@ -1,10 +1,12 @@
 """Poses with their gaps filled: an interpolated estimate, used where a person is present."""
 
 from dataclasses import replace
+from math import prod
 
 import numpy as np
 
 from dmae.data.clip import Poses3D, Source
+from dmae.files.mapped import column_blocks, empty, frame_blocks
 from dmae.numerics import body_frame
 from dmae.numerics.gaps import neighbours
 from dmae.numerics.interpolation import Interpolation, local_parabola
@@ -14,6 +16,9 @@ LONGEST_ABSENCE = 1.0
 
 LONGEST_HOLD = 0.5
 """s; how long a joint stays as first or last measured before its first and after its last measurement."""
+
+_PATHS = 1 << 20
+"""Bytes of paths that are smoothed at a time, which takes some thirty times as many."""
 
 
 def present(poses: Poses3D, fps: float) -> np.ndarray:
@@ -74,9 +79,15 @@ def smooth(poses: Poses3D, fps: float, seconds: float, frames: slice = slice(Non
     given, poses = poses, poses if frames == slice(None) else poses.select(frames)
     if seconds == 0:
         return poses
+    smoothed = empty(poses.xyz.shape, np.float32)
+    before, after = (xyz.reshape(len(xyz), prod(xyz.shape[1:-1]), 3) for xyz in (given.xyz, smoothed))
+    for columns, paths in column_blocks(before, _PATHS):
+        paths = local_parabola(paths.astype(np.float64), seconds * fps, frames)
+        for part in frame_blocks(after):
+            after[part, columns] = paths[part]
     return replace(
         poses,
-        xyz=local_parabola(given.xyz.astype(np.float64), seconds * fps, frames),
+        xyz=smoothed,
         source=np.where(poses.source == Source.MEASURED, Source.DENOISED, poses.source),
     )
 

@@ -17,8 +17,8 @@ from dmae.online.frames import JOINTS, FinishedFrame, join_frames, split_frames
 
 if TYPE_CHECKING:
     from dmae.completion.completer import Completer
+    from dmae.completion.gaussian_process.steps import Steps
     from dmae.completion.methods.registry import Fill
-    from dmae.completion.steps import Steps
 
 BATCH = 0.2
 """s of frames that are completed together."""
@@ -29,7 +29,7 @@ TURN = 0.4
 _GROUPS = 2
 """Groups in which people are completed, one after the other."""
 _JOB_COST = 5.0
-"""Of preparing a job and of keeping its results, see `dmae.completion.steps.Steps`."""
+"""Of preparing a job and of keeping its results, see `dmae.completion.gaussian_process.steps.Steps`."""
 _USUAL_COST = 60.0
 """Of completing a person in a turn, before it is known."""
 _CHANGE = 0.1

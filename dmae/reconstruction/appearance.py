@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from dmae.data.clip import Clip
+from dmae.files.mapped import by_frames
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig
 
@@ -38,14 +39,9 @@ class TorsoColours:
             raise ValueError(f"clip {clip.id!r} has no rgb images")
         skeleton = clip.detections.skeleton
         joints = skeleton.index(*(joint for joint in _TORSO if joint in skeleton.joints))
-        torso = clip.detections.xy[:, :, :, list(skeleton.trunk) if skeleton.defined else joints]
-        known = np.isfinite(torso).all(-1, keepdims=True)
-        low = np.where(known, torso, np.inf).min(-2)
-        high = np.where(known, torso, -np.inf).max(-2)
-        with np.errstate(invalid="ignore"):
-            middle, half = (low + high) / 2, np.maximum(_PATCH_SHARE * (high - low), _MIN_HALF_SIDE)
-            self._boxes = np.stack([np.floor(middle - half), np.ceil(middle + half) + 1], -2)
-        self._known = known.any((-1, -2))
+        torso = list(skeleton.trunk) if skeleton.defined else joints
+        self._boxes = by_frames(lambda xy: _boxes(xy[:, :, :, torso]), clip.detections.xy)
+        self._known = by_frames(lambda boxes: np.isfinite(boxes).all((-1, -2)), self._boxes)
         self._videos = [clip.images.video(name) for name in clip.rig.names]
         self._next = 0
 
@@ -74,6 +70,16 @@ class TorsoColours:
         return colours
 
 
+def _boxes(torso: np.ndarray) -> np.ndarray:
+    """Return the corners (F, V, D, 2, 2) of patches in the middle of torsos (F, V, D, n, 2), px; NaN where unknown."""
+    known = np.isfinite(torso).all(-1, keepdims=True)
+    low = np.where(known, torso, np.inf).min(-2)
+    high = np.where(known, torso, -np.inf).max(-2)
+    with np.errstate(invalid="ignore"):
+        middle, half = (low + high) / 2, np.maximum(_PATCH_SHARE * (high - low), _MIN_HALF_SIDE)
+        return np.stack([np.floor(middle - half), np.ceil(middle + half) + 1], -2)
+
+
 def appearance_differs(clip: Clip, assigned: np.ndarray, min_difference: float) -> np.ndarray:
     """Find the tracks with clothes of different colours, medians over some frames and all views.
 
@@ -87,7 +93,7 @@ def appearance_differs(clip: Clip, assigned: np.ndarray, min_difference: float) 
     Raises:
         ValueError, FileNotFoundError: see `TorsoColours`.
     """
-    colours_of, whole = TorsoColours(clip), assigned.max(-1)
+    colours_of, whole = TorsoColours(clip), by_frames(lambda assigned: assigned.max(-1), assigned)
     sampled: dict[int, list[int]] = {}
     for person in range(assigned.shape[1]):
         present = np.flatnonzero((whole[:, person] != NONE).any(-1))

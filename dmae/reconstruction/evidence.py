@@ -13,6 +13,22 @@ from dmae.reconstruction.compiled.reprojection import measure_distances
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.triangulation import Points, triangulate
 
+_BLOCK = 1 << 18
+"""Joints of detections, or of people, in cameras that are computed with at a time: some hundred MB."""
+_FEWEST = 64
+"""Frames in a block."""
+
+
+def evidence_blocks(clip: Clip, persons: int = 1) -> list[slice]:
+    """Return the frames of a clip in blocks that are computed with at a time; short clips are one block.
+
+    Args:
+        persons: Number of people who are compared with the detections.
+    """
+    frames, views, detections, joints = clip.detections.score.shape
+    step = max(_BLOCK // max(views * joints * max(detections, persons), 1), _FEWEST)
+    return [slice(start, min(start + step, frames)) for start in range(0, max(frames, 1), step)]
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -31,9 +47,13 @@ class Evidence:
     config: CaptureConfig
 
     @classmethod
-    def of(cls, clip: Clip, th_p: float, config: CaptureConfig) -> Evidence:
-        """Return the detections of a clip with confidence `th_p` or more (joint-level filtering of the paper)."""
-        xy, score = clip.detections.xy, clip.detections.score.astype(np.float64)
+    def of(cls, clip: Clip, th_p: float, config: CaptureConfig, frames: slice = slice(None)) -> Evidence:
+        """Return the detections of a clip with confidence `th_p` or more (joint-level filtering of the paper).
+
+        Args:
+            frames: Of the clip.
+        """
+        xy, score = clip.detections.xy[frames], clip.detections.score[frames].astype(np.float64)
         confident = (score >= th_p) & np.isfinite(xy).all(-1)
         xy = clip.rig.undistort(np.where(confident[..., None], xy, np.nan))
         return cls(clip.rig.undistorted, xy, np.where(confident, np.clip(score, 0, 1), np.nan), config)

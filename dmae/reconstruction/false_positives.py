@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from dmae.files.mapped import by_frames, total
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.tracks import Tracks
@@ -23,7 +24,8 @@ def false_positives(tracks: Tracks, measured: np.ndarray, frames: int, fps: floa
 
 def well_measured(tracks: Tracks, joints: int) -> np.ndarray:
     """Return (F, P) True where a person has at least so many joints, with views that do not agree by coincidence."""
-    return ((~np.isnan(tracks.xyz[..., 0])).sum(-1) >= joints) & tracks.supported
+    known = by_frames(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), tracks.xyz)
+    return (known >= joints) & tracks.supported
 
 
 def too_brief(measured: np.ndarray, frames: int, fps: float, min_duration_s: float) -> np.ndarray:
@@ -37,5 +39,5 @@ def coincidental(tracks: Tracks, views: int) -> np.ndarray:
     Args:
         views: Number of views; nearly all joints of a person that so many views detect can be triangulated.
     """
-    detected = ((tracks.assigned != NONE).sum(2) >= views).sum((0, 2))
-    return (~np.isnan(tracks.xyz[..., 0])).sum((0, 2)) < _MIN_AGREEMENT * detected
+    detected = total(lambda assigned: ((assigned != NONE).sum(2) >= views).sum(-1), tracks.assigned)
+    return total(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), tracks.xyz) < _MIN_AGREEMENT * detected

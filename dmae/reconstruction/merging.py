@@ -6,6 +6,7 @@ from itertools import permutations
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import by_frames, frame_blocks
 from dmae.numerics.bones import symmetric_bone_lengths
 from dmae.numerics.robust import median_over_frames
 from dmae.reconstruction.association import NONE
@@ -41,7 +42,7 @@ def same_person(
     Returns:
         (P,) for each track, the lowest index of the tracks of its person.
     """
-    present = ~np.isnan(xyz[..., 0]).all(-1)
+    present = by_frames(lambda xyz: ~np.isnan(xyz[..., 0]).all(-1), xyz)
     label = np.arange(xyz.shape[1])
     lengths = symmetric_bone_lengths(xyz, skeleton)
     reentries = []
@@ -74,12 +75,16 @@ def merge(tracks: Tracks, label: np.ndarray) -> Tracks:
         label: (P,) as `same_person` returns it.
     """
     persons = np.unique(label)
+    if len(persons) == len(label):
+        return tracks
     merged = tracks.select(persons)
     assigned, xyz, supported = merged.assigned, merged.xyz, merged.supported
     for track in np.flatnonzero(label != np.arange(len(label))):
         person = np.searchsorted(persons, label[track])
-        assigned[:, person] = np.where(assigned[:, person] == NONE, tracks.assigned[:, track], assigned[:, person])
-        xyz[:, person] = np.where(np.isnan(xyz[:, person]), tracks.xyz[:, track], xyz[:, person])
+        for part in frame_blocks(assigned, xyz, tracks.assigned, tracks.xyz):
+            here, other = (part, person), (part, track)
+            assigned[here] = np.where(assigned[here] == NONE, tracks.assigned[other], assigned[here])
+            xyz[here] = np.where(np.isnan(xyz[here]), tracks.xyz[other], xyz[here])
         supported[:, person] |= tracks.supported[:, track]
     return merged
 

@@ -1,18 +1,19 @@
 """Adaptive Triangulation (Algorithm 1 of the paper): from the detections of a clip to its people in 3D."""
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from math import ceil
 
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import empty, release
 from dmae.numerics.filling import fill_body_frame
 from dmae.numerics.interpolation import pchip
 from dmae.reconstruction.appearance import appearance_differs, has_appearance
 from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.false_positives import false_positives, well_measured
 from dmae.reconstruction.merging import merge, same_person
 from dmae.reconstruction.people.body_size import in_units_of_people
@@ -26,8 +27,8 @@ from dmae.reconstruction.tracking import track
 from dmae.reconstruction.tracks import Tracks
 from dmae.reconstruction.triangulation import Points
 
-_EXPECTED_BY = 2.0
-"""s around a window of frames by which hidden joints are expected in it."""
+_EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
+"""s around a window of frames by which hidden joints are expected in it, online, and in a block of a long clip."""
 
 
 def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
@@ -71,8 +72,7 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
 def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     """Reconstruct bodies as large as people."""
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
-    evidence = Evidence.of(clip, config.th_p, config)
-    tracks = track(evidence, clip, config)
+    tracks = track(clip, config)
     differs = None
     if has_appearance(clip, config):
         differs = partial(appearance_differs, clip, tracks.assigned, tracking.reentry_colour_difference)
@@ -81,11 +81,92 @@ def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     measured = well_measured(tracks, tracking.births(len(skeleton))).sum(0)
     tracks = tracks.select(~false_positives(tracks, measured, len(clip), fps, config))
     tracks = wanted_people(tracks, clip.rig, skeleton, fps, config)
-    if config.reassignment.distance_m > 0:
-        evidence = Evidence.of(clip, config.reassignment.th_p, config)
-    before = np.empty((0, *tracks.xyz.shape[1:]))
-    joints = measure(evidence, tracks, slice(0, len(clip)), before, skeleton, fps, settle=True)
-    return joints.poses(len(clip), skeleton, fps)
+    return _measured_people(clip, tracks, config)
+
+
+def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses3D:
+    """Measure the joints of the people of a whole clip, as `measure` does, in blocks of frames that memory holds."""
+    skeleton, fps, reassignment = clip.detections.skeleton, clip.fps, config.reassignment
+    (frames, persons, views, joints), sides = tracks.assigned.shape, Sides.of(skeleton)
+    th_p = reassignment.th_p if reassignment.distance_m > 0 else config.th_p
+    paths = expected_paths(tracks.xyz, skeleton, fps, reassignment.max_gap_s)
+    blocks = evidence_blocks(clip, persons)
+
+    # That of a single block is made once.
+    @lru_cache(maxsize=1)
+    def evidence_between(start: int, stop: int) -> Evidence:
+        part = slice(start, stop)
+        evidence = Evidence.of(clip, th_p, config, part)
+        wrong = find_exchanged(evidence, slice(0, stop - start), tracks.assigned[part], paths[part], sides)
+        release(clip.detections.xy, clip.detections.score, tracks.assigned, paths)
+        return exchange(evidence, 0, *wrong, sides)
+
+    def evidence_of(part: slice) -> Evidence:
+        return evidence_between(part.start, part.stop)
+
+    shape = frames, persons, joints
+    assigned = empty(tracks.assigned.shape, np.int16)
+    types = ((3,), np.float64), ((3, 3), np.float32), ((views,), np.bool_), ((), np.float32)
+    points = Points(*(empty((*shape, *inner), kind) for inner, kind in types))
+    for part in blocks:
+        evidence, first_pass = evidence_of(part), tracks.assigned[part]
+        if reassignment.distance_m > 0:
+            first_pass = reassign(evidence, first_pass, paths[part], reassignment.distance_m)
+        assigned[part] = first_pass
+        found = evidence.triangulate(np.arange(len(first_pass))[:, None, None, None], first_pass)
+        for array, values in zip(vars(points).values(), vars(found).values(), strict=True):
+            array[part] = values
+            release(array)
+        release(assigned, paths)
+    settle_disagreement(evidence_of, blocks, assigned, points)
+    xyz = prune(points.xyz, skeleton, fps) if config.prune else points.xyz
+    arrays = {"xyz": np.float32, "source": np.uint8, "cov": np.float32, "views": np.uint8, "rays": np.float32}
+    inner = {"xyz": (3,), "cov": (3, 3), "rays": (2, 3)}
+    made = {name: empty((*shape, *inner.get(name, ())), kind) for name, kind in arrays.items()}
+    for part in blocks:
+        expected = _expected(skeleton, fps, xyz, part, _EXPECTED_IN_CLIPS)
+        known = Points(xyz[part], *(getattr(points, name)[part] for name in ("cov", "used", "residual")))
+        poses = _poses(skeleton, known, evidence_of(part), expected, assigned[part], tracks.assigned[part])
+        for name, array in made.items():
+            array[part] = getattr(poses, name)
+            release(array)
+        release(xyz, assigned, tracks.assigned, *vars(points).values())
+    return Poses3D(skeleton, **made)
+
+
+def _expected(skeleton: Skeleton, fps: float, xyz: np.ndarray, window: slice, seconds: float) -> np.ndarray:
+    """Return where joints are expected in a window of frames, by (F, P, J, 3) that are known so long around it."""
+    # A joint that is hidden for longer is expected nowhere.
+    reach = ceil(seconds * fps)
+    around = slice(max(window.start - reach, 0), window.stop + reach)
+    inside = slice(window.start - around.start, window.stop - around.start)
+    return fill_body_frame(Poses3D(skeleton, xyz[around]), fps, pchip).xyz[inside]
+
+
+def _poses(
+    skeleton: Skeleton,
+    points: Points,
+    evidence: Evidence,
+    expected: np.ndarray,
+    assigned: np.ndarray,
+    first_pass: np.ndarray,
+) -> Poses3D:
+    """Return points (F, P, J) as poses, with the rays on which joints are that were not measured.
+
+    Args:
+        expected: (F, P, J, 3) m, where joints are expected.
+        assigned: (F, P, V, J) detections that the joints were measured from, or `NONE`.
+        first_pass: (F, P, V, J) detections that tracking assigned.
+    """
+    absent = np.isnan(points.xyz[..., 0])
+    return Poses3D(
+        skeleton,
+        points.xyz,
+        np.where(absent, Source.ABSENT, Source.MEASURED),
+        np.where(absent[..., None, None], np.nan, points.cov),
+        np.where(absent, 0, points.views),
+        most_confident_rays(evidence, absent, expected, assigned, first_pass),
+    )
 
 
 @dataclass(frozen=True)
@@ -111,22 +192,10 @@ class MeasuredJoints:
     def poses(self, count: int, skeleton: Skeleton, fps: float) -> Poses3D:
         """Return the first `count` frames of the window, with the rays on which joints are that were not measured."""
         window = slice(self.window.start, self.window.start + count)
-        # What is expected is known by the frames around: a joint that is hidden for longer is expected nowhere.
-        reach = ceil(_EXPECTED_BY * fps)
-        around = slice(max(window.start - reach, 0), window.stop + reach)
-        nearby = Poses3D(skeleton, np.concatenate([self.xyz, self.tracks.xyz[self.window.stop :]])[around])
-        inside = slice(window.start - around.start, window.stop - around.start)
-        expected = fill_body_frame(nearby, fps, pchip).xyz[inside]
-        xyz, first_pass = self.xyz[window], self.tracks.assigned[window]
-        absent = np.isnan(xyz[..., 0])
-        return Poses3D(
-            skeleton,
-            xyz,
-            np.where(absent, Source.ABSENT, Source.MEASURED),
-            np.where(absent[..., None, None], np.nan, self.points.cov[:count]),
-            np.where(absent, 0, self.points.views[:count]),
-            most_confident_rays(self.evidence, absent, expected, self.assigned[:count], first_pass),
-        )
+        nearby = np.concatenate([self.xyz, self.tracks.xyz[self.window.stop :]])
+        expected = _expected(skeleton, fps, nearby, window, _EXPECTED_BY)
+        points = Points(self.xyz[window], *(getattr(self.points, name)[:count] for name in ("cov", "used", "residual")))
+        return _poses(skeleton, points, self.evidence, expected, self.assigned[:count], self.tracks.assigned[window])
 
 
 def measure(
@@ -136,7 +205,6 @@ def measure(
     before: np.ndarray,
     skeleton: Skeleton,
     fps: float,
-    settle: bool = False,
 ) -> MeasuredJoints:
     """Measure the joints of known people in a window of frames: reassign, triangulate and prune.
 
@@ -145,8 +213,6 @@ def measure(
         tracks: P people over N frames, from before the window to after it.
         window: The F frames among the N.
         before: (window.start, P, J, 3) m, joints triangulated in the frames before the window.
-        settle: Triangulate people on which cameras disagree from those that agree, see `settle_disagreement`; for
-            windows of whole recordings.
     """
     config, first_pass = evidence.config, tracks.assigned[window]
     assigned, sides = first_pass, Sides.of(skeleton)
@@ -156,8 +222,6 @@ def measure(
     if config.reassignment.distance_m > 0:
         assigned = reassign(evidence, first_pass, paths, config.reassignment.distance_m)
     points = evidence.triangulate(np.arange(len(assigned))[:, None, None, None], assigned)
-    if settle:
-        settle_disagreement(evidence, assigned, points)
     xyz = np.concatenate([before, points.xyz])
     if config.prune:
         xyz = prune(xyz, skeleton, fps)

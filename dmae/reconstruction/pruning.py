@@ -5,6 +5,7 @@ from math import prod
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import column_blocks, empty, frame_blocks
 from dmae.numerics.bones import bone_lengths, symmetric_bone_lengths
 from dmae.reconstruction.compiled.jumps import drop_broken, drop_runs, impossible_runs
 
@@ -20,11 +21,19 @@ _STRETCH, _SLACK = 0.25, 0.05
 
 def prune(xyz: np.ndarray, skeleton: Skeleton, fps: float) -> np.ndarray:
     """Return joints (F, P, J, 3) with NaN in place of those that break bones or jump."""
-    unbroken = np.where(broken(xyz, skeleton)[..., None], np.nan, xyz)
-    return np.where(jumps(unbroken, fps, _ACCELERATION / skeleton.scale)[..., None], np.nan, unbroken)
+    pruned, usual = empty(xyz.shape, np.float64), symmetric_bone_lengths(xyz, skeleton)
+    for part in frame_blocks(xyz, pruned):
+        pruned[part] = np.where(broken(xyz[part], skeleton, usual)[..., None], np.nan, xyz[part])
+    paths = pruned.reshape(len(pruned), prod(pruned.shape[1:-1]), 3)
+    for columns, unbroken in column_blocks(paths):
+        dropped = jumps(unbroken, fps, _ACCELERATION / skeleton.scale)
+        if dropped.any():
+            for part in frame_blocks(paths):
+                paths[part, columns][dropped[part]] = np.nan
+    return pruned
 
 
-def broken(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
+def broken(xyz: np.ndarray, skeleton: Skeleton, usual: np.ndarray | None = None) -> np.ndarray:
     """Find joints at the ends of bones that do not have their usual length.
 
     Of the two ends of such a bone, the one with more wrong bones is chosen; of equals, the one with the larger share of
@@ -32,11 +41,12 @@ def broken(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
     Args:
         xyz: (F, P, J, 3) m, NaN where absent.
+        usual: (P, B) m, usual lengths of the rigid bones; by default those in these frames.
 
     Returns:
         (F, P, J) True for the joints to drop.
     """
-    usual = symmetric_bone_lengths(xyz, skeleton)
+    usual = symmetric_bone_lengths(xyz, skeleton) if usual is None else usual
     dropped = np.zeros(xyz.shape[:3], bool)
     bones = skeleton.rigid_bones
     drop_broken(bone_lengths(xyz, bones), usual, np.array(bones, np.int64).reshape(-1, 2), _STRETCH, _SLACK, dropped)

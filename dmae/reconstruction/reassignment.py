@@ -1,8 +1,11 @@
 """Reassignment, the second pass: each joint takes the detections nearest to its own path."""
 
+from math import prod
+
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import column_blocks, frame_blocks
 from dmae.numerics.gaps import neighbours
 from dmae.numerics.interpolation import linear
 from dmae.reconstruction.compiled.reprojection import nearest_detections
@@ -18,9 +21,15 @@ def expected_paths(xyz: np.ndarray, skeleton: Skeleton, fps: float, max_gap_s: f
         max_gap_s: Longest gap that is bridged, s.
     """
     pruned = prune(xyz, skeleton, fps)
-    before, after = neighbours(~np.isnan(pruned[..., 0]))
-    bridged = (before >= 0) & (after < len(pruned)) & (after - before <= int(max_gap_s * fps))
-    return np.where(bridged[..., None], linear(pruned), np.nan)
+    # In place, as each path is for itself.
+    paths = pruned.reshape(len(pruned), prod(pruned.shape[1:-1]), 3)
+    for columns, known in column_blocks(paths):
+        before, after = neighbours(~np.isnan(known[..., 0]))
+        bridged = (before >= 0) & (after < len(known)) & (after - before <= int(max_gap_s * fps))
+        expected = np.where(bridged[..., None], linear(known), np.nan)
+        for part in frame_blocks(paths):
+            paths[part, columns] = expected[part]
+    return pruned
 
 
 def reassign(evidence: Evidence, assigned: np.ndarray, paths: np.ndarray, max_distance: float) -> np.ndarray:

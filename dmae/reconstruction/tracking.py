@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -12,13 +13,14 @@ from scipy.optimize import linear_sum_assignment
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeletons.tree import PERSON_M
+from dmae.files.mapped import release
 from dmae.numerics.robust import median_known
 from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
 from dmae.reconstruction.compiled.chance import beyond_chance
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit, fewer_of_few
-from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.evidence import Evidence, evidence_blocks
 from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged, nearer_side
 from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
 
@@ -49,7 +51,7 @@ class Tracker:
         self._fewest = _fewest(len(skeleton))
         self._birth_joints = config.tracking.births(len(skeleton))
 
-    def step(self, evidence: Evidence, frame: int, colours: TorsoColours | None = None) -> TrackedFrame:
+    def step(self, evidence: Evidence, frame: int, colours: Callable[[int], np.ndarray] | None = None) -> TrackedFrame:
         """Track people into the next frame, which has index `frame` in the evidence."""
         config, bones = self._config, self._bones
         colours_here = None if colours is None else partial(colours, frame)
@@ -89,14 +91,29 @@ class Tracker:
         return TrackedFrame(state.track, np.where(absent[:, None, None], NONE, assigned), xyz, supported & ~absent)
 
 
-def track(evidence: Evidence, clip: Clip, config: CaptureConfig) -> Tracks:
+def track(clip: Clip, config: CaptureConfig) -> Tracks:
     """Assign the detections of a clip to people, in the order of the births of their tracks."""
-    frames, views, _, joints = evidence.confidence.shape
+    frames, views, _, joints = clip.detections.score.shape
+    return Tracks.of_blocks(_tracked(clip, config), frames, views, joints)
+
+
+def _tracked(clip: Clip, config: CaptureConfig) -> Iterator[list[TrackedFrame]]:
+    """Yield the tracked frames of a clip, in blocks."""
     colours = TorsoColours(clip) if has_appearance(clip, config) else None
     tracker = Tracker(clip.detections.skeleton, clip.fps, config)
-    tracked = [tracker.step(evidence, frame, colours) for frame in progress(range(frames), "tracking people")]
-    births = max((frame.track.max(initial=-1) + 1 for frame in tracked), default=0)
-    return Tracks.of(tracked, np.arange(births), views, joints)
+    numbers = iter(progress(range(len(clip)), "tracking people"))
+    for part in evidence_blocks(clip):
+        evidence = Evidence.of(clip, config.th_p, config, part)
+        release(clip.detections.xy, clip.detections.score)
+        yield [
+            tracker.step(evidence, frame - part.start, colours and partial(_colours, colours, part.start))
+            for frame in islice(numbers, part.stop - part.start)
+        ]
+
+
+def _colours(colours: TorsoColours, start: int, frame: int) -> np.ndarray:
+    """Return the colours of a frame that is counted from `start` on."""
+    return colours(start + frame)
 
 
 def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:

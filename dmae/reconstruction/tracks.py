@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
+from tempfile import TemporaryFile
 from typing import NamedTuple
 
 import numpy as np
 
+from dmae.files.mapped import by_frames, empty, release
 from dmae.numerics.robust import median_known
 from dmae.reconstruction.association import NONE
 
@@ -60,9 +62,40 @@ class Tracks:
                 array[place] = part[wanted]
         return cls(assigned, xyz, supported)
 
+    @classmethod
+    def of_blocks(cls, blocks: Iterable[Sequence[TrackedFrame]], frames: int, views: int, joints: int) -> Tracks:
+        """Return all tracks of `frames` frames, which come in blocks; of several blocks only one is held in memory."""
+        births, sizes = 0, []
+        with TemporaryFile(prefix="dmae-") as file:
+            for block in blocks:
+                index = np.unique(np.concatenate([np.empty(0, int), *(frame.track for frame in block)]))
+                births = max(births, index.max(initial=-1) + 1)
+                if len(block) == frames:
+                    return cls.of(block, np.arange(births), views, joints)
+                part = cls.of(block, index, views, joints)
+                for array in (index, part.assigned, part.xyz, part.supported):
+                    np.save(file, array)
+                sizes.append(len(block))
+            file.seek(0)
+            tracks = cls(
+                empty((frames, births, views, joints), np.int16),
+                empty((frames, births, joints, 3), np.float64),
+                empty((frames, births), bool),
+            )
+            arrays, start = (tracks.assigned, tracks.xyz, tracks.supported), 0
+            for size in sizes:
+                index, here = np.load(file), slice(start, start + size)
+                for array, absent in zip(arrays, (NONE, np.nan, False), strict=True):
+                    array[here] = absent
+                    array[here, index] = np.load(file)
+                release(*arrays)
+                start += size
+        return tracks
+
     def select(self, persons: np.ndarray) -> Tracks:
         """Return some of the tracks, by indices or by a mask (P,)."""
-        return Tracks(self.assigned[:, persons], self.xyz[:, persons], self.supported[:, persons])
+        arrays = (self.assigned, self.xyz, self.supported)
+        return Tracks(*(by_frames(lambda array: array[:, persons], array) for array in arrays))
 
 
 @dataclass

@@ -18,9 +18,9 @@ from provenance import measured
 
 from dmae.completion import prediction
 from dmae.completion.gaussian_process.fitting import FPS, read_pairs
+from dmae.completion.gaussian_process.steps import Steps
 from dmae.completion.methods import METHODS
 from dmae.completion.pipeline import SMOOTHING, completers
-from dmae.completion.steps import Steps
 from dmae.data.clip import Poses3D
 from dmae.data.json_text import json_text
 from dmae.data.skeleton import BODY25

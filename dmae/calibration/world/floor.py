@@ -14,6 +14,7 @@ from scipy.spatial.distance import pdist
 from dmae.calibration.world.gravity_and_scale import upright_direction
 from dmae.calibration.world.standing import Postures, Soles, soles_and_postures
 from dmae.data.clip import Poses3D
+from dmae.files.mapped import by_frames
 from dmae.files.numbers import MOST_METRES
 
 _ROUGHLY_UPRIGHT = 0.7
@@ -88,15 +89,16 @@ def find_floor(poses: Poses3D, fps: float) -> Floor:
         poses: (F, P, J) measured people; joints without a measurement are left out.
         fps: 1/s.
     """
-    measured = poses.without(~poses.measured | ~(np.abs(poses.xyz) < MOST_METRES).all(-1))
-    people = measured.xyz.reshape(-1, *measured.xyz.shape[2:]).astype(np.float64)
+    far = by_frames(lambda xyz: ~(np.abs(xyz) < MOST_METRES).all(-1), poses.xyz)
+    measured = poses.without(~poses.measured | far)
+    people = measured.xyz.reshape(-1, *measured.xyz.shape[2:])
     mean = upright_direction(people, poses.skeleton)
     if mean is None or mean[1] < _ROUGHLY_UPRIGHT:
         return _NOTHING
     up, found = mean[0], _NOTHING
     for _ in range(2):
         R = turn_to_z(up)
-        soles, postures = soles_and_postures(_turned(measured, R), fps)
+        soles, postures = soles_and_postures(measured, fps, R)
         found = _fit(soles, postures, R)
         if found.up is None:
             return found
@@ -111,10 +113,6 @@ def turn_to_z(up: np.ndarray) -> np.ndarray:
         return np.diag((1.0, -1.0, -1.0))
     cross = np.array([[0, 0, -x], [0, 0, -y], [x, y, 0]])
     return np.eye(3) + cross + cross @ cross / (1 + z)
-
-
-def _turned(poses: Poses3D, R: np.ndarray) -> Poses3D:
-    return Poses3D(poses.skeleton, poses.xyz @ R.T, poses.source, R @ poses.cov @ R.T)
 
 
 def _fit(soles: Soles, postures: Postures, R: np.ndarray) -> Floor:

@@ -1,8 +1,11 @@
 """Gravity and scale: which way is up in the world, and how long its unit is, from the people measured in it."""
 
+from functools import partial
+
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import by_frames
 from dmae.numerics.robust import mean_known
 
 _ADULT = {("shoulder", "hip"): 0.50, ("hip", "knee"): 0.42, ("knee", "ankle"): 0.41}
@@ -29,15 +32,20 @@ def upright_direction(people: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarra
     Returns:
         The unit vector (3,), and from 0 to 1 how much people agree in it; None if too few people are known.
     """
-    ends = []
-    for parts in (("shoulder", "neck", "nose"), ("ankle", "knee")):
-        joints = [i for i, joint in enumerate(skeleton.joints) if joint.removeprefix("l_").removeprefix("r_") in parts]
-        ends.append(mean_known(people[:, joints], 1) if joints else np.full((len(people), 3), np.nan))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        direction = (ends[0] - ends[1]) / np.linalg.norm(ends[0] - ends[1], axis=-1, keepdims=True)
+    direction = by_frames(partial(_directions, skeleton), people)
     direction = direction[np.isfinite(direction).all(-1)]
     if len(direction) < _MIN_COUNT:
         return None
     mean = direction.mean(0)
     length = float(np.linalg.norm(mean))
     return mean / max(length, 1e-12), length
+
+
+def _directions(skeleton: Skeleton, people: np.ndarray) -> np.ndarray:
+    """Return the unit vectors (n, 3) from the legs of people (n, J, 3) to their shoulders; NaN where unknown."""
+    ends, people = [], people.astype(np.float64)
+    for parts in (("shoulder", "neck", "nose"), ("ankle", "knee")):
+        joints = [i for i, joint in enumerate(skeleton.joints) if joint.removeprefix("l_").removeprefix("r_") in parts]
+        ends.append(mean_known(people[:, joints], 1) if joints else np.full((len(people), 3), np.nan))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (ends[0] - ends[1]) / np.linalg.norm(ends[0] - ends[1], axis=-1, keepdims=True)

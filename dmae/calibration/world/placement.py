@@ -1,5 +1,6 @@
 """Placement: a rig, or a clip, in a world of another scale, or one that stands upright on its floor."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from dmae.calibration.world.gravity_and_scale import relative_size, upright_dire
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import by_frames
 
 FLOOR_KEY = "floor_m"
 """Key of a clip's provenance: m, the z at which a recording has its floor, where it is not 0."""
@@ -86,8 +88,16 @@ def place_rig(rig: CameraRig, world: np.ndarray) -> CameraRig:
 
 def _placed_poses(poses: Poses3D, world: np.ndarray) -> Poses3D:
     R, t = world[:3, :3], world[:3, 3]
-    rays = np.stack([poses.rays[..., 0, :] @ R.T + t, poses.rays[..., 1, :] @ R.T], -2)
-    return replace(poses, xyz=poses.xyz @ R.T + t, cov=R @ poses.cov @ R.T, rays=rays)
+
+    def placed(move: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:
+        return by_frames(lambda values: move(values).astype(np.float32), values)
+
+    return replace(
+        poses,
+        xyz=placed(lambda xyz: xyz @ R.T + t, poses.xyz),
+        cov=placed(lambda cov: R @ cov @ R.T, poses.cov),
+        rays=placed(lambda rays: np.stack([rays[..., 0, :] @ R.T + t, rays[..., 1, :] @ R.T], -2), poses.rays),
+    )
 
 
 def _placed(rig: CameraRig, world: np.ndarray, scale: float) -> CameraRig:

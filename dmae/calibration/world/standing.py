@@ -11,6 +11,7 @@ import numpy as np
 
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import release
 from dmae.numerics.heading import body_heading
 
 SOLE = {"heel": 0.018, "big_toe": 0.016, "small_toe": 0.016, "ankle": 0.075}
@@ -32,6 +33,8 @@ _STANCE_SOLE, _STANCE_POSTURE = 0.005, np.radians(0.8)
 """m, rad; what the windows of one stance have in common of it."""
 _SAME_PLACE_M, _SAME_HEADING = 0.15, np.radians(20)
 """Within these, two windows of a person are one stance: they have their error in common."""
+_FRAMES = 4096
+"""Frames of a person that are looked at together."""
 _MOST = 1200
 """Windows that are used of each kind, evenly spread."""
 
@@ -72,20 +75,41 @@ class Postures:
     same: np.ndarray
 
 
-def soles_and_postures(poses: Poses3D, fps: float) -> tuple[Soles, Postures]:
-    """Return the feet at rest and the standing bodies in poses. The z axis of their world is roughly up."""
-    skeleton = poses.skeleton
+def soles_and_postures(poses: Poses3D, fps: float, R: np.ndarray) -> tuple[Soles, Postures]:
+    """Return the feet at rest and the standing bodies in poses, in a world turned by R.
+
+    Args:
+        R: (3, 3), to a world of which the z axis is roughly up.
+    """
+    skeleton, persons = poses.skeleton, poses.xyz.shape[1]
     length = max(round(_WINDOW_S * fps), 3)
     windows = len(poses.xyz) // length
-    cut = slice(0, windows * length)
-    xyz = poses.xyz[cut].astype(np.float64).reshape(windows, length, *poses.xyz.shape[1:])
+    step = max(_FRAMES // (length * max(persons, 1)), 1)
+    parts = []
+    for first in range(0, max(windows, 1), step):
+        frames = slice(first * length, min(first + step, windows) * length)
+        parts.append(_windows(poses.xyz[frames] @ R.T, R @ poses.cov[frames] @ R.T, length))
+        release(poses.xyz, poses.cov)
+    middle, resting, variance = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return _soles(middle, resting, variance, skeleton), _postures(middle, resting, skeleton)
+
+
+def _windows(xyz: np.ndarray, cov: np.ndarray, length: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cut (W * length, P, J, ...) into windows.
+
+    Returns:
+        middle: (W, P, J, 3) m, medians; NaN where too little is known.
+        resting: (W, P, J) True for joints at rest.
+        variance: (W, P, J) m^2, of the height.
+    """
+    windows = len(xyz) // length
+    xyz = xyz.astype(np.float32).astype(np.float64).reshape(windows, length, *xyz.shape[1:])
     middle = np.full((windows, *xyz.shape[2:]), np.nan)
     enough = np.isfinite(xyz[..., 0]).mean(1) >= _KNOWN
     middle[enough] = np.nanmedian(np.moveaxis(xyz, 1, -2)[enough], -2)
     resting = enough & _resting(xyz, middle, enough)
-    error = poses.cov[cut, ..., 2, 2].reshape(windows, length, *poses.xyz.shape[1:3])
-    variance = np.where(np.isfinite(error), error, 0).mean(1)
-    return _soles(middle, resting, variance, skeleton), _postures(middle, resting, skeleton)
+    error = cov[..., 2, 2].astype(np.float32).reshape(windows, length, *cov.shape[1:3])
+    return middle, resting, np.where(np.isfinite(error), error, 0).mean(1)
 
 
 def _resting(xyz: np.ndarray, middle: np.ndarray, enough: np.ndarray) -> np.ndarray:

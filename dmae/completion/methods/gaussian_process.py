@@ -7,8 +7,8 @@ Gløersen & Federolf 2016); a kernel represents what a plane cannot. The equatio
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from dmae.completion.gaussian_process.steps import Steps, finished
 from dmae.completion.methods.registry import completion_method
-from dmae.completion.steps import Steps, finished
 from dmae.data.clip import Poses3D
 from dmae.numerics import body_frame
 from dmae.numerics.body_frame import Bodies

@@ -7,10 +7,10 @@ from dmae.completion.gaussian_process.kernels import Exactness, KernelSet, shipp
 from dmae.completion.gaussian_process.limbs import limb_joints
 from dmae.completion.gaussian_process.problems import GapProblem, Limbs
 from dmae.completion.gaussian_process.regression import blending_weight, predict
+from dmae.completion.gaussian_process.steps import Steps, finished
 from dmae.completion.gaussian_process.torso import Torsos
 from dmae.completion.methods.gaussian_process import place_limbs
 from dmae.completion.methods.registry import completion_method
-from dmae.completion.steps import Steps, finished
 from dmae.data.clip import Poses3D
 from dmae.numerics import body_frame
 from dmae.numerics.body_frame import Bodies

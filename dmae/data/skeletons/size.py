@@ -13,6 +13,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeletons.tree import PERSON_M
+from dmae.files.mapped import by_frames
 
 Fill = Callable[[Poses3D, float], Poses3D]
 
@@ -26,14 +27,12 @@ _MOST = 400
 
 def resized_poses(poses: Poses3D, factor: float) -> Poses3D:
     """Return the poses of a world `factor` times as large."""
-    rays = poses.rays.copy()
-    rays[..., 0, :] *= np.float32(factor)
-    return replace(
-        poses,
-        xyz=poses.xyz.astype(np.float64) * factor,
-        cov=poses.cov.astype(np.float64) * factor**2,
-        rays=rays,
-    )
+
+    def resized(values: np.ndarray, by: float) -> np.ndarray:
+        return by_frames(lambda values: (values.astype(np.float64) * by).astype(np.float32), values)
+
+    rays = by_frames(lambda rays: rays * np.array([[factor], [1]], np.float32), poses.rays)
+    return replace(poses, xyz=resized(poses.xyz, factor), cov=resized(poses.cov, factor**2), rays=rays)
 
 
 def resized_rig(rig: CameraRig, factor: float) -> CameraRig:

@@ -1,6 +1,6 @@
 """Reprojection error: how far each joint, seen through each camera, lies from what was detected there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton_conversion import convert
 from dmae.data.skeletons.size import scale_of
 from dmae.evaluation.report.joint_groups import JointGroup, added, tally
+from dmae.files.mapped import by_frames, release
 from dmae.metrics.matching import match, take_matched
 
 GATE_M = 0.4
@@ -36,7 +37,7 @@ class Reprojection:
 def reprojection(clip: Clip) -> Reprojection:
     """Compare poses with the detections of each camera that fit them best, frame by frame."""
     poses = convert(clip.poses, clip.detections.skeleton)
-    poses = poses.without(np.isinf(poses.xyz).any(-1))
+    poses = poses.without(by_frames(lambda xyz: np.isinf(xyz).any(-1), poses.xyz))
     frames, persons, joints = poses.source.shape
     measured: dict[str, dict[str, JointGroup]] = {}
     completed: dict[str, dict[str, JointGroup]] = {}
@@ -53,6 +54,8 @@ def reprojection(clip: Clip) -> Reprojection:
         largest = np.where(np.isnan(flat), -1, flat).argmax(-1)
         worst[part] = np.take_along_axis(flat, largest[..., None], -1)[..., 0]
         where[part] = np.stack(np.divmod(largest, joints), -1)
+        if frames > _CHUNK:
+            release(clip.detections.xy, clip.detections.score, *(getattr(poses, f.name) for f in fields(poses)[1:]))
     return Reprojection(measured, completed, worst, where)
 
 

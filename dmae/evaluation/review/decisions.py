@@ -12,6 +12,7 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.from_json import decode
 from dmae.data.store import write_atomic
+from dmae.files.mapped import frame_blocks
 from dmae.files.structured import read_json
 
 DECISIONS = "decisions.json"
@@ -116,7 +117,11 @@ def with_decisions(clip: Clip, folder: Path) -> Clip:
 
 def checksum(poses: Poses3D) -> str:
     """Return a checksum of where the joints are and how they came about, which decisions on them name."""
-    return hashlib.sha256(np.ascontiguousarray(poses.xyz).tobytes() + poses.source.tobytes()).hexdigest()
+    digest = hashlib.sha256()
+    for array in (poses.xyz, poses.source):
+        for part in frame_blocks(array):
+            digest.update(array[part].tobytes())
+    return digest.hexdigest()
 
 
 def _index(poses: Poses3D, decision: Decision) -> tuple[slice, int, int]:

@@ -1,7 +1,11 @@
 """Images, annotations and categories as COCO writes them."""
 
 import json
+from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import BinaryIO
 
 import numpy as np
 
@@ -83,14 +87,29 @@ def clip_entry(clip: Clip) -> dict:
     return {"fps": clip.fps, "objects": list(clip.occlusion.objects) if clip.occlusion else []}
 
 
-def write_json(path: Path, info: dict, skeleton: Skeleton, pictures: list[Picture], folder: str = "") -> None:
-    """Write pictures and their persons as one JSON. Files of pictures are `folder` + `<camera>/<frame>.jpg`."""
-    images = [image_entry(picture, number, f"{folder}{picture.path}.jpg") for number, picture in enumerate(pictures, 1)]
-    labelled = [(image, person) for image, picture in enumerate(pictures, 1) for person in picture.persons]
-    content = {
-        "info": info,
-        "images": images,
-        "annotations": [annotation_entry(person, n, image) for n, (image, person) in enumerate(labelled, 1)],
-        "categories": [category_entry(skeleton)],
-    }
-    write_atomic(Path(path), json.dumps(content))
+def write_json(path: Path, info: dict, skeleton: Skeleton, pictures: Iterable[Picture], folder: str = "") -> None:
+    """Write pictures and their persons as one JSON, one picture in memory at a time.
+
+    Files of pictures are `folder` + `<camera>/<frame>.jpg`.
+    """
+    with TemporaryFile(prefix="dmae-") as annotations:
+        write_atomic(Path(path), _pieces(info, skeleton, pictures, folder, annotations))
+
+
+def _pieces(
+    info: dict, skeleton: Skeleton, pictures: Iterable[Picture], folder: str, annotations: BinaryIO
+) -> Iterator[bytes]:
+    """Yield the JSON of pictures; annotations, which follow the images in it, are kept in a file until then."""
+    yield f'{{"info": {json.dumps(info)}, "images": ['.encode()
+    labelled = 0
+    for number, picture in enumerate(pictures, 1):
+        entry = image_entry(picture, number, f"{folder}{picture.path}.jpg")
+        yield f"{', ' if number > 1 else ''}{json.dumps(entry)}".encode()
+        for person in picture.persons:
+            labelled += 1
+            entry = annotation_entry(person, labelled, number)
+            annotations.write(f"{', ' if labelled > 1 else ''}{json.dumps(entry)}".encode())
+    yield b'], "annotations": ['
+    annotations.seek(0)
+    yield from iter(partial(annotations.read, 1 << 20), b"")
+    yield f'], "categories": {json.dumps([category_entry(skeleton)])}}}'.encode()

@@ -4,6 +4,8 @@ A BVH cannot say that a joint is absent or was not measured, so a table next to 
 (`dmae.formats.motion_capture.source_table`).
 """
 
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.store import write_atomic
+from dmae.files.contents import written
+from dmae.files.mapped import frame_blocks
 from dmae.formats.calibrations.conventions import METRES, LengthUnit
 from dmae.formats.motion_capture.joint_rotations import JointRotations, joint_rotations
 from dmae.formats.motion_capture.source_table import person_paths, write_source_table
@@ -28,9 +32,7 @@ def write_bvh(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit = Leng
     """Biovision BVH: joint angles on a T-pose, a file for each person, with the sources of joints in a second file."""
     for person, file in enumerate(person_paths(path, poses.xyz.shape[1])):
         motion = joint_rotations(poses, clip.fps, person)
-        write_atomic(
-            file, "\n".join([*_hierarchy(motion, METRES[unit]), *_motion(motion, clip.fps, METRES[unit])]) + "\n"
-        )
+        write_atomic(file, written(chain(_hierarchy(motion, METRES[unit]), _motion(motion, clip.fps, METRES[unit]))))
         write_source_table(file, motion.joints, poses.source[:, person][:, motion.order])
 
 
@@ -58,14 +60,21 @@ def _hierarchy(motion: JointRotations, metre: float) -> list[str]:
     return lines
 
 
-def _motion(motion: JointRotations, fps: float, metre: float) -> list[str]:
-    frames = len(motion.root)
-    turned = Y_UP @ motion.rotations @ Y_UP.T
-    angles = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_euler(_ORDER, degrees=True, suppress_warnings=True)
-    angles = np.unwrap(angles.reshape(frames, -1, 3), period=360, axis=0)
-    depth_first = _depth_first(motion.parents)
-    rows = np.concatenate([motion.root @ Y_UP.T / metre, angles[:, depth_first].reshape(frames, -1)], 1)
-    return ["MOTION", f"Frames: {frames}", f"Frame Time: {1 / fps:.9g}", *map(_numbers, rows)]
+def _motion(motion: JointRotations, fps: float, metre: float) -> Iterator[str]:
+    yield from ("MOTION", f"Frames: {len(motion.root)}", f"Frame Time: {1 / fps:.9g}")
+    depth_first, last = _depth_first(motion.parents), None
+    for part in frame_blocks(motion.rotations):
+        turned = Y_UP @ motion.rotations[part] @ Y_UP.T
+        angles = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_euler(_ORDER, degrees=True, suppress_warnings=True)
+        angles = angles.reshape(len(turned), -1, 3)
+        # Angles go on from those of the frame before.
+        before = angles[:0] if last is None else last[None]
+        angles = np.unwrap(np.concatenate([before, angles]), period=360, axis=0)[len(before) :]
+        last = angles[-1]
+        yield from map(
+            _numbers,
+            np.concatenate([motion.root[part] @ Y_UP.T / metre, angles[:, depth_first].reshape(len(angles), -1)], 1),
+        )
 
 
 def _depth_first(parents: tuple[int, ...]) -> list[int]:

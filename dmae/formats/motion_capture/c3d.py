@@ -1,17 +1,22 @@
 """C3D, the binary format of biomechanics: mm, z up, a marker a joint; written by ezc3d."""
 
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.store import write_atomic
+from dmae.files.mapped import by_frames, frame_blocks, release, trim
 from dmae.formats.registry import pose_writer
 from dmae.formats.trc import marker
 
 _ABSENT, _MODELLED = -1.0, 0.0
 """Residuals that the format reserves: of a point that is not valid, and of one that was not measured."""
+
+_MOST_FRAMES, _PART = 65535, 50_000
+"""Frames of a file: the format counts them by 16 bits."""
 
 
 @pose_writer("c3d")
@@ -23,35 +28,56 @@ def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> None:
     absent. Markers of several persons are called
     `P1:LShoulder`.
 
+    The format counts frames up to 65535: poses of more go into files of 50,000 frames, `<name>_000000.c3d`,
+    `<name>_050000.c3d` and on, named after their first frame.
+
     Raises:
         ValueError: ezc3d is not installed.
     """
     try:
-        import ezc3d
+        import ezc3d  # noqa: F401
     except ImportError:
         raise ValueError("format=c3d needs ezc3d: pip install 'dmae-synth[c3d]'") from None
+    path, frames = Path(path), len(poses.xyz)
+    if frames <= _MOST_FRAMES:
+        _write(poses, clip.fps, path)
+        return
+    for start in range(0, frames, _PART):
+        part = path.with_name(f"{path.stem}_{start:06d}{path.suffix}")
+        _write(poses.select(slice(start, start + _PART)), clip.fps, part)
+        release(poses.xyz, poses.cov, poses.rays)
+        trim()
+
+
+def _write(poses: Poses3D, fps: float, path: Path) -> None:
+    """Write poses of few enough frames."""
+    import ezc3d
+
     frames, persons, joints = poses.source.shape
     names = [marker(joint) for joint in poses.skeleton.joints]
     labels = names if persons == 1 else [f"P{person + 1}:{name}" for person in range(persons) for name in names]
     points = np.ones((4, persons * joints, frames))
-    points[:3] = 1000 * poses.xyz.reshape(frames, -1, 3).transpose(2, 1, 0)
+    for part in frame_blocks(poses.xyz):
+        points[:3, :, part] = 1000 * poses.xyz[part].reshape(-1, persons * joints, 3).transpose(2, 1, 0)
+    residuals = by_frames(_residuals, poses.cov, poses.source)
     file = ezc3d.c3d()
     file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["parameters"]["POINT"]["RATE"]["value"] = [clip.fps]
+    file["parameters"]["POINT"]["RATE"]["value"] = [fps]
     file["parameters"]["POINT"]["LABELS"]["value"] = labels
     file.add_parameter("POINT", "X_SCREEN", ["+Y"])
     file.add_parameter("POINT", "Y_SCREEN", ["+Z"])
     file["data"]["points"] = points
-    file["data"]["meta_points"]["residuals"] = _residuals(poses).reshape(frames, -1).T[None]
+    file["data"]["meta_points"]["residuals"] = residuals.reshape(frames, -1).T[None]
     with tempfile.TemporaryDirectory() as folder:
-        written = Path(folder, "poses.c3d")
-        file.write(str(written))
-        write_atomic(Path(path), written.read_bytes())
+        made = Path(folder, "poses.c3d")
+        file.write(str(made))
+        with made.open("rb") as pieces:
+            write_atomic(path, iter(partial(pieces.read, 1 << 20), b""))
 
 
-def _residuals(poses: Poses3D) -> np.ndarray:
-    """(F, P, J)"""
-    variance = np.trace(poses.cov.astype(np.float64), axis1=-2, axis2=-1) / 3
+def _residuals(cov: np.ndarray, source: np.ndarray) -> np.ndarray:
+    """Return the residuals of joints with covariances (F, P, J, 3, 3) and sources (F, P, J)."""
+    variance = np.trace(cov.astype(np.float64), axis1=-2, axis2=-1) / 3
     # The format holds residuals as whole numbers of a byte.
     error = np.clip(np.ceil(np.nan_to_num(1000 * np.sqrt(variance)) - 1e-3), 1, 127)
-    return np.select([poses.source == Source.ABSENT, poses.source == Source.COMPLETED], [_ABSENT, _MODELLED], error)
+    return np.select([source == Source.ABSENT, source == Source.COMPLETED], [_ABSENT, _MODELLED], error)

@@ -5,11 +5,13 @@ brings its children nearest to where they are (Kabsch 1976); one with a single c
 its parent's that points at the child, so that limbs do not twist.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
 from dmae.data.clip import Poses3D, Source
+from dmae.files.mapped import by_frames, column_blocks, empty
 from dmae.numerics.bones import bone_lengths
 from dmae.numerics.filling import fill_body_frame
 from dmae.numerics.heading import rotate_z, smooth_heading
@@ -19,6 +21,8 @@ _LIMBS = {"elbow": (0, 1, 0), "wrist": (0, 1, 0), "knee": (0, 0, -1), "ankle": (
 """Directions of limbs in the rest pose, a T-pose that faces x: of the left side, y is outwards."""
 _SMOOTHED = 0.4
 """s; standard deviation of the weights by which the heading is smoothed."""
+_AROUND, _FRAMES = 10.0, 4096
+"""s around a part of a long recording by which it is filled, and frames in a part."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +71,7 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
         ValueError: the person is never there, or its root joint is never known.
     """
     skeleton = poses.skeleton
-    arrays = {part.name: getattr(poses, part.name)[:, [person]] for part in fields(poses) if part.name != "skeleton"}
-    one = Poses3D(skeleton, **arrays)
+    one = Poses3D(skeleton, *(by_frames(lambda all: all[:, [person]], each) for each in (poses.xyz, poses.source)))
     known = (one.source != Source.ABSENT).any((0, 1))
     root = skeleton.parents.index(-1)
     if not known[root]:
@@ -77,12 +80,20 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
             "it there is no tree of joints"
         )
     order, parents = _tree(skeleton.parents, known, root)
-    xyz = linear(fill_body_frame(one, fps, pchip).xyz.astype(np.float64))
-    heading = smooth_heading(one.xyz.astype(np.float64), skeleton, _SMOOTHED * fps)[:, 0]
+    xyz, heading = empty((len(one.xyz), len(order), 3), np.float64), np.empty(len(one.xyz))
+    reach = ceil(_AROUND * fps)
+    step = max(_FRAMES, 2 * reach)
+    for start in range(0, len(xyz), step):
+        part, around = slice(start, start + step), slice(max(start - reach, 0), start + step + reach)
+        inside, given = slice(start - around.start, start - around.start + step), one.select(around)
+        xyz[part] = fill_body_frame(given, fps, pchip).xyz[inside, 0][:, order]
+        heading[part] = smooth_heading(given.xyz.astype(np.float64), skeleton, _SMOOTHED * fps)[inside, 0]
+    for joint, path in column_blocks(xyz):
+        xyz[:, joint] = linear(path)
     names = tuple(skeleton.joints[joint] for joint in order)
-    offsets = _rest(one.xyz[:, :, order], xyz[:, 0, order], names, parents, heading)
-    rotations = _rotations(xyz[:, 0, order], offsets, parents)
-    return JointRotations(names, parents, offsets, xyz[:, 0, order[0]], rotations, order)
+    offsets = _rest(one.xyz[:, :, order], xyz, names, parents, heading)
+    rotations = by_frames(lambda xyz: _rotations(xyz, offsets, parents), xyz)
+    return JointRotations(names, parents, offsets, xyz[:, 0].copy(), rotations, order)
 
 
 def _tree(parents: tuple[int, ...], known: np.ndarray, root: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -112,7 +123,7 @@ def _rest(
         heading: (F,) rad.
     """
     bones = [(parent, joint) for joint, parent in enumerate(parents) if parent >= 0]
-    known = bone_lengths(measured.astype(np.float64), bones)[:, 0]
+    known = by_frames(lambda measured: bone_lengths(measured, bones)[:, 0], measured)
     # A bone with ends that were never known together has the length of the interpolated ones.
     known = np.where(np.isnan(known).all(0), bone_lengths(xyz[:, None], bones)[:, 0], known)
     lengths = np.r_[0, np.nanmedian(known, 0)]

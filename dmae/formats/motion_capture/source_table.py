@@ -1,13 +1,15 @@
 """Tables of the source and of the covariance of each joint, for files in formats that have no place for them."""
 
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from dmae.data.clip import Source
 from dmae.data.store import write_atomic
-from dmae.files.contents import read_text
+from dmae.files.contents import read_text, written
+from dmae.files.mapped import frame_blocks
 
 _AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 _ROWS, _COLUMNS = np.triu_indices(3)
@@ -22,10 +24,9 @@ def write_source_table(path: Path, names: Sequence[str], source: np.ndarray, fir
         source: (F, J) `Source`.
         first: Number of the first frame.
     """
-    words = np.array([kind.name.lower() for kind in Source])[source]
-    rows = [",".join(["Frame#", *names])]
-    rows += [",".join([str(frame), *row]) for frame, row in enumerate(words, first)]
-    write_atomic(source_table(path), "\n".join(rows) + "\n")
+    words = [kind.name.lower() for kind in Source]
+    rows = (",".join([str(frame), *(words[kind] for kind in row.tolist())]) for frame, row in enumerate(source, first))
+    write_atomic(source_table(path), written(chain([",".join(["Frame#", *names])], rows)))
 
 
 def source_table(path: Path) -> Path:
@@ -42,13 +43,18 @@ def write_covariance_table(path: Path, names: Sequence[str], cov: np.ndarray, fi
         cov: (F, J, 3, 3); NaN, an empty cell, where unknown.
         path, names, first: As in `write_source_table`.
     """
-    if np.isnan(cov).all():
+    if all(np.isnan(cov[part]).all() for part in frame_blocks(cov)):
         covariance_table(path).unlink(missing_ok=True)
         return
-    rows = [",".join(["Frame#", *(f"{name}_{axes}" for name in names for axes in _AXES)])]
-    for frame, values in enumerate(cov[:, :, _ROWS, _COLUMNS].reshape(len(cov), -1), first):
-        rows.append(",".join([str(frame), *("" if np.isnan(value) else f"{value:.6g}" for value in values)]))
-    write_atomic(covariance_table(path), "\n".join(rows) + "\n")
+    header = ",".join(["Frame#", *(f"{name}_{axes}" for name in names for axes in _AXES)])
+    rows = (
+        ",".join([str(frame), *("" if value != value else f"{value:.6g}" for value in values.tolist())])
+        for part in frame_blocks(cov)
+        for frame, values in enumerate(
+            cov[part][:, :, _ROWS, _COLUMNS].reshape(part.stop - part.start, -1), first + part.start
+        )
+    )
+    write_atomic(covariance_table(path), written(chain([header], rows)))
 
 
 def read_covariance_table(path: Path, frames: int, joints: int) -> np.ndarray | None:

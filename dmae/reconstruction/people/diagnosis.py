@@ -109,7 +109,7 @@ def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
         (f"groups of them that make a body of {config.tracking.birth_joints} joints or more", found.bodies),
     ]
     suggestions = _other_readings(evidence, skeleton, frames, found)
-    tracks = track(evidence, clip, config)
+    tracks = track(clip, config)
     stages.append(("tracks that were started", tracks.xyz.shape[1]))
     if tracks.xyz.shape[1]:
         more, suggestion = _kept(tracks, clip, config)

@@ -1,7 +1,10 @@
 """Cameras that see a person beside the place where the other cameras see it, all the time."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
+from dmae.files.mapped import empty, frame_blocks, release, total
 from dmae.numerics.robust import median_over_frames
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.evidence import Evidence
@@ -25,14 +28,20 @@ def cameras_disagree(evidence: Evidence, assigned: np.ndarray, points: Points) -
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
         points: (F, P, J) triangulated from them.
     """
-    if not assigned.size:
-        return np.zeros(assigned.shape[1], bool)
-    offset = standardised_offsets(evidence, assigned, points.xyz)
-    frames, persons, views, joints = assigned.shape
-    seen = np.isfinite(offset[..., 0]).any(-1).sum(0)
-    by_camera = offset.transpose(0, 3, 1, 2, 4).reshape(frames * joints, persons, views, 2)
-    constant = np.linalg.norm(median_over_frames(by_camera), axis=-1)
-    return ((constant > _OFFSET) & (seen >= _MIN_FRAMES)).any(-1)
+    return _disagree(standardised_offsets(evidence, assigned, points.xyz))
+
+
+def _disagree(offset: np.ndarray) -> np.ndarray:
+    """Return (P,) True for people on which cameras disagree, by offsets (F, P, V, J, 2)."""
+    persons, views = offset.shape[1:3]
+    if not offset.size:
+        return np.zeros(persons, bool)
+    seen = total(lambda offset: np.isfinite(offset[..., 0]).any(-1), offset)
+    constant = np.zeros((persons, views, 2))
+    for person, view, axis in np.ndindex(constant.shape):
+        one = np.concatenate([offset[part, person, view, :, axis].copy() for part in frame_blocks(offset)])
+        constant[person, view, axis] = median_over_frames(one.ravel())
+    return ((np.linalg.norm(constant, axis=-1) > _OFFSET) & (seen >= _MIN_FRAMES)).any(-1)
 
 
 def standardised_offsets(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray) -> np.ndarray:
@@ -50,20 +59,31 @@ def standardised_offsets(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarr
     return np.where(absent[..., None], np.nan, offset)
 
 
-def settle_disagreement(evidence: Evidence, assigned: np.ndarray, points: Points) -> None:
+def settle_disagreement(
+    evidence_of: Callable[[slice], Evidence], blocks: Sequence[slice], assigned: np.ndarray, points: Points
+) -> None:
     """Triangulate the people on which cameras disagree again, in place, from the cameras that agree most.
 
     Joints on which too few cameras agree then stay as they are.
 
     Args:
-        evidence, assigned, points: As in `cameras_disagree`.
+        evidence_of: Returns the evidence of a block.
+        blocks: The frames, in pieces.
+        assigned, points: As in `cameras_disagree`.
     """
-    people = np.flatnonzero(cameras_disagree(evidence, assigned, points))
-    if len(people):
-        frame = np.arange(len(assigned))[:, None, None, None]
-        again = evidence.triangulate(frame, assigned[:, people], selective=True)
+    offset = empty((*assigned.shape, 2), np.float64)
+    for part in blocks:
+        offset[part] = standardised_offsets(evidence_of(part), assigned[part], points.xyz[part])
+        release(offset, assigned, points.xyz)
+    people = np.flatnonzero(_disagree(offset))
+    if not len(people):
+        return
+    for part in blocks:
+        chosen = assigned[part][:, people]
+        frame = np.arange(len(chosen))[:, None, None, None]
+        again = evidence_of(part).triangulate(frame, chosen, selective=True)
         known, person = ~np.isnan(again.xyz[..., 0]), people[None, :, None]
         frame, _, joint = np.ogrid[tuple(slice(n) for n in known.shape)]
         place = tuple(np.broadcast_to(axis, known.shape)[known] for axis in (frame, person, joint))
         for name in ("xyz", "cov", "used", "residual"):
-            getattr(points, name)[place] = getattr(again, name)[known]
+            getattr(points, name)[part][place] = getattr(again, name)[known]

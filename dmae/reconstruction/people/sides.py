@@ -11,10 +11,11 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import release
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.compiled.reprojection import judge_sides
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
-from dmae.reconstruction.evidence import Evidence
+from dmae.reconstruction.evidence import Evidence, evidence_blocks
 
 _SIGMA = 0.04
 """m; how far joints are from where they are expected, noise of both."""
@@ -140,12 +141,18 @@ def exchanged_detections(clip: Clip, poses: Poses3D) -> np.ndarray:
         clip: F frames of V cameras, of the skeleton of the poses.
         poses: As captured from the clip: the detection of a person is the one nearest to it.
     """
-    sides, frames = Sides.of(clip.detections.skeleton), slice(0, len(clip))
-    if not len(sides.pairs) or not poses.xyz.size:
-        return np.zeros((len(clip), len(clip.rig)), bool)
-    config = CaptureConfig()
-    evidence = Evidence.of(clip, config.th_p, config)
-    xyz, mirrored = poses.xyz.astype(np.float64), poses.xyz[:, :, list(clip.detections.skeleton.mirror)]
+    found = np.zeros((len(clip), len(clip.rig)), bool)
+    if len(Sides.of(clip.detections.skeleton).pairs) and poses.xyz.size:
+        for part in evidence_blocks(clip, poses.xyz.shape[1]):
+            found[part] = _exchanged_detections(clip, part, poses.xyz[part])
+            release(clip.detections.xy, clip.detections.score, poses.xyz)
+    return found
+
+
+def _exchanged_detections(clip: Clip, part: slice, xyz: np.ndarray) -> np.ndarray:
+    config, sides, frames = CaptureConfig(), Sides.of(clip.detections.skeleton), slice(0, len(xyz))
+    evidence = Evidence.of(clip, config.th_p, config, part)
+    xyz, mirrored = xyz.astype(np.float64), xyz[:, :, list(clip.detections.skeleton.mirror)]
     near, other = (evidence.distances(frames, each, DistanceUnit.metres) for each in (xyz, mirrored))
     closeness = np.nansum(np.maximum(1 - nearer_side(near, other, sides) / config.th_d, -1), -1)
     found = np.where(closeness.max(-1, initial=-np.inf) > 0, closeness.argmax(-1), NONE).swapaxes(1, 2)

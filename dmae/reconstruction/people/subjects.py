@@ -6,6 +6,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import by_frames, total
 from dmae.numerics.bones import bone_lengths, symmetric_bone_lengths
 from dmae.numerics.robust import median_known, median_over_frames
 from dmae.reconstruction.association import NONE
@@ -30,12 +31,13 @@ def inside_volume(tracks: Tracks, volume: list[float] | None) -> Tracks:
     if volume is None or not tracks.xyz.size:
         return tracks
     corners = np.sort(np.reshape(volume, (2, 3)), 0)
-    middle = median_known(tracks.xyz)
+    middle = by_frames(median_known, tracks.xyz)
     with np.errstate(invalid="ignore"):
         outside = ~((middle >= corners[0]) & (middle <= corners[1])).all(-1)
+    absent = outside[..., None, None]
     return Tracks(
-        np.where(outside[..., None, None], NONE, tracks.assigned),
-        np.where(outside[..., None, None], np.nan, tracks.xyz),
+        by_frames(lambda absent, assigned: np.where(absent, np.int16(NONE), assigned), absent, tracks.assigned),
+        by_frames(lambda absent, xyz: np.where(absent, np.nan, xyz), absent, tracks.xyz),
         tracks.supported & ~outside,
     )
 
@@ -62,7 +64,7 @@ def wanted_people(tracks: Tracks, rig: CameraRig, skeleton: Skeleton, fps: float
     if persons is None or tracks.xyz.shape[1] <= persons:
         return tracks
     tracks = merge(tracks, _linked(tracks.xyz, skeleton, fps, persons))
-    measured = (~np.isnan(tracks.xyz[..., 0])).sum((0, 2))
+    measured = total(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), tracks.xyz)
     return tracks.select(np.sort(np.argsort(-measured, kind="stable")[:persons]))
 
 
@@ -111,7 +113,7 @@ def _linked(xyz: np.ndarray, skeleton: Skeleton, fps: float, persons: int, only:
     Args:
         only: A track; other links than with its person are not made.
     """
-    label, present = np.arange(xyz.shape[1]), ~np.isnan(xyz[..., 0]).all(-1)
+    label, present = np.arange(xyz.shape[1]), by_frames(lambda xyz: ~np.isnan(xyz[..., 0]).all(-1), xyz)
     lengths = symmetric_bone_lengths(xyz, skeleton)
     while len(np.unique(label)) > persons:
         links = []

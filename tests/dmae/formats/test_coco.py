@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dmae.data.clip import Detections2D, Source
+from dmae.data.clip import Clip, Detections2D, Poses3D, Source
 from dmae.data.skeleton import BODY25, COCO17, HALPE26
 from dmae.formats.coco import HIDDEN_SCORE, read_detections, write_annotations
 from dmae.formats.recordings.coco_categories import joint_names
 from dmae.formats.recordings.numbered_detections import to_clip
+from dmae.formats.writing import write_poses
 from tests.support.clips import looking_at_origin
 from tests.support.recordings import recording, same_detections
 
@@ -182,3 +183,17 @@ def test_what_is_written_is_what_coco_s_tools_ask_for(tmp_path):
         np.testing.assert_allclose([x, y], joints[labelled, :2].min(0), atol=1e-9)
         np.testing.assert_allclose([x + width, y + height], joints[labelled, :2].max(0), atol=1e-9)
         assert annotation["area"] == pytest.approx(width * height, abs=1e-3)
+
+
+def test_joints_that_keep_mm_leaves_out_are_not_projected(tmp_path):
+    """Of two joints, one is likely off by 5 cm."""
+    xyz, cov = np.full((1, 1, 25, 3), np.nan), np.full((1, 1, 25, 3, 3), np.nan)
+    xyz[..., :2, :], cov[..., 0, :, :], cov[..., 1, :, :] = 0.5, 1e-6 * np.eye(3), 1e-3 * np.eye(3)
+    empty = Detections2D(BODY25, np.empty((1, 4, 0, 25, 2)), np.empty((1, 4, 0, 25)))
+    clip = Clip("c", 25.0, looking_at_origin(4), empty, poses=Poses3D(BODY25, xyz, cov=cov))
+    counts = []
+    for keep_mm in (None, 20.0):
+        write_poses(clip, tmp_path / "c.json", "coco", keep_mm=keep_mm)
+        entries = json.loads((tmp_path / "c.json").read_text())["annotations"]
+        counts.append([entry["num_keypoints"] for entry in entries])
+    assert counts == [[2] * 4, [1] * 4]

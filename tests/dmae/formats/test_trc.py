@@ -102,7 +102,7 @@ def test_a_skeleton_of_your_own_is_defined_in_a_file_beside_it(tmp_path):
     assert read.poses.skeleton == DOG
     np.testing.assert_allclose(read.poses.xyz, poses.xyz, atol=1e-6)
     (tmp_path / "dogs_P1.skeleton.yaml").unlink()
-    with pytest.raises(KeyError, match=r"dogs_P1\.skeleton\.yaml beside it defines another"):
+    with pytest.raises(KeyError, match=r"dogs_P1\.skeleton\.yaml next to it defines another"):
         read_trc(tmp_path / "dogs_P1.trc")
     with pytest.raises(KeyError, match="skeleton 'body25' has no joints for the markers"):
         read_trc(tmp_path / "dogs_P1.trc", BODY25)

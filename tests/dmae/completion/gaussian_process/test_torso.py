@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dmae.completion.gaussian_process.kernels import Exactness, shipped_kernels
+from dmae.completion.gaussian_process.steps import finished
 from dmae.completion.gaussian_process.torso import Torsos
 from dmae.completion.methods.gaussian_process import fill_gaussian_process
 from dmae.completion.methods.gaussian_process_learned import (
@@ -12,7 +13,6 @@ from dmae.completion.methods.gaussian_process_learned import (
     fill_gaussian_process_learned,
     fill_with,
 )
-from dmae.completion.steps import finished
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.numerics import body_frame

@@ -7,6 +7,7 @@ import pytest
 
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, COCO17, SHELF14
+from dmae.formats.motion_capture import c3d
 from dmae.formats.motion_capture.bvh import Y_UP
 from dmae.formats.motion_capture.joint_rotations import joint_rotations
 from dmae.formats.writing import write_poses
@@ -155,6 +156,21 @@ def test_a_c3d_holds_markers_and_how_they_are_known(clip, tmp_path):
     residual = file["data"]["meta_points"]["residuals"][0].T.reshape(30, 2, 25)
     assert (residual[4:9, 0, 4] == 0).all() and (residual[20:, 1] == -1).all()
     np.testing.assert_array_equal(residual[:4], 20)
+
+
+def test_more_frames_than_a_c3d_counts_go_into_several(clip, tmp_path, monkeypatch):
+    """With 65536 frames and more in one file, readers lose those from 65535 on."""
+    ezc3d = pytest.importorskip("ezc3d")
+    write_poses(clip, tmp_path / "walk.c3d", "c3d")
+    monkeypatch.setattr(c3d, "_MOST_FRAMES", 20)
+    monkeypatch.setattr(c3d, "_PART", 12)
+    write_poses(clip, tmp_path / "parts" / "walk.c3d", "c3d")
+    parts = [ezc3d.c3d(str(path))["data"] for path in sorted((tmp_path / "parts").iterdir())]
+    assert [path.name for path in sorted((tmp_path / "parts").iterdir())] == [
+        f"walk_{start:06d}.c3d" for start in (0, 12, 24)
+    ]
+    whole = ezc3d.c3d(str(tmp_path / "walk.c3d"))["data"]
+    np.testing.assert_array_equal(np.concatenate([part["points"] for part in parts], -1), whole["points"])
 
 
 @pytest.mark.parametrize("format", ["bvh", "glb", "c3d"])
