@@ -152,7 +152,7 @@ class Clip:
         detections: Output of a 2D detector, (F, V, D, J, ...).
         truth: True poses of P persons, if known. Frames without annotation are all NaN.
         poses: Poses that capture or completion computed from the detections. Their persons are tracks; their order is
-        independent of `truth`.
+            independent of `truth`.
         occlusion: Visibility of the joints of `truth` in each view. Simulated clips only.
         detection_labels: The truth of `detections`. Simulated clips only; capture never reads it.
         images: Images on disk, if any.
