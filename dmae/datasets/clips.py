@@ -11,16 +11,16 @@ from dmae.data.store import clip_folders, load_clip
 
 
 class ClipDataset(Dataset):
-    """The clips of a data set, each read, and its checksum compared, when it is asked for.
+    """The clips of a data set. A clip is read, and its checksum is checked, when the item is requested.
 
         loader = DataLoader(ClipDataset("runs/data"), batch_size=None, num_workers=2)
 
     Args:
-        path: The data set, or a clip.
-        transform: What to make of a clip; by default nothing, and `batch_size=None` hands on clips.
+        path: Path of a data set or of a clip.
+        transform: Function that is applied to each clip. Without one the items are clips: use `batch_size=None`.
 
     Raises:
-        FileNotFoundError: neither a clip nor a data set is there.
+        FileNotFoundError: the path is neither a clip nor a data set.
     """
 
     def __init__(self, path: str | Path, transform: Callable[[Clip], Any] | None = None):
