@@ -78,7 +78,7 @@ class _Scored:
 
 
 def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], methods: Methods | None, shown: bool) -> _Scored:
-    """Return the scores of the clip in `clips`, which has length 1. If `methods` is None, load them once per process."""
+    """Return the scores of the single clip in `clips`. If `methods` is None, load them once per process."""
     entries, facts = [], None
     for trial, filled in filled_trials(clips, config, _loaded(config) if methods is None else methods, shown=shown):
         facts = facts or scored_clip(trial.clip)
