@@ -58,7 +58,7 @@ class Case:
 
     @property
     def unknowable(self) -> np.ndarray:
-        """(n,) True for the points that cannot be determined: fewer than two views, or rays that meet behind cameras."""
+        """(n,) True for points that cannot be determined: fewer than two views, or rays that meet behind cameras."""
         seen = np.isfinite(self.xy[..., 0]) & np.isfinite(self.confidence)
         return np.isnan(self.xyz[:, 0]) | (seen.sum(-1) < 2)
 

@@ -171,7 +171,7 @@ def _raised(error: BaseException) -> str:
 
 
 class _TooSlow(BaseException):
-    """Raised at the time limit. It is not an `Exception`, so that a solver that catches all exceptions cannot catch it."""
+    """Raised at the time limit. It is not an `Exception`: a solver that catches every `Exception` does not catch it."""
 
 
 @contextmanager

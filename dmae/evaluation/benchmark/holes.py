@@ -114,6 +114,6 @@ def _bridged(matches: np.ndarray) -> np.ndarray:
     last = matches[np.maximum(before, 0), person]
     same = inside & (last == matches[np.minimum(after, len(matches) - 1), person])
     bridged = np.where(same, last, matches)
-    # A track that another person has in the meantime is not theirs.
+    # If another person has the track in the meantime, it does not belong to this person.
     taken = (bridged[:, :, None] == matches[:, None]).any(-1)
     return np.where((matches < 0) & taken, -1, bridged)
