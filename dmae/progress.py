@@ -1,4 +1,4 @@
-"""Progress with the time left: a bar on a terminal, a line a minute elsewhere."""
+"""Progress with the time left: a bar on a terminal, otherwise one line per minute."""
 
 import sys
 import threading
@@ -48,7 +48,7 @@ def duration(seconds: float) -> str:
 
 
 def counted_progress(items: Iterable, description: str, count: Callable[[], tuple[int, int]]) -> Iterator:
-    """Yield the items, and show on stderr the progress of what goes on between them, and how long the rest takes.
+    """Yield the items, and show progress and the time left on stderr.
 
     Args:
         items: Those that are yielded.

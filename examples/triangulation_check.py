@@ -1,10 +1,10 @@
-"""Your triangulation under pytest: 25 frozen cases with documented bounds.
+"""Your triangulation under pytest: 25 fixed cases with documented bounds.
 
-    pytest examples/triangulation_check.py        # one test a case
-    python examples/triangulation_check.py        # the same as a picture
+    pytest examples/triangulation_check.py        # one test per case
+    python examples/triangulation_check.py        # the same, as a figure
 
-`solve` is the textbook's linear method. It passes the clean cases and fails where cameras err, which is what the
-pack is for: replace it by your own.
+`solve` is the linear method of textbooks. It passes the clean cases and fails where cameras have errors, as the
+cases are meant to show. Replace it by your own.
 """
 
 import sys
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 
 def solve(*, K, dist, cam_from_world, size, xy, confidence):
-    """(n, V, 2) px, NaN where absent, to (n, 3) m: the direct linear transform, all views alike."""
+    """(n, V, 2) px, NaN where absent, to (n, 3) m: the direct linear transform, all views with equal weight."""
     views = [cv2.undistortPoints(xy[:, v, None], K[v], dist[v], P=K[v])[:, 0] for v in range(len(K))]
     xy, P = np.stack(views, 1), K @ cam_from_world[:, :3]
     rows = xy[..., None] * P[:, None, 2] - P[:, :2]

@@ -41,7 +41,7 @@ def command_help(command: Command, options: Group, topic: str = "") -> str:
         topic: The group or option to print in full; empty for the overview, "all" for everything.
 
     Raises:
-        ValueError: the topic is none of its options.
+        ValueError: the topic is not one of its options.
     """
     if topic and topic != "all":
         found = options.find(topic)

@@ -23,11 +23,11 @@ class Interruption:
 
     @property
     def status(self) -> int:
-        """The exit status that tells of the signal, as shells have it."""
+        """The exit status for the signal, as in shells."""
         return 128 + (self.signal or signal.SIGINT)
 
     def check(self) -> None:
-        """Stop now if the user has interrupted. Imports can swallow the exception that tells it."""
+        """Stop now if the user has interrupted. Imports can swallow the exception of the signal."""
         if self.signal:
             raise KeyboardInterrupt
 

@@ -48,7 +48,7 @@ class Group:
         key: With the groups that it is in; empty for a whole command.
         meaning: From the docstring.
         members: In the order of the source.
-        presets: Names that `key=name` can be, with what their files say of them; none where there are none.
+        presets: Names that `key=name` can be, with the help of their files; empty if there are none.
         preset: The one that is used if none is given; `REQUIRED` where one must be.
     """
 

@@ -21,7 +21,7 @@ class Unreadable(Exception):
 
 
 class Opaque:
-    """Stands for a function or a foreign object, of which nothing is known but that it is there."""
+    """Placeholder for a function or a foreign object."""
 
     def __getattr__(self, name: str) -> "Opaque":
         return Opaque()

@@ -33,7 +33,7 @@ def nearest(word: str, words: Iterable[str]) -> str | None:
 
 
 def suggestion(word: str, words: Iterable[str], what: str = "there are") -> str:
-    """What to say of a word that is none of these: the nearest, or if none is near, all of them."""
+    """Text for an unknown word: the nearest known words, or if none is near, all of them."""
     words = list(words)
     near = nearest(word, words)
     return f"did you mean {near}?" if near else f"{what} {', '.join(words)}"

@@ -1,4 +1,5 @@
-"""WHAT CAN BE RUN? A file for each sub-command of `dmae`: its configuration, its examples, and `run(config, out)`."""
+"""WHAT CAN BE RUN? One module for each sub-command of `dmae`: its configuration, its examples, and `run(config,
+out)`."""
 
 COMMANDS = {
     "run": "Turn videos into people in 3D, completed, with a report",

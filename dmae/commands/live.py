@@ -1,4 +1,4 @@
-"""`dmae live`: poses of frames as they come, for other programs."""
+"""`dmae live`: poses of frames as they arrive, for other programs."""
 
 import sys
 from collections.abc import Iterable

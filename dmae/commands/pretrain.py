@@ -1,4 +1,4 @@
-"""`dmae pretrain`: a model for your own cameras, detector and motion, from nothing but these."""
+"""`dmae pretrain`: a model for your own cameras, detector and motion."""
 
 import shlex
 from dataclasses import dataclass, field

@@ -7,9 +7,10 @@ import numpy as np
 
 from dmae.completion import fusion
 from dmae.completion.blending import near_measurement, noisiness
+from dmae.completion.gaussian_process.steps import Steps, finished
 from dmae.completion.network.paper import DMAE
 from dmae.completion.pieces import in_pieces
-from dmae.completion.prediction import Steps, finished, has_rate, one_thread, predict, stride
+from dmae.completion.prediction import has_rate, one_thread, predict, stride
 from dmae.completion.rejection import contradicted
 from dmae.completion.uncertainty import Factors, calibrated
 from dmae.data.clip import Poses3D, Source
@@ -23,6 +24,8 @@ _ACCELERATION = 40.0
 _AGREEING_VIEWS = 3
 """Three in four joints on which so many views agree and that the frames around contradict were right. Denoised, they
 came no nearer to annotations."""
+_EVIDENCE_COST = 5.0
+"""Of rejection, see `dmae.completion.gaussian_process.steps.Steps`."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,7 @@ class Completer:
                 return (yield from self._by_common_joints(poses, fps, frames, small_steps))
             poses = self._as_source(poses)
         poses = self._evidence(poses, fps)
+        yield _EVIDENCE_COST
         if self.target:
             return (yield from self._fuse(poses, fps, frames, small_steps))
         absent = ((poses.source == Source.ABSENT) & present(poses, fps)[..., None])[frames]

@@ -1,15 +1,15 @@
 """Prediction: a network's corrections of a whole recording, blended over overlapping windows."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from math import ceil
-from typing import TypeVar
 
 import numpy as np
 import torch
 
 from dmae.completion.blending import correction_weight
-from dmae.completion.methods.gaussian_process_learned import fill_gaussian_process_learned
+from dmae.completion.gaussian_process.steps import Steps
+from dmae.completion.methods.gaussian_process_learned import fill_both
 from dmae.completion.network.paper import DMAE
 from dmae.completion.windows import Rows, make_rows
 from dmae.data.clip import Poses3D, Source
@@ -18,24 +18,11 @@ from dmae.numerics.heading import rotate_z
 from dmae.numerics.resampling import resample
 
 _BATCH = 4
-_FEW = 3
-"""Windows that take about as long as laying out the rows of a person."""
+_FEW = 1
+_ROWS_COST, _WINDOW_COST = 14.0, 6.0
+"""Of laying out the rows of two people, and of a window, see `Steps`."""
 _SAME_RATE = 0.01
 """Rates within this share of each other are taken as equal."""
-
-
-T = TypeVar("T")
-Steps = Generator[None, None, T]
-"""Work that can be spread over time in steps that take about as long, and its result."""
-
-
-def finished(steps: Steps[T]) -> T:
-    """Return the result of all steps."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
 
 
 @contextmanager
@@ -83,13 +70,15 @@ def predict(
     rest = model.rest.cpu().numpy()
     count, persons = poses.xyz.shape[:2]
     asked = range(count)[frames]
-    yield
-    rows = make_rows(poses, fps, rest, config.frames, target=target)
-    base = _by_frame(rows.base, persons)[:count]
+    filled = learned = None
     if not target:
+        filled, learned = yield from fill_both(poses, fps, frames)
+    rows = make_rows(poses, fps, rest, config.frames, target=target, filled=filled)
+    base = _by_frame(rows.base, persons)[:count]
+    yield _ROWS_COST
+    if learned:
         # It was trained over the process with one kernel, which the learned one is for noisy poses; of exact ones it is
         # nearer to the truth, and the same is added to it.
-        learned = fill_gaussian_process_learned(poses, fps)
         base = np.where((learned.source == Source.COMPLETED)[..., None], learned.xyz, base)
     if has_rate(model, fps):
         found = yield from _corrections(model, rows, persons, asked, denoise, small_steps)
@@ -131,7 +120,6 @@ def _corrections(
     total, weights = np.zeros((*rows.observed.shape, 4)), np.zeros(len(rows.base))
     size = _FEW if small_steps else _BATCH
     for begin in range(0, len(starts), size):
-        yield
         batch = starts[begin : begin + size]
         windows, _, frame = rows.cut(batch, frames, config.align_heading)
         with torch.inference_mode():
@@ -141,6 +129,7 @@ def _corrections(
         for t in range(frames):
             total[batch + t] += triangle[t] * added[:, t]
             weights[batch + t] += triangle[t]
+        yield _WINDOW_COST * len(batch)
     return total / np.where(weights > 0, weights, np.nan)[:, None, None]
 
 

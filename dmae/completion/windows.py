@@ -103,6 +103,7 @@ def make_rows(
     frames: int,
     truth: np.ndarray | None = None,
     target: Skeleton | None = None,
+    filled: Poses3D | None = None,
 ) -> Rows:
     """Interpolate absent joints over the whole recording and lay the persons out as rows.
 
@@ -116,13 +117,14 @@ def make_rows(
         truth: (F, P, J, 3) m, world.
         target: Skeleton with joints that follow those of the poses in all of these and in the rows, never observed.
             They are derived from the other joints; their gaps are those of the joints that they are derived from.
+        filled: The poses as `fill_gaussian_process` fills them, where that is known.
     """
     skeleton, target_rest = poses.skeleton, rest[len(poses.skeleton) :]
     rest = rest[: len(skeleton)]
     count, persons = poses.xyz.shape[:2]
     observed = ~np.isnan(poses.xyz).any(-1)
     gap = _gap(observed)
-    filled = fill_gaussian_process(poses, fps)
+    filled = filled or fill_gaussian_process(poses, fps)
     base = filled.xyz.astype(np.float64)
     ray = np.where((filled.source == Source.COMPLETED)[..., None], np.nan_to_num(poses.rays[..., 1, :]), 0)
     origin, heading = _place_and_heading(base, skeleton, rest)

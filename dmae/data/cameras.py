@@ -133,8 +133,8 @@ class CameraRig:
             xyz: (F, ..., 3) points, m, world.
 
         Returns:
-            xy: (F, V, ..., 2) px; NaN for points that are NaN, not in front of the camera, or so far off its axis that
-                its distortion is not defined there.
+            xy: (F, V, ..., 2) px; NaN for points that are NaN, not in front of the camera, or so far from its axis that
+                its distortion is not defined.
             depth: (F, V, ...) distance along the optical axis, m.
         """
         xyz = np.asarray(xyz, np.float64)

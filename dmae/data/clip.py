@@ -1,4 +1,4 @@
-"""Clips: a stretch of multi-view capture with its cameras, detections and, where known, its truth."""
+"""Clips: a section of a multi-view recording with its cameras, detections and, if known, its truth."""
 
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
@@ -22,7 +22,7 @@ from dmae.files.numbers import (
 
 
 class Source(IntEnum):
-    """Where a 3D joint comes from. A joint that no camera measured is never `MEASURED`."""
+    """Source of a 3D joint. A joint that no camera measured is never `MEASURED`."""
 
     ABSENT = 0
     MEASURED = 1
@@ -34,7 +34,7 @@ class Source(IntEnum):
 
 @dataclass(frozen=True)
 class Detections2D:
-    """The output of a 2D detector in V views. The order of the D detections within a view carries no identity.
+    """The output of a 2D detector in V views. The order of the D detections within a view has no meaning.
 
     Attributes:
         skeleton: J joints.
@@ -76,8 +76,8 @@ class Poses3D:
         cov: (F, P, J, 3, 3) covariance, m^2; NaN where unknown.
         views: (F, P, J) number of views used; 0 where none or unknown.
         rays: (F, P, J, 2, 3) the ray on which one camera saw the joint: the camera's centre, m, world, and a unit
-            direction. Of several cameras it is the one of greatest confidence. NaN where no camera saw the joint, or
-            where this is unknown. A joint that a single camera saw is absent, yet it lies on that ray.
+            direction. If there are several cameras, it is the one with the greatest confidence. NaN where no camera saw
+            the joint, or where this is unknown. A joint that only one camera saw is absent, but lies on that ray.
     """
 
     skeleton: Skeleton
@@ -101,7 +101,7 @@ class Poses3D:
             raise ValueError("Poses3D: source must be ABSENT exactly where xyz is NaN")
 
     def check_numbers(self, name: str = "poses") -> None:
-        """Refuse coordinates and covariances that are none, infinite ones for instance; ValueError names them."""
+        """Refuse invalid coordinates and covariances, such as infinite ones; ValueError names them."""
         check_numbers(f"{name}.xyz, m", self.xyz, MOST_METRES)
         check_numbers(f"{name}.rays, m", self.rays, MOST_METRES)
         check_numbers(f"{name}.cov, m^2", self.cov, MOST_VARIANCE)
@@ -143,16 +143,16 @@ class Poses3D:
 
 @dataclass(frozen=True)
 class Clip:
-    """A stretch of multi-view capture of F frames and V views.
+    """A section of a multi-view recording with F frames and V views.
 
     Attributes:
         id: Name within its data set.
         fps: Frames per second.
         rig: The V cameras.
         detections: Output of a 2D detector, (F, V, D, J, ...).
-        truth: True poses of P persons, where known. Frames without annotation are all NaN.
-        poses: Poses that capture or completion made of the detections. Their persons are tracks, in no relation to
-            the order of `truth`.
+        truth: True poses of P persons, if known. Frames without annotation are all NaN.
+        poses: Poses that capture or completion computed from the detections. Their persons are tracks; their order is
+            independent of `truth`.
         occlusion: Visibility of the joints of `truth` in each view. Simulated clips only.
         detection_labels: The truth of `detections`. Simulated clips only; capture never reads it.
         images: Images on disk, if any.
@@ -190,7 +190,7 @@ class Clip:
         self._check_labels()
 
     def check_numbers(self) -> None:
-        """Refuse coordinates and labels that are none, infinite ones for instance, in a clip that was read from files.
+        """Refuse invalid coordinates and labels, such as infinite ones, in a clip that was read from files.
 
         Raises:
             ValueError: the message names the field.

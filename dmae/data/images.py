@@ -39,7 +39,7 @@ class Images:
         kinds: Those of `KINDS` that exist.
         parts: Names of the parts of bodies. In images of parts, 0 is no person and 1 + i is part i.
         rgb: Format of colour images, of `RGB_FILES`.
-        files: Names of the videos in `folder`, one a view, where they are not called `rgb/<view>.mp4`; or, where `rgb`
+        files: Names of the videos in `folder`, one per view, if they are not called `rgb/<view>.mp4`; or, where `rgb`
             is `png`, of folders of pictures of any name, of which frame n is the n-th in the order of their numbers.
     """
 

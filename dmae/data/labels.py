@@ -1,4 +1,4 @@
-"""Labels of simulated clips: what hides each joint, and what is wrong with each detected joint."""
+"""Labels of simulated clips: the occluder of each joint, and the error of each detected joint."""
 
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
@@ -10,7 +10,7 @@ from dmae.files.numbers import MOST_METRES, MOST_PIXELS, check_numbers
 
 
 class Visibility(IntEnum):
-    """How a joint appears in a view, and if it is hidden, by what."""
+    """Visibility of a joint in a view, and the kind of occluder if it is hidden."""
 
     VISIBLE = 0
     HIDDEN_BY_SELF = 1
@@ -23,10 +23,12 @@ class Visibility(IntEnum):
 
 
 class JointError(IntEnum):
-    """The error of a detected joint, after Ronchi and Perona (ICCV 2017), with the errors of whole detections.
+    """The error of a detected joint, following Ronchi and Perona (ICCV 2017), extended by the errors of whole
+    detections.
 
     Errors of position are classed by COCO's keypoint similarity to the true joint of the detected person:
-    exp(-d^2 / (2 s^2 k^2)) for a joint d px off, where s^2 is the person's area in the image and k the joint's spread.
+    exp(-d^2 / (2 s^2 k^2)) for a joint with an error of d px, where s^2 is the person's area in the image and k the
+    joint's spread.
     """
 
     ABSENT = 0
@@ -34,7 +36,7 @@ class JointError(IntEnum):
     GOOD = 1
     """Similarity of 0.85 or more."""
     JITTER = 2
-    """Similarity from 0.5 to 0.85: near, but off."""
+    """Similarity from 0.5 to 0.85: near the true joint."""
     FAR = 3
     """Similarity below 0.5, and none of the other errors."""
     INVERTED = 4
@@ -49,16 +51,16 @@ class JointError(IntEnum):
 
 @dataclass(frozen=True)
 class OcclusionLabels:
-    """What each of V views shows of the J joints of P true persons, in F frames.
+    """Visibility of the J joints of P true persons in V views and F frames.
 
     Attributes:
         visibility: (F, V, P, J) uint8 `Visibility`.
-        occluder: (F, V, P, J) int16 index of what hides the joint: a person, or one of `objects`; -1 for none.
+        occluder: (F, V, P, J) int16 index of the occluder: a person, or one of `objects`; -1 for none.
         depth_margin: (F, V, P, J) float32 distance from the occluder to the joint along the camera's ray, m; NaN
             where the joint is not hidden.
         visible_pixels: (F, V, P) int32 number of pixels that show each person. Known if images of ids were rendered.
         amodal_pixels: (F, V, P) int32 number of pixels that would show each person if nothing else were there.
-        objects: Names of the things that can hide a joint.
+        objects: Names of the objects that can hide a joint.
     """
 
     visibility: np.ndarray
@@ -92,7 +94,7 @@ class OcclusionLabels:
         return np.where(in_image, self.visible_pixels / np.where(in_image, self.amodal_pixels, 1), np.nan)
 
     def check_numbers(self, size: np.ndarray) -> None:
-        """Refuse labels that can be none, in images of the sizes (V, 2) px; ValueError names the field."""
+        """Refuse impossible labels, for images of the sizes (V, 2) px; ValueError names the field."""
         check_numbers("occlusion.visibility", self.visibility, max(Visibility), 0)
         last = self.visibility.shape[2] + len(self.objects) - 1
         _check_known(self, {"occluder": (last, -1), "depth_margin": (MOST_METRES, -MOST_METRES)})
@@ -105,7 +107,7 @@ class OcclusionLabels:
 
 
 NOT_DETECTED = {"person": -1, "joint_person": -1, "error": JointError.ABSENT, "offset_px": np.nan}
-"""What each array of `DetectionLabels` holds where nothing is detected."""
+"""Value of each array of `DetectionLabels` where nothing is detected."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ class DetectionLabels:
         _set_known(self, {"offset_px": (np.float32, joints)})
 
     def check_numbers(self, persons: int | None) -> None:
-        """Refuse labels that can be none, of a number of true persons if known; ValueError names the field."""
+        """Refuse impossible labels, for a number of true persons if known; ValueError names the field."""
         last = np.iinfo(np.int16).max if persons is None else persons - 1
         known = {"person": (last, -1), "joint_person": (last, -1), "error": (max(JointError), 0)}
         _check_known(self, known | {"offset_px": (MOST_PIXELS, 0)})

@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Stream(IntEnum):
-    """What a random stream is for. Never renumbered: a number is part of every data set made with it."""
+    """Purpose of a random stream. Streams are never renumbered, because every data set depends on their numbers."""
 
     SCENE = 0
     MOTION = 1
@@ -25,8 +25,8 @@ def generator(seed: int, clip: int, stream: Stream) -> np.random.Generator:
     """Return the generator of one stream of one clip. It depends on nothing else.
 
     Args:
-        seed: Of the data set; 0 is a seed.
+        seed: Seed of the data set; 0 is a valid seed.
         clip: Number of the clip.
-        stream: What the numbers are for.
+        stream: Purpose of the random numbers.
     """
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(clip, int(stream))))

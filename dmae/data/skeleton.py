@@ -1,4 +1,4 @@
-"""The skeletons that come with the package, and any skeleton by name or file."""
+"""The skeletons of the package, and any skeleton by name or file."""
 
 from pathlib import Path
 
@@ -99,10 +99,10 @@ SKELETONS = {
 
 
 def get_skeleton(name: str) -> Skeleton:
-    """Return a skeleton by name, two fused, or one of your own: `body25`, `body21+shelf14`, `my_skeleton.yaml`.
+    """Return a skeleton by name, two fused ones, or your own: `body25`, `body21+shelf14`, `my_skeleton.yaml`.
 
     Args:
-        name: Name of a skeleton that comes with the package, two of them joined by `+`, or path of a YAML file, see
+        name: Name of a skeleton of the package, two names joined by `+`, or path of a YAML file, see
             `dmae.data.skeletons.definition.read_skeleton`.
 
     Raises:
@@ -124,14 +124,15 @@ def get_skeleton(name: str) -> Skeleton:
 
 
 def check_name(skeleton: Skeleton, where: str) -> Skeleton:
-    """Return a skeleton from a file; ValueError where it has the name of one of the package, and is another."""
+    """Return a skeleton from a file; ValueError if it has the name of a skeleton of the package, but differs from
+    it."""
     if skeleton.name in SKELETONS and skeleton != SKELETONS[skeleton.name]:
         raise ValueError(f"{where}: {skeleton.name!r} is the name of a skeleton of this package; choose another name")
     return skeleton
 
 
 def decode_skeleton(value: str | dict, where: str) -> Skeleton:
-    """Return a skeleton from what `dmae.data.skeletons.definition.encode` made of it: a name, or a definition.
+    """Return a skeleton from the output of `dmae.data.skeletons.definition.encode`: a name, or a definition.
 
     Raises:
         KeyError, ValueError: it is neither the name of a skeleton nor the definition of one.

@@ -22,8 +22,8 @@ def convert(poses: Poses3D, target: Skeleton) -> Poses3D:
     Joints of the same name are copied; of a fused skeleton (`a+b`) from the part that is the target, otherwise from the
     first part. Missing joints are derived where possible: `neck` and `mid_hip` as midpoints, `bottom_head` and
     `top_head` by `head_ends`. All others are absent. A derived joint has the weakest source and the fewest views of the
-    joints that it is made of, and no ray. Midpoints propagate covariance as of independent joints; the head formula
-    leaves it NaN.
+    joints that it is computed from, and no ray. Midpoints propagate covariance as for independent joints; the head
+    formula leaves it NaN.
 
     Raises:
         KeyError: no joint of the target can be derived from the source.

@@ -148,7 +148,8 @@ def make_clip(name: str, recording: Recording, detections: Detections2D, notes: 
 
 
 def write_images(recording: Recording, folder: Path, workers: int = 1) -> Images:
-    """Put the videos of a recording into `<folder>/rgb`, a frame of the clip a picture, in the calibration's size.
+    """Put the videos of a recording into `<folder>/rgb`, with one image per frame of the clip, in the calibration's
+    size.
 
     Videos that already fit are linked, or copied if the file system has no links. Others are encoded again.
     """

@@ -1,1 +1,1 @@
-"""IS THIS FILE SAFE TO READ? Sizes, nesting, names and numbers in files from elsewhere, checked before use."""
+"""IS THIS FILE SAFE TO READ? Sizes, nesting, names and numbers in untrusted files, checked before use."""

@@ -55,7 +55,7 @@ def read_arrays(path: Path, what: str, needed: Sequence[str], also: Sequence[str
             _check_sizes(len(data), list(members.values()), list(wanted.values()))
             arrays = {name: _array(_member(archive, member)) for name, member in wanted.items()}
     # Damaged archives make zipfile and NumPy raise errors of many undocumented types, from NotImplementedError to
-    # SyntaxError. The block holds nothing but their reading.
+    # SyntaxError. The block contains only their reading.
     except Exception as error:
         raise ValueError(f"{path}: expected {what}; {type(error).__name__}: {error}") from error
     lacking = sorted(set(needed) - set(members))

@@ -108,7 +108,7 @@ class Hdf5:
     def _try(self, read: Callable[[], T]) -> T:
         try:
             return read()
-        # Of damaged files h5py raises errors of many types. The functions hold nothing but their reading.
+        # Of damaged files h5py raises errors of many types. The functions contain only their reading.
         except Exception as error:
             raise ValueError(f"{self._path}: expected {self._what}; {error}") from None
 

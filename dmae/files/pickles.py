@@ -17,7 +17,8 @@ MOST_DEPTH = 32
 """Of containers in containers."""
 _MOST_STACK = 100_000
 _EXPANSION, _LEAST_LIMIT = 20, 1_000_000
-"""Values that a file may have with containers that occur repeatedly counted each time: so many a byte, at least."""
+"""Values that a file may have with containers that occur repeatedly counted each time: this number per byte, at
+least."""
 _MOST_EMPTY = 100_000
 """Length of an array along an axis, where another axis has length zero."""
 _MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")

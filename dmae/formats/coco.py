@@ -226,7 +226,7 @@ def write_annotations(
     sources: np.ndarray | None = None,
     first: int = 0,
 ) -> None:
-    """Write people as annotations, to 0.001 px: one image a camera and frame, one annotation a person labelled in it.
+    """Write people as annotations, to 0.001 px: one image per camera and frame, one annotation per person in it.
 
     Beyond COCO's own, images have `camera` and `frame`, annotations `keypoint_scores` where given, and of
     persons `joint_source` and `track_id`, the person's index; `info` has `fps`.

@@ -1,4 +1,4 @@
-"""EasyMocap's detections: a JSON file a view and frame."""
+"""EasyMocap's detections: one JSON file per view and frame."""
 
 import json
 from dataclasses import replace

@@ -73,7 +73,7 @@ def read_detections(path: Path, detections: Path | None = None, skeleton: Skelet
     try:
         found = openpose.read_detections(folder, skeleton or named)
     except ValueError:
-        # The files were made with another model, which their number of joints tells.
+        # The files were made with another model, as their number of joints shows.
         if skeleton or not named:
             raise
         found = openpose.read_detections(folder)

@@ -52,7 +52,7 @@ def _ranking_table(ranked: list[tuple[tuple[str, str], dict]]) -> Table:
     """How stated uncertainty ranks hidden joints."""
     return Table(
         "Hidden joints ranked by stated uncertainty: rank correlation with the error, area under the curve for errors "
-        f"over {LARGE:.0f} mm, and mm over the surest share of them",
+        f"over {LARGE:.0f} mm, and mm over the most certain share of them",
         ("method", "views", "Spearman", "AUC", *(f"{share} %" for share in COVERAGES)),
         [
             (

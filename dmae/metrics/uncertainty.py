@@ -14,7 +14,7 @@ REGION_RADIUS = 2.5003
 """Standard deviations of an isotropic Gaussian in three dimensions within which that probability lies."""
 
 COVERAGES = (10, 25, 50, 75, 90, 100)
-"""% of the joints that are kept, the surest first."""
+"""% of the joints that are kept, the most certain first."""
 LARGE = 50.0
 """mm; an error to be warned of."""
 

@@ -1,5 +1,7 @@
 """Interpolation in the body: offsets between joints, in a frame that turns with the body, change least over time."""
 
+from copy import copy
+
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
@@ -85,6 +87,12 @@ class Bodies:
         self.torso = torso = [joint for joint in order if joint in skeleton.trunk]
         self.parents = [torso[0] if parent < 0 and torso else parent for parent in skeleton.parents]
         self.attached = [joint for joint in order if self.parents[joint] not in (-1, joint)]
+
+    def copy(self) -> "Bodies":
+        """Return bodies that can be filled in another way."""
+        other = copy(self)
+        other.filled = self.filled.copy()
+        return other
 
     def offsets(self, joints: list[int], anchors: list[int], through: Interpolation) -> np.ndarray:
         """Return (F, P, n, 3) from anchors to joints, world, interpolated in the body over frames that have both."""

@@ -60,7 +60,7 @@ def fill_body_frame(poses: Poses3D, fps: float, through: Interpolation, by_rays:
     return take_estimate(poses, fps, bodies.filled)
 
 
-def smooth(poses: Poses3D, fps: float, seconds: float) -> Poses3D:
+def smooth(poses: Poses3D, fps: float, seconds: float, frames: slice = slice(None)) -> Poses3D:
     """Smooth lightly and without delay: fit a parabola around each frame, with Gaussian weights.
 
     Motion at constant acceleration passes unchanged; absent joints stay absent and have no weight.
@@ -69,18 +69,20 @@ def smooth(poses: Poses3D, fps: float, seconds: float) -> Poses3D:
     Args:
         fps: Frames per second of the poses.
         seconds: Standard deviation of the weights; 0 leaves the poses as they are.
+        frames: Those that are smoothed and returned, by the frames around.
 
     Raises:
         ValueError: a negative or infinite number of seconds.
     """
     if not 0 <= seconds < np.inf:
         raise ValueError(f"smooth={seconds:g}: expected seconds, 0 (no smoothing) or more")
+    given, poses = poses, poses if frames == slice(None) else poses.select(frames)
     if seconds == 0:
         return poses
     smoothed = empty(poses.xyz.shape, np.float32)
-    before, after = (xyz.reshape(len(xyz), prod(xyz.shape[1:-1]), 3) for xyz in (poses.xyz, smoothed))
+    before, after = (xyz.reshape(len(xyz), prod(xyz.shape[1:-1]), 3) for xyz in (given.xyz, smoothed))
     for columns, paths in column_blocks(before, _PATHS):
-        paths = local_parabola(paths.astype(np.float64), seconds * fps)
+        paths = local_parabola(paths.astype(np.float64), seconds * fps, frames)
         for part in frame_blocks(after):
             after[part, columns] = paths[part]
     return replace(

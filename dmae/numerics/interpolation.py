@@ -199,22 +199,24 @@ def _columns(values: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(flat, np.float64)
 
 
-def local_parabola(values: np.ndarray, reach: float) -> np.ndarray:
+def local_parabola(values: np.ndarray, reach: float, frames: slice = slice(None)) -> np.ndarray:
     """Smooth by weighted least squares; missing samples stay missing.
 
     Args:
         reach: Standard deviation of the weights, frames.
+        frames: Those that are smoothed and returned.
     """
     observed = ~np.isnan(values).any(-1)
     lag = np.arange(-int(np.ceil(3 * reach)), int(np.ceil(3 * reach)) + 1) / reach
     known = np.where(observed[..., None], values, 0)
 
     def moment(array: np.ndarray, power: int) -> np.ndarray:
-        return correlate1d(array, np.exp(-0.5 * lag**2) * lag**power, axis=0, mode="constant")
+        return correlate1d(array, np.exp(-0.5 * lag**2) * lag**power, axis=0, mode="constant")[frames]
 
     moments = [moment(observed.astype(float), power) for power in range(5)]
     left = np.stack([np.stack(moments[row : row + 3], -1) for row in range(3)], -2)
     right = np.stack([moment(known, power) for power in range(3)], -2)
+    observed = observed[frames]
     # One or two samples do not determine a parabola; the ridge selects the flattest.
     left = left + np.diag([0, 1e-6, 1e-6]) + np.where(observed, 0, 1)[..., None, None] * np.eye(3)
     return np.where(observed[..., None], np.linalg.solve(left, right)[..., 0, :], np.nan)

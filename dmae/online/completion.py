@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,43 +11,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dmae.completion.methods.registry import completion_method
-from dmae.data.clip import Poses3D, Source
+from dmae.data.clip import Poses3D
 from dmae.numerics.filling import LONGEST_ABSENCE, smooth
+from dmae.online.frames import JOINTS, FinishedFrame, join_frames, split_frames
 
 if TYPE_CHECKING:
     from dmae.completion.completer import Completer
+    from dmae.completion.gaussian_process.steps import Steps
     from dmae.completion.methods.registry import Fill
-    from dmae.completion.prediction import Steps
 
 BATCH = 0.2
 """s of frames that are completed together."""
 DELAY = 0.28
 """s; half a window of the default model."""
 TURN = 0.4
-"""s in which each person is completed once while cameras run, one after the other, so that frames take alike."""
-_PUSHES = 4
-"""Pushes over which the completion of a person may be spread."""
-_STEPS = 5
-"""Steps in which a person is completed (`dmae.completion.prediction.Steps`), about."""
+"""s in which each person is completed once while cameras run, step by step, so that frames take alike."""
+_GROUPS = 2
+"""Groups in which people are completed, one after the other."""
+_JOB_COST = 5.0
+"""Of preparing a job and of keeping its results, see `dmae.completion.gaussian_process.steps.Steps`."""
+_USUAL_COST = 60.0
+"""Of completing a person in a turn, before it is known."""
+_CHANGE = 0.1
+"""Share of the last job in what is taken as usual, where it cost less than that."""
 MEMORY = 5.0
 """s of frames that are kept before those that wait."""
-
-_JOINTS = [field.name for field in fields(Poses3D) if field.name != "skeleton"]
-
-
-@dataclass(frozen=True)
-class FinishedFrame:
-    """One frame that will not change any more.
-
-    Attributes:
-        number: Of the frame, from 0 on.
-        people: (P,) numbers of the people who are present; a number is the same person in all frames.
-        poses: (1, P, J, ...) with joints, sources, covariances and views.
-    """
-
-    number: int
-    people: np.ndarray
-    poses: Poses3D
 
 
 @dataclass(frozen=True)
@@ -57,23 +45,33 @@ class _Completed:
     Attributes:
         first: Number of the first one.
         end: Number of the first frame that is completed again later; those from it on are for smoothing alone.
-        poses: (n, 1, J)
+        joints: (n, J, ...) by name, as in `Poses3D`.
     """
 
     first: int
     end: int
-    poses: Poses3D
+    joints: dict[str, np.ndarray]
+
+    def since(self, first: int) -> _Completed:
+        """Return the frames from a number on."""
+        spare = max(first - self.first, 0)
+        return _Completed(self.first + spare, self.end, {name: part[spare:] for name, part in self.joints.items()})
 
 
 @dataclass
 class _Job:
-    """The completion of some people from frame `start` to `end`; `over` after the last step."""
+    """The completion of some people from frame `start` to `end`; `over` after the last step.
+
+    `cost` is that of the steps so far, done in so many `pushes`.
+    """
 
     people: list[int]
     start: int
     end: int
     steps: Steps[Poses3D]
     over: bool = False
+    cost: float = _JOB_COST
+    pushes: int = 0
 
 
 class OnlineCompleter:
@@ -85,8 +83,8 @@ class OnlineCompleter:
     windows are no whole number of frames apart. A person without measurements in a frame is returned only if
     measured again within the delay.
 
-    With `turns` people are completed in turn, step by step, so that all pushes take about as long. Frames then wait
-    until the turn of each person has come, and is over.
+    With `turns` people are completed in two groups, one after the other and step by step, so that all pushes take about
+    as long. Frames then wait until the turn of each group has come, and is over.
 
     Attributes:
         delay: Largest number of frames after one that are known when it is returned.
@@ -105,7 +103,8 @@ class OnlineCompleter:
         if not (np.isfinite(fps) and fps > 0 and np.isfinite(delay) and delay >= 0):
             raise ValueError(f"fps must be positive and delay not negative, found {fps} and {delay}")
         self._known_after, self._turns = round(delay * fps), turns
-        self.delay = self._known_after + (turns + _PUSHES - 2 if turns > 1 else 0)
+        self._pushes = ceil(turns / _GROUPS)
+        self.delay = self._known_after + (turns + self._pushes - 2 if turns > 1 else 0)
         # Smoothing takes frames that were completed before, so that they are not completed again.
         self._completer, self._smooth, self._fps = replace(completer, smooth=0.0), completer.smooth, fps
         self._reach = ceil(3 * completer.smooth * fps)
@@ -115,7 +114,7 @@ class OnlineCompleter:
         self._waiting = 0
         self._completed: dict[int, _Completed] = {}
         self._job: _Job | None = None
-        self._credit = 0.0
+        self._usual = _USUAL_COST
 
     @property
     def first_kept(self) -> int:
@@ -142,19 +141,25 @@ class OnlineCompleter:
         return self._take(last - first)
 
     def _work(self, people: list[int], end: int) -> None:
-        """Do a share of the work: of all people's, once in so many pushes as are a turn."""
-        self._credit = min(self._credit, 0.5) + max(len(people) * _STEPS / self._turns, 1.0)
-        while self._credit >= 1:
-            if self._job is None:
-                done = sorted((self._end_of(person), person) for person in people)
-                # The first one early enough for those after it, who wait until it is completed.
-                waited = (end - each + self._turns * k / len(done) for k, (each, _) in enumerate(done))
-                if max(waited, default=0) < self._turns or end <= done[0][0]:
-                    return
-                self._job = self._started([done[0][1]], end)
-            else:
-                self._step_on(self._job)
-            self._credit -= 1
+        """Do a share of the work on the job that is not over, or on the next one."""
+        if self._job is None:
+            self._job = self._started(self._next_group(people, end), end)
+        job = self._job
+        if job is None:
+            return
+        job.pushes += 1
+        # As much as would complete people like those before in the pushes of a turn.
+        due = self._usual * len(job.people) * job.pushes / self._pushes
+        while not job.over and job.cost < due:
+            self._step_on(job)
+
+    def _next_group(self, people: list[int], end: int) -> list[int]:
+        """Return the people to be completed next, those with the most frames that wait; none while it is early."""
+        done = sorted((self._end_of(person), person) for person in people)
+        size = ceil(len(done) / _GROUPS)
+        # Early enough for those after them, who wait until they are completed.
+        waited = (end - each + self._turns * (k // size) / _GROUPS for k, (each, _) in enumerate(done))
+        return sorted(person for _, person in done[:size]) if max(waited, default=0) >= self._turns else []
 
     def flush(self) -> list[FinishedFrame]:
         """Return the frames that still wait, at the end of the recording."""
@@ -172,7 +177,7 @@ class OnlineCompleter:
     def _end_of(self, person: int) -> int:
         """Return the number of the first frame in which a person is present and not completed yet."""
         if person in self._completed:
-            return self._completed[person].end
+            return max(self._completed[person].end, self._first - self._reach)
         waiting = self._frames[len(self._frames) - self._waiting :]
         return next((frame.number for frame in waiting if person in frame.people), self._first)
 
@@ -189,9 +194,7 @@ class OnlineCompleter:
         kept, known = self._frames[0].number, self._frames[-1].number + 1
         poses = join_frames(self._frames, np.array(people))
         frames = slice(start - kept, min(end + self._reach, known) - kept)
-        job = _Job(people, start, end, self._completer.in_steps(poses, self._fps, frames, self._turns > 1))
-        self._step_on(job)
-        return job
+        return _Job(people, start, end, self._completer.in_steps(poses, self._fps, frames, self._turns > 1))
 
     def _finish(self, job: _Job | None) -> None:
         while job is not None and not job.over:
@@ -204,21 +207,25 @@ class OnlineCompleter:
         if not job.over:
             try:
                 with one_thread():
-                    next(job.steps)
+                    job.cost += next(job.steps)
             except StopIteration as over:
                 job.over = True
                 self._keep(job, over.value)
+                found = job.cost / len(job.people)
+                # Jobs that cost more than those before would end in a rush.
+                self._usual = max(found, self._usual + _CHANGE * (found - self._usual))
         if job is self._job and job.over:
             self._job = None
 
     def _keep(self, job: _Job, done: Poses3D) -> None:
         for i, person in enumerate(job.people):
-            joints = {name: getattr(done, name)[:, i : i + 1] for name in _JOINTS}
+            joints = {name: getattr(done, name)[:, i] for name in JOINTS}
             first, before = job.start, self._completed.get(person)
-            if before is not None:
-                first, earlier = before.first, before.poses.select(slice(max(job.start - before.first, 0)))
-                joints = {name: np.concatenate([getattr(earlier, name), joint]) for name, joint in joints.items()}
-            self._completed[person] = _Completed(first, job.end, Poses3D(done.skeleton, **joints))
+            count = job.start - before.first if before else -1
+            if 0 <= count <= len(before.joints["xyz"]):
+                first = before.first
+                joints = {name: np.concatenate([before.joints[name][:count], joint]) for name, joint in joints.items()}
+            self._completed[person] = _Completed(first, job.end, joints)
 
     def _take(self, count: int) -> list[FinishedFrame]:
         """Return the first `count` frames that wait; forget those that are not needed any more."""
@@ -229,29 +236,26 @@ class OnlineCompleter:
         # Frames of which a person has none are absent.
         skeleton = self._completer.target or self._frames[-1].poses.skeleton
         people = np.array(sorted(self._completed), int)
-        parts = [
-            (i, max(done.first, around), done.poses.select(slice(max(around - done.first, 0), None)))
-            for i, done in enumerate(self._completed[person] for person in people.tolist())
-        ]
-        length = max([first + count - around, *(begin + len(part.xyz) - around for _, begin, part in parts)])
+        length = first + count + reach - around
         poses = Poses3D(skeleton, np.full((length, len(people), len(skeleton), 3), np.nan))
-        joints = {name: getattr(poses, name).copy() for name in _JOINTS}
-        for i, begin, part in parts:
-            for name in _JOINTS:
-                joints[name][begin - around : begin - around + len(part.xyz), i] = getattr(part, name)[:, 0]
-        poses = smooth(Poses3D(skeleton, **joints), self._fps, self._smooth)
-        poses = poses.select(slice(first - around, first - around + count))
+        joints = {name: getattr(poses, name).copy() for name in JOINTS}
+        for i, person in enumerate(people.tolist()):
+            done = self._completed[person].since(around)
+            begin = done.first - around
+            for name, part in done.joints.items():
+                end = max(min(begin + len(part), length), begin)
+                joints[name][begin:end, i] = part[: end - begin]
+        now = slice(first - around, first - around + count)
+        poses = smooth(Poses3D(skeleton, **joints), self._fps, self._smooth, now)
         self._waiting -= count
         first += count
         for person, done in list(self._completed.items()):
             # Those frames stay that smoothing still takes.
-            spare = max(first - reach - done.first, 0)
-            if done.end <= first - reach:
+            # The number of the first frame that is not completed yet stays while the person may be measured again.
+            if done.end < first - reach - ceil(LONGEST_ABSENCE * self._fps):
                 del self._completed[person]
-            elif spare:
-                self._completed[person] = replace(
-                    done, first=done.first + spare, poses=done.poses.select(slice(spare, None))
-                )
+            else:
+                self._completed[person] = done.since(first - reach)
         spare = max(len(self._frames) - self._waiting - self._memory, 0)
         del self._frames[: spare - spare % self._step]
         return split_frames(poses, people, first - count)
@@ -274,27 +278,3 @@ def complete_online(completer: Completer, poses: Poses3D, fps: float, delay: flo
     done = [frame for start in range(0, len(frames), step) for frame in online.push(frames[start : start + step])]
     done += online.flush()
     return join_frames(done, people) if done else poses
-
-
-def split_frames(poses: Poses3D, people: np.ndarray, number: int = 0) -> list[FinishedFrame]:
-    """Return poses (F, P, J) of people (P,) frame by frame, numbered from `number`, each with the people present."""
-    frames = []
-    for i, present in enumerate((poses.source != Source.ABSENT).any(-1)):
-        joints = {name: getattr(poses, name)[i : i + 1, present] for name in _JOINTS}
-        frames.append(FinishedFrame(number + i, people[present], Poses3D(poses.skeleton, **joints)))
-    return frames
-
-
-def join_frames(frames: Sequence[FinishedFrame], people: np.ndarray) -> Poses3D:
-    """Return poses (F, P, J) of one frame or more, with a row for each of the people (P,), ascending."""
-    skeleton = frames[0].poses.skeleton
-    number = np.repeat(np.arange(len(frames)), [len(frame.people) for frame in frames])
-    person = np.concatenate([frame.people for frame in frames])
-    wanted = np.isin(person, people)
-    place = number[wanted], np.searchsorted(people, person[wanted])
-    joints = {}
-    whole = Poses3D(skeleton, np.full((len(frames), len(people), len(skeleton), 3), np.nan))
-    for name in _JOINTS:
-        joints[name] = getattr(whole, name).copy()
-        joints[name][place] = np.concatenate([getattr(frame.poses, name)[0] for frame in frames])[wanted]
-    return Poses3D(skeleton, **joints)

@@ -1,1 +1,1 @@
-"""WHAT CAN PYTHON DO? The verbs of `import dmae`: each command as a function, with objects where it has files."""
+"""WHAT CAN PYTHON DO? The functions of `import dmae`: each command as a function of objects instead of files."""

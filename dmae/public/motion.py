@@ -34,7 +34,7 @@ def capture(
         smooth: Length of a light smoothing after that, s; 0 for none.
 
     Returns:
-        (F, P, J, 3) m, world, a person a track. A joint that fewer than `config.th_v` views agree on is NaN and
+        (F, P, J, 3) m, world; each person is a track. A joint that fewer than `config.th_v` views agree on is NaN and
         `Source.ABSENT`; measured joints have a covariance.
 
     Raises:

@@ -172,7 +172,7 @@ def load_dataset(path: str | Path) -> Sequence[Clip]:
         path: Folder that `synth generate`, `dmae capture` or `dmae complete` wrote. Clips that failed are left out.
 
     Raises:
-        FileNotFoundError: neither a clip nor a data set is there.
+        FileNotFoundError: there is neither a clip nor a data set.
 
     Examples:
         >>> for clip in synth.generate("scene.seconds=1", clips=2, seed=7, out="walks"): pass

@@ -1,4 +1,5 @@
-"""WHAT CAN BE RUN? A file for each sub-command of `synth`: its configuration, its examples, and `run(config, out)`."""
+"""WHAT CAN BE RUN? One module for each sub-command of `synth`: its configuration, its examples, and `run(config,
+out)`."""
 
 COMMANDS = {
     "generate": "Simulate clips with exact truth",

@@ -1,4 +1,4 @@
-"""`synth detector-errors`: how a detector errs, by what hides a joint, and simulated ones on the same clips."""
+"""`synth detector-errors`: errors of a detector by cause of occlusion, and of simulated detectors on the same clips."""
 
 import io
 from dataclasses import dataclass, field

@@ -223,7 +223,7 @@ def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path)
     size = 0.0
     for kind in options.kinds:
         first, each = sizes[0][kind], (sizes[1][kind] - sizes[0][kind]) / between
-        # A video has a whole picture a second, and differences between them.
+        # A video has one keyframe per second, and differences between keyframes.
         firsts = ceil(whole / max(1, round(clip.fps))) if images.path(kind, rig.names[0]).suffix == ".mp4" else 1
         size += firsts * first + (whole - firsts) * max(0.0, each)
     return cost._replace(

@@ -32,8 +32,8 @@ def generate(config: GenerateConfig) -> list[dict]:
     so that a run can be interrupted at any time and resumed.
 
     Returns:
-        The lines of the manifest, one a clip: `id`, `status` ("ok" or "failed"), `seed`, number of `attempts`; of clips
-        that are ok `frames`, `persons`, `quality` (`synth.physics.quality.SimulationQuality`) and
+        The lines of the manifest, one per clip: `id`, `status` ("ok" or "failed"), `seed`, number of `attempts`; of
+        clips that are ok `frames`, `persons`, `quality` (`synth.physics.quality.SimulationQuality`) and
         `occlusion`, see `synth.datasets.occlusion.summary`; with `rig.error` also `calibration_error`,
         the error of projections by the calibration of each camera, px; of clips that failed the `reason`.
 

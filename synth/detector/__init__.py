@@ -1,1 +1,1 @@
-"""How do 2D pose detectors err? Simulate a detector, measure real ones, and fit it to them."""
+"""What errors do 2D pose detectors make? Simulate a detector, measure real ones, and fit presets to them."""

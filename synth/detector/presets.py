@@ -12,7 +12,7 @@ from synth.detector.config import DetectorConfig
 
 
 def preset_yaml(config: DetectorConfig, name: str, comments: list[str]) -> str:
-    """Return a preset: the options of a detector that differ from the defaults, a group a line.
+    """Return a preset: the options of a detector that differ from the defaults, one group per line.
 
     Args:
         config: The detector.

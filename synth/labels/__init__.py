@@ -1,1 +1,2 @@
-"""Which joints does each camera see, what hides the others, and what carries people? Rays, images of ids, forces."""
+"""Which joints does each camera see, what hides the others, and which forces support people? Rays, images of ids,
+forces."""

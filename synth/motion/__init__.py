@@ -1,1 +1,1 @@
-"""How one person moves: recorded motion is read and retargeted, procedural motion is made."""
+"""How one person moves: reading and retargeting of recorded motion, generation of procedural motion."""

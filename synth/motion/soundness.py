@@ -13,8 +13,8 @@ from synth.people.body import Body, segment_origins
 from synth.people.segments import SEGMENTS
 
 _JUMP, _ACCELERATION = 0.15, 400.0
-"""A joint jumps if its step from one frame to the next differs from the steps around by more than so many m, or by more
-than this acceleration, m/s^2, explains; the feet of kicks reach some 300."""
+"""A joint jumps if its step from one frame to the next differs from the steps around it by more than this distance, m,
+or by more than this acceleration, m/s^2, explains; the feet of kicks reach about 300."""
 _LONGEST = 0.25
 """Longest fault that is bridged, s, as for gaps of recordings."""
 _FASTEST = 8.0

@@ -48,18 +48,18 @@ class MotionConfig:
         kind: `procedural`; or the format of recordings, `recorded` for all formats, or `<module>:<function>`, a reader
             of your own.
         path: For recorded motion: a file; a folder with files of the format at any depth; or a list of takes,
-        `<name>.tsv`, as `synth takes` writes it. Takes of folders and lists that cannot be read are left out with a
-        warning.
+            `<name>.tsv`, as `synth takes` writes it. Takes of folders and lists that cannot be read are left out with a
+            warning.
         sets: Sets of a list of takes that are used, such as [train]; all if empty.
         fps: Frames per second of the recordings, if files state a wrong rate. Known wrong rates of takes of the CMU
-        database are corrected automatically.
+            database are corrected automatically.
         unit: Metres per unit of length in the recordings, if the length of the legs does not determine it.
         up: Axis of the recordings' world that points up.
         mapping: YAML file of lines `their name: our name` for joints or markers with other names. Our names are those
             of any known skeleton, or `pelvis spine chest head`, and `l_` and `r_` before `upper_arm forearm hand
             knuckle thigh shin foot`.
         actions: Actions of procedural people, performed one after another. If empty, people only walk or stand, as set
-        by `motion.procedural`; otherwise only its speed applies.
+            by `motion.procedural`; otherwise only its speed applies.
         weights: Relative frequency of each action, 1 if it is not named.
         procedural: Procedural people who only walk or stand.
     """

@@ -64,8 +64,8 @@ _ALONG = {
     "forward": np.array([(0, 0, 1), (0, 1, 0), (1, 0, 0)]).T,
 }
 _BEND, _PIECES, _OVER = 0.030, 5, 0.006
-"""The trunk bends from this far below to this far above each of its joints, in so many pieces, which overlap by this:
-fractions of stature."""
+"""The trunk bends from this far below to this far above each of its joints, in this number of pieces, which overlap by
+this: fractions of stature."""
 _BELT = (0.060, 0.076)
 """Heights of both edges of the belt of a tucked shirt above the hip joints, fractions of stature."""
 _CLOTH = 0.005

@@ -52,8 +52,8 @@ def surfaces(body: Body, looks: PersonLooks, *, shaded: bool) -> list[Surface]:
     """Return the surfaces of a person, `synth.people.shape.parts`, from the cache where they have been made before.
 
     The cache is the folder DMAE_CACHE, else `dmae-synth` in XDG_CACHE_HOME or `~/.cache`. There is none if DMAE_CACHE
-    is empty or the folder cannot be written. A change of the code or the libraries, or a damaged file, has surfaces
-    made anew.
+    is empty or the folder cannot be written. If the code or the libraries changed, or a file is damaged, surfaces are
+    computed again.
 
     Args:
         body: Proportions.

@@ -1,1 +1,1 @@
-"""WHERE DO CAMERAS GO? Places for cameras in a room, chosen by what they would capture of simulated people."""
+"""WHERE SHOULD CAMERAS BE MOUNTED? Places for cameras in a room, chosen by the capture of simulated people."""

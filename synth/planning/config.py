@@ -29,7 +29,7 @@ class MountConfig:
         places: Number of candidate places, spread evenly over the allowed surfaces.
         wall_distance: Distance of a camera from the wall or the ceiling that it is mounted on, m.
         steepest_deg: Greatest angle at which cameras look down, degrees. The detector presets are fitted to views from
-        the side, and are not valid for views from above.
+            the side, and are not valid for views from above.
     """
 
     walls: list[float] = field(default_factory=lambda: [1.8, 2.6])

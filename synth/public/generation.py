@@ -118,7 +118,7 @@ def verify(path: str | Path, *, fast: bool = False) -> list[Problem]:
         All that is wrong: clip, check, and what; none if nothing is.
 
     Raises:
-        FileNotFoundError: neither a clip nor a data set is there.
+        FileNotFoundError: there is neither a clip nor a data set.
 
     Examples:
         >>> for clip in synth.generate("scene.seconds=1", clips=2, seed=7, out="walks"): pass
@@ -239,7 +239,7 @@ def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path]
         The numbers, as in `statistics.json`.
 
     Raises:
-        FileNotFoundError: neither a clip nor a data set is there.
+        FileNotFoundError: there is neither a clip nor a data set.
 
     Examples:
         >>> for clip in synth.generate("scene.seconds=1", clips=2, seed=7, out="walks"): pass

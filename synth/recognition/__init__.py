@@ -1,1 +1,1 @@
-"""What does a real detector see in rendered pictures? Rates on people in plain sight; errors by what hides a joint."""
+"""What does a real detector find in rendered images? Rates on people in plain sight; errors by cause of occlusion."""

@@ -1,4 +1,4 @@
-"""A detector on pictures of single people: each cut out around its true place, as if nothing were known of it."""
+"""A detector on pictures of single people: each cut out around its true place, without further information."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +13,8 @@ from dmae.detection.registry import PictureDetector
 from synth.recognition.sightings import Sightings
 
 UNOBSTRUCTED = 0.8
-"""A person is in plain sight where at least this share of the joints is hidden by nothing but the person's own body."""
+"""A person is in plain sight where at least this share of the joints is visible, or hidden only by the person's own
+body."""
 NEAR = 0.05
 """Of the height of the body: what counts as near the true place."""
 _MATCHED = 0.2

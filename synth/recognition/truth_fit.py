@@ -204,7 +204,8 @@ def _exchanged(body: float, real: JointsSeen, sim: JointsSeen) -> float:
 
 
 def _person_misses(config: DetectorConfig, people: PeopleSeen):
-    """Return misses with the likeliest probability that a person is missed whole, by the share of hidden joints."""
+    """Return misses with the maximum-likelihood probability that a person is not detected at all, by the share of
+    hidden joints."""
     hidden = 1 - people.visible
     probability = partial(_missed_whole, hidden)
     grid = product((0.002, 0.005, 0.01, 0.02, 0.05, 0.1), (0.7, 0.85, 0.95, 0.99), (0.4, 0.5, 0.6, 0.7, 0.8, 1.0),

@@ -51,7 +51,7 @@ def _works(backend: str) -> bool:
 
 
 def make_context(backend: str, width: int, height: int):
-    """Return a current OpenGL context. `mujoco.Renderer` is of no use: it is bound to the backend of import time."""
+    """Return a current OpenGL context. `mujoco.Renderer` cannot be used: it is bound to the backend at import time."""
     if backend == "egl":
         from mujoco.egl import GLContext
     elif backend == "osmesa":

@@ -33,7 +33,7 @@ class RandomConfig:
     Attributes:
         views: Number of cameras.
         views_at_least: Number of cameras that have each point in their image, ignoring walls and people: all points
-        within `scene.radius` of the middle, from the floor to a height of 2 m.
+            within `scene.radius` of the middle, from the floor to a height of 2 m.
         radius: Distance of a camera from the vertical through the origin, m.
         height: Height of a camera, m.
         target_height: Height of the point on that vertical that it looks at, m.

@@ -120,7 +120,7 @@ def sample_people(
 
     Args:
         config, motion, interaction, seed, clip: As for `sample_scene`.
-        rng: The clip's stream `Stream.SCENE`, from which the layout goes on to draw; a new one by default.
+        rng: The clip's stream `Stream.SCENE`, which is then also used for the layout; a new one by default.
     """
     interaction, rng = interaction or InteractionConfig(), rng or generator(seed, clip, Stream.SCENE)
     count = _count_participants(config, interaction, rng=rng)

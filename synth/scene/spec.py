@@ -36,15 +36,15 @@ class SceneConfig:
     Attributes:
         arena: Room of `scenes/`, or path of an MJCF file.
         persons: Number of people; with an interaction, of its participants. By default 2 to 4, within the numbers that
-        the interaction allows.
+            the interaction allows.
         children: Share of children, 4 to 17 years old, among the people.
         seconds: Length of a clip, s.
         fps: Frames per second of a clip. The same seed gives the same motion at any rate.
         middle: x, y of the point around which people and props are placed, m.
         radius: Greatest distance of people's hips from the middle, m; motions that cannot be adapted may reach 0.3 m
-        farther.
+            farther.
         gathering: Distance from the middle through which people pass at some time, m (standard deviation). With small
-        values people meet and hide each other.
+            values people meet and hide each other.
         clearance: Distance that people keep between their hips, m; one value per clip. Below 0.5 they touch.
         props: Number of props, where there is space.
         prop_kinds: Kinds of props: of `scenes/props/`, or paths of MJCF files.

@@ -10,14 +10,14 @@ from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import Q
 
 _ALIKE_S = 3.0
-"""s; errors of detections that are so far apart in time are taken to be independent, apart from constant offsets."""
+"""s; errors of detections this far apart in time are assumed to be independent, apart from constant offsets."""
 
 
 def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedom: Freedom) -> np.ndarray:
     """Return the covariance (V, Q, Q) of each camera: H^-1 G H^-1.
 
-    G is the covariance of the gradient: the scatter of what bodies contribute, times the number of bodies that err
-    alike, and what constant offsets of joints contribute. H is the curvature of the robust cost.
+    G is the covariance of the gradient: the scatter of the contributions of bodies, times the number of bodies with the
+    same error, plus the contribution of constant offsets of joints. H is the curvature of the robust cost.
     """
     views, free = len(adjusted.calibration.rig), np.flatnonzero(freedom.free)
     covariance = np.zeros((views * Q, views * Q))

@@ -25,7 +25,7 @@ _BLOCK_S, _MOST_BLOCKS, _FEWEST_BLOCKS = 0.4, 16, 4
 _CHANCE = 0.001
 """Probability at which a gain is no coincidence (t test over the stretches of time, one-sided)."""
 _CHANCE_OF_KIND = 0.01
-"""The same for telling two kinds of one camera apart."""
+"""The same for distinguishing two kinds of one camera."""
 _REFERENCE = 4.0
 """How many times the gain must be that which the other cameras would have from such a change."""
 _NEAR = 0.04
@@ -33,7 +33,7 @@ _NEAR = 0.04
 _RIVAL = 0.7
 """Share of the gain that a change of another camera may have."""
 _SURE = 0.1
-"""Share of the cost that a difference surely noticed saves: in some stretches of time it hardly shows."""
+"""Share of the cost that a reliably detected difference saves: in some stretches of time it hardly shows."""
 _EXAMINED = 2
 """Cameras that are examined for every kind."""
 _OFFSETS = (0, *(sign * frames for frames in (2, 4, 7, 10, 14, 18) for sign in (-1, 1)))
@@ -86,7 +86,7 @@ class CameraDifference:
 
     @property
     def chance(self) -> float:
-        """Probability that a difference that is none saves as much."""
+        """Probability that a false difference saves as much."""
         return _chance(self.before, self.cost)
 
     def beats(self, other: CameraDifference, chance: float = _CHANCE) -> bool:

@@ -1,4 +1,4 @@
-"""Initial extrinsics: where cameras stand, from nothing but their intrinsics and one person who walks about."""
+"""Initial extrinsics: poses of cameras, from intrinsics and one person who walks through the volume."""
 
 from __future__ import annotations
 

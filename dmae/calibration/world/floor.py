@@ -52,7 +52,7 @@ class Floor:
         up: (3,) unit vector against gravity, in the world; None if it is not determined.
         tilt_deg: Angle between `up` and z; None likewise.
         tilt_interval_deg: What holds the tilt with a probability of 95 %.
-        place: (3,) m, a point of the floor, amid the people; None if it is not determined.
+        place: (3,) m, a point of the floor, in the middle of the people; None if it is not determined.
         height_m: Its z; None likewise.
         height_interval_m: What holds the height with a probability of 95 %.
         stances: Number of stances of a foot, each at a place of its own.

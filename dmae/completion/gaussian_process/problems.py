@@ -104,16 +104,19 @@ class Limbs(BodyParts):
         self.unseen = ~self.measured & np.isnan(poses.rays[..., 0, 0])
         self.offsets = bodies.in_body(self.filled - self.filled[:, :, bodies.parents])
 
-    def problems(self, joint: int, most: int, from_anchor: bool = False) -> Iterator[GapProblem]:
+    def problems(self, joint: int, most: int, *anywhere: np.ndarray, from_anchor: bool = False) -> Iterator[GapProblem]:
         """Yield the gaps of a joint that enough was measured for.
 
         Args:
             most: Training poses of each gap.
+            anywhere: (F, P) each; gaps in which one of them is nowhere True are left out.
             from_anchor: Predict offsets from anchors; by default from parents. A process is linear in its targets, so
                 that both come to the same, but joints that hang from others move with these onto rays.
         """
         side = mirrored(self.skeleton, joint)
         for gap in gaps_of(self.bodies, joint, ~self.measured & self.placed, self.unseen):
+            if not all(true[gap.frames, gap.person].any() for true in anywhere):
+                continue
             inputs = [other for other in input_joints(self.bodies, gap) if self.placed[:, gap.person, other].any()]
             offsets = self.offsets[:, gap.person][:, inputs]
             kernel = name_of(self.skeleton, gap.anchor, side)

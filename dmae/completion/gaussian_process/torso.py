@@ -15,15 +15,18 @@ class Torsos(BodyParts):
     from the anchor.
     """
 
-    def problems(self, joint: int, most: int) -> Iterator[GapProblem]:
+    def problems(self, joint: int, most: int, *anywhere: np.ndarray) -> Iterator[GapProblem]:
         """Yield the gaps of a joint that enough was measured for.
 
         Args:
             most: Training poses of each gap.
+            anywhere: (F, P) each; gaps in which one of them is nowhere True are left out.
         """
         hidden = ~self.measured & self.placed
         for person in range(hidden.shape[1]):
             for first, end in runs(hidden[:, person, joint]):
+                if not all(true[first:end, person].any() for true in anywhere):
+                    continue
                 seen = self.measured[first:end, person].all(0)
                 anchor = self._anchor(joint, seen)
                 if anchor is not None:

@@ -7,6 +7,7 @@ Gløersen & Federolf 2016); a kernel represents what a plane cannot. The equatio
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from dmae.completion.gaussian_process.steps import Steps, finished
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D
 from dmae.numerics import body_frame
@@ -29,6 +30,8 @@ _FEWEST = 20
 """Training poses; with fewer the process predicts nothing."""
 _BLOCK = 5.0
 """s of frames that share training poses."""
+_COST = 0.75
+"""Of a joint of a person, see `Steps`."""
 
 
 @completion_method("gaussian_process")
@@ -39,24 +42,25 @@ def fill_gaussian_process(poses: Poses3D, fps: float) -> Poses3D:
     """
     poses = without_infinite(poses, fps)
     bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
-    place_limbs(bodies, fps)
+    finished(place_limbs(bodies, fps))
     return take_estimate(poses, fps, bodies.filled)
 
 
-def place_limbs(bodies: Bodies, fps: float) -> None:
-    """Replace the interpolated estimates of limbs by those of the process."""
+def place_limbs(bodies: Bodies, fps: float) -> Steps[None]:
+    """Replace the interpolated estimates of limbs by those of the process, joint by joint."""
     for joint in (joint for joint in bodies.attached if joint not in bodies.torso):
         others = [other for other in bodies.attached if not _below(other, joint, bodies.parents, bodies.torso)]
-        _place(bodies, joint, others, fps)
+        if _place(bodies, joint, others, fps):
+            yield _COST * bodies.xyz.shape[1]
 
 
-def _place(bodies: Bodies, joint: int, others: list[int], fps: float) -> None:
-    """Replace the estimate of a limb's joint, given other joints, which are placed."""
+def _place(bodies: Bodies, joint: int, others: list[int], fps: float) -> bool:
+    """Replace the estimate of a limb's joint, given other joints, which are placed; return whether it was hidden."""
     parent, first = bodies.parents[joint], bodies.filled[:, :, joint].copy()
     known = ~np.isnan(bodies.xyz[:, :, [joint, parent], 0]).any(-1)
     hidden = np.isnan(bodies.xyz[:, :, joint, 0])
     if not (hidden & ~np.isnan(first[..., 0])).any():
-        return
+        return False
     offsets = bodies.in_body(bodies.filled - bodies.filled[:, :, bodies.parents])
     predicted = [
         predict_offset(offsets[:, i], joint, others, known[:, i], hidden[:, i], fps) for i in range(first.shape[1])
@@ -67,6 +71,7 @@ def _place(bodies: Bodies, joint: int, others: list[int], fps: float) -> None:
     squared = gap_lengths(~hidden)[..., None] ** 2
     change = squared / (squared + (SHORT_GAP * fps) ** 2) * (bodies.filled[:, :, joint] - first)
     bodies.filled[:, :, joint] = np.where(hidden[..., None], first + np.nan_to_num(change), first)
+    return True
 
 
 def _below(joint: int, ancestor: int, parents: list[int], torso: list[int]) -> bool:

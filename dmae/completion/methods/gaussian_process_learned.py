@@ -1,7 +1,5 @@
 """Gaussian process with learned kernels: which joints count, how far, and for how long, differs by limb."""
 
-from copy import copy
-
 import numpy as np
 
 from dmae.completion.blending import noisiness
@@ -9,8 +7,9 @@ from dmae.completion.gaussian_process.kernels import Exactness, KernelSet, shipp
 from dmae.completion.gaussian_process.limbs import limb_joints
 from dmae.completion.gaussian_process.problems import GapProblem, Limbs
 from dmae.completion.gaussian_process.regression import blending_weight, predict
+from dmae.completion.gaussian_process.steps import Steps, finished
 from dmae.completion.gaussian_process.torso import Torsos
-from dmae.completion.methods.gaussian_process import fill_gaussian_process, place_limbs
+from dmae.completion.methods.gaussian_process import place_limbs
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D
 from dmae.numerics import body_frame
@@ -23,6 +22,8 @@ _MOST = 160
 """Training poses of a gap."""
 _SHARE = 0.5
 """Of the learned kernels of limbs beside the kernel that is the same for all joints: processes with other errors."""
+_COST, _START_COST = 1.5, 5.0
+"""Of a gap, and of interpolation, see `Steps`."""
 
 
 @completion_method("gaussian_process_learned")
@@ -32,28 +33,43 @@ def fill_gaussian_process_learned(poses: Poses3D, fps: float) -> Poses3D:
     The learned kernels are of poses and of time. They count as far as they predict the person's other frames, the less
     the noisier poses are, and not in gaps in which single cameras see the joint, where its ray says more.
     """
+    return finished(fill_both(poses, fps))[1]
+
+
+def fill_both(poses: Poses3D, fps: float, frames: slice = slice(None)) -> Steps[tuple[Poses3D, Poses3D]]:
+    """Fill by `gaussian_process` and by `gaussian_process_learned`, in steps; much of their work is the same.
+
+    Args:
+        frames: Those in which the second is asked for; in others it may be anything between the two.
+    """
     poses = without_infinite(poses, fps)
+    bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
+    yield _START_COST
+    plain = bodies.copy()
+    yield from place_limbs(plain, fps)
+    filled = take_estimate(poses, fps, plain.filled)
     counts = _without_rays(poses) * (1 - noisiness(poses))
     if not counts.any():
-        return fill_gaussian_process(poses, fps)
+        return filled, filled
     kernels = shipped_kernels()
-    bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
-    _place_torso(poses, fps, bodies, kernels, counts)
-    plain = copy(bodies)
-    plain.filled = bodies.filled.copy()
-    place_limbs(plain, fps)
+    if (yield from _place_torso(poses, fps, bodies, kernels, counts)):
+        plain = bodies.copy()
+        yield from place_limbs(plain, fps)
     share = _SHARE * counts
-    learned = _place_limbs(poses, fps, bodies, kernels, share > 0)
+    asked = np.zeros(counts.shape[:2], bool)
+    asked[frames] = True
+    learned = yield from _place_limbs(poses, fps, bodies, kernels, share > 0, asked)
     change = (share * learned)[..., None] * np.nan_to_num(bodies.filled - plain.filled)
-    return take_estimate(poses, fps, plain.filled + change)
+    return filled, take_estimate(poses, fps, plain.filled + change)
 
 
 def fill_with(poses: Poses3D, fps: float, kernels: KernelSet) -> Poses3D:
     """Fill by given kernels alone, where they predict the person's other frames; elsewhere by interpolation."""
     poses = without_infinite(poses, fps)
     bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
-    _place_torso(poses, fps, bodies, kernels, _without_rays(poses))
-    _place_limbs(poses, fps, bodies, kernels, np.ones(poses.xyz.shape[:3], bool))
+    finished(_place_torso(poses, fps, bodies, kernels, _without_rays(poses)))
+    everywhere = np.ones(poses.xyz.shape[:3], bool)
+    finished(_place_limbs(poses, fps, bodies, kernels, everywhere, everywhere[..., 0]))
     return take_estimate(poses, fps, bodies.filled)
 
 
@@ -67,46 +83,80 @@ def _without_rays(poses: Poses3D) -> np.ndarray:
     return 1 - found / np.maximum(after - before - 1, 1)
 
 
-def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, counts: np.ndarray) -> None:
-    """Replace the interpolated estimates of the torso where a Gaussian process has one; what hangs from it follows."""
+def _place_torso(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, counts: np.ndarray) -> Steps[bool]:
+    """Replace the interpolated estimates of the torso where a Gaussian process has one; what hangs from it follows.
+
+    Return whether there was one.
+    """
+    replaced = False
     torsos = Torsos(poses, bodies, fps, kernels.bones)
     for joint in bodies.torso:
-        for problem in torsos.problems(joint, _MOST):
+        for problem in torsos.problems(joint, _MOST, counts[:, :, joint] > 0):
             at = problem.gap.frames, problem.gap.person
-            predicted = _predict(problem, kernels) if counts[(*at, joint)].any() else None
+            predicted = _predict(problem, kernels)
+            yield _COST
             if predicted is not None:
-                offset, weight = predicted
+                replaced, (offset, weight) = True, predicted
                 turned = np.einsum("fij,fj->fi", bodies.world_from_body[at], offset)
                 change = bodies.xyz[(*at, problem.gap.anchor)] + turned - torsos.filled[(*at, joint)]
                 bodies.filled[(*at, joint)] += weight * counts[(*at, joint)][:, None] * change
+    if not replaced:
+        return False
     free = ~torsos.measured & np.isnan(poses.rays[..., 0, 0])
     for joint in limb_joints(bodies):
         parent = bodies.parents[joint]
         moved = bodies.filled[:, :, parent] - torsos.filled[:, :, parent]
         bodies.filled[:, :, joint] += np.where(free[:, :, joint, None], np.nan_to_num(moved), 0)
+    return True
 
 
-def _place_limbs(poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, wanted: np.ndarray) -> np.ndarray:
-    """Replace the interpolated estimates of limbs where a Gaussian process has one; return where, (F, P, J)."""
+def _place_limbs(
+    poses: Poses3D, fps: float, bodies: Bodies, kernels: KernelSet, wanted: np.ndarray, asked: np.ndarray
+) -> Steps[np.ndarray]:
+    """Replace the interpolated estimates of limbs where a Gaussian process has one; return where, (F, P, J).
+
+    Args:
+        wanted: (F, P, J) True where the process counts.
+        asked: (F, P) True where estimates are asked for.
+    """
     limbs = Limbs(poses, bodies, fps, kernels.bones)
     found = np.zeros(wanted.shape, bool)
+    needed = _needed(bodies, ~limbs.measured, asked)
     for joint in limb_joints(bodies):
-        found[:, :, joint] = _place(bodies, limbs, joint, kernels, wanted[:, :, joint])
+        gaps = wanted[:, :, joint], needed[joint]
+        found[:, :, joint] = yield from _place(bodies, limbs, joint, kernels, *gaps)
     return found
 
 
-def _place(bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, wanted: np.ndarray) -> np.ndarray:
-    """Do so for one joint, in gaps of which any of (F, P) is wanted; return where, (F, P)."""
+def _needed(bodies: Bodies, hidden: np.ndarray, asked: np.ndarray) -> dict[int, np.ndarray]:
+    """Return in which frames (F, P) each joint of a limb is needed: those asked for, and the gaps of its children."""
+    joints = limb_joints(bodies)
+    needed = {joint: asked.copy() for joint in joints}
+    for joint in reversed(joints):
+        before, after = neighbours(~hidden[:, :, joint])
+        total = np.concatenate([np.zeros_like(asked[:1], int), np.cumsum(needed[joint], 0)])
+        inside = np.take_along_axis(total, after, 0) - np.take_along_axis(total, before + 1, 0)
+        parent = bodies.parents[joint]
+        if parent in needed:
+            needed[parent] |= hidden[:, :, joint] & (inside > 0)
+    return needed
+
+
+def _place(
+    bodies: Bodies, limbs: Limbs, joint: int, kernels: KernelSet, wanted: np.ndarray, needed: np.ndarray
+) -> Steps[np.ndarray]:
+    """Do so for one joint, in gaps of which any of (F, P) is wanted, and any is needed; return where, (F, P)."""
     done = np.zeros(wanted.shape, bool)
-    if not wanted.any():
+    if not (wanted.any() and needed.any()):
         return done
     parent = bodies.parents[joint]
     # A joint moves along with its parent.
     first = limbs.filled[:, :, joint] + np.nan_to_num(bodies.filled[:, :, parent] - limbs.filled[:, :, parent])
     estimate, weight = np.full_like(first, np.nan), np.zeros((*first.shape[:2], 1))
-    for problem in limbs.problems(joint, _MOST):
+    for problem in limbs.problems(joint, _MOST, wanted, needed):
         at = problem.gap.frames, problem.gap.person
-        predicted = _predict(problem, kernels) if wanted[at].any() else None
+        predicted = _predict(problem, kernels)
+        yield _COST
         if predicted is not None:
             offset, weight[at] = predicted
             turned = np.einsum("fij,fj->fi", bodies.world_from_body[at], offset)

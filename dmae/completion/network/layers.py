@@ -41,8 +41,8 @@ class ContextCode(nn.Module):
         super().__init__()
         self.joint = None if config.no_joint else FourierCode(1, channels, config.joint_sigma)
         self.time = None if config.no_time else FourierCode(1, channels, config.time_sigma)
-        self.register_buffer("t", torch.linspace(0, 1, frames).repeat_interleave(joints)[:, None], persistent=False)
-        self.register_buffer("j", torch.linspace(0, 1, joints).repeat(frames)[:, None], persistent=False)
+        self.register_buffer("t", torch.linspace(0, 1, frames)[:, None, None], persistent=False)
+        self.register_buffer("j", torch.linspace(0, 1, joints)[:, None], persistent=False)
 
     def forward(self) -> Tensor | float:
         code = 0.0
@@ -50,7 +50,8 @@ class ContextCode(nn.Module):
             code = code + self.joint(self.j)
         if self.time is not None:
             code = code + self.time(self.t)
-        return code
+        # Of each joint and of each frame the code is computed once, then repeated.
+        return code.expand(len(self.t), len(self.j), -1).flatten(0, 1) if isinstance(code, Tensor) else code
 
 
 class Attention(nn.Module):

@@ -1,7 +1,8 @@
 """The size of bodies: worlds in which a body of any size is as large as a person.
 
-The lengths of configurations and methods are those of people. Bodies of other sizes are brought to that size, and their
-poses back. Accelerations and durations are not: animals of all sizes reach about the same accelerations.
+The lengths of configurations and methods are those of people. Bodies of other sizes are scaled to that size, and their
+poses are scaled back. Accelerations and durations are not scaled: animals of all sizes reach about the same
+accelerations.
 """
 
 from collections.abc import Callable
@@ -20,7 +21,7 @@ Fill = Callable[[Poses3D, float], Poses3D]
 _USUAL = 0.8
 """Quantile of the extents of poses that counts as size: bodies are bent, and rarely longer than they are."""
 _WHOLE = 0.6
-"""Share of the joints that a pose has at least; extents of fewer say little."""
+"""Smallest share of joints in a pose; extents of fewer joints are not informative."""
 _MOST = 400
 """Frames that are measured, evenly spaced."""
 
@@ -43,9 +44,8 @@ def resized_rig(rig: CameraRig, factor: float) -> CameraRig:
 
 
 def usual_size(xyz: np.ndarray) -> float | None:
-    """Return the usual distance between the two joints farthest apart of bodies (..., J, 3), m.
-
-    None where too few joints are known, or all are at one place.
+    """Return the usual distance, m, between the two joints farthest apart in bodies (..., J, 3). None if too few joints
+    are known, or all are at one place.
     """
     flat = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64)
     known = ~np.isnan(flat).any(-1)
@@ -77,8 +77,7 @@ def extent(body: np.ndarray) -> float:
 def for_any_size(fill: Fill) -> Fill:
     """Return a function that fills poses of people, and does so for bodies of any size.
 
-    Poses of other sizes are filled in a world in which they are as large as people. What is measured stays as it is, to
-    the bit.
+    Poses of other sizes are filled in a world in which they are as large as people. Measured joints do not change.
     """
 
     @wraps(fill)

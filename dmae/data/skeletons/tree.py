@@ -75,7 +75,7 @@ class Skeleton:
 
     @property
     def defined(self) -> bool:
-        """Whether it was defined by a file, and is none of this package."""
+        """Whether it was defined by a file, and is not a skeleton of this package."""
         return self.pairs is not None
 
     @cached_property

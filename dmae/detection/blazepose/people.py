@@ -18,8 +18,8 @@ _RETRIES = 5
 """Pictures in which a person that was lost is looked for where it was, and a candidate is looked at again."""
 _SETTLED, _STEADY = 0.06, 0.1
 """The answers of two passes for a new person, or for one that is followed, lie no farther apart, relative to the torso.
-Of what is no person, or of two people at once, they do. Presence alone errs both ways where people overlap or leave
-the picture: with it 93 % of the people in plain sight were found in windows and 9 of 81 others taken for people; by
+For regions without a person, or with two people, they do. Presence alone is unreliable where people overlap or leave
+the image: with it 93 % of the people in plain sight were found in windows and 9 of 81 others mistaken for people; by
 agreement 93 % and 3."""
 _FAINT = 0.3
 """Smallest presence in a pass where passes agree."""

@@ -38,7 +38,7 @@ VARIANTS = {
 _STEPS = {TableSize.small: 300, TableSize.full: 9000}
 _NOTES = (
     "The paper's network in a size that a CPU trains in minutes (64 channels, two layers; the paper has 256 and six), "
-    "trained and scored on simulated clips, since BU-Mocap is not at hand and the paper's 1000 epochs are beyond a "
+    "trained and scored on simulated clips, since BU-Mocap is not available and the paper's 1000 epochs are beyond a "
     "CPU. Half of the joints and half of the frames are masked, as in the paper.",
     "The second half of the clips is scored: masked joints within 0.2 m (recall), and their mean error. One training a "
     "row: intervals are about other moments, not about other trainings.",

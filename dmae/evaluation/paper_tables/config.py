@@ -41,8 +41,8 @@ class TableConfig:
     """Number of the table in the paper, 1 to 5."""
     data: DataConfig = field(default_factory=DataConfig)
     extra_data: list[str] = field(default_factory=list)
-    """Folders of further data sets: for tables 1, 2 and 4, simulated clips to train the paper's network and fusion,
-    whose rows are not measured without them; for tables 3 and 5, more clips."""
+    """Folders of further data sets: for tables 1, 2 and 4, simulated clips to train the paper's network and fusion
+    (without them, their rows are not measured); for tables 3 and 5, more clips."""
     capture: CaptureConfig = field(default_factory=CaptureConfig)
     protocol: str = field(default="strict", metadata={"choices": protocol})
     """How limbs are counted in the rows measured here; the others are for comparison with rows published under them."""

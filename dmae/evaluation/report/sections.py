@@ -98,7 +98,7 @@ def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> li
     """Return the joints of the clips in the player that are most likely to be off, so that a reader can review them."""
     tables = [_doubts_table(each, played[each.id]) for each in findings if each.id in played and each.doubts]
     text = (
-        "The joints that are likeliest to be off, by signs that need no truth: stated error, bones that change their "
+        "The joints that are most likely wrong, by signs that need no truth: stated error, bones that change their "
         "length, jumps, distance from detections. Choose one to see it in the player, and decide: accept, blank, or "
         "hand back to completion. Put the saved file into the folder of the clip: dmae export and dmae complete "
         "follow it."
@@ -148,7 +148,7 @@ def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:
             CaptionedFigure("Error by length of the gap: mean and 90 % quantile.", _gap_figure(groups[BY_GAP])),
             CaptionedFigure("Share of joints within an error, measured and completed ones.", _error_figure(truth)),
         ]
-    return [Section("Where it errs" if known else "What was not measured", text, tables, figures)]
+    return [Section("Errors" if known else "What was not measured", text, tables, figures)]
 
 
 def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:

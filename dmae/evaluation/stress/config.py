@@ -18,9 +18,9 @@ class StressSize(StrEnum):
     """How many levels of each axis, pairs of axes and seeds."""
 
     small = "small"
-    """Two or three levels, one pair, one seed: 45 cells a clip."""
+    """Two or three levels, one pair, one seed: 45 cells per clip."""
     full = "full"
-    """Three or four levels, four pairs, three seeds: some 280 cells a clip."""
+    """Three or four levels, four pairs, three seeds: about 280 cells per clip."""
 
 
 @dataclass(frozen=True)

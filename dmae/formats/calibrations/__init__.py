@@ -1,1 +1,1 @@
-"""ARE THE CAMERAS KNOWN? Calibration files, a file a format; `files` finds, recognises, reads and writes them."""
+"""ARE THE CAMERAS KNOWN? Calibration files, one module per format; `files` finds, recognises, reads and writes them."""

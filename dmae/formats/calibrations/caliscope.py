@@ -1,4 +1,5 @@
-"""Calibration of Caliscope: TOML, a table a camera in `cameras`, or in older projects tables `cam_0` and on."""
+"""Calibration of Caliscope: TOML, one table per camera in `cameras`, or in older projects tables `cam_0`, `cam_1`,
+..."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Calibration of Pose2Sim and anipose: TOML, a table a camera."""
+"""Calibration of Pose2Sim and anipose: TOML, one table per camera."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""C3D, the binary format of biomechanics: mm, z up, a marker a joint; written by ezc3d."""
+"""C3D, the binary format of biomechanics: mm, z up, one marker per joint; written by ezc3d."""
 
 import tempfile
 from functools import partial

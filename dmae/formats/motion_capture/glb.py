@@ -1,8 +1,8 @@
 """GLB, the binary file of glTF 2.0: animated skeletons that Blender, game engines and browsers open.
 
-Each person is a skin with a T-pose that faces z, y up, and a mesh of bones. A red octahedron at a joint says that no
-camera measured it in that frame, so that nothing predicted passes for measured; a person who is not there has size 0.
-The file is put together here, as no library that we know writes animated skins.
+Each person is a skin with a T-pose that faces z, y up, and a mesh of bones. A red octahedron marks each joint that no
+camera measured in that frame; an absent person has size 0. The file is assembled here, because no known library writes
+animated skins.
 """
 
 import json

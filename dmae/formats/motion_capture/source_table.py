@@ -16,7 +16,7 @@ _ROWS, _COLUMNS = np.triu_indices(3)
 
 
 def write_source_table(path: Path, names: Sequence[str], source: np.ndarray, first: int = 1) -> None:
-    """Write `<name>.source.csv`: measured, denoised, completed or absent, a row a frame, a column a joint.
+    """Write `<name>.source.csv`: measured, denoised, completed or absent, one row per frame, one column per joint.
 
     Args:
         path: The file that the table is about.

@@ -11,7 +11,7 @@ from dmae.formats.recordings.camera_matching import match_cameras, natural
 
 
 def with_pictures(clip: Clip, folder: Path) -> Clip:
-    """Return the clip with the pictures in the folders of a folder, one a camera, as its colour images.
+    """Return the clip with images from a folder, which has one folder per camera, as its colour images.
 
     Folders match cameras as detections do. Where a picture has the number of the clip's first frame in its name, at the
     same place in every folder, it is that frame; otherwise the first picture is frame 0, or the clip's first where
@@ -45,7 +45,7 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
     start = places.pop() if len(places) == 1 else None
     if start is None or least < start + len(clip):
         start = first if least >= first + len(clip) else 0
-        notes.append(f"the first of the {least} pictures is taken for frame {first - start}")
+        notes.append(f"the first of the {least} pictures is assumed to be frame {first - start}")
     frames = tuple(range(start, start + len(clip)))
     images = Images(folder, clip.rig.names, frames, ("rgb",), rgb="png", files=tuple(each.name for each in ordered))
     return replace(

@@ -12,7 +12,7 @@ _ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 
 
 def with_videos(clip: Clip, folder: Path) -> Clip:
-    """Return the clip with the videos of a folder, one a camera, as its colour images.
+    """Return the clip with the videos of a folder, one per camera, as its colour images.
 
     Videos match cameras as detections do. Frame n of a video, from 0 on, is the frame of detections of that number.
     Where the videos are too short for that, and long enough for the clip, their first frame is that of the clip, which
@@ -47,7 +47,7 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
         if least < len(clip):
             short = ordered[counts.index(least)]
             raise ValueError(f"{short}: expected {len(clip)} frames or more as of the detections, found {least}")
-        notes.append(f"the first frame of the videos is taken for frame {first}, as they have {least} frames")
+        notes.append(f"the first frame of the videos is assumed to be frame {first}, as they have {least} frames")
         first = 0
     images = Images(
         Path(folder),

@@ -40,4 +40,4 @@ class Confidences:
             if self.odd == 1
             else (f"{self.odd} joints have a negative or null confidence and are")
         )
-        return (f"{joints} taken for absent, first in {self.first}",)
+        return (f"{joints} treated as absent, first in {self.first}",)

@@ -61,7 +61,7 @@ def guess_skeleton(
         return candidates[0], ()
     wrong = " or ".join(skeleton.name for skeleton in candidates if skeleton != candidates[best])
     return candidates[best], (
-        f"people of {xy.shape[1]} joints are taken for {candidates[best].name}, not {wrong}: its bones are "
+        f"people of {xy.shape[1]} joints are assumed to be {candidates[best].name}, not {wrong}: its bones are "
         f"{margin:.1f} times shorter, in {votes[best]} of {count} people that show enough joints; data.skeleton "
         "overrides",
     )

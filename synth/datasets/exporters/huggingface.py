@@ -1,4 +1,4 @@
-"""Hugging Face `datasets`: an image folder a split, with `metadata.jsonl`."""
+"""Hugging Face `datasets`: one image folder per split, with `metadata.jsonl`."""
 
 import shutil
 from collections import Counter
@@ -15,8 +15,8 @@ PERSONS = (
     "track_id", "bbox", "bbox_of", "area", "keypoints", "xyz", "segmentation", "visibility", "hidden_by",
     "visible_pixels", "amodal_pixels", "amodal_segmentation", "amodal_bbox", *KEYS,
 )  # fmt: skip
-"""Keys of `persons`, as in COCO's annotations: each a list, an entry a person. What a clip does not have is left out: a
-column of nothing but null has no type."""
+"""Keys of `persons`, as in COCO's annotations: each a list with one entry per person. Keys that a clip does not have
+are left out, because a column of nulls has no type."""
 
 
 @exporter("huggingface")

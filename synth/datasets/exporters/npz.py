@@ -16,7 +16,7 @@ from synth.labels.physical_labels import FILE, PhysicalLabels, load_physical_lab
 
 @exporter("npz", pictures=False, skeleton="body25")
 def export_npz(selection: Selection, out: Path) -> dict[str, Counter]:
-    """One numpy file a clip: cameras, joints, visibility, and physical labels where there are any."""
+    """One numpy file per clip: cameras, joints, visibility, and physical labels if there are any."""
     found = {split: Counter() for split in selection.splits}
     for task, counts in selection.each_clip(_write_clip, out):
         found[task.split] += counts

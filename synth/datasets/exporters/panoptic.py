@@ -20,7 +20,7 @@ PHYSICS = "physics.npz"
 
 @exporter("panoptic", pictures=False, skeleton="panoptic19", only=True)
 def export_panoptic(selection: Selection, out: Path) -> dict[str, Counter]:
-    """A folder a clip as CMU Panoptic has them: calibration, poses in 3D, and pictures where there are any."""
+    """One folder per clip in the layout of CMU Panoptic: calibration, poses in 3D, and images if there are any."""
     found = {split: Counter() for split in selection.splits}
     for task, counts in selection.each_clip(_write_clip, out):
         found[task.split] += counts

@@ -125,7 +125,7 @@ class Selection:
 
 
 def write_lines(path: Path, lines: list[dict]) -> None:
-    """Write JSON, one object a line."""
+    """Write JSON, one object per line."""
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 

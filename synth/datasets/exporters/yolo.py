@@ -1,4 +1,5 @@
-"""YOLO pose, as Ultralytics reads it: `data.yaml`, `images/<split>/` and a text file a picture in `labels/<split>/`."""
+"""YOLO pose, as Ultralytics reads it: `data.yaml`, `images/<split>/`, and one text file per image in
+`labels/<split>/`."""
 
 from collections import Counter
 from pathlib import Path
@@ -15,7 +16,7 @@ _KEYS = {"train": "train", "validation": "val", "test": "test"}
 
 @exporter("yolo", validation=True)
 def export_yolo(selection: Selection, out: Path) -> dict[str, Counter]:
-    """YOLO pose: a line a person of class, box and joints, as fractions of the picture."""
+    """YOLO pose: one line per person with class, box and joints, as fractions of the image."""
     found = {split: Counter() for split in selection.splits}
     for task, counts in selection.each_clip(_write_clip, out):
         found[task.split] += counts

@@ -119,7 +119,7 @@ def measure(data: Path | list[Path], *, workers: int = 1) -> Statistics:
         workers: Processes; -1 for one per core.
 
     Raises:
-        FileNotFoundError: neither a clip nor a data set is there.
+        FileNotFoundError: there is neither a clip nor a data set.
         ValueError: a clip is damaged, or clips are of different skeletons.
     """
     each = data if isinstance(data, list) else [data]

@@ -28,7 +28,7 @@ def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statist
         workers: Processes; -1 for one per core.
 
     Raises:
-        FileNotFoundError: neither a clip nor a data set is there.
+        FileNotFoundError: there is neither a clip nor a data set.
         ValueError: the folder holds something else, or a clip is damaged.
     """
     data, out = [Path(path) for path in (data if isinstance(data, list) else [data])], Path(out)

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
-from dmae.numerics.interpolation import hold, linear, pchip, surrounding_frames, take_samples
+from dmae.numerics.interpolation import hold, linear, local_parabola, pchip, surrounding_frames, take_samples
 
 
 @settings(max_examples=60, deadline=None)
@@ -62,3 +62,11 @@ def test_surrounding_frames():
     taken = take_samples(values, far, column)[..., 0]
     assert taken[:, 2].tolist() == [1, 2, 8, 9]
     assert np.isnan(taken[0, 1])
+
+
+def test_some_frames_are_smoothed_as_in_the_whole_recording():
+    rng = np.random.default_rng(0)
+    values = np.where(rng.random((60, 4, 1)) < 0.2, np.nan, rng.normal(size=(60, 4, 3)))
+    whole = local_parabola(values, 2.5)
+    np.testing.assert_array_equal(local_parabola(values, 2.5, slice(20, 33)), whole[20:33])
+    assert np.nanmax(np.abs(whole - values)) > 0.1

@@ -60,7 +60,7 @@ def test_a_ceiling_holds_cameras_below_it(tmp_path):
     ("things", "config", "message"),
     [
         ("", MountConfig(), r"room.xml has no walls .* set mount.walls=\[\]"),
-        ("", MountConfig(walls=[]), r"no walls, so that it ends nowhere.*mount.area"),
+        ("", MountConfig(walls=[]), r"no walls, so that its extent is unknown.*mount.area"),
         (CUPBOARD, MountConfig(), "no walls"),
         (WALLS, MountConfig(walls=[2.0, 4.0]), r"mount.walls=\[2.0, 4.0\]: room.xml is (2.9\d|3.00) m high"),
         (WALLS, MountConfig(tripods=[1.0, 5.0]), "mount.tripods.* m high"),

@@ -11,7 +11,7 @@ from dmae.evaluation.corruption.registry import corruption
 def edges(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """Joints outside the image, % of the detected joints.
 
-    The images of all cameras are cut on all four sides, by the same share of their size, until so many joints are
+    The images of all cameras are cut on all four sides, by the same share of their size, until this share of joints is
     outside. Nothing is drawn at random.
     """
     half = clip.rig.size[:, None, None] / 2

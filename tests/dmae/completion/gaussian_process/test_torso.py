@@ -5,9 +5,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dmae.completion.gaussian_process.kernels import Exactness, shipped_kernels
+from dmae.completion.gaussian_process.steps import finished
 from dmae.completion.gaussian_process.torso import Torsos
 from dmae.completion.methods.gaussian_process import fill_gaussian_process
-from dmae.completion.methods.gaussian_process_learned import fill_gaussian_process_learned, fill_with
+from dmae.completion.methods.gaussian_process_learned import (
+    fill_both,
+    fill_gaussian_process_learned,
+    fill_with,
+)
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.numerics import body_frame
@@ -101,3 +106,19 @@ def test_noisy_poses_are_filled_as_by_one_kernel():
 def test_kernels_of_hips_and_shoulders_are_shipped(exactness):
     for name in ("neck-mid_hip", "neck-l_hip", "neck-l_shoulder"):
         assert (name, exactness) in shipped_kernels().kernels
+
+
+def test_frames_asked_for_are_filled_as_in_the_whole_recording():
+    """Through gaps that end before, overlap, or reach into gaps of joints that hang from them."""
+    truth = circling_people(200, 2, rng=np.random.default_rng(2))
+    given = without(truth, slice(20, 40), 0, [WRIST])
+    for frames, joints in ((slice(95, 130), [ELBOW]), (slice(120, 150), [WRIST]), (GAP, HIPS)):
+        given = without(given, frames, 0, joints)
+    asked = slice(140, 160)
+    plain, learned = finished(fill_both(given, FPS, asked))
+    whole = fill_gaussian_process_learned(given, FPS)
+    np.testing.assert_array_equal(plain.xyz, fill_gaussian_process(given, FPS).xyz)
+    np.testing.assert_array_equal(learned.xyz[asked], whole.xyz[asked])
+    hidden = ~given.measured[asked]
+    assert (learned.xyz[asked] != plain.xyz[asked])[hidden].any()
+    assert not np.array_equal(learned.xyz[20:40], whole.xyz[20:40]), "that gap is left to the plain process"

@@ -70,6 +70,6 @@ def test_another_clip_is_refused_with_its_name_and_the_likely_reason(clip: Clip,
 
 def test_frozen_checksums_are_not_written_over(clip: Clip, frozen):
     before = frozen.read_text()
-    with pytest.raises(ValueError, match="frozen checksums stay"):
+    with pytest.raises(ValueError, match="stored checksums are not overwritten"):
         freeze({"1_self/a/000000": moved(clip, 1)}, frozen)
     assert frozen.read_text() == before

@@ -37,7 +37,7 @@ def test_of_many_clips_the_worst_are_in_the_player_and_all_in_the_table(tmp_path
     dmae.report(clips, tmp_path / "report.html", title="Five")
     assert [each["id"] for each in players(tmp_path / "report.html")] == ["bad", "worse"]
     text = (tmp_path / "report.html").read_text()
-    assert "<h1>Five</h1>" in text and "The player holds 2 of them" in text
+    assert "<h1>Five</h1>" in text and "The player contains 2 of them" in text
     assert all(each.id in text for each in clips)
     assert "5 clips: 150 frames" in text and "1 clip is not captured yet" in text
 

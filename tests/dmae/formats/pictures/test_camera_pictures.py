@@ -37,7 +37,7 @@ def test_pictures_without_the_numbers_of_the_frames_are_noted(tmp_path):
     write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=100)
     pictures = write_pictures(tmp_path / "pictures", range(4), size=(300, 480), name="p{}.jpg")
     clip = dmae.read(tmp_path / "rec", fps=25, images=pictures)
-    assert any("the first of the 4 pictures is taken for frame 100" in note for note in clip.provenance["notes"])
+    assert any("the first of the 4 pictures is assumed to be frame 100" in note for note in clip.provenance["notes"])
     assert any("has [480, 300] px, the calibration says" in note for note in clip.provenance["notes"])
 
 

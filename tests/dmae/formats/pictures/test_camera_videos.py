@@ -37,7 +37,7 @@ def test_videos_that_begin_with_the_clip_or_have_another_size_are_noted(tmp_path
     videos = write_videos(tmp_path / "videos", frames=4, size=(600, 952), name="Cam_{}.mp4")
     clip = dmae.read(tmp_path / "rec", fps=25, videos=videos)
     notes = clip.provenance["notes"]
-    assert "the first frame of the videos is taken for frame 100, as they have 4 frames" in notes
+    assert "the first frame of the videos is assumed to be frame 100, as they have 4 frames" in notes
     assert any("has pictures of [952, 600] px, the calibration says [960, 600]" in note for note in notes)
     assert clip.images.at("rgb", "cam0", 2).mean() == pytest.approx(16, abs=3)
 

@@ -30,7 +30,7 @@ def test_negative_and_null_confidences_are_absent_and_said(tmp_path, format, con
     observed = clip.detections.observed.sum() - read.detections.observed.sum()
     assert observed == 1
     (note,) = [note for note in read.provenance["notes"] if "confidence" in note]
-    assert "1 joint has a negative or null confidence and is taken for absent" in note
+    assert "1 joint has a negative or null confidence and is treated as absent" in note
     assert file.name in note
 
 

@@ -48,7 +48,7 @@ def test_cameras_match_by_name_number_or_order_and_it_is_said(names, calibrated,
         (["cam1", "cam2"], ["cam1"], "cam2 has none"),
         (["cam1", "cam3"], ["cam1", "cam2"], "cam3 has none"),
         (["v1", "v2"], ["c1", "c2", "c3"], "expected a calibration of each camera"),
-        (["v1", "v2", "v4"], ["c1", "c2", "c3"], "numbered alike"),
+        (["v1", "v2", "v4"], ["c1", "c2", "c3"], "with the same numbers"),
         (["cam1", "cam_1"], ["cam1", "cam2"], "different cameras"),
     ],
 )

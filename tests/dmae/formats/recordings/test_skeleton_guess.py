@@ -31,7 +31,7 @@ def test_few_people_are_enough_and_the_margin_is_stated(skeleton):
     assert guessed == skeleton
     if skeleton == BODY25B:
         (note,) = notes
-        assert "taken for body25b, not body25: its bones are " in note and "data.skeleton overrides" in note
+        assert "assumed to be body25b, not body25: its bones are " in note and "data.skeleton overrides" in note
         assert float(note.split("its bones are ")[1].split()[0]) > 1.5
 
 

@@ -171,7 +171,7 @@ def test_a_world_with_z_up_can_be_given(tmp_path):
 
 def test_a_unit_can_be_given_for_giants(tmp_path):
     path = bvh(tmp_path / "take.bvh", [{"lShldr": (-80, 0, 0)}] * 20, scale=5)
-    with pytest.raises(ValueError, match=r"if it is right, give motion\.unit"):
+    with pytest.raises(ValueError, match=r"if it is correct, give motion\.unit"):
         read_take(path)
     motion = read_take(path, unit=0.2)
     assert "units of 0.2 m" in motion.name
