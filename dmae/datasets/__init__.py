@@ -1,4 +1,4 @@
-"""What do I train on? Data sets for torch: clips, windows of motion, and images, read on access."""
+"""What do I train on? Torch data sets of clips, windows of motion, and images. Items are read on demand."""
 
 from dmae.datasets.clips import ClipDataset as ClipDataset
 from dmae.datasets.frames import FrameDataset as FrameDataset

@@ -16,22 +16,23 @@ from dmae.files.structured import read_json
 
 ARRAYS, META = "arrays.safetensors", "clip.json"
 _DAMAGED = (SafetensorError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError)
-"""Errors of reading a clip with damaged JSON or arrays."""
+"""Errors that reading a clip raises if its JSON or its arrays are damaged."""
 _OPEN = 32
-"""Files that a process keeps open. They are memory-mapped: only the requested data is read."""
+"""Number of files that a process keeps open. They are memory-mapped: only the requested frames are read."""
 
 
 @dataclass(frozen=True)
 class ClipFile:
-    """A clip on disk, of which only sizes and names were read.
+    """A clip on disk. Only its sizes and names have been read.
 
     Attributes:
-        folder: Of the clip.
-        frames: F.
-        cameras: V names.
-        persons: By `truth` and `poses`, their P, where the clip has them.
-        skeletons: By the same, their skeletons as `dmae.data.skeletons.definition.encode` gives them.
-        kinds: Kinds of its images.
+        folder: Folder of the clip.
+        frames: Number of frames, F.
+        cameras: Names of the V cameras.
+        persons: Number of persons P of `truth` and of `poses`, by that name, if the clip has them.
+        skeletons: Skeletons of `truth` and of `poses`, by that name, as `dmae.data.skeletons.definition.encode`
+            returns them.
+        kinds: Kinds of images of the clip.
     """
 
     folder: Path
@@ -42,10 +43,10 @@ class ClipFile:
     kinds: tuple[str, ...]
 
     def read(self, start: int = 0, stop: int | None = None, view: int | None = None) -> Clip:
-        """Return frames `start` to `stop`, of all views or of one.
+        """Return frames `start` to `stop` (excluded) of all views, or of one view.
 
-        `provenance["first_frame"]` is moved on. The checksum covers all frames, so it is not compared here: `synth
-        verify` does that.
+        `provenance["first_frame"]` is increased accordingly. The checksum of the arrays is not checked, because it
+        covers all frames. `synth verify` checks it.
 
         Raises:
             ValueError: a file is damaged; the message names it.
@@ -68,12 +69,12 @@ class ClipFile:
         return clip if view is None else clip.select(views=[view])
 
     def person(self, of: str, person: int, start: int, stop: int) -> Poses3D:
-        """Return frames `start` to `stop` of one person of `truth` or `poses`, without covariance and rays.
+        """Return frames `start` to `stop` (excluded) of one person of `truth` or `poses`, without covariance and rays.
 
-        `views` of truth are the cameras that see a joint, where the clip has labels of visibility.
+        For the truth, `views` are the cameras that see a joint, if the clip has visibility labels.
 
         Raises:
-            ValueError: as `read`.
+            ValueError: a file is damaged; the message names it.
         """
         path = self.folder / ARRAYS
         try:
@@ -92,7 +93,7 @@ class ClipFile:
 
 
 def clip_files(path: Path) -> Iterator[ClipFile]:
-    """Yield the clips of a data set, or the clip, at a path; only the heads of the files are read.
+    """Yield the clips of the data set at a path, or the single clip there. Only the file headers are read.
 
     Raises:
         FileNotFoundError: the path is neither a clip nor a data set, or a clip of its manifest is missing.

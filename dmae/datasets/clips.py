@@ -11,16 +11,16 @@ from dmae.data.store import clip_folders, load_clip
 
 
 class ClipDataset(Dataset):
-    """The clips of a data set. A clip is read, and its checksum compared, on access.
+    """The clips of a data set. A clip is read, and its checksum is checked, when the item is requested.
 
         loader = DataLoader(ClipDataset("runs/data"), batch_size=None, num_workers=2)
 
     Args:
-        path: The data set, or a clip.
-        transform: Function of a clip; by default none, and `batch_size=None` returns clips.
+        path: Path of a data set or of a clip.
+        transform: Function that is applied to each clip. Without one the items are clips: use `batch_size=None`.
 
     Raises:
-        FileNotFoundError: there is neither a clip nor a data set.
+        FileNotFoundError: the path is neither a clip nor a data set.
     """
 
     def __init__(self, path: str | Path, transform: Callable[[Clip], Any] | None = None):

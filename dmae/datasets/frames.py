@@ -1,4 +1,4 @@
-"""A data set of images with the persons in them."""
+"""A data set of images with labels of the persons in them."""
 
 from pathlib import Path
 from typing import TypedDict
@@ -15,44 +15,44 @@ from dmae.formats.labelled_images.pictures import PersonLabel, label_persons
 
 
 class Target(TypedDict, total=False):
-    """The N persons that an image shows, in the format of torchvision's detectors."""
+    """Labels of the N persons in an image, in the format of torchvision's detectors."""
 
     boxes: Tensor
-    """(N, 4) float32 left, top, right, bottom, px."""
+    """(N, 4) float32: left, top, right, bottom, px."""
     labels: Tensor
     """(N,) int64, all 1: a person."""
     keypoints: Tensor
-    """(N, J, 3) float32 x, y px and COCO's v; zeros where a joint is not in the image."""
+    """(N, J, 3) float32: x and y, px, and COCO's visibility flag v; zeros where a joint is not in the image."""
     visibility: Tensor
-    """(N, J) uint8 `Visibility`; without labels of it there is none."""
+    """(N, J) uint8 `Visibility`; missing if the clip has no visibility labels."""
     masks: Tensor
-    """(N, H, W) bool visible pixels; with `masks=True`."""
+    """(N, H, W) bool, True for visible pixels of the person; only with `masks=True`."""
     area: Tensor
     """(N,) float32 px."""
     persons: Tensor
-    """(N,) int64 indices in the clip."""
+    """(N,) int64 indices of the persons in the clip."""
     image_id: int
-    """Index in the data set."""
+    """Index of the image in the data set."""
 
 
 class FrameDataset(Dataset):
-    """Single images of the cameras of a data set, with boxes, joints and masks of the persons in them.
+    """Single camera images of a data set, with boxes, joints and masks of the persons in them.
 
         frames = FrameDataset("runs/data", skeleton="coco17")
         loader = DataLoader(frames, batch_size=8, shuffle=True, num_workers=2, collate_fn=frames.collate)
         for images, targets in loader: model(images, targets)
 
-    For an item, only one image and the labels of one frame are read. A video is decoded from the keyframe before.
+    An item reads only one image and the labels of one frame. A video is decoded from the previous keyframe on.
 
     Args:
-        path: The data set, or a clip; its clips have images of colour and truth.
-        skeleton: Skeleton of the joints.
-        every: 2 for every other frame.
-        masks: Whether targets have masks, which need images of ids.
+        path: Path of a data set or of a clip. The clips must have colour images and truth.
+        skeleton: Name of the skeleton of the joints.
+        every: Step between frames: 2 takes every second frame.
+        masks: Whether targets have masks. Masks need id images.
 
     Raises:
-        FileNotFoundError: there is neither a clip nor a data set.
-        ValueError: a clip lacks truth or images; the message names it.
+        FileNotFoundError: the path is neither a clip nor a data set.
+        ValueError: a clip has no truth or no images; the message names the clip.
         KeyError: there is no such skeleton.
     """
 
@@ -77,10 +77,10 @@ class FrameDataset(Dataset):
         return int(self._ends[-1]) if len(self._ends) else 0
 
     def place(self, index: int) -> tuple[int, int, int]:
-        """Return number of the clip, index of the camera and index of the frame of a picture.
+        """Return the number of the clip, the index of the camera and the index of the frame of an image.
 
         Raises:
-            IndexError: there is no such picture.
+            IndexError: there is no image with this index.
         """
         if not -len(self) <= index < len(self):
             raise IndexError(f"picture {index}: there are {len(self)}")
@@ -91,7 +91,7 @@ class FrameDataset(Dataset):
         return clip, view, frame * self.every
 
     def __getitem__(self, index: int) -> tuple[Tensor, Target]:
-        """Return an image (3, H, W) uint8, and its annotations."""
+        """Return an image (3, H, W) uint8 and its labels."""
         number, view, frame = self.place(index)
         clip = self.files[number].read(frame, frame + 1, view)
         (camera,) = clip.rig.names
@@ -129,6 +129,6 @@ class FrameDataset(Dataset):
 
     @staticmethod
     def collate(items: list[tuple[Tensor, Target]]) -> tuple[list[Tensor], list[Target]]:
-        """Return a batch as lists: images differ in size and number of persons."""
+        """Return a batch as lists, because images differ in size and in the number of persons."""
         images, targets = zip(*items, strict=True)
         return list(images), list(targets)

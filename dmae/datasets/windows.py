@@ -15,16 +15,16 @@ from dmae.datasets.clip_files import ClipFile, clip_files
 
 
 class Window(TypedDict):
-    """One person for T frames, J joints; torch never sees NaN."""
+    """One person with J joints over T frames. It contains no NaN."""
 
     xyz: Tensor
-    """(T, J, 3) float32, m, world; zeros where absent."""
+    """(T, J, 3) float32, m, world; zeros where a joint is absent."""
     observed: Tensor
-    """(T, J) bool, True where the joint is known: `completed` ones are."""
+    """(T, J) bool, True where the joint is known, completed joints included."""
     source: Tensor
     """(T, J) uint8 `Source`."""
     views: Tensor
-    """(T, J) uint8 number of cameras: of labelled truth those that see the joint, of poses those that measured it."""
+    """(T, J) uint8 number of cameras that see the joint (labelled truth) or that measured it (poses)."""
     clip: int
     """Number of the clip in `WindowDataset.files`."""
     person: int
@@ -34,22 +34,22 @@ class Window(TypedDict):
 
 
 class WindowDataset(Dataset):
-    """Windows of each person of each clip; only the frames of a window are read.
+    """Windows of each person in each clip. Only the frames of the requested window are read.
 
         windows = WindowDataset("runs/data", frames=30, every=15, skeleton="body25")
         loader = DataLoader(windows, batch_size=64, shuffle=True, num_workers=2)
 
     Args:
-        path: The data set, or a clip.
-        frames: T. Clips with fewer have no window.
-        every: Frames from the start of one window to that of the next.
-        of: `truth`, or `poses`, captured or completed ones.
-        skeleton: Skeleton of the joints; by default the first of the clip's.
+        path: Path of a data set or of a clip.
+        frames: Number of frames T of a window. Shorter clips have no window.
+        every: Number of frames from the start of one window to the start of the next.
+        of: `truth` for the true poses, `poses` for the captured or completed poses.
+        skeleton: Name of the skeleton of the joints; by default the first skeleton of the clip.
 
     Raises:
-        FileNotFoundError: there is neither a clip nor a data set.
-        ValueError: no clip has such poses in enough frames, or a number is below 1.
-        KeyError: there is no such skeleton.
+        FileNotFoundError: the path is neither a clip nor a data set.
+        ValueError: no clip has these poses in enough frames, or a number is below 1.
+        KeyError: there is no skeleton of this name.
     """
 
     def __init__(
@@ -78,10 +78,10 @@ class WindowDataset(Dataset):
         return int(self._ends[-1])
 
     def place(self, index: int) -> tuple[int, int, int]:
-        """Return number of the clip, person and first frame of a window.
+        """Return the number of the clip, the index of the person and the first frame of a window.
 
         Raises:
-            IndexError: there is no such window.
+            IndexError: there is no window with this index.
         """
         if not -len(self) <= index < len(self):
             raise IndexError(f"window {index}: there are {len(self)}")
@@ -92,7 +92,7 @@ class WindowDataset(Dataset):
         return clip, person, start * self.every
 
     def clip(self, index: int) -> Clip:
-        """Return all that is known of the frames of a window: cameras, detections, labels, all persons."""
+        """Return the frames of a window as a clip, with cameras, detections, labels and all persons."""
         clip, _, start = self.place(index)
         return self.files[clip].read(start, start + self.frames)
 

@@ -1,1 +1,1 @@
-"""Where does it break: methods scored over clips and camera subsets."""
+"""Evaluation: score methods over clips and camera subsets, corrupt clips, and report the results."""

@@ -1,4 +1,4 @@
-"""What `dmae evaluate` scores, and how."""
+"""Configuration of `dmae evaluate`."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -86,5 +86,5 @@ class EvaluateConfig:
             raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
 
     def numbers(self, total: int) -> range:
-        """Return the numbers of the clips to score, of all clips of the data set."""
+        """Return the numbers of the clips to score, out of the `total` clips of the data set."""
         return numbers_of(total, self.first, self.clips, self.shard)

@@ -18,29 +18,30 @@ from dmae.progress import duration, progress
 Methods = dict[str, Callable[[Poses3D, float], Poses3D]]
 """Functions that fill poses, by name."""
 _TRIED = 50
-"""Frames of a clip that a forecast scores."""
+"""Number of frames of a clip that a forecast scores."""
 
 
 def evaluate(config: EvaluateConfig) -> dict:
-    """Apply every method to every clip, captured with every subset of cameras or with synthetic gaps, and score it.
+    """Score every method on every clip, captured with every subset of cameras or with synthetic gaps.
 
-    Poses are compared on `skeleton`, or else on that of the truth; of a fused one (`body25+shelf14`) on its second
-    part. With synthetic gaps (`input`) or `reference=capture` they are compared on the skeleton of the detections, if
-    the truth has it. Scores are averaged over clips, then over subsets. Errors by length of gap are over the joints
-    that all methods but `measured` filled, so that no method gains by leaving out difficult ones.
+    Poses are compared on `skeleton`, or by default on the skeleton of the truth. If that is a fused one
+    (`body25+shelf14`), they are compared on its second part. With synthetic gaps (`input`) or `reference=capture` they
+    are compared on the skeleton of the detections, if the truth has it. Scores are averaged over clips, then over
+    subsets. Errors by length of gap count only the joints that all methods except `measured` filled, so that no method
+    gains by leaving out difficult joints.
 
     Returns:
-        JSON-able; None stands for a score of nothing. `recording`; `skeleton`; `poses`, the input in words; `results`,
-        one entry for each method and number of views (0 with synthetic gaps): `method`, `views`, `mean` of the scores,
-        `intervals` (95 %, over blocks of time, of `pcp`, %, of `mpjpe` and `hidden`, mm, and of `recall`, %, of the
-        hidden joints),
-        `worst` (`pcp` and `cameras` of the subset with the lowest PCP) and `runs`, the scores of each clip and subset,
-        as `score` returns them. `options` and `clips` say what the scores are of, see `dmae.evaluation.scored_data`.
+        JSON-able. None stands for a score without data. The entries are `recording`; `skeleton`; `poses`, the input in
+        words; `options` and `clips`, which identify the scored data, see `dmae.evaluation.scored_data`; and `results`,
+        with one entry for each method and number of views (0 with synthetic gaps): `method`; `views`; `mean` of the
+        scores; `intervals` (95 %, over blocks of time) of `pcp`, %, of `mpjpe` and `hidden`, mm, and of `recall` of the
+        hidden joints, %; `worst` (`pcp` and `cameras` of the subset with the lowest PCP); and `runs`, the scores of
+        each clip and subset as `score` returns them.
 
     Raises:
-        ValueError: a clip has no truth, there are no clips or methods, no such method or number of views, options
-            exclude each other, or poses made elsewhere do not fit their clip.
-        FileNotFoundError: there are no such poses.
+        ValueError: a clip has no truth, there are no clips or methods, a method or number of views does not exist,
+            options exclude each other, or poses made elsewhere do not fit their clip.
+        FileNotFoundError: the poses made elsewhere do not exist.
     """
     methods, clips = _methods(config), _clips(config)
     alone = config.workers == 1 and config.backend == Backend.loky
@@ -68,7 +69,7 @@ def evaluate(config: EvaluateConfig) -> dict:
 
 @dataclass(frozen=True)
 class _Scored:
-    """The scores of a clip: entries by method and number of views, facts about it, and what they were compared on."""
+    """The scores of a clip by method and number of views, facts about it, and the skeleton of the comparison."""
 
     id: str
     facts: dict
@@ -77,7 +78,7 @@ class _Scored:
 
 
 def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], methods: Methods | None, shown: bool) -> _Scored:
-    """Return the scores of the only one of the clips; methods that are None are loaded, once a process."""
+    """Return the scores of the single clip in `clips`. If `methods` is None, load them once per process."""
     entries, facts = [], None
     for trial, filled in filled_trials(clips, config, _loaded(config) if methods is None else methods, shown=shown):
         facts = facts or scored_clip(trial.clip)
@@ -92,13 +93,13 @@ def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], methods: Methods 
 
 
 def forecast(config: EvaluateConfig) -> str:
-    """Return what `evaluate` takes, as a short piece of some clips shows; raises as it does."""
+    """Return an estimate of the time that `evaluate` takes, from short pieces of some clips. Raises as `evaluate`."""
     methods, clips = _methods(config), _clips(config)
     chosen = sorted({0, len(clips) // 2, len(clips) - 1})
     seconds, frames, lengths = 0.0, 0, []
     for index in chosen:
         clip = clips[index]
-        # Poses made elsewhere are of whole clips.
+        # Poses made elsewhere cover whole clips.
         piece = clip if config.poses else clip.select(frames=range(min(_TRIED, len(clip))))
         one = clips.part(range(clips.numbers[index], clips.numbers[index] + 1)) if config.poses else [piece]
         start = time.perf_counter()
@@ -124,7 +125,7 @@ def _methods(config: EvaluateConfig) -> Methods:
 
 
 _in_this_process: dict[tuple, Methods] = {}
-"""The methods that a worker has loaded."""
+"""The methods that this process has loaded."""
 
 
 def _loaded(config: EvaluateConfig) -> Methods:
@@ -136,10 +137,10 @@ def _loaded(config: EvaluateConfig) -> Methods:
 
 
 def load_methods(config: EvaluateConfig) -> Methods:
-    """Return the functions of the methods by name.
+    """Return the functions of the methods, by name.
 
     Raises:
-        ValueError: there are none, or one is unknown.
+        ValueError: the configuration has no methods, or a method is unknown.
     """
     if not config.methods:
         raise ValueError(f"methods=[]: expected some of {[*completion_method]}")

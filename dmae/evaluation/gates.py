@@ -1,4 +1,4 @@
-"""Gates: whether scores are worse than a baseline, by more than other moments of the same clips would explain."""
+"""Gates: check whether scores are worse than a baseline by more than the variation over time explains."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from dmae.metrics.registry import metrics
 from dmae.metrics.time_blocks import FIGURES, block_sums
 
 _SMALLEST = 0.05
-"""% or mm; smaller changes are not printed, and may be those of another processor."""
+"""% or mm. Smaller changes are not printed; another processor can cause them."""
 _JUDGED = {
     "pcp": ("strict PCP", "%", 1),
     "mpjpe": ("MPJPE", "mm", -1),
     "hidden": ("MPJPE of hidden joints", "mm", -1),
     "recall": ("recall of hidden joints", "%", 1),
 }
-"""Name, unit, and 1 where more is better or -1 where less is."""
+"""Name and unit of each figure, and 1 if larger is better or -1 if smaller is better."""
 _PLACES = {"pcp": ("pcp",), "mpjpe": ("mpjpe", "all"), "hidden": ("hidden", "mpjpe"), "recall": ("hidden", "recall")}
 """Where the mean of each figure is in `scores.json`."""
 _AGAIN = "make them again with this version: dmae evaluate ... out=FOLDER"
@@ -26,13 +26,13 @@ _AGAIN = "make them again with this version: dmae evaluate ... out=FOLDER"
 
 @dataclass(frozen=True)
 class Change:
-    """One figure of one method and number of views, before and after.
+    """One figure of one method and number of views, in the baseline and in the new scores.
 
     Attributes:
-        method: Name.
+        method: Name of the method.
         views: Number of views; 0 with synthetic gaps.
         figure: One of `dmae.metrics.time_blocks.FIGURES`.
-        old, new: The figure of the baseline and of the scores, in its unit.
+        old, new: The figure in the baseline and in the new scores, in its unit.
         low, high: 95 % interval of `new - old` over the same blocks of time.
     """
 
@@ -72,12 +72,12 @@ class Change:
 
 @dataclass(frozen=True)
 class Gate:
-    """The verdict on scores compared with a baseline.
+    """The result of comparing scores with a baseline.
 
     Attributes:
-        changes: Of all figures that could be compared.
-        refused: Figures that could not, and why.
-        notes: What is new, and what changed that has no interval and so is not judged.
+        changes: Changes of all figures that could be compared.
+        refused: Figures that could not be compared, with reasons.
+        notes: New figures, and changed figures that have no interval and are therefore not judged.
     """
 
     changes: tuple[Change, ...]
@@ -104,7 +104,7 @@ class Gate:
 
 
 def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ()) -> None:
-    """Raise ValueError where scores made with `options` could not be compared with a baseline at all.
+    """Raise ValueError if scores made with `options` cannot be compared with a baseline.
 
     Args:
         baseline: Content of the `scores.json` that `dmae evaluate` wrote.
@@ -124,16 +124,16 @@ def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ())
 def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) -> Gate:
     """Compare scores with those of a baseline, figure by figure, over the same blocks of time.
 
-    A figure is worse, or better, where the 95 % interval of its difference excludes zero and the difference is large
+    A figure is worse, or better, if the 95 % interval of its difference excludes zero and the difference is large
     enough to be printed.
 
     Args:
-        baseline: What `dmae.evaluation.evaluate.evaluate` returned before, or its JSON.
-        scores: What it returned now.
+        baseline: Earlier result of `dmae.evaluation.evaluate.evaluate`, or its JSON.
+        scores: New result of the same function.
         changed: Names of options, or of groups of them, that differ on purpose.
 
     Raises:
-        ValueError: the scores are of other options, skeleton or clips, or of a version that kept no sums by time.
+        ValueError: options, skeleton or clips differ, or the baseline is of a version that did not store sums by time.
     """
     _check_content(scores, "scores")
     check_baseline(baseline, scores["options"], changed)
@@ -163,7 +163,7 @@ def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) 
 
 
 def _check_content(scores: dict, what: str) -> None:
-    """Raise ValueError where scores are not what `dmae evaluate` writes, or of a version that wrote less."""
+    """Raise ValueError if scores are not output of `dmae evaluate`, or are of a version that wrote fewer entries."""
     results = scores.get("results") if isinstance(scores, dict) else None
     needed = {"method", "views", "mean", "runs"}
     if not (isinstance(results, list) and all(isinstance(each, dict) and needed <= set(each) for each in results)):
@@ -177,7 +177,7 @@ def _check_content(scores: dict, what: str) -> None:
 
 
 def _change(method: str, views: int, figure: str, old: dict, new: dict) -> Change | str | None:
-    """Return how a figure changed, why that cannot be said, or None where there is nothing to measure in both."""
+    """Return the change of a figure, a text if it cannot be compared, or None if neither side measured it."""
     name, where = _JUDGED[figure][0], _where(method, views)
     runs, others = (sorted(each["runs"], key=_run) for each in (new, old))
     if [_run(run) for run in runs] != [_run(run) for run in others]:
@@ -211,7 +211,7 @@ def _run(run: dict) -> tuple:
 
 
 def _without_interval(key: tuple[str, int], old: dict, new: dict) -> Sequence[str]:
-    """Return the figures of the tables that have no interval, where what is printed changed."""
+    """Return the changed figures that have no interval, as text. A figure is changed if its printed value differs."""
     lines = []
     for metric in metrics():
         for column in metric.columns if metric.name not in FIGURES else ():

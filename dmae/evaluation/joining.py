@@ -18,11 +18,11 @@ def join_scores(parts: Sequence[dict], total: int) -> dict:
     """Return the scores over all clips, as `dmae.evaluation.evaluate.evaluate` returns them.
 
     Args:
-        parts: Scores of parts of the clips, in the order of these.
-        total: Number of clips of all parts.
+        parts: Scores of parts of the data set, in the order of the clips.
+        total: Number of clips of all parts together.
 
     Raises:
-        ValueError: the parts have not the same methods, numbers of views and skeleton.
+        ValueError: the parts differ in methods, numbers of views or skeleton.
     """
     first = parts[0]
     for part in parts[1:]:
@@ -47,7 +47,7 @@ def _scored(scores: dict) -> list[tuple[str, int]]:
 
 
 def _numbers(scores):
-    """Return scores with NaN for a score of nothing, which is None in JSON."""
+    """Return scores with NaN in place of None, which stands for a score without data in JSON."""
     if isinstance(scores, dict):
         return {key: _numbers(value) for key, value in scores.items()}
     if isinstance(scores, list):
@@ -56,16 +56,16 @@ def _numbers(scores):
 
 
 def join_stress(parts: Sequence[tuple[Path, Part]], folder: Path, data: str | None = None) -> dict:
-    """Join stress tests; return what `dmae.evaluation.stress.matrix.compute` returns for all clips.
+    """Join stress tests. Return the result of `dmae.evaluation.stress.matrix.compute` for all clips.
 
     Args:
-        parts: Folders of the parts, and what they are.
-        folder: Of the joined test, to which their results are copied.
-        data: Path of the clips; by default that of the first part.
+        parts: Folders of the parts, with descriptions of the parts.
+        folder: Folder of the joined test. The results of the parts are copied to it.
+        data: Path of the clips; by default the path of the first part.
 
     Raises:
         FileNotFoundError: the clips are not at the path.
-        ValueError: the parts lack results, because their clips or the code were others.
+        ValueError: results are missing in the parts, because they were made with other clips or other code.
     """
     for path, _ in parts:
         for file in (path / CACHE).glob("*/*.json"):

@@ -1,4 +1,4 @@
-"""Predictions made elsewhere: read, and checked against the clip that they are of."""
+"""Read predictions made elsewhere, and check that they fit their clip."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,21 +12,21 @@ from dmae.formats.recordings.pose_files import pose_paths, read_poses
 from dmae.numerics.robust import mean_known
 
 _LARGER = 2.5
-"""People who are larger or smaller than the true ones by this factor are in another unit."""
+"""If people are larger or smaller than the true people by this factor, the poses are in another unit."""
 _UNITS = {1000: "mm", 100: "cm", 39.37: "inches", 3.281: "feet", 0.001: "km"}
-"""Factors from metres."""
+"""Units, as factors from metres."""
 
 
 def predictions_of(path: Path, clips: Sequence[str]) -> dict[str, Path]:
     """Return the path of the poses of each clip.
 
     Args:
-        path: Poses of one clip, or a folder of those of several, each named for its clip.
-        clips: Ids.
+        path: Poses of one clip, or a folder with the poses of several clips, each named after its clip.
+        clips: Ids of the clips.
 
     Raises:
         FileNotFoundError: there are no poses at the path.
-        ValueError: clips and poses are not of the same ids.
+        ValueError: the ids of clips and poses differ.
     """
     found = pose_paths(path)
     if found is None:
@@ -46,17 +46,18 @@ def predictions_of(path: Path, clips: Sequence[str]) -> dict[str, Path]:
 
 
 def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = False) -> Poses3D:
-    """Read the poses of a clip, on the skeleton of its truth.
+    """Return the poses of a clip, read from a file and converted to the skeleton of its truth.
 
     Args:
         path: Poses in any format that `dmae.formats.recordings.pose_files.read_poses` reads.
-        clip: Of F frames.
+        clip: The clip, F frames.
         truth: True poses, (F, T, J).
         tracks: Whether person i of the poses has to be true person i.
 
     Raises:
         FileNotFoundError: there is nothing at the path.
-        ValueError: the poses are malformed, or of another clip, rate, length, skeleton, unit or number of persons.
+        ValueError: the poses are malformed, or do not fit the clip: another clip, frame rate, length, skeleton, unit or
+            number of persons.
     """
     found = read_poses(path)
     if found.clip not in (None, clip.id):
@@ -69,16 +70,17 @@ def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = Fa
 
 
 def fitting(poses: Poses3D, truth: Poses3D, where: str, *, tracks: bool = False) -> Poses3D:
-    """Return poses on the skeleton of the truth that they are compared with.
+    """Return poses converted to the skeleton of the truth that they are compared with.
 
     Args:
         poses: (F, P, K, 3) m.
         truth: (F, T, J, 3) m.
-        where: What is compared, for messages.
+        where: Name of the poses in messages.
         tracks: Whether person i of the poses has to be true person i.
 
     Raises:
-        ValueError: they differ in length, unit or, with `tracks`, number of persons, or there is no conversion.
+        ValueError: poses and truth differ in length, unit or (with `tracks`) number of persons, or there is no
+            conversion between their skeletons.
     """
     frames, persons = truth.xyz.shape[:2]
     if len(poses.xyz) != frames:
@@ -98,7 +100,7 @@ def fitting(poses: Poses3D, truth: Poses3D, where: str, *, tracks: bool = False)
 
 
 def _check_unit(poses: Poses3D, truth: Poses3D, skeleton: Skeleton, where: str) -> None:
-    """Compare the lengths of bones, which do not depend on the place of people in the world."""
+    """Raise ValueError if the unit differs from metres. Compare bone lengths, which do not depend on the position."""
     bones = np.array(skeleton.bones, int).reshape(-1, 2)
     ours, true = (
         np.linalg.norm(np.diff(p.xyz.astype(float)[:, :, bones], axis=-2)[..., 0, :], axis=-1) for p in (poses, truth)

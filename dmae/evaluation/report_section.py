@@ -12,8 +12,8 @@ def read_scores(path: Path) -> dict:
     """Return the scores in a file that `dmae evaluate` wrote.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is no such file, or lacks what `scores_section` shows.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file does not contain scores, or lacks entries that `scores_section` shows.
     """
     scores = read_json(path)
     try:
@@ -27,7 +27,7 @@ def scores_section(scores: dict) -> Section:
     """Return the tables of scores, and a figure of the error by length of gap.
 
     Args:
-        scores: What `dmae.evaluation.evaluate.evaluate` returned, or its JSON.
+        scores: Result of `dmae.evaluation.evaluate.evaluate`, or its JSON.
     """
     poses = f" ({scores['poses']})" if "poses" in scores else ""
     return Section(

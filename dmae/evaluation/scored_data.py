@@ -1,4 +1,4 @@
-"""What scores are of: the options and clips that two scores must share to be compared."""
+"""Identity of scored data: the options and clips that must be equal for two scores to be compared."""
 
 import hashlib
 import json
@@ -10,28 +10,28 @@ import numpy as np
 from dmae.data.clip import Clip
 
 _TOLERANCES = {"joints": 5e-3, "mean": 0.01, "detected": 5e-3, "pixels": 1.0, "score": 5e-3, "offset_px": 0.02}
-"""Of simulated clips, which another processor makes with other rounding: counts, scores and offsets relative, places in
-m and px."""
+"""Tolerances for simulated clips, because rounding differs between processors: counts, scores and offsets are relative,
+positions are in m and px."""
 _RELATIVE = {"joints", "detected", "score", "offset_px"}
 _UNDER_TEST = (
     "data", "methods", "poses", "weights", "views", "baseline", "changed", "out", "first", "clips", "shard",
     "workers", "backend", "dry_run",
 )  # fmt: skip
-"""Options of `dmae evaluate` that need not be equal: what is scored, and what clips and results show themselves."""
+"""Options of `dmae evaluate` that may differ: the scored methods, and facts that clips and results contain anyway."""
 
 
 def scored_options(config) -> dict:
-    """Return the options of `dmae evaluate` that scores depend on, by dotted name, JSON-able."""
+    """Return the options of `dmae evaluate` on which scores depend, by dotted name. The values are JSON-able."""
     options = {name: value for name, value in asdict(config).items() if name not in _UNDER_TEST}
     return dict(_flat(json.loads(json.dumps(options))))
 
 
 def scored_clip(clip: Clip) -> dict:
-    """Return facts that tell a clip from others, JSON-able.
+    """Return JSON-able facts that identify a clip.
 
-    Recordings have a checksum. A simulation by the same seed differs in its last digits from machine to machine, so
-    that of simulated clips there are counts and means: `joints` of the truth and their `mean`, m; `detected` joints,
-    the means of their `pixels`, `score` and `offset_px`.
+    For a recording this is a checksum. A simulation with the same seed differs in its last digits between machines.
+    For a simulated clip the facts are therefore counts and means: the number of `joints` of the truth and their
+    `mean` position, m; the number of `detected` joints and the means of their `pixels`, `score` and `offset_px`.
     """
     found = clip.detections
     truth = np.empty((len(clip), 0, 0, 3)) if clip.truth is None else clip.truth.xyz.astype(np.float64)
@@ -53,7 +53,7 @@ def scored_clip(clip: Clip) -> dict:
 
 
 def option_differences(old: dict, new: dict) -> dict[str, str]:
-    """Return the options in which two scores differ, by name, each with both values."""
+    """Return the options that differ between two scores, by name, each with both values as text."""
     missing = "not an option"
     return {
         name: f"{name}={_text(old.get(name, missing))} in the baseline, {_text(new.get(name, missing))} here"
@@ -63,7 +63,7 @@ def option_differences(old: dict, new: dict) -> dict[str, str]:
 
 
 def clip_differences(old: dict[str, dict], new: dict[str, dict]) -> list[str]:
-    """Return how the clips of two scores differ, a line each; empty where they are the same up to rounding."""
+    """Return one line for each difference between the clips of two scores; empty if they are equal up to rounding."""
     lines = [f"clip {name!r} is of the baseline alone" for name in old if name not in new]
     lines += [f"clip {name!r} is not of the baseline" for name in new if name not in old]
     for name in old:
@@ -83,7 +83,7 @@ def _same(fact: str, old, new) -> bool:
 
 
 def _means(values: np.ndarray) -> list[float | None]:
-    """Return the mean of each of the last axis's columns; None of nothing."""
+    """Return the mean of each column along the last axis; None for a column without numbers."""
     rows = values.reshape(-1, values.shape[-1])
     rows = rows[np.isfinite(rows).all(-1)]
     return [round(float(mean), 5) for mean in rows.mean(0)] if len(rows) else [None] * values.shape[-1]

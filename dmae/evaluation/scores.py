@@ -27,21 +27,21 @@ def score(
     """Return all scores of one prediction.
 
     Args:
-        poses: The prediction, on any skeleton that `convert` can bring to that of the truth.
-        captured: The same persons before anything was filled; defines which joints were hidden.
-        truth: True poses; where they have covariances, the regions of predictions allow for those.
-        actors: True persons that PCP is averaged over; by default all that are annotated.
-        matches: (F, T) index of the predicted person that is each true one, -1 for none; by default by
-            `dmae.metrics.matching.match`.
-        fps: Frames per second: gaps are classed by their length in time.
-        compared: (F, T, J) True where joints count in `gaps`; by default all.
+        poses: The prediction, on any skeleton that `convert` can convert to the skeleton of the truth.
+        captured: The same persons before completion. It defines which joints were hidden.
+        truth: True poses. If they have covariances, the confidence regions of predictions allow for them.
+        actors: True persons over which PCP is averaged; by default all annotated persons.
+        matches: (F, T) index of the predicted person that matches each true person, -1 for none; by default the result
+            of `dmae.metrics.matching.match`.
+        fps: Frames per second. Gaps are classified by their length in time.
+        compared: (F, T, J) True for joints that count in `gaps`; by default all joints.
 
     Returns:
-        The score of each metric by its name, see `dmae.metrics.registry.metrics`; NaN for a score of nothing. With
-        them `blocks`, the sums that intervals are computed from, see `dmae.metrics.time_blocks.time_blocks`.
+        The score of each metric by its name, see `dmae.metrics.registry.metrics`; NaN for a score without data. The
+        entry `blocks` contains the sums from which intervals are computed, see `dmae.metrics.time_blocks.time_blocks`.
 
     Raises:
-        ValueError: `poses` and `captured` have not the same persons.
+        ValueError: `poses` and `captured` differ in their persons.
     """
     if actors is None:
         actors = tuple(np.flatnonzero((~np.isnan(truth.xyz).any(-1)).any((0, 2))))
@@ -53,11 +53,11 @@ def score(
 
 
 def read_scores(path: Path) -> dict:
-    """Read the `scores.json` that `dmae evaluate` wrote, or that of its folder.
+    """Return the content of the `scores.json` that `dmae evaluate` wrote. The path is the file or its folder.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is not JSON.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is not JSON.
     """
     path = Path(path)
     return read_json(path / "scores.json" if path.is_dir() else path)
@@ -67,7 +67,7 @@ def summary(runs: list[dict]) -> dict:
     """Return the scores of one method and number of views, over clips and subsets of cameras.
 
     Args:
-        runs: What `score` returned, and with it `clip` and `cameras`.
+        runs: Results of `score`, each with the entries `clip` and `cameras` added.
 
     Returns:
         JSON-able `mean`, `intervals`, `worst` and `runs`, see `evaluate`.
@@ -99,7 +99,7 @@ def _interval(runs: list[dict], figure: str) -> list[float]:
 
 
 def _average(scores: list):
-    """Return the mean of equally nested dictionaries and lists of numbers, number by number, without NaN."""
+    """Return the mean of each number over equally nested dictionaries and lists, ignoring NaN."""
     if isinstance(scores[0], dict):
         return {key: _average([part[key] for part in scores]) for key in scores[0]}
     if isinstance(scores[0], list):

@@ -1,4 +1,4 @@
-"""Synthetic gaps in true poses, and perturbation like the errors of capture: what completion is tested on."""
+"""Cut synthetic gaps into true poses and add errors like those of capture, to test completion."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,15 @@ from dmae.numerics.gaps import neighbours
 from dmae.numerics.noise import ar1_filter
 
 _NOISE = 0.02
-"""m; the standard deviation of a person's joints is uniform up to this."""
+"""m; the standard deviation of the noise of a person's joints is uniform between 0 and this."""
 _CORRELATION = 0.75
-"""Of errors in frames 40 ms apart, about as of those of OpenPose."""
+"""Correlation of errors in frames 40 ms apart, similar to OpenPose's errors."""
 _DRIFT = 0.05
 """m; mean error of a joint in the last frame before a gap, and in the first one after it."""
 _DRIFT_TIME = 0.2
-"""s; a joint drifts away, and comes back, over at most this time."""
+"""s; longest time over which a joint drifts away before a gap, or comes back after it."""
 _OUTLIER_RATE = 0.1
-"""Outliers a second and joint; each lasts up to `_DRIFT_TIME` and is off by `_OUTLIER_SIZE`."""
+"""Outliers per second and joint. Each lasts up to `_DRIFT_TIME` and has an offset of `_OUTLIER_SIZE`."""
 _OUTLIER_SIZE = (0.05, 0.5)
 """m; log-uniform between these."""
 
@@ -40,12 +40,12 @@ class GapConfig:
 
 
 def cut_gaps(truth: Poses3D, fps: float, config: GapConfig, *, rng: np.random.Generator) -> Poses3D:
-    """Return true poses with synthetic gaps, each with a known sample before and after it.
+    """Return true poses with synthetic gaps. Each gap has a known sample before and after it.
 
     Args:
         truth: Poses of P persons.
         fps: Frames per second.
-        config: How many gaps, and how long.
+        config: Number and length of the gaps.
         rng: Source of randomness.
     """
     known = ~np.isnan(truth.xyz).any(-1)
@@ -75,7 +75,7 @@ def _drift(observed: np.ndarray, fps: float, rng: np.random.Generator) -> np.nda
     index = np.arange(len(observed))[:, None, None]
     drift = np.zeros((*observed.shape, 3))
     for gap, distance in ((first, first - index), (last, index - last)):
-        # One draw for each side of each gap: that of the frame where the gap begins or ends.
+        # Use one draw for each side of each gap: the draw of the frame where the gap begins or ends.
         edge = np.clip(gap, 0, len(observed) - 1)
         size, frames = rng.exponential(_DRIFT, observed.shape), rng.uniform(0, _DRIFT_TIME * fps, observed.shape)
         direction = rng.normal(size=drift.shape)

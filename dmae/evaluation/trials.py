@@ -1,4 +1,4 @@
-"""Trials: poses with gaps, what methods make of them, and the truth about them."""
+"""Trials: poses with gaps, the same poses filled by methods, and their truth."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -23,21 +23,21 @@ from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture
 
 HANDED_IN = "poses"
-"""The method by which poses made elsewhere stand in the results."""
+"""Method name of poses made elsewhere in the results."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Poses with gaps, and the truth about them.
+    """Poses with gaps, and their truth.
 
     Attributes:
-        clip: The clip that they are of.
-        cameras: Views used; none where the gaps are synthetic.
+        clip: The clip of the poses.
+        cameras: Indices of the views used; empty if the gaps are synthetic.
         given: Poses with gaps.
-        truth: True poses, on a skeleton that `given` can be converted to.
-        actors: True persons that PCP is averaged over; None for all.
-        matches: (F, T) index of the given person that is each true one; None for the assignment at the least distance.
-        filled: Poses made elsewhere that are scored; None where methods fill `given`.
+        truth: True poses, on a skeleton to which `given` can be converted.
+        actors: True persons over which PCP is averaged; None for all.
+        matches: (F, T) index of the given person that matches each true person; None to match by smallest distance.
+        filled: Poses made elsewhere, to be scored; None if methods fill `given`.
     """
 
     clip: Clip
@@ -56,14 +56,14 @@ def filled_trials(
     to_skeleton: Callable[[Poses3D, Skeleton], Poses3D] = convert,
     shown: bool = True,
 ) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
-    """Yield every trial, and what each method makes of it: smoothed, and on the skeleton of the truth.
+    """Yield every trial with the poses that each method fills, smoothed and on the skeleton of the truth.
 
     Args:
-        clips: At least one.
-        config: Of its fields `data`, `methods` and `weights` are not read.
-        methods: Functions that fill poses, by name. What methods that smooth themselves return is not smoothed.
-        to_skeleton: Brings filled poses to the skeleton of the truth.
-        shown: Show progress.
+        clips: At least one clip.
+        config: The options. Its fields `data`, `methods` and `weights` are not used.
+        methods: Functions that fill poses, by name. Poses of methods that smooth by themselves are not smoothed again.
+        to_skeleton: Function that converts filled poses to the skeleton of the truth.
+        shown: Whether to show progress.
     """
     trials = _trials(clips, config)
     if shown:
@@ -96,7 +96,7 @@ def _trials(clips: Sequence[Clip], config: EvaluateConfig) -> Iterator[Trial]:
             f"poses={config.poses}: poses made elsewhere are compared with the truth, whatever cameras they are of; "
             "leave out views, reference"
         )
-    # A list of clips is of no larger data set.
+    # A plain list of clips is not part of a larger data set.
     total, numbers = getattr(clips, "total", len(clips)), getattr(clips, "numbers", range(len(clips)))
     ids = [folder.name for folder in clips.folders] if total > 1 else [clips[0].id]
     paths = predictions_of(Path(config.poses), clips.names if total > 1 else ids) if config.poses else {}
@@ -123,7 +123,7 @@ def _synthetic_trial(clip: Clip, number: int, config: EvaluateConfig, path: Path
 
 
 def _predicted_trial(clip: Clip, config: EvaluateConfig, path: Path) -> Trial:
-    """Return poses made elsewhere; what they mark as completed was hidden."""
+    """Return the trial of poses made elsewhere. Joints that they mark as completed count as hidden."""
     truth = _compared_truth(clip, config)
     filled = read_prediction(path, clip, truth)
     given = filled.without(filled.source == Source.COMPLETED)
@@ -148,7 +148,7 @@ def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
 
 
 def _check_fewer_views(clip: Clip, config: EvaluateConfig) -> None:
-    """Raise ValueError unless all numbers of cameras are smaller than that of the clip."""
+    """Raise ValueError unless all requested numbers of cameras are smaller than the number of cameras of the clip."""
     if not config.views or max(config.views) >= len(clip.rig):
         raise ValueError(
             f"reference=capture compares fewer cameras with all {len(clip.rig)} of clip {clip.id!r}; "
@@ -157,7 +157,10 @@ def _check_fewer_views(clip: Clip, config: EvaluateConfig) -> None:
 
 
 def filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
-    """Return (F, T, J) True for joints of true persons that all poses have, where they all match the same person."""
+    """Return (F, T, J) True for the joints of true persons that all poses contain.
+
+    All poses must also match the true person with the same person.
+    """
     common = np.ones(trial.truth.source.shape, bool)
     given = trial.matches
     gate = scale_of(trial.truth) * GATE

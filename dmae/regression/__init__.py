@@ -1,4 +1,4 @@
-"""IS MY TRIANGULATION CORRECT? A fixed set of cases for any triangulation, and their bounds."""
+"""Regression tests for any triangulation: a frozen pack of cases, and bounds on the errors of a solver."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 __all__ = ["Case", "Verdict", "assert_passes", "cases", "check", "check_case"]
 
 
-# Loaded when they are used: pytest imports this package wherever dmae is installed.
+# The names are loaded on first use, because pytest imports this package wherever dmae is installed.
 def __getattr__(name: str):
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

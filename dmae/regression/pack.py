@@ -19,15 +19,15 @@ class Case:
     """n points seen by V views, with one kind of difficulty.
 
     Attributes:
-        name: Unique in the pack.
+        name: Name, unique in the pack.
         K: (V, 3, 3) intrinsics, px.
         dist: (V, 5) or (V, 8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole.
         cam_from_world: (V, 4, 4) rigid transforms, m.
         size: (V, 2) image width and height, px.
         xy: (n, V, 2) pixels as detected, distorted; NaN where a view does not see the point.
-        confidence: (n, V) in [0, 1], larger is surer; NaN where `xy` is, and where a view gave pixels without one,
-            which do not count.
-        xyz: (n, 3) the true points, m, world; NaN where no view can have seen the point, and none must be given.
+        confidence: (n, V) in [0, 1], larger is more certain. NaN where `xy` is NaN, and where a view gave pixels
+            without a confidence; these pixels do not count.
+        xyz: (n, 3) true points, m, world. NaN where no view can have seen the point; a solver must return NaN there.
         usable: (n, V) True for the views with a detection that is not a gross error.
         sigma: Standard deviation of the usable pixels along one axis, px; 0 if they are exact.
     """
@@ -47,18 +47,18 @@ class Case:
         return f"Case({self.name!r})"
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Return the arguments of a solver, by keyword: copies, which it may change."""
+        """Return the arguments of a solver, by keyword. They are copies, so the solver may change them."""
         names = ("K", "dist", "cam_from_world", "size", "xy", "confidence")
         return {name: getattr(self, name).copy() for name in names}
 
     @property
     def due(self) -> np.ndarray:
-        """(n,) True for the points that can be known: two views or more saw them without gross error."""
+        """(n,) True for the points that can be determined: two views or more saw them without a gross error."""
         return np.isfinite(self.xyz[:, 0]) & (self.usable.sum(-1) >= 2)
 
     @property
     def unknowable(self) -> np.ndarray:
-        """(n,) True for the points that cannot be known: one view or none, or rays that meet behind the cameras."""
+        """(n,) True for points that cannot be determined: fewer than two views, or rays that meet behind cameras."""
         seen = np.isfinite(self.xy[..., 0]) & np.isfinite(self.confidence)
         return np.isnan(self.xyz[:, 0]) | (seen.sum(-1) < 2)
 
@@ -91,7 +91,7 @@ def unpack(data: bytes) -> list[Case]:
 
 
 def write_pack(pack: list[Case]) -> str:
-    """Replace the pack, and return the checksum to write into this file."""
+    """Replace the file of the pack, and return the checksum to write into this module."""
     arrays = {f"{case.name}/{field.name}": getattr(case, field.name) for case in pack for field in fields(Case)[1:]}
     for key in arrays:
         if key.endswith(("/xy", "/confidence")):

@@ -3,8 +3,8 @@
     def test_triangulation(check_triangulation):
         check_triangulation(my_solver)  # as described at dmae.regression.check
 
-is one test for each case. The fixture `triangulation_case` is the case itself, with its arrays and the truth. Nothing
-is loaded before a test uses one of them.
+gives one test for each case. The fixture `triangulation_case` is the case itself, with its arrays and the truth. The
+cases are loaded only when a test uses one of these fixtures.
 """
 
 from functools import partial
@@ -13,7 +13,7 @@ import pytest
 
 
 def pytest_generate_tests(metafunc):
-    """One test for each case."""
+    """Generate one test for each case."""
     if "triangulation_case" in metafunc.fixturenames:
         from dmae.regression import cases
 

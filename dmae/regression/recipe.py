@@ -1,4 +1,4 @@
-"""How the pack was made: from seeds, except the crowd, which is a simulated clip.
+"""Generate the pack: from seeds, except the crowd, which is a simulated clip.
 
     synth generate out=runs/crowd seed=11 clips=1 scene.persons=[6,6] scene.seconds=6 scene.props=[2,2]
     python -m dmae.regression.recipe runs/crowd/000000
@@ -25,7 +25,7 @@ _ROOM = np.array([[-1.2, -1.2, 0], [1.2, 1.2, 2]])
 _GROSS = (50, 300)
 """px; the smallest and the largest gross error."""
 _GROSS_ON_PERSON = 0.07
-"""m; a larger error of a detection of the crowd, at the person's depth, is gross; 94 % are smaller."""
+"""m; a larger error of a detection of the crowd, measured at the person's depth, is gross. 94 % are smaller."""
 _FAR = (500_000, 5_400_000, 300)
 """m; UTM coordinates of the origin of a room in Bavaria."""
 _CROWD_FRAMES = slice(0, None, 12)
@@ -68,7 +68,7 @@ def _exact_cases() -> list[Case]:
 
 
 def _input_cases() -> list[Case]:
-    """Return exact cases of what detectors and calibrations hand over, and what solvers change before they solve."""
+    """Return exact cases with unusual input: low or missing confidences, skewed pixels, points outside the images."""
     rng = np.random.default_rng(4)
     rig = _ring(5, rng=rng)
     unsure = _project("unsure", rig, _room(rig, 150, rng=rng))
@@ -79,7 +79,7 @@ def _input_cases() -> list[Case]:
 
 
 def _unrated(rig: CameraRig, *, rng: np.random.Generator) -> Case:
-    """Return a case where three of five views show other points, which they agree on, without a confidence."""
+    """Return a case in which three of five views see another point, consistently and without a confidence."""
     points = _room(rig, 150, rng=rng)
     case, other = _project("unrated", rig, points), _project("", rig, rng.permutation(points))
     point = np.arange(150)[:, None]
@@ -88,14 +88,14 @@ def _unrated(rig: CameraRig, *, rng: np.random.Generator) -> Case:
     case.confidence[:] = rng.uniform(0.3, 0.7, case.confidence.shape)
     case.xy[point, without] = other.xy[point, without]
     case.confidence[point, without] = np.nan
-    # A fifth of the points are left with a single view.
+    # A fifth of the points keep only a single view.
     case.confidence[np.arange(30), alone] = np.nan
     case.usable[:] = np.isfinite(case.confidence)
     return case
 
 
 def _outside(*, rng: np.random.Generator) -> Case:
-    """Return a case of points up to 150 px outside the images of most views, as detectors complete people there."""
+    """Return a case of points up to 150 px outside the images of most views. Detectors also predict joints there."""
     rig = _ring(5, focal=2000, rng=rng)
     found = np.empty((0, 3))
     while len(found) < 150:
@@ -138,9 +138,9 @@ def _gross_cases() -> list[Case]:
 
 
 def crowd_cases(clip: Clip) -> list[Case]:
-    """Return some frames and joints of a simulated clip of five views, and the same of three of the views.
+    """Return two cases of some frames and joints of a simulated clip: with its five views, and with three of them.
 
-    Detections are sorted by person; of several detections of a person in a view the one with most joints is used.
+    Detections are sorted by person. If a person has several detections in a view, the one with most joints is used.
     """
     clip = clip.select(_CROWD_FRAMES)
     joints = clip.detections.skeleton.index(*_CROWD_JOINTS)
@@ -158,7 +158,7 @@ def crowd_cases(clip: Clip) -> list[Case]:
         usable = off * depth / clip.rig.K[:, 0, 0][:, None, None] < _GROSS_ON_PERSON
 
     def flat(array):
-        """(F, V, P, J, ...) to (n, V, ...), frame by frame, person by person, joint by joint."""
+        """Return an array (F, V, P, J, ...) as (n, V, ...), ordered by frame, then person, then joint."""
         return np.moveaxis(array, 1, 3).reshape(-1, array.shape[1], *array.shape[4:])
 
     whole = Case(

@@ -53,7 +53,7 @@ def _rated(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray:
 def _undistort(K: np.ndarray, dist: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """Return (n, V, 2) pixels of pinhole cameras of the same K, undistorted by OpenCV's defaults.
 
-    OpenCV ignores the skew of K, so it is given normalised points.
+    OpenCV ignores the skew of K, so it gets normalised points.
     """
     undistorted = np.empty_like(xy)
     for v, (axes, centre) in enumerate(zip(K[:, :2, :2], K[:, :2, 2], strict=True)):

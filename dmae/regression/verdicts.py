@@ -1,4 +1,4 @@
-"""Check a solver against the pack: measures of its errors, their bounds, and the reasons of the bounds."""
+"""Check a solver against the pack: measures of its errors, their bounds, and the reasons for the bounds."""
 
 import signal
 import threading
@@ -37,7 +37,7 @@ REASONS = {
     "short baseline, and of a crowd, one in 10.",
     "invented": "Points seen by fewer than two views, and points behind the cameras, must be NaN.",
 }
-"""By measure, the reason of its bound."""
+"""By measure, the reason for its bound."""
 
 PURPOSES = {
     "clean": "exact pixels of pinhole cameras: the geometry itself (rotations, order of views, pixel centres)",
@@ -78,7 +78,8 @@ class Verdict:
         measured: By measure, its value: errors and bias in m, refused a fraction, invented a count. Empty where the
             solver gave nothing to measure.
         bounds: By measure, the largest value allowed; measures without an entry are not bounded.
-        problem: Why nothing could be measured: the solver raised, took too long, or gave no (n, 3) numbers.
+        problem: Reason why nothing could be measured: the solver raised an error, took too long, or did not return
+            (n, 3) numbers.
     """
 
     case: Case
@@ -170,7 +171,7 @@ def _raised(error: BaseException) -> str:
 
 
 class _TooSlow(BaseException):
-    """Raised at the time limit. It is no Exception, so that a solver that catches those does not catch it."""
+    """Raised at the time limit. It is not an `Exception`: a solver that catches every `Exception` does not catch it."""
 
 
 @contextmanager
@@ -193,7 +194,7 @@ def _at_most(seconds: float) -> Iterator[None]:
 
 
 def _measure(case: Case, xyz: np.ndarray) -> dict[str, float]:
-    """Return the measures of `REASONS` of points (n, 3)."""
+    """Return the measures, named as in `REASONS`, of a solver's points (n, 3)."""
     judged = _judged(case)
     given = np.isfinite(xyz).all(-1)
     errors = (xyz - case.xyz)[judged & given]

@@ -1,1 +1,1 @@
-"""Can I see it: tables, figures and pages."""
+"""Tables, figures, videos and HTML pages that present results."""

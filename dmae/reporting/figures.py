@@ -1,4 +1,4 @@
-"""Pictures: the views of a clip with its poses drawn in, and the world from the side and from above."""
+"""Figures: the views of a clip with its poses drawn, and the world from the side and from above."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -49,7 +49,7 @@ def views_figure(clip: Clip, frame: int) -> Figure:
 
 
 def gaps_figure(scores: dict) -> Figure:
-    """Draw the mean error of hidden joints by the length of the gap, a panel for each number of views.
+    """Draw the mean error of hidden joints by the length of the gap, with one panel for each number of views.
 
     Args:
         scores: What `dmae.evaluation.evaluate.evaluate` returned, or its JSON.

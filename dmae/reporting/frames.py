@@ -1,4 +1,4 @@
-"""Which frames of a clip to draw."""
+"""Choose the frames of a clip to draw."""
 
 import numpy as np
 
@@ -6,7 +6,11 @@ from dmae.data.clip import Clip, Source
 
 
 def frames_to_draw(clip: Clip, number: int) -> list[int]:
-    """Return the frames of a clip with most completed joints, or else with most missing ones, or else most persons."""
+    """Return the frames with the most completed joints.
+
+    Without completed joints, return those with the most missing joints of present persons. Without missing joints,
+    return those with the most known joints.
+    """
     source = clip.poses.source
     present = (source != Source.ABSENT).any(-1, keepdims=True)
     kinds = (source == Source.COMPLETED, (source == Source.ABSENT) & present, source != Source.ABSENT)
@@ -14,7 +18,7 @@ def frames_to_draw(clip: Clip, number: int) -> list[int]:
 
 
 def frames_with_most(counts: np.ndarray, number: int, apart: int = 10) -> list[int]:
-    """Return the frames with the largest counts (F,), at least `apart` frames from each other, in order of time."""
+    """Return the frames with the largest counts (F,), more than `apart` frames from each other, in order of time."""
     left, chosen = counts.copy(), []
     while len(chosen) < number and (left >= 0).any():
         frame = int(left.argmax())

@@ -21,7 +21,7 @@ _ASSETS = resources.files("dmae.reporting") / "assets"
 _SCRIPTS = ("page.js", "decisions.js", "player_data.js", "player_drawing.js", "player.js")
 _LARGEST_SVG = 300_000
 _WIDE = 6.5
-"""Inches; a wider figure has its own row, a narrower one is placed next to a table."""
+"""Inches. A wider figure gets its own row; a narrower one is placed next to a table."""
 _NUMBER = re.compile(r"[<>±~+-]?\s*\d|-?$")
 _THEME = {"#000000": "currentColor", "#ffffff": "var(--page)", "#dddddd": "var(--line)"}
 """Colours of figures that follow the page from light to dark."""
@@ -36,12 +36,12 @@ class CaptionedFigure:
 
     @property
     def wide(self) -> bool:
-        """Whether it takes the width of the page."""
+        """Whether the figure takes the full width of the page."""
         return self.figure.get_figwidth() > _WIDE
 
     @property
     def markup(self) -> Markup:
-        """The figure as an element of the page: lines and text in its colours, or pixels where it holds many points."""
+        """The figure as an HTML element: SVG in the page's colours, or PNG if the SVG would be very large."""
         with rc_context({"svg.fonttype": "none", "svg.hashsalt": "dmae"}):
             buffer = io.StringIO()
             self.figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
@@ -62,7 +62,7 @@ class CaptionedFigure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, and under it text, tables and figures in this order. An empty line in the text parts paragraphs."""
+    """A heading, followed by text, tables and figures in this order. An empty line in the text separates paragraphs."""
 
     heading: str
     text: str = ""
@@ -75,14 +75,15 @@ def write_report(
 ) -> None:
     """Write the page as one file that loads nothing from elsewhere.
 
-    Its content security policy lets the browser run this module's scripts alone, so that a name from a file stays text.
+    Its content security policy lets the browser run only the scripts of this module. A name that comes from a file
+    can therefore never run as a script.
 
     Args:
-        path: The file.
+        path: The file to write.
         title: Heading of the page.
-        sections: In order.
+        sections: Sections of the page, in order.
         summary: Paragraphs under the title.
-        players: Clips of the player, see `dmae.reporting.player.player_data`; without any there is no player.
+        players: Clips of the player, see `dmae.reporting.player.player_data`. Without clips there is no player.
     """
     script = "\n".join((_ASSETS / name).read_text(encoding="utf-8") for name in _SCRIPTS[: None if players else 2])
     template = jinja2.Template(
@@ -106,7 +107,7 @@ def write_report(
 
 
 def _alignment(table: Table) -> list[str]:
-    """Return a class for each column: sentences and words are read from the left, numbers stand at the right."""
+    """Return a CSS class for each column: sentences and words are left-aligned, numbers are right-aligned."""
     columns = [[row[column] for row in table.rows] for column in range(len(table.header))]
     return [
         "prose" if any(len(cell) > 40 for cell in cells) else "" if all(map(_NUMBER.match, cells)) else "words"

@@ -1,4 +1,4 @@
-"""The data of the page's player: a clip's cameras, poses, truth and detections, made small and inlined."""
+"""Data of the page's player: cameras, poses, truth and detections of a clip, compressed and inlined in the page."""
 
 import base64
 import zlib
@@ -26,13 +26,13 @@ _LARGEST = 32000
 
 @dataclass(frozen=True)
 class Played:
-    """A clip in the player, and what its timeline shows.
+    """A clip in the player, and the data of its timeline.
 
     Attributes:
-        clip: Captured or not, with images or not, and not long: `window` cuts a long one.
+        clip: A short clip, with or without poses and images. `window` cuts a long one.
         first: Number of its first frame in the clip that it was cut from.
         error: (F,) mean error of the joints of each frame, mm; NaN where unknown. None without truth.
-        notes: Sentences about what is not there.
+        notes: Sentences about missing data.
     """
 
     clip: Clip
@@ -42,13 +42,13 @@ class Played:
 
 
 def window(frames: int, most: int, centre: int) -> slice:
-    """Return the `most` frames around a centre, or all of a clip that has no more."""
+    """Return the slice of the `most` frames around a centre, or of all frames if the clip has no more."""
     start = min(max(0, centre - most // 2), max(0, frames - most))
     return slice(start, min(frames, start + most))
 
 
 def player_data(played: Played) -> dict:
-    """Return the JSON-able data of one clip. Arrays are differences over time, compressed, in base64 (`packed`)."""
+    """Return the JSON-able data of one clip. Arrays are compressed and in base64, see `packed`."""
     clip = played.clip
     videos, problem = small_videos(clip)
     poses, truth = clip.poses, clip.truth
@@ -70,10 +70,11 @@ def player_data(played: Played) -> dict:
 
 
 def packed(values: np.ndarray) -> str:
-    """Return base64 of numbers (F, ...), rounded to 16-bit integers; what is not finite stays absent.
+    """Return numbers (F, ...) rounded to 16-bit integers, compressed, in base64. Values that are not finite are absent.
 
-    The bytes, deflated: for each series over time its differences, low bytes of all, then high bytes, then whether
-    each is known. What is absent repeats the value before it, so that a gap costs nothing.
+    The numbers are one series over time for each index after F. The compressed bytes are the differences over time of
+    all series: first all low bytes, then all high bytes, then one flag per number that is 1 if it is known. An absent
+    number repeats the previous value, so that gaps compress well.
     """
     series = values.reshape(len(values), -1).astype(np.float64)
     known = np.isfinite(series)
@@ -86,7 +87,7 @@ def packed(values: np.ndarray) -> str:
 
 
 def _one_skeleton(truth: Poses3D, wanted: Skeleton) -> Poses3D:
-    """Of a fused skeleton only one is drawn: that of the poses, or else the first."""
+    """Return the truth on the one part of a fused skeleton that is drawn: that of the poses, or else the first part."""
     parts = [part.name for part in truth.skeleton.parts]
     return convert(truth, wanted if wanted.name in parts else truth.skeleton.parts[0]) if len(parts) > 1 else truth
 
@@ -111,7 +112,7 @@ def _poses(poses: Poses3D, *, with_source: bool) -> dict:
 
 
 def _spread(poses: Poses3D) -> np.ndarray:
-    """Return the symmetric roots (F, P, J, 6) of the covariances, m: xx xy xz yy yz zz; NaN where unknown."""
+    """Return the symmetric square roots (F, P, J, 6) of the covariances, m: xx xy xz yy yz zz; NaN where unknown."""
     roots = np.full((*poses.cov.shape[:3], 3, 3), np.nan)
     known = np.isfinite(poses.cov).all((-1, -2)) & np.isfinite(poses.xyz).all(-1)
     if known.any():
@@ -137,9 +138,9 @@ def _detections(detections: Detections2D) -> dict:
 
 
 def _steady(xy: np.ndarray) -> np.ndarray:
-    """Reorder detections (F, V, D, J, 2) so that each place holds what is nearest to what it held: that packs well.
+    """Reorder detections (F, V, D, J, 2) so that each index follows the nearest detection over time.
 
-    Places that no frame fills are left out.
+    Such series compress well. Indices that no frame uses are left out.
     """
     centre = mean_known(xy, 3)
     order = np.zeros(xy.shape[:3], int)

@@ -1,4 +1,4 @@
-"""Tables of text: for a terminal, a pipe, or a page."""
+"""Tables of text for a terminal, a pipe, or a page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from rich.console import Console
 
 @dataclass(frozen=True)
 class Moment:
-    """A place in the page's player: a frame of a clip, and the person to look at, if one is meant."""
+    """A moment in the page's player: a frame of a clip, and optionally the person to look at."""
 
     clip: str
     frame: int
@@ -19,13 +19,13 @@ class Moment:
 
 @dataclass(frozen=True)
 class Choices:
-    """What a reader of the page may decide on each row of a table, and the JSON file that the page saves of it.
+    """Decisions that a reader of the page can make on each row of a table. The page saves them as a JSON file.
 
     Attributes:
-        name: Of the file.
-        options: Values that a row can be given; without one it is left out of the file.
-        rows: One for each row of the table: what the file says of it, with the value added as `verdict`.
-        file: Content of the file in addition to its list of `decisions`.
+        name: Name of the file.
+        options: Values that a reader can choose for a row. Rows without a choice are left out of the file.
+        rows: The file's entry for each row of the table. The page adds the chosen value as `verdict`.
+        file: Other content of the file, next to its list of `decisions`.
     """
 
     name: str
@@ -36,12 +36,12 @@ class Choices:
 
 @dataclass(frozen=True)
 class Table:
-    """A caption, a header, and rows of cells, which are written as they are; format numbers first.
+    """A caption, a header, and rows of cells. Cells are text and are written unchanged, so format numbers first.
 
     Attributes:
-        bars: Columns, by index, that a page draws with a bar behind each number, in proportion to the largest.
-        moments: What the first cell of each row opens in the player of a page; none, or one per row.
-        choices: What may be decided on each row; by default nothing.
+        bars: Indices of the columns that a page draws with a bar behind each number, in proportion to the largest.
+        moments: For each row, the moment that its first cell opens in the player of a page; empty for none.
+        choices: Decisions that a reader can make on each row; None for none.
     """
 
     caption: str
@@ -59,7 +59,7 @@ class Table:
 
 
 def print_tables(tables: Sequence[Table]) -> None:
-    """Print tables; in a pipe as plain text, every cell in full."""
+    """Print tables. In a pipe they are plain text, and no cell is shortened."""
     console = Console()
     if not console.is_terminal:
         console = Console(width=1000)

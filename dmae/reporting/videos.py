@@ -1,4 +1,4 @@
-"""The videos of the page's player: a clip's pictures, small enough to travel inside the page."""
+"""Videos of the page's player: images of a clip, compressed so that the page can contain them."""
 
 import base64
 import io
@@ -13,16 +13,17 @@ from dmae.data.clip import Clip
 from dmae.progress import progress
 
 _BITS_OF_RIG = 1_000_000
-"""bit/s of all cameras together: a minute of five cameras is about 10 MB in base64."""
+"""bit/s of all cameras together: one minute of five cameras takes about 10 MB in base64."""
 _BITS_OF_CAMERA = 400_000
 _WIDTH = 480
-"""px; fewer where many cameras share the bits."""
+"""px; smaller if many cameras share the bit rate."""
 
 
 def small_videos(clip: Clip) -> tuple[list[str | None], str | None]:
-    """Return base64 of an H.264 video for each view, None where there is none, and a sentence if pictures are lost.
+    """Return an H.264 video in base64 for each view, and a sentence on images that cannot be read.
 
-    Frame i of a video is frame i of the clip. Every video seeks to any frame within half a second of decoding.
+    The video is None for a view without images. The sentence is None if all images can be read. Frame i of a video is
+    frame i of the clip. Keyframes are half a second apart, so that a player can seek quickly.
     """
     if clip.images is None or "rgb" not in clip.images.kinds or not len(clip):
         return [None] * len(clip.rig), None
@@ -49,7 +50,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _fitted(size: np.ndarray, views: int) -> tuple[int, int]:
-    """Return width and height in even numbers, as H.264 needs them."""
+    """Return the width and height of a video, px. Both are even, as H.264 requires."""
     width, height = (int(side) for side in size)
     scale = min(1, (_WIDTH if views <= 8 else _WIDTH * 2 // 3) / max(width, height * 4 / 3))
     return max(2, round(width * scale / 2) * 2), max(2, round(height * scale / 2) * 2)

@@ -1,1 +1,1 @@
-"""WHAT DOES A CLIP LOOK LIKE? A contact sheet, a video, and a recording for the Rerun viewer."""
+"""Draw clips: a contact sheet, a video, and a recording for the Rerun viewer."""

@@ -1,4 +1,4 @@
-"""What pictures of clips are drawn with: colours, text, lines and marks on pixels."""
+"""Drawing primitives for images of clips: colours, text, lines and marks."""
 
 from enum import Enum
 from functools import lru_cache
@@ -15,9 +15,9 @@ RGB = tuple[int, int, int]
 PAPER, INK, FAINT = (22, 25, 30), (233, 236, 240), (139, 148, 158)
 _EMPTY, _GRID = (58, 63, 71), (84, 91, 101)
 _FINE = 4
-"""Bits of sub-pixel position that OpenCV draws with."""
+"""Number of fractional bits of pixel positions in OpenCV's drawing functions."""
 _FAR = 20
-"""Widths of the picture; what lies farther out is not drawn."""
+"""Multiple of the image width; points farther outside the image are not drawn."""
 
 
 def _rgb(text: str) -> RGB:
@@ -25,7 +25,7 @@ def _rgb(text: str) -> RGB:
 
 
 RED = _rgb(COMPLETED)
-"""Of completed joints, which no camera measured."""
+"""Colour of completed joints, which no camera measured."""
 
 
 def person_colour(person: int) -> RGB:
@@ -52,19 +52,19 @@ def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
 
 
 def drawable(pixels: np.ndarray, width: int) -> np.ndarray:
-    """Return (...) True for the pixels (..., 2) that are known and not too far out of a picture to be drawn."""
+    """Return (...) True for the pixels (..., 2) that are known and not too far outside the image to be drawn."""
     return np.isfinite(pixels).all(-1) & (np.abs(np.nan_to_num(pixels)) < _FAR * width).all(-1)
 
 
 def draw_line(canvas: np.ndarray, points: np.ndarray, colour: RGB, thick: int, *, outlined: bool = False) -> None:
-    """Draw a line through points (n, 2), px; `outlined` on a dark edge."""
+    """Draw a line through points (n, 2), px, with a dark outline if `outlined`."""
     if outlined:
         cv2.polylines(canvas, [_fixed(points)], False, PAPER, thick + 2, cv2.LINE_AA, _FINE)
     cv2.polylines(canvas, [_fixed(points)], False, colour, thick, cv2.LINE_AA, _FINE)
 
 
 def draw_mark(canvas: np.ndarray, point: np.ndarray, mark: Mark, colour: RGB, thick: int) -> None:
-    """Draw a mark at a point (2,), px; discs and squares on a dark edge."""
+    """Draw a mark at a point (2,), px. Discs and squares have a dark outline."""
     x, y = _fixed(point[None])[0].tolist()
     size = (2 * thick) << _FINE
     edge = thick << _FINE
@@ -83,12 +83,12 @@ def draw_mark(canvas: np.ndarray, point: np.ndarray, mark: Mark, colour: RGB, th
 
 
 def floor(rig: CameraRig, size: tuple[int, int], scale: float) -> np.ndarray:
-    """Draw ten metres of the world's floor, lines a metre apart, as one camera sees it.
+    """Draw a grid on the world's floor as one camera sees it: lines one metre apart over ten metres.
 
     Args:
         rig: A single camera.
-        size: Of the picture, width and height, px.
-        scale: Of the picture's pixels from the camera's.
+        size: Width and height of the image, px.
+        scale: Image pixels per camera pixel.
     """
     canvas = np.full((size[1], size[0], 3), _EMPTY, np.uint8)
     along, across = np.meshgrid(np.linspace(-5, 5, 201), np.arange(-5.0, 6.0))
@@ -105,5 +105,5 @@ def floor(rig: CameraRig, size: tuple[int, int], scale: float) -> np.ndarray:
 
 
 def _fixed(points: np.ndarray) -> np.ndarray:
-    """Return pixels (n, 2) in OpenCV's fixed point of `_FINE` fractional bits."""
+    """Return pixels (n, 2) as OpenCV's fixed-point numbers with `_FINE` fractional bits."""
     return np.round(points * (1 << _FINE)).astype(np.int32)

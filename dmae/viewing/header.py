@@ -1,4 +1,4 @@
-"""The strip above the views: which clip, what the marks mean, and the shares of its joints."""
+"""The strip above the views: the name of the clip, a legend of the marks, and counts of joints."""
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -10,12 +10,12 @@ from dmae.viewing.occlusion import COLOURS, MEANINGS
 from dmae.viewing.overlay import Overlay
 
 Item = tuple[str, tuple[Mark, RGB] | None]
-"""Words, and the mark before them."""
+"""A text, and the mark in front of it."""
 _LETTERS, _SPACE, _MARK = font(14), 18, 17
 
 
 def header(overlay: Overlay, width: int) -> np.ndarray:
-    """Draw the strip (h, width, 3) uint8, in as many lines as needed."""
+    """Draw the strip (h, width, 3) uint8 with the number of lines that the text needs."""
     clip, shown = overlay.clip, overlay.shown
     persons = 0 if shown is None else shown.xyz.shape[1]
     about = [_count(persons, "person")] if persons else []
@@ -41,7 +41,7 @@ def header(overlay: Overlay, width: int) -> np.ndarray:
 
 
 def _legend(overlay: Overlay) -> list[list[Item]]:
-    """Return the lines below the first."""
+    """Return the lines below the first line."""
     layers, clip = overlay.layers, overlay.clip
     if layers.occlusion:
         return _occlusion_legend(overlay)

@@ -1,4 +1,4 @@
-"""Layers of a picture of a clip: detections, measured and completed joints, the truth."""
+"""Layers of a drawing of a clip: detections, measured joints, completed joints, and the truth."""
 
 from dataclasses import dataclass, field
 
@@ -10,7 +10,7 @@ from dmae.viewing.canvas import INK, RED, RGB, Mark, person_colour
 from dmae.viewing.occlusion import COLOURS
 
 DETECTED = (250, 226, 130)
-"""Colour of detections, which are of no person yet."""
+"""Colour of detections, which are not yet assigned to persons."""
 TRUE = INK
 """Colour of true joints if there are poses."""
 
@@ -35,9 +35,9 @@ class Layers:
     """The layers of a clip that are drawn.
 
     Attributes:
-        detections, measured, completed, truth: Whether each is.
-        occlusion: Whether true joints have the colour of what hides them, and the text below names it.
-        lacking: What the clip lacks of what could be shown, in words.
+        detections, measured, completed, truth: Whether each of these layers is drawn.
+        occlusion: Whether true joints have the colour of their occluder, and the text below the view names it.
+        lacking: Names of the layers that the clip does not have.
     """
 
     detections: bool
@@ -53,7 +53,7 @@ class Layers:
 
 
 def chosen_layers(clip: Clip, config: LayersConfig) -> Layers:
-    """Return the layers of a clip that are drawn: those asked for that it has."""
+    """Return the layers to draw: the requested ones that the clip has."""
     has_poses = clip.poses is not None and bool((clip.poses.source != Source.ABSENT).any())
     has_truth = clip.truth is not None and bool(np.isfinite(clip.truth.xyz).any())
     has_detections = bool(clip.detections.observed.any())
@@ -75,8 +75,8 @@ class Drawn:
     """Lines and marks in one view, in the order in which they are drawn.
 
     Attributes:
-        lines: Ends (2, 2), px, colour, and whether on a dark edge.
-        marks: Point (2,), px, shape and colour.
+        lines: End points (2, 2), px, colour, and whether the line has a dark outline.
+        marks: Point (2,), px, shape and colour of each mark.
     """
 
     lines: list[tuple[np.ndarray, RGB, bool]] = field(default_factory=list)
@@ -84,13 +84,13 @@ class Drawn:
 
 
 def first_joints(poses: Poses3D) -> list[int]:
-    """Return the indices of the joints of the first skeleton of fused ones; of others of all joints."""
+    """Return the joint indices of the first part of a fused skeleton, or of all joints of any other skeleton."""
     first = poses.skeleton.joints[0].rpartition(".")[0]
     return [i for i, name in enumerate(poses.skeleton.joints) if name.rpartition(".")[0] == first]
 
 
 def drawn_detections(xy: np.ndarray, bones: list[tuple[int, int]]) -> Drawn:
-    """Return detections (D, J, 2), px: crosses joined by thin lines."""
+    """Return the drawing of detections (D, J, 2), px: crosses that are connected by thin lines."""
     drawn = Drawn()
     for joints in xy:
         known = np.isfinite(joints).all(-1)
@@ -100,20 +100,20 @@ def drawn_detections(xy: np.ndarray, bones: list[tuple[int, int]]) -> Drawn:
 
 
 def drawn_poses(pixels: np.ndarray, source: np.ndarray, bones: list[tuple[int, int]], layers: Layers) -> Drawn:
-    """Return poses: discs in the colour of the person, and red squares for completed joints.
+    """Return the drawing of poses: discs in the colour of the person, and red squares for completed joints.
 
     Args:
         pixels: (P, J, 2) px.
         source: (P, J) `Source`.
         bones: (parent, child) pairs.
-        layers: Which are drawn.
+        layers: The layers to draw.
     """
     drawn, above = Drawn(), Drawn()
     for person, joints in enumerate(pixels):
         completed = source[person] == Source.COMPLETED
         known = np.isfinite(joints).all(-1) & np.where(completed, layers.completed, True)
         for bone in map(list, bones):
-            # A bone with an end that no camera measured is red, as in the paper's figures.
+            # A bone is red if no camera measured one of its ends, as in the paper's figures.
             red = completed[bone].any()
             if known[bone].all() and (red or layers.measured):
                 (above if red else drawn).lines.append((joints[bone], RED if red else person_colour(person), True))
@@ -126,8 +126,10 @@ def drawn_poses(pixels: np.ndarray, source: np.ndarray, bones: list[tuple[int, i
 
 
 def drawn_truth(pixels: np.ndarray, bones: list[tuple[int, int]], layers: Layers) -> Drawn:
-    """Return true joints (P, J, 2), px: rings joined by thin lines, white if there are poses, otherwise in the colour
-    of the person."""
+    """Return the drawing of true joints (P, J, 2), px: rings that are connected by thin lines.
+
+    They are white if the poses are drawn, too, and otherwise have the colour of the person.
+    """
     drawn = Drawn()
     for person, joints in enumerate(pixels):
         known = np.isfinite(joints).all(-1)
@@ -138,7 +140,7 @@ def drawn_truth(pixels: np.ndarray, bones: list[tuple[int, int]], layers: Layers
 
 
 def drawn_occlusion(pixels: np.ndarray, codes: np.ndarray, bones: list[tuple[int, int]]) -> Drawn:
-    """Return true joints in the colours of what hides them.
+    """Return the drawing of true joints in the colours of their occluders.
 
     Args:
         pixels: (P, J, 2) px.
@@ -150,7 +152,7 @@ def drawn_occlusion(pixels: np.ndarray, codes: np.ndarray, bones: list[tuple[int
         known = np.isfinite(joints).all(-1)
         for bone in map(list, bones):
             if known[bone].all():
-                # A bone has the colour of its more hidden end.
+                # A bone has the colour of the end that is more hidden.
                 worst = Visibility(max(codes[person, bone]))
                 visible = worst == Visibility.VISIBLE
                 (seen if visible else hidden).lines.append((joints[bone], COLOURS[worst], visible))

@@ -1,4 +1,4 @@
-"""What hides the joints of a simulated clip: colours, and the names of occluders."""
+"""Occluders of the joints of a simulated clip: their colours and names."""
 
 from collections import Counter
 
@@ -17,7 +17,7 @@ COLOURS = {
     Visibility.BEHIND_CAMERA: (150, 156, 164),
     Visibility.ABSENT: (150, 156, 164),
 }
-"""RGB of a joint's mark, distinct for colour-blind readers too."""
+"""RGB of a joint's mark. Colour-blind readers can distinguish the colours, too."""
 MEANINGS = {
     Visibility.VISIBLE: "visible",
     Visibility.HIDDEN_BY_SELF: "hidden by their own body",
@@ -28,7 +28,7 @@ MEANINGS = {
 
 
 def occluder_name(clip: Clip, frame: int, view: int, person: int, joint: int) -> str:
-    """Return the name of what hides a joint in a view; empty for nothing."""
+    """Return the name of the occluder of a joint in a view; an empty text if nothing hides it."""
     at = (frame, view, person, joint)
     by = int(clip.occlusion.occluder[at])
     match Visibility(clip.occlusion.visibility[at]):

@@ -1,4 +1,4 @@
-"""Draw what is known of a clip into its views."""
+"""Draw the data of a clip into its views."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ from dmae.viewing.occlusion import occlusion_summary
 
 @dataclass(frozen=True)
 class Overlay:
-    """Draws the views of a clip. Of fused skeletons the joints of the first are drawn.
+    """Draws the views of a clip. For a fused skeleton, only the joints of its first part are drawn.
 
     Attributes:
-        clip: Any clip.
-        width: Of a view in the drawing, px.
-        layers: What is drawn.
-        rooms: Images of the room, (H, W, 3) uint8 a view, drawn where the clip has no images; without them, a grid on
-            the floor is drawn.
+        clip: The clip to draw.
+        width: Width of a view in the drawing, px.
+        layers: The layers to draw.
+        rooms: An image of the room for each view, (H, W, 3) uint8, for clips without images. Without room images, a
+            grid on the floor is drawn.
     """
 
     clip: Clip
@@ -36,16 +36,16 @@ class Overlay:
 
     @cached_property
     def true_rig(self) -> CameraRig:
-        """The true cameras, by which truth and images are."""
+        """The true cameras, with which the truth is projected and the images were made."""
         return self.clip.rig if self.clip.true_rig is None else self.clip.true_rig
 
     @cached_property
     def shown(self) -> Poses3D | None:
-        """The poses, or the truth, of which people have numbers; None where only detections are drawn."""
+        """The poses or the truth in which people are numbered; None if only detections are drawn."""
         return self.clip.poses if self.layers.poses else self.clip.truth if self.layers.truth else None
 
     def tiles(self, frame: int, images: Sequence[np.ndarray | None]) -> list[np.ndarray]:
-        """Draw all views of one frame, (h, width, 3) uint8, over their images (H, W, 3), or over the room."""
+        """Return drawings (h, width, 3) uint8 of all views of one frame, over their images (H, W, 3) or the room."""
         truth, poses = (
             part and (rig.project(part.xyz[frame : frame + 1, :, parts.first_joints(part)])[0][0])
             for part, rig in (
@@ -85,7 +85,7 @@ class Overlay:
         return np.asarray(picture)
 
     def _drawn(self, frame: int, view: int, truth: np.ndarray | None, poses: np.ndarray | None):
-        """Yield the layers of a view from below, each with the thickness of its lines."""
+        """Yield the layers of a view from bottom to top, each with the thickness of its lines."""
         clip, thick = self.clip, max(1, self.width // 320)
         if self.layers.detections:
             yield parts.drawn_detections(clip.detections.xy[frame, view], clip.detections.skeleton.bones), 1
@@ -102,7 +102,7 @@ class Overlay:
 
     @staticmethod
     def bones(poses: Poses3D) -> list[tuple[int, int]]:
-        """Return (parent, child) among the joints that are drawn."""
+        """Return the bones (parent, child) between joints that are drawn."""
         joints = parts.first_joints(poses)
         return [bone for bone in poses.skeleton.bones if set(bone) <= set(joints)]
 
@@ -142,7 +142,7 @@ class Overlay:
                 x, y = points[points[:, 1].argmin()]
                 half = self._line * 0.6
                 y = max(y - 1.5 * self._line, self._line + 4 + half)
-                # Among the colours of causes, those of people would look like one.
+                # A person's colour could be mistaken for the colour of an occluder.
                 edge = INK if self.layers.occlusion else person_colour(person)
                 draw.ellipse((x - half, y - half, x + half, y + half), (*PAPER, 225), edge, width=2)
                 draw.text((x, y), str(person), INK, font(self._line - 3, bold=True), anchor="mm")
@@ -167,7 +167,7 @@ class Overlay:
                 x += draw.textlength(text + "   ", letters)
 
     def _counts(self, frame: int, view: int) -> list[tuple[str, RGB]]:
-        """Return what is drawn in a view in numbers, with its colours."""
+        """Return the counts of what is drawn in a view, with the colour of each."""
         clip, words = self.clip, []
         if self.layers.detections:
             people = int(clip.detections.observed[frame, view].any(-1).sum())

@@ -20,9 +20,9 @@ _JPEG_QUALITY = 80
 
 
 def write_recording(clip: Clip, path: Path, layers: Layers) -> None:
-    """Write people, cameras, and in each view the images, the detections and the joints.
+    """Write people and cameras, and for each view its images, detections and joints.
 
-    True joints are coloured and named by their occluder where that is known.
+    If the occluders are known, the colour and label of a true joint show its occluder.
     """
     true_rig = clip.rig if clip.true_rig is None else clip.true_rig
     frames = np.arange(len(clip))
@@ -89,7 +89,7 @@ def _log_poses(recording: rr.RecordingStream, clip: Clip, frame: int, layers: La
 
 
 def _log_truth(recording: rr.RecordingStream, clip: Clip, rig: CameraRig, frame: int, layers: Layers) -> None:
-    """Log true joints, where occlusion is known larger the more cameras see them."""
+    """Log true joints. If occlusion is known, a joint that more cameras see is drawn larger."""
     truth, joints = clip.truth, first_joints(clip.truth)
     radii = np.full((truth.xyz.shape[1], len(joints)), 0.015)
     if clip.occlusion is not None:
@@ -124,7 +124,7 @@ def _log_bones(recording, path: str, poses: Poses3D, xyz: np.ndarray, known: np.
 
 
 def _log_marks(recording, camera: str, layer: str, points: np.ndarray, colours, labels=None) -> None:
-    """Log marks in a view. Labels are shown on hovering: hundreds would cover the image."""
+    """Log marks in a view. Labels appear only on hovering, because hundreds of labels would cover the image."""
     marks = rr.Points2D(np.reshape(points, (-1, 2)), colors=colours, labels=labels, radii=4.0, show_labels=False)
     recording.log(f"world/camera_{camera}/image/{layer}", marks)
 

@@ -18,9 +18,9 @@ from dmae.viewing.layers import Layers
 from dmae.viewing.overlay import Overlay
 
 _GAP = 6
-"""px; between views."""
+"""px; space between views."""
 _MAX_WIDTH = 2560
-"""px; of a sheet or video. Views of many cameras are drawn smaller."""
+"""px; greatest width of a sheet or video. With many cameras, views are drawn smaller."""
 _COLUMNS = 6
 """Greatest number of columns of a sheet."""
 
@@ -39,7 +39,10 @@ def write_sheet(
     width: int = 480,
     rooms: Sequence[np.ndarray] | None = None,
 ) -> None:
-    """Write a PNG of some frames, a row each, in all views, a column each; many views take several rows each."""
+    """Write a PNG with a row for each of some frames and a column for each view.
+
+    With many views a frame takes several rows.
+    """
     columns = min(len(clip.rig), _COLUMNS)
     overlay = Overlay(clip, _fitting(width, columns), layers, rooms)
     frames = np.unique(((np.arange(rows) + 0.5) * len(clip) / rows).astype(int))
@@ -75,7 +78,10 @@ def write_overlay_video(
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary file next to `path`. It replaces `path` when it is written, and is removed on failure."""
+    """Yield the path of a temporary file next to `path`.
+
+    The file replaces `path` when it is completely written. It is removed on failure.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
@@ -86,7 +92,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def pictures_of(clip: Clip, frames: np.ndarray) -> Iterator[Sequence[np.ndarray | None]]:
-    """Yield the images of all views, frame by frame; None where there are none."""
+    """Yield the images of all views, frame by frame; None for a view without images."""
     if not has_images(clip):
         return repeat([None] * len(clip.rig), len(frames))
     images = clip.images.select(frames, clip.rig.names)
@@ -94,12 +100,12 @@ def pictures_of(clip: Clip, frames: np.ndarray) -> Iterator[Sequence[np.ndarray 
 
 
 def _fitting(width: int, columns: int) -> int:
-    """Return the width of a view, px, such that `columns` fit side by side."""
+    """Return the width of a view, px, with which `columns` views fit side by side."""
     return min(width, (_MAX_WIDTH - _GAP) // columns - _GAP)
 
 
 def _grid(tiles: list[np.ndarray], columns: int) -> np.ndarray:
-    """Arrange tiles of one width in rows, with gaps between and around."""
+    """Return tiles of equal width arranged in rows, with margins between and around them."""
     width = tiles[0].shape[1]
     rows = [tiles[first : first + columns] for first in range(0, len(tiles), columns)]
     grid = []

@@ -1,4 +1,4 @@
-"""Show clips: what `dmae show` and `synth show` share."""
+"""Draw clips: the code that `dmae show` and `synth show` share."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,7 +14,7 @@ from dmae.viewing.layers import LayersConfig, chosen_layers
 from dmae.viewing.sheet import has_images, write_overlay_video, write_sheet
 
 Rooms = Callable[[Clip], Sequence[np.ndarray]]
-"""Draws the room of a clip: (H, W, 3) uint8 a view."""
+"""Function that draws the room of a clip and returns an image (H, W, 3) uint8 for each view."""
 _LEAST = {"frames": 1, "width": 160}
 
 
@@ -44,15 +44,15 @@ class ShowConfig:
 
 
 def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:
-    """Draw the clips that a configuration names, and print what each lacks and the files that were written.
+    """Draw the clips that a configuration names. Print what each clip lacks, and the files that were written.
 
     Args:
-        config: What to draw, and how.
-        out: Folder.
-        rooms: Draws the room of a clip without images; by default a grid on its floor is drawn.
+        config: The clips to draw and the options.
+        out: Output folder.
+        rooms: Function that draws the room of a clip without images; by default a grid on the floor is drawn.
 
     Raises:
-        ValueError: no clip is there, a clip has no such camera, or Rerun is wanted and not installed.
+        ValueError: there is no clip, a clip has no camera of a given name, or Rerun is requested but not installed.
     """
     clips, several = load(config.data), is_data_set(config.data)
     if not clips:
@@ -92,13 +92,13 @@ def show_clip(
     rerun: bool = False,
     rooms: Sequence[np.ndarray] | None = None,
 ) -> list[Path]:
-    """Draw one clip; the options are those of `ShowConfig`, and `rooms` what is drawn behind people without images.
+    """Draw one clip. The options are those of `ShowConfig`; `rooms` are the backgrounds of a clip without images.
 
     Returns:
-        The files: `sheet.png`, `clip.mp4`, `clip.rrd`.
+        The paths of the files: `sheet.png`, `clip.mp4`, `clip.rrd`.
 
     Raises:
-        ValueError: the clip has no frames, no such camera, or Rerun is wanted and not installed.
+        ValueError: the clip has no frames or no camera of a given name, or Rerun is requested but not installed.
     """
     if rerun and util.find_spec("rerun") is None:
         raise ValueError("rerun=true: rerun-sdk is not installed; pip install 'dmae-synth[viz]' adds it")
@@ -120,7 +120,7 @@ def show_clip(
 
 
 def of_views(clip: Clip, names: Sequence[str]) -> Clip:
-    """Return the clip of some cameras, with its poses: they are drawn, not used."""
+    """Return the clip with some cameras only. Its poses are kept unchanged, because they are only drawn."""
     unknown = sorted(set(names) - set(clip.rig.names))
     if unknown:
         raise ValueError(f"views: clip {clip.id!r} has no camera {unknown}; it has {list(clip.rig.names)}")

@@ -2,8 +2,8 @@
 
     python docs/tools/completion_gains.py CAPTURED... [--out FILE]     # data sets with truth that `dmae capture` wrote
 
-`make gains` makes the data sets, of subjects that nothing was learned from, and runs it. Changes are of mean errors of
-hidden joints; intervals hold 90 % of a bootstrap over people of clips.
+`make gains` generates the data sets, with subjects that are in no training data, and runs this script. Changes are of
+the mean errors of hidden joints. Intervals contain 90 % of a bootstrap over the people of clips.
 """
 
 import argparse
@@ -35,14 +35,14 @@ KINDS = {"true": "true poses", "perturbed": "perturbed poses", "captured": "capt
 REFERENCE = "gaussian_process"
 _RESAMPLED = 1000
 _FEWEST = 50
-"""Hidden joints of a row, at least."""
+"""Smallest number of hidden joints of a row."""
 _PART = np.array([list(PARTS)[part_of(joint)] for joint in BODY25.joints])
 
 Errors = dict[str, dict[tuple[str, str, str], list[tuple[float, int]]]]
 
 
 def methods() -> dict[str, Callable[[Poses3D, float], Poses3D]]:
-    """Return what is compared: filling methods, and `dmae.complete`, by default and over the process of one kernel."""
+    """Return the compared functions: filling methods, and `dmae.complete` by default and with a one-kernel process."""
     shipped = completers(None, denoise=None, reject=True, smooth=SMOOTHING)(BODY25)
     plain = {name: METHODS[name] for name in ("pchip_body", REFERENCE, "gaussian_process_learned")}
 
@@ -70,7 +70,7 @@ def trials(folders: list[Path]) -> Iterator[tuple[str, Poses3D, Poses3D]]:
 
 
 def measure(folders: list[Path]) -> Errors:
-    """Return sums of errors, mm, and numbers of hidden joints: of each person, by method, kind, length and part."""
+    """Return sums of errors, mm, and numbers of hidden joints for each person, by method, kind, length and part."""
     found: Errors = defaultdict(lambda: defaultdict(list))
     fills = methods()
     for kind, given, truth in trials(folders):

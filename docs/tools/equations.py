@@ -1,4 +1,4 @@
-"""LaTeX in pages to MathML, at build time: browsers draw it themselves, no script is loaded."""
+"""Convert LaTeX in pages to MathML when the pages are built. Browsers draw MathML without a script."""
 
 import html
 import re

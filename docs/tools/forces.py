@@ -1,10 +1,11 @@
-"""Measure what `synth label` says of all interactions: the tables of `docs/results/forces.json`.
+"""Measure the physical labels of `synth label` for all interactions: the tables of `docs/results/forces.json`.
 
     python docs/tools/forces.py             # two clips of each interaction: 10 minutes
     python docs/tools/forces.py clips=1 keep=runs/interactions     # and keep the clips
 
-Of forces: how much of what the motion needs no contact explains, how the weight balances at rest, and what labels cost,
-beside generation. Of surface points: how well their visibility agrees with id images.
+For forces, the tables show the share of the force needed by the motion that no contact explains, the balance of the
+weight at rest, and the cost of labels relative to generation. For surface points, they show how well the visibility
+agrees with id images.
 """
 
 import sys
@@ -81,10 +82,10 @@ def _forces(kind: str, clips: int, out: Path) -> list[str]:
 
 
 def _cost() -> list[list[str]]:
-    """Measure what generation and labels of a clip of four people in 100 frames and 4 views cost; a row each."""
+    """Return a row each for the cost of generation and of labels: four people in 100 frames and 4 views."""
     with tempfile.TemporaryDirectory() as folder:
         options = ("scene.seconds=4", "scene.persons=[4,4]", "rig=ring", "rig.ring.views=4")
-        # The first clip also pays for what is made once.
+        # The first clip also includes one-time costs.
         list(synth.generate("scene.seconds=0.2", clips=1, seed=SEED, out=Path(folder, "warm")))
         synth.label(Path(folder, "warm"))
         work = {"generation": lambda: list(synth.generate(*options, clips=1, seed=SEED, out=Path(folder, "clip")))}
@@ -109,7 +110,7 @@ def _seconds(work) -> float:
 
 
 def _surface(out: Path) -> list[list[str]]:
-    """Compare surface points with id images; a row for each kind of visibility."""
+    """Compare surface points with id images. Return a row for each kind of visibility."""
     list(synth.generate(*OFFICE, clips=2, seed=SEED, out=out))
     synth.label(out, ["surface"])
     found = [surface_agreement(load_clip(each), synth.physical_labels(each).surface) for each in clip_folders(out)]
@@ -125,9 +126,10 @@ def _surface(out: Path) -> list[list[str]]:
 
 
 def _measured(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return residual forces as shares of the weight and moments as levers of it, m, of all people and frames.
+    """Return residual forces, residual moments and supported weights of all people and frames.
 
-    Then the share of the weight that contacts bear in each rest.
+    Forces are shares of the weight. Moments are divided by the weight, m. The third array is the share of the weight
+    that contacts support in each period of rest.
     """
     forces, fps = synth.physical_labels(folder).forces, load_clip(folder).fps
     sizes = np.linalg.norm(forces.residual, axis=-1) / forces.weights[:, None]
@@ -141,7 +143,7 @@ def _measured(folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _rests(change: np.ndarray, least: int) -> Iterator[tuple[int, int, int]]:
-    """Yield person, first frame and the one after the last of each rest in accelerations (F, P)."""
+    """Yield person, first frame and the frame after the last of each period of rest in accelerations (F, P)."""
     for person, still in enumerate((change < _STILL).T):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
         for first, last in edges.reshape(-1, 2):

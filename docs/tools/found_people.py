@@ -1,11 +1,11 @@
-"""How often `dmae detect` finds people in rendered Shelf-like views, and real videos against poses of other authors.
+"""Measure how often `dmae detect` finds people in rendered views, and compare real videos with published poses.
 
     python docs/tools/found_people.py            # both, into docs/results/found_people.json: 15 minutes
     python docs/tools/found_people.py views      # rendered views of three people alone
     python docs/tools/found_people.py videos     # Pose2Sim's recording alone, with DMAE_DATA
 
-A person is in plain sight where at least 80 % of the joints are hidden by nothing but its own body. It is found where
-the median of the joints' errors is below 0.2 of its height. A ghost is a detection near none of the people.
+A person is unoccluded if at most 20 % of its joints are hidden by anything other than its own body. A person is found
+if the median error of its joints is below 0.2 of its height. A ghost is a detection that is near none of the people.
 """
 
 import json
@@ -37,7 +37,7 @@ _EXCHANGED_MM = 50
 
 
 def views(made: str | None = None) -> dict:
-    """Return shares of people found, and ghosts a picture, in clips with images, made here or before."""
+    """Return the shares of people found, and the ghosts per image, in clips with images, generated now or earlier."""
     counts = dict.fromkeys(("pictures", "people", "found", "ghosts", "joints", "near", "detections"), 0)
     seconds, above = 0.0, {name: [] for name in _TORSO}
     with TemporaryDirectory() as folder:
@@ -69,10 +69,10 @@ def views(made: str | None = None) -> dict:
 
 
 def videos(data: Path) -> dict:
-    """Return distances of the people in Pose2Sim's videos from the authors' poses, which OpenPose's joints gave.
+    """Return distances between people in Pose2Sim's videos and the authors' poses, made from OpenPose's joints.
 
-    Those poses are compared as they are, and one frame later: in each of the four cameras, also with every picture
-    detected alone, their detections lie nearest to those of the next picture of the videos.
+    The authors' poses are compared unchanged and shifted by one frame. In each of the four cameras, their detections
+    are nearest to our detections in the next image of the videos, even if each image is detected separately.
     """
     trial = data / "S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"
     reference = dmae.read_poses(next(trial.glob("pose-3d/*_0-100.trc"))).poses

@@ -1,9 +1,9 @@
-"""Write `docs/results/fuzz.json`: the sums of runs of the fuzzer.
+"""Write `docs/results/fuzz.json`: the totals of runs of the fuzzer.
 
     python -m tests.fuzz.run --count 10000 --out fuzz.json
     python docs/tools/fuzz.py fuzz.json
 
-Each input that a run found wrong is tried anew by the readers of today: what is wrong still is `failing`.
+Each input that failed in a run is read again with the current readers. Inputs that still fail are `failing`.
 """
 
 import json

@@ -3,7 +3,7 @@
     python docs/tools/forces.py clips=3 keep=runs/interactions
     python docs/tools/gallery.py data=runs/interactions
 
-The camera is the one of eight around the people that shows most of the person whom it shows least of.
+The camera is one of eight around the people: the one in which the least visible person has the most visible pixels.
 """
 
 import json
@@ -55,7 +55,7 @@ def _title(kind: str) -> np.ndarray:
 
 
 def _draw(task: tuple[str, Path]) -> np.ndarray:
-    """Return a picture (H, W, 3) of a clip."""
+    """Return an image (H, W, 3) of a clip."""
     _, folder = task
     clip, state = load_clip(folder), load_state(folder)
     frame = _moment(state)
@@ -74,14 +74,15 @@ def _draw(task: tuple[str, Path]) -> np.ndarray:
 
 
 def _least(ids: np.ndarray, persons: int) -> int:
-    """Return the number of pixels of the person of whom fewest are seen."""
+    """Return the number of visible pixels of the least visible person."""
     return int(np.bincount(ids.ravel(), minlength=1 + persons)[1 : 1 + persons].min())
 
 
 def _moment(state: BodyState) -> int:
-    """Return the frame of most force in the second of most force between people, or with what is no floor.
+    """Return the frame of the largest force in the second with the most force.
 
-    What legs do to each other does not count. It is the middle frame if there is no such force.
+    Forces between people and forces on anything other than the floor count. Forces between legs do not count. Without
+    any such force, return the middle frame.
     """
     owner = np.array([name.partition("/")[0] for name in state.contact_names])
     leg = np.array([name.endswith(("thigh", "shin", "foot")) for name in state.contact_names])

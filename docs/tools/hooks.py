@@ -1,6 +1,6 @@
-"""What happens to pages when mkdocs builds them: tutorials and commands are generated, results and equations filled in.
+"""Hooks of the mkdocs build: generate the pages of tutorials and commands, fill in results and equations.
 
-What is stale or missing is a warning, which fails a strict build.
+Stale or missing content is a warning, and a warning fails a strict build.
 """
 
 import sys

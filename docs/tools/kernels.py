@@ -1,4 +1,4 @@
-"""Learn the kernels of the method gaussian_process_learned, of data sets that `dmae capture` wrote: `make kernels`."""
+"""Learn the kernels of the method gaussian_process_learned from data sets of `dmae capture`: `make kernels`."""
 
 import argparse
 from pathlib import Path

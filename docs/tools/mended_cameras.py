@@ -1,12 +1,12 @@
-"""Displace or delay one camera, mend it with `dmae.calibrate`, and compare: the tables of `docs/results/mended.json`.
+"""Displace or delay a camera, correct it with `dmae.calibrate`, and compare: the tables of `docs/results/mended.json`.
 
     python docs/tools/mended_cameras.py                  # Shelf, Pose2Sim, four generated rigs: half an hour
-    python docs/tools/mended_cameras.py minutes=20       # as many of them as are done by then, and so on
+    python docs/tools/mended_cameras.py minutes=20       # stop after 20 minutes; run it again to continue
 
-A camera is displaced by 10 cm and 2 degrees, or three frames late. Real recordings are mended by their first five
-sixths, generated ones by 12, 25 and 50 of 60 seconds. How well the camera then reprojects people is measured on the
-rest, with people that the other cameras measure. Errors are stated well if nine in ten regions of 90 % hold the true
-camera.
+A camera is displaced by 10 cm and 2 degrees, or is three frames late. Cameras of real recordings are corrected from the
+first five sixths, cameras of generated recordings from 12, 25 and 50 of 60 seconds. The reprojection errors of the
+corrected camera are measured on the rest, with people that the other cameras measure. Stated errors are right if nine
+in ten of the 90 % regions contain the true camera.
 """
 
 from collections import defaultdict
@@ -45,7 +45,7 @@ _REGION = 0.9
 
 
 def cases(generated: int) -> list[tuple[int, str, int, int]]:
-    """Return number of the recording, what is wrong, the camera, and by how many seconds it is mended; 0 for 5/6."""
+    """Return the recording's number, the fault, the camera, and the seconds used to correct it (0 for five sixths)."""
     found = []
     for number in (SHELF, TRIAL):
         found += [(number, what, view, 0) for what in (DISPLACED, LATE) for view in range(view_count(number))]
@@ -56,8 +56,8 @@ def cases(generated: int) -> list[tuple[int, str, int, int]]:
 
 
 def measured(number: int, what: str, view: int, seconds: int) -> list:
-    """Return how far off the mended camera is: cm and degrees, or frames; whether the stated region holds the truth;
-    medians of its reprojection errors and, on Shelf, PCP, of the sound, the faulty and the mended rig."""
+    """Return the error of the corrected camera: cm and degrees, or frames; whether the stated region contains the
+    truth; and, for the right, the faulty and the corrected rig, median reprojection errors and, on Shelf, PCP."""
     clip = sound_clip(number)
     part = slice(0, round(seconds * clip.fps) or len(clip) * 5 // 6)
     name = clip.rig.names[view]

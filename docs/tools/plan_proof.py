@@ -1,14 +1,14 @@
-"""How well `synth plan` predicts, in `docs/results/plan.json`.
+"""Measure how well `synth plan` predicts: `docs/results/plan.json`.
 
     python docs/tools/plan_proof.py                   # both parts
     python docs/tools/plan_proof.py part=subsets clips=12
     python docs/tools/plan_proof.py part=rings clips=6
     make twin && python docs/tools/plan_proof.py part=again scores=runs/twin_scores
 
-Subsets: each three and four of Shelf's cameras capture the twin's people, and what comes of it is compared with what
-`dmae evaluate` measures of the recording with these cameras. Nothing is fitted to the recording's scores. Rings: rigs
-that are planned for a room, against rings of as many cameras with the same lens, on people who were not used in
-planning. Again: the first part's comparison, with other clips of the twin, scored by `dmae evaluate`.
+Subsets: each three and four of Shelf's cameras capture the twin's people. The result is compared with the scores of
+`dmae evaluate` on the recording with the same cameras. Nothing is fitted to the recording's scores. Rings: rigs that
+are planned for a room are compared with rings of the same number of cameras and the same lens, on people that planning
+did not use. Again: the comparison of the first part, with other clips of the twin that `dmae evaluate` scored.
 """
 
 import json
@@ -149,7 +149,7 @@ def again(scores: Path) -> Iterator[dict[str, dict]]:
 
 
 def rings(clips: int, workers: int) -> Iterator[dict[str, dict]]:
-    """Yield the tables of planned rigs against rings, after each room."""
+    """Yield the tables that compare planned rigs with rings, after each room."""
     columns = ["room", "cameras"]
     for heading in ("not measured, %", "PCP, %", "error, mm"):
         columns += [f"{heading}: planned", "rings", "difference"]
@@ -209,7 +209,7 @@ def _config(options: list[str], clips: int, workers: int):
 
 
 def write(tables: dict[str, dict], command: str) -> None:
-    """Write tables, those of the other part as they were."""
+    """Write the tables of a part. The tables of other parts stay unchanged."""
     content = json.loads(FILE.read_text()) if FILE.is_file() else {"tables": {}}
     content["measured"] = measured("mujoco")
     content["tables"] |= {name: {"command": command, **table} for name, table in tables.items()}

@@ -1,10 +1,10 @@
 """Plant faults of single cameras and ask the doctor: the tables of `docs/results/doctor.json`.
 
     python docs/tools/planted_faults.py                  # Shelf, Pose2Sim, forty generated rigs: an hour
-    python docs/tools/planted_faults.py minutes=20       # as many of the faults as are done by then, and so on
+    python docs/tools/planted_faults.py minutes=20       # stop after 20 minutes; run it again to continue
 
-Each camera of a real recording gets a fault of each kind, a generated rig two. Sizes and directions, kinds and cameras
-of the generated rigs are drawn by seed.
+Each camera of a real recording gets a fault of each kind; a generated rig gets two faults. The sizes and directions of
+faults, and the kinds and cameras for the generated rigs, are drawn by seed.
 """
 
 from collections import Counter
@@ -40,7 +40,7 @@ FAULTS = [
     (Fault.delay, 1, "1 frame late"),
 ]
 SOUND = -1
-"""In place of the index of a fault: a sound recording."""
+"""Index for a recording without a fault."""
 _LIMIT = {
     Fault.moved: "moved",
     Fault.turned: "turned",
@@ -55,7 +55,7 @@ _MAX_OFFSET = 20
 def verdict(diagnosis: Diagnosis, sound: CameraRig, name: str, fault: Fault, size: float) -> str:
     """Return the column of a diagnosis, given the camera without the fault."""
     right = {fault}
-    # Of a camera without distortion, a planted lens is one that the detections do not have.
+    # For a camera without distortion, the planted fault is a lens that the detections do not have.
     if fault == Fault.lens and abs(sound.dist).max() < CERTAIN[Kind.lens]:
         right.add(Fault.undistorted)
     for finding in diagnosis.findings:
@@ -70,7 +70,7 @@ def verdict(diagnosis: Diagnosis, sound: CameraRig, name: str, fault: Fault, siz
 
 
 def cases(generated: int) -> list[tuple[int, int, int]]:
-    """Return number of the recording, index of the fault and camera."""
+    """Return tuples of the recording's number, the index of the fault, and the camera."""
     kinds = [[k for k, case in enumerate(FAULTS) if case[0] == fault] for fault in _LIMIT]
     found = []
     for number in range(2 + generated):
@@ -85,7 +85,7 @@ def cases(generated: int) -> list[tuple[int, int, int]]:
 
 
 def measured(number: int, index: int, view: int) -> list[str]:
-    """Return the verdict, and what the doctor said."""
+    """Return the verdict, and the doctor's diagnosis in words."""
     clip = sound_clip(number)
     if index == SOUND:
         found = diagnose(clip, max_offset=_MAX_OFFSET)

@@ -1,7 +1,8 @@
-"""Recordings into which faults are planted, and rows of results that are kept while a run goes on.
+"""Recordings into which faults are planted, and rows of results that are stored during a run.
 
-Shelf, Pose2Sim's trial, and generated rigs of five kinds with four detectors. Generated clips and finished rows lie in
-`runs/planted`: a run that was stopped goes on where it was, and one of another commit starts with `rm -r runs/planted`.
+The recordings are Shelf, Pose2Sim's trial, and generated rigs of five kinds with four detectors. Generated clips and
+finished rows are in `runs/planted`. A run that was stopped continues from them. For another commit, first run
+`rm -r runs/planted`.
 """
 
 import json
@@ -33,7 +34,7 @@ SHELF, TRIAL = 0, 1
 RIGS = ["rig=ring rig.ring.views=4", "rig=ring rig.ring.views=6", "rig=studio5", "rig=random", "rig=shelf"]
 DETECTORS = ["shelf_openpose", "hrnet_like", "posefix", "clean"]
 MINUTES = 100
-"""Numbers from which on generated recordings last a minute, with three people; the others 12 s."""
+"""Generated recordings from this number on last a minute and show three people; the others last 12 s."""
 
 
 @lru_cache(2)
@@ -53,7 +54,7 @@ def sound_clip(number: int) -> Clip:
 
 
 def view_count(number: int) -> int:
-    """Return the number of cameras of a recording; of generated clips it is read without their arrays."""
+    """Return the number of cameras of a recording. For generated clips, no arrays are read."""
     if number in (SHELF, TRIAL):
         return len(sound_clip(number).rig)
     kept = KEPT / "clips" / str(number) / "clip.json"
@@ -63,12 +64,12 @@ def view_count(number: int) -> int:
 
 
 def detector(number: int) -> str:
-    """Return the detector's preset of a generated recording."""
+    """Return the detector preset of a generated recording."""
     return DETECTORS[number % len(DETECTORS)]
 
 
 def recording_name(number: int) -> str:
-    """Return what a recording is called in the tables."""
+    """Return the name of a recording in the tables."""
     return ["Shelf", "Pose2Sim", "generated"][min(number, 2)]
 
 
@@ -92,7 +93,7 @@ def planted(clip: Clip, view: int, fault: Fault, size: float, rng: np.random.Gen
 
 
 def late(clip: Clip, view: int, frames: int) -> Clip:
-    """Return a clip in which a camera shows at each frame what happens so many frames later."""
+    """Return a clip in which one camera shows, at each frame, the image that is `frames` frames later."""
     found, early = clip.detections, clip.select(frames=slice(0, len(clip) - frames))
     xy, score = early.detections.xy.copy(), early.detections.score.copy()
     xy[:, view], score[:, view] = found.xy[frames:, view], found.score[frames:, view]
@@ -100,10 +101,10 @@ def late(clip: Clip, view: int, frames: int) -> Clip:
 
 
 def kept_rows(name: str, cases: Iterable[tuple], measured: Callable[..., list], minutes: float = np.inf) -> list[list]:
-    """Return a row for each case, `[*case, *measured(*case)]`, from `runs/planted/<name>.jsonl` where it is there.
+    """Return a row `[*case, *measured(*case)]` for each case. Rows in `runs/planted/<name>.jsonl` are reused.
 
-    After so many minutes the other cases are left out. Cases are taken in a fixed random order, so that those measured
-    are a fair choice.
+    After `minutes` minutes the remaining cases are left out. Cases are measured in a fixed random order, so that the
+    measured ones are a fair sample.
     """
     end = time.monotonic() + 60 * minutes
     file = KEPT / f"{name}.jsonl"
@@ -124,7 +125,7 @@ def kept_rows(name: str, cases: Iterable[tuple], measured: Callable[..., list], 
 
 
 def write_tables(name: str, tables: dict[str, tuple[list[str], list[list[str]]]]) -> None:
-    """Write `docs/results/<name>.json`: tables of columns and rows, and what made them."""
+    """Write `docs/results/<name>.json`: tables of columns and rows, with the command and versions that made them."""
     command = " ".join(["python", f"docs/tools/{Path(sys.argv[0]).name}", *sys.argv[1:]])
     content = {
         "measured": provenance.measured("mujoco"),

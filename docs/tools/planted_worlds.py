@@ -1,4 +1,4 @@
-"""Tilt and lift whole rigs, and ask for the floor: the table of `docs/results/floor.json`.
+"""Tilt and lift whole rigs, and estimate the floor: the table of `docs/results/floor.json`.
 
 python docs/tools/planted_worlds.py                  # Shelf, Pose2Sim, forty generated rigs: a minute or two
 python docs/tools/planted_worlds.py generated=4      # four of the generated rigs
@@ -25,7 +25,7 @@ WORLDS = [(0.0, 0.0), (2.0, 0.0), (0.0, 0.05), (0.0, -0.05), (10.0, -0.59)]
 
 @lru_cache(2)
 def captured(number: int) -> Poses3D:
-    """Return the people of a recording: in a world that is moved they are the same, moved."""
+    """Return the people of a recording. In a moved world they are the same people, moved."""
     return dmae.capture(sound_clip(number))
 
 

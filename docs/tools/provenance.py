@@ -1,4 +1,4 @@
-"""What made a file of results: date, commit and versions, in the words of all of them."""
+"""Provenance of a file of results: date, commit and versions, in one format for all files."""
 
 import platform
 import subprocess
@@ -10,7 +10,7 @@ _ROOT = Path(__file__).parents[2]
 
 
 def provenance(*packages: str) -> dict[str, str]:
-    """Return date, commit, and versions of Python, of this project and of packages."""
+    """Return the date, the commit, and the versions of Python, of this project and of packages."""
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=_ROOT, capture_output=True, text=True).stdout
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("dmae-synth", "numpy", *packages))
     return {

@@ -3,8 +3,8 @@
     python docs/tools/record.py             # everything in RECORDED
     python docs/tools/record.py shelf       # one of them
 
-The command is run with `out=` in a temporary folder, and the `scores.json` or `stress.json` that it leaves is kept,
-less its single runs. Of motion, the figure is kept, too: `docs/images/motion.jpg`.
+The command is run with `out=` in a temporary folder. The `scores.json` or `stress.json` that it writes is kept, without
+its single runs. For motion, the figure is kept, too: `docs/images/motion.jpg`.
 """
 
 import json
@@ -171,7 +171,7 @@ def record(name: str, command: str) -> Path:
 
 
 def _found(out: Path) -> dict:
-    """What a command left in its folder: a table of the paper, a stress test, or scores."""
+    """Return the result that a command wrote into its folder: a table of the paper, a stress test, or scores."""
     tables = list(out.glob("table_*.json"))
     if tables:
         return {"table": json.loads(tables[0].read_text())}

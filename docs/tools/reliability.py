@@ -1,9 +1,9 @@
-"""Whether the confidences of `dmae detect` are probabilities: a table of them against what was near the true place.
+"""Check whether the confidences of `dmae detect` are probabilities: compare them with the share of correct joints.
 
     python docs/tools/reliability.py DETECTED...    # into docs/results/reliability.json
 
-DETECTED are data sets that `dmae detect clip=...` made. A joint is near where it lies within 5 % of the height of the
-body from its true place. Joints of people that a detection was matched to count, hidden ones included.
+DETECTED are data sets that `dmae detect clip=...` made. A joint is near if its distance from the true position is at
+most 5 % of the height of the body. All joints of people with a matched detection count, hidden ones included.
 """
 
 import sys

@@ -2,7 +2,7 @@
 
 In a page, `{{ ... }}` holds an expression of the functions below, as in `{{ pcp_table("shelf") }}`. In the README,
 which is read without being built, `<!-- results: pcp_table("shelf") -->` and `<!-- end -->` enclose what the expression
-gave; `python docs/tools/results.py` writes it anew, `--check` fails where it differs.
+gave; `python docs/tools/results.py` rewrites it, and `--check` fails if it differs.
 """
 
 import json
@@ -38,7 +38,7 @@ def load(name: str) -> dict:
     """Return the results file of that name.
 
     Raises:
-        FileNotFoundError: there is none; the message lists those there are.
+        FileNotFoundError: the file does not exist; the message lists the existing ones.
     """
     path = FOLDER / f"{name}.json"
     if not path.is_file():
@@ -164,7 +164,7 @@ def paper_table(name: str) -> str:
 
 
 def protocols() -> str:
-    """What each protocol of PCP does."""
+    """Return a table of the PCP protocols with their rules."""
     from dmae.metrics.protocols import protocol
 
     rows = [
@@ -221,7 +221,7 @@ _FUNCTIONS = {
 
 
 def evaluated(expression: str) -> str:
-    """What an expression of a page gives."""
+    """Return the value of an expression in a page, as text."""
     return str(eval(expression.strip(), {"__builtins__": {}}, _FUNCTIONS))  # the project's own pages
 
 
@@ -231,7 +231,7 @@ def expanded(page: str) -> str:
 
 
 def filled(readme: str) -> str:
-    """The README with what stands between its markers written anew."""
+    """Return the README with the text between its markers regenerated."""
     return _MARKER.sub(lambda found: f"{found[1]}{evaluated(found[2])}\n{found[4]}", readme)
 
 

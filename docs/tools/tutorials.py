@@ -1,8 +1,8 @@
-"""Tutorials: the scripts of `examples/`, executed, each with what it printed and drew.
+"""Tutorials: the scripts of `examples/`, executed, with their printed output and figures.
 
-What they gave is kept in `docs/tutorials/executed/` with a checksum of the script, so that the pages can be built
-without the recordings and the minutes that some of them need. `python docs/tools/tutorials.py` executes those that
-have changed since; building the pages fails where one has.
+The output is stored in `docs/tutorials/executed/` with a checksum of the script. The pages can therefore be built
+without the recordings and the minutes that some scripts need. `python docs/tools/tutorials.py` executes the scripts
+that have changed since. Building the pages fails if a script has changed.
 """
 
 import ast
@@ -32,7 +32,7 @@ TITLES = {
 
 
 def names() -> list[str]:
-    """The tutorials that there are scripts of, in the order to read them in."""
+    """Return the names of the tutorials in reading order."""
     return [name for name in TITLES if (EXAMPLES / f"{name}.py").is_file()]
 
 
@@ -41,14 +41,14 @@ def checksum(name: str) -> str:
 
 
 def executed(name: str) -> dict | None:
-    """What is kept of a script; None where it changed since, or was never executed."""
+    """Return the stored output of a script; None if the script changed since or was never executed."""
     path = EXECUTED / f"{name}.json"
     kept = json.loads(path.read_text()) if path.is_file() else {}
     return kept if kept.get("sha256") == checksum(name) else None
 
 
 def execute(name: str) -> None:
-    """Run a script and keep what it prints and draws.
+    """Run a script and store its printed output and figures.
 
     Raises:
         CalledProcessError: the script failed.

@@ -1,4 +1,4 @@
-"""People who walk about by sines: truth for the learner's tests, made in milliseconds."""
+"""Walking people made of sine waves: true poses for the tests of training, generated in milliseconds."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ _BODY = {
 
 
 def circling_people(frames: int, persons: int, *, rng: np.random.Generator, fps: float = 25.0) -> Poses3D:
-    """Poses3D (F, P, 25): everyone walks round a circle of their own, at a pace and of a size of their own."""
+    """Return poses (F, P, 25). Each person walks round a different circle, with a different pace and body size."""
     joints = np.array([_BODY[joint] for joint in BODY25.joints])
     time = np.arange(frames)[:, None] / fps
     size, pace = rng.uniform(0.9, 1.1, persons), rng.uniform(0.8, 1.2, persons)
@@ -40,7 +40,7 @@ def circling_people(frames: int, persons: int, *, rng: np.random.Generator, fps:
 
 
 def clip_of(poses: Poses3D, name: str, fps: float = 25.0) -> Clip:
-    """A clip of one camera that detects nobody, with these poses as truth."""
+    """Return a clip of one camera without detections, with these poses as truth."""
     nothing = np.full((len(poses.xyz), 1, 0, len(BODY25)), np.nan)
     detections = Detections2D(BODY25, np.stack([nothing, nothing], -1), nothing)
     return Clip(name, fps, looking_at_origin(1), detections, truth=poses)

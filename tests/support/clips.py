@@ -1,4 +1,4 @@
-"""Small made-up recordings for the tests."""
+"""Small synthetic recordings for the tests."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -64,7 +64,7 @@ def walkers(frames: int = 12, persons: int = 2, skeleton: Skeleton = BODY25) -> 
 
 
 def full_clip(frames: int = 12, views: int = 4) -> Clip:
-    """A clip with every field but images and poses set; detections are exact projections, in shuffled order."""
+    """Return a clip with all fields except images and poses. Detections are exact projections, in shuffled order."""
     rng = np.random.default_rng(0)
     rig, truth = looking_at_origin(views), walkers(frames)
     xy, _ = rig.project(truth.xyz)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def square_or_die(folder: str, number: int) -> int:
-    """Return the square of a number; the first time that it is asked for that of 3, end the process without a word."""
+    """Return the square of a number. The first call with 3 ends the process without a message."""
     if number < 0:
         raise ValueError(f"expected 0 or more, got {number}")
     mark = Path(folder, "died")

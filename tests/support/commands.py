@@ -1,4 +1,4 @@
-"""Commands as users type them, run in this process: starting them anew takes seconds each."""
+"""Run commands as users type them, in this process, because starting a process takes seconds each time."""
 
 import contextlib
 import io
@@ -21,7 +21,7 @@ COMMANDS = [*DMAE.commands.values(), *SYNTH.commands.values()]
 
 @dataclass(frozen=True)
 class Done:
-    """What came of a command."""
+    """The result of a command."""
 
     returncode: int
     stdout: str

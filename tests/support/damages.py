@@ -1,4 +1,4 @@
-"""Damages of a data set of at least three clips with videos and pictures: each returns the clips that it concerns."""
+"""Functions that damage a data set of at least three clips with videos and images. Each returns the affected clips."""
 
 import shutil
 from collections.abc import Callable, Iterator
@@ -10,7 +10,7 @@ from dmae.data.images import write_ids, write_video
 from dmae.files.checksums import RECORD
 
 OWN = {"data set"}
-"""What damages of the files of the data set itself concern."""
+"""Returned if the damaged file belongs to the whole data set."""
 
 
 def files_of(path: Path) -> list[Path]:

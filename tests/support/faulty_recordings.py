@@ -1,4 +1,4 @@
-"""Sound recordings of four rigs, and the usual faults planted in them."""
+"""Recordings of four rigs without faults, and functions that plant the usual faults in them."""
 
 from dataclasses import replace
 from functools import cache

@@ -16,10 +16,10 @@ def two_people(frames: int) -> np.ndarray:
 
 
 def haunted_clip(ghosts: int, frames: int, fixed: bool, seed: int = 1) -> Clip:
-    """Two people in five views, with so many ghosts in each view, as sharp and as confident as people.
+    """Return two people in five views, with `ghosts` ghosts in each view that are as sharp and confident as people.
 
-    Each ghost is the picture of a body somewhere in a room of 6 m. The bodies of different views have nothing to do
-    with each other. Those of fixed ghosts stay for the whole clip, others are new in each frame.
+    Each ghost is the projection of a body somewhere in a room of 6 m. The bodies are independent between views. Fixed
+    ghosts stay for the whole clip; other ghosts are new in each frame.
     """
     clip, rng = detected_clip(two_people(frames), 5), np.random.default_rng(seed)
     shape = (1 if fixed else frames, 5, ghosts)

@@ -1,4 +1,4 @@
-"""Python code run in a process of its own: libraries that keep files open, or folders of theirs, are tested so."""
+"""Run Python code in a separate process, to test libraries that keep files or folders open."""
 
 import json
 import os

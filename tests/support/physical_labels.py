@@ -1,4 +1,4 @@
-"""Physical labels of any numbers, made in no time."""
+"""Physical labels with arbitrary numbers, generated quickly."""
 
 import numpy as np
 

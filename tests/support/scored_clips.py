@@ -11,7 +11,10 @@ from tests.support.clips import looking_at_origin, walkers
 
 
 def seen(persons: int = 2, frames: int = 20, name: str = "seen") -> Clip:
-    """Walkers seen without error by four cameras but for a stretch in which a wrist is not; truth on two skeletons."""
+    """Return walkers seen without error by four cameras, except that one wrist is hidden for some time.
+
+    The truth is on two skeletons.
+    """
     poses, rig = walkers(frames, persons), looking_at_origin()
     xy, _ = rig.project(poses.xyz)
     score_ = np.full(xy.shape[:-1], 0.9)
@@ -23,7 +26,7 @@ def seen(persons: int = 2, frames: int = 20, name: str = "seen") -> Clip:
 
 
 def circling(name: str = "circling", seed: int = 0, frames: int = 250, fps: float = 25.0) -> Clip:
-    """Four people who stroll, seen by nobody."""
+    """Return a clip of four people who stroll, without detections."""
     truth = circling_people(frames, 4, rng=np.random.default_rng(seed), fps=fps)
     nothing = np.full((frames, 3, 0, 25, 2), np.nan)
     return Clip(name, fps, looking_at_origin(3), Detections2D(BODY25, nothing, nothing[..., 0]), truth=truth)

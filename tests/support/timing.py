@@ -1,4 +1,4 @@
-"""How long a function takes."""
+"""Measure the run time of a function."""
 
 import time
 

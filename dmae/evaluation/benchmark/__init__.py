@@ -1,1 +1,1 @@
-"""How do I compare? A benchmark of occlusion that is generated from its definition, not downloaded."""
+"""A benchmark of completion under occlusion. Its clips are generated from a definition, not downloaded."""

@@ -1,4 +1,4 @@
-"""Causes of holes: what kept the cameras from a joint for a while."""
+"""Causes of holes: the reason why cameras did not see a joint for some time."""
 
 from enum import IntEnum
 
@@ -7,11 +7,11 @@ import numpy as np
 from dmae.data.labels import OcclusionLabels, Visibility
 
 ENOUGH_VIEWS = 2
-"""Views that have to see a joint for it to be triangulated."""
+"""Smallest number of views that must see a joint to triangulate it."""
 
 
 class Cause(IntEnum):
-    """What kept the cameras from a joint; see `causes`."""
+    """Reason why cameras did not see or measure a joint, see `causes`."""
 
     thing = 0
     """Furniture, walls, carried objects."""
@@ -31,33 +31,34 @@ _CODES = {
     Cause.person: (Visibility.HIDDEN_BY_PERSON,),
     Cause.edge: (Visibility.OUTSIDE_IMAGE, Visibility.BEHIND_CAMERA),
 }
-"""The causes that compete for a gap, in the order in which ties are broken, and their labels."""
+"""The causes that a gap can have in rule 3 of `causes`, with their labels. In a tie the first one wins."""
 
 
 def causes(occlusion: OcclusionLabels, hidden: np.ndarray) -> np.ndarray:
-    """Return the cause of the gap that each hidden joint is in; one gap has one cause.
+    """Return, for each hidden joint, the cause of its gap. A gap has one cause.
 
     A gap is a run of frames in which one joint of one person is hidden. Its cause is
 
     1. `burst` if in more than half of its frames `ENOUGH_VIEWS` cameras or more saw the joint; else
-    2. `self` if in more than half of its frames fewer cameras than that would see the joint with everything else taken
-       away, so that only the person's own body is left; else
-    3. the one of `thing`, `person` and `edge` that hides the joint in most frames and cameras of the gap.
+    2. `self` if in more than half of its frames fewer than `ENOUGH_VIEWS` cameras would see the joint if only the
+       person's own body could hide it; else
+    3. the one of `thing`, `person` and `edge` that hides the joint most often, counted over the frames and cameras of
+       the gap.
 
     Args:
-        occlusion: What V views show of J joints of T persons in F frames.
+        occlusion: Labels of V views, T persons and J joints in F frames.
         hidden: (F, T, J) True in gaps.
 
     Returns:
         (F, T, J) `Cause`, -1 where not hidden.
 
     Raises:
-        ValueError: the labels have not the shape of `hidden`.
+        ValueError: the shape of the labels does not fit the shape of `hidden`.
     """
     visibility = occlusion.visibility
     if (len(visibility), *visibility.shape[2:]) != hidden.shape:
         raise ValueError(f"labels of {visibility.shape} (F, V, T, J) do not fit holes of {hidden.shape} (F, T, J)")
-    # Time last: the frames of a gap are next to each other.
+    # With time as the last axis, the frames of a gap are next to each other.
     hidden = np.moveaxis(hidden, 0, -1)
     starts = hidden & ~np.concatenate([np.zeros_like(hidden[..., :1]), hidden[..., :-1]], -1)
     gap = (np.cumsum(starts) - 1)[hidden.ravel()]

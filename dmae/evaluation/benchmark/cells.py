@@ -18,26 +18,27 @@ AXES = {
 """The axes of cells and their classes; `frames` is the length of a hole in frames at 25/s."""
 SHAPE = tuple(len(classes) for classes in AXES.values())
 NEAR = 0.1
-"""m; a joint found this near the truth is found well."""
+"""m; a joint that is within this distance of the truth counts as near."""
 
 
 def completion_cells(holes: Holes, given: Poses3D, linear: Poses3D, poses: Poses3D) -> dict:
-    """Score completed poses on the holes of capture.
+    """Return the scores of completed poses on the holes of capture.
 
-    Holes count that linear filling reaches: their person stays or comes back within a second, and the joint was
-    measured before and after, or within half a second. Where a method leaves such a hole open, it is given the error of
-    linear filling there, so that no method gains by leaving out what is difficult.
+    Only the holes that linear filling fills are counted: the person stays or returns within a second, and the joint was
+    measured before and after the hole, or within half a second. If a method does not fill such a hole, it gets the
+    error of linear filling there, so that no method gains by leaving out difficult joints.
 
     Args:
-        holes: Those of the captured poses.
-        given: The captured poses, nothing filled.
-        linear: They, linearly filled.
-        poses: The method's, with the persons of `given`.
+        holes: Holes of the captured poses.
+        given: Captured poses, not filled.
+        linear: The same poses, linearly filled.
+        poses: Poses of the method, with the persons of `given`.
 
     Returns:
-        JSON-able. Of each cell, in the order of `AXES`, flat: `holes`; `filled`, how many of them the method filled;
-        `mm`, the sum of errors; `stated`, how many filled ones have a covariance; `held`, how many of these are within
-        their 90 % region. Also of measured joints `seen`, their number, and `seen_mm`, the sum of their errors.
+        JSON-able. Flat lists over the cells in the order of `AXES`: `holes`; `filled`, the number of holes that the
+        method filled; `mm`, the sum of errors; `stated`, the number of filled holes with a covariance; `held`, the
+        number of these in which the truth is within the 90 % region. For measured joints: `seen`, their number, and
+        `seen_mm`, the sum of their errors.
     """
     truth = holes.truth.xyz.astype(np.float64)
     error, reference = (take_matched(each.xyz, holes.matches) - truth for each in (poses, linear))
@@ -60,17 +61,17 @@ def completion_cells(holes: Holes, given: Poses3D, linear: Poses3D, poses: Poses
 
 
 def capture_cells(sight: Holes, poses: Poses3D) -> dict:
-    """Score poses of any capture on the joints that fewer than two cameras saw.
+    """Return the scores of poses of any capture on the joints that fewer than two cameras saw.
 
     Args:
         sight: The true joints that fewer than two cameras saw.
-        poses: P persons, who are matched to true ones frame by frame.
+        poses: Poses of P persons. They are matched to true persons frame by frame.
 
     Returns:
-        JSON-able. Of each cell `holes`; `filled`, how many of them have a place; `near`, how many of them are within
-        `NEAR`; `mm`, the sum of errors of those filled. Of the other true joints `seen`, `seen_found`, `seen_near` and
-        `seen_mm`; `limbs` and `correct`, the numbers of strict PCP; and `extra`, how many persons in a frame match no
-        true one, of `persons`.
+        JSON-able. For each cell: `holes`; `filled`, the number of holes with a position; `near`, the number of holes
+        within `NEAR` of the truth; `mm`, the sum of errors of the filled holes. For the other true joints: `seen`,
+        `seen_found`, `seen_near` and `seen_mm`. For strict PCP: the numbers `limbs` and `correct`. For persons, summed
+        over frames: their number `persons`, and `extra`, the number of persons that match no true person.
     """
     truth = sight.truth.xyz.astype(np.float64)
     matches = match(poses.xyz, sight.truth.xyz)
@@ -98,7 +99,7 @@ def capture_cells(sight: Holes, poses: Poses3D) -> dict:
 
 
 def _cell(holes: Holes) -> np.ndarray:
-    """Return (F, T, J) the index of the cell of each hole, flat; -1 outside holes."""
+    """Return the flat index (F, T, J) of the cell of each hole; -1 outside holes."""
     index = np.broadcast_arrays(np.maximum(holes.cause, 0), holes.length, holes.part)
     return np.where(holes.hidden, np.ravel_multi_index(index, SHAPE), -1)
 

@@ -1,4 +1,4 @@
-"""Frozen checksums: whether the clips made here are those that others were scored on."""
+"""Frozen checksums: check that the clips generated here are the clips of the published scores."""
 
 import hashlib
 import json
@@ -17,15 +17,15 @@ _LABELS = (
 )  # fmt: skip
 _DETECTIONS = ("detections.xy", "detections.score", "detection_labels.person", "detection_labels.error")
 PARTS = {"labels": _LABELS, "detections": _DETECTIONS}
-"""The arrays that each checksum is of."""
+"""The arrays that each checksum covers."""
 
 _NEAR_M, _NEAR_SHARE = 0.02, 0.02
-"""Clips are near if the middles of people lie within this distance, m, and numbers of visible and of detected joints
-differ by at most this share."""
+"""Clips are near if the centres of people differ by at most this distance, m, and the numbers of visible and of
+detected joints differ by at most this share."""
 
 
 class FrozenMatch(StrEnum):
-    """How the clips here agree with those that were frozen, the best first."""
+    """Agreement of the clips here with the frozen ones, the best first."""
 
     equal = "equal"
     """Byte for byte."""
@@ -36,26 +36,26 @@ class FrozenMatch(StrEnum):
 
 
 def clip_checksums(clip: Clip) -> dict[str, str]:
-    """Return SHA-256 of the cameras and labels of a clip, and of its detections: of types, shapes and all bytes.
+    """Return two SHA-256 checksums of a clip: of its cameras and labels, and of its detections.
 
-    Every NaN counts as the same, and the order of bytes is little-endian. Raises AttributeError if the clip has no
-    labels.
+    They cover the types, shapes and bytes of the arrays. All NaN are equal, and the byte order is little-endian. Raises
+    AttributeError if the clip has no labels.
     """
     return {part: _digest(clip, names) for part, names in PARTS.items()}
 
 
 def freeze(clips: dict[str, Clip], file: Path) -> None:
-    """Write the checksums of all clips, by id, and the versions that they were made with.
+    """Write the checksums of all clips by id, and the versions of the packages that made them.
 
     Raises:
-        ValueError: the file exists. Frozen checksums are not changed; another version of a benchmark has its own.
+        ValueError: the file exists. Frozen checksums never change; a new version of a benchmark has its own file.
     """
     if Path(file).exists():
         raise ValueError(
             f"{file}: exists; stored checksums are not overwritten. Remove the file only if no scores are published yet"
         )
     versions = next(iter(clips.values())).provenance.get("versions", {})
-    # One line per clip.
+    # Write one line per clip.
     lines = ",\n".join(
         f"  {json.dumps(name)}: {json.dumps({**clip_checksums(clip), 'sample': _sample(clip)})}"
         for name, clip in sorted(clips.items())
@@ -64,13 +64,13 @@ def freeze(clips: dict[str, Clip], file: Path) -> None:
 
 
 def check_clip(name: str, clip: Clip, file: Path) -> FrozenMatch:
-    """Compare a clip with the frozen checksums, or else with a sample of what was frozen.
+    """Compare a clip with the frozen checksums and, if they differ, with the frozen sample of the clip.
 
-    The generator's contacts amplify how a processor rounds: one without AVX2 makes joints that are millimetres off.
-    That far, clips are `near`.
+    Contacts in the simulation amplify rounding differences between processors: without AVX2, joints differ by
+    millimetres. Clips with such differences are `near`.
 
     Raises:
-        ValueError: it is another clip; the message names the clip, what differs, and the likely reason.
+        ValueError: the clip is a different one; the message names the clip, the differences, and the likely reason.
     """
     frozen = read_json(file)
     if name not in frozen["clips"]:
@@ -101,7 +101,7 @@ def check_clip(name: str, clip: Clip, file: Path) -> FrozenMatch:
 
 
 def _sample(clip: Clip) -> dict:
-    """Return a little of a clip, by which the same clip is known after other rounding."""
+    """Return a small sample of a clip. It identifies the clip even if rounding differs."""
     frames = [0, len(clip) // 2, len(clip) - 1]
     middle = np.nanmean(clip.truth.xyz[frames].astype(np.float64), 2)
     return {

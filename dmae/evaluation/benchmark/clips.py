@@ -17,29 +17,30 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
 CLIPS, GIVEN = "clips", "given"
-"""Folders of the benchmark's data: simulated clips, and what methods may see of them, captured."""
+"""Folders of the benchmark's data: simulated clips, and the captured data that methods may use."""
 
 
 def make_clips(definition: Definition, size: BenchmarkSize, data: Path, workers: int = 1) -> FrozenMatch:
-    """Generate, check and capture the clips of a benchmark that are not there yet.
+    """Generate, check and capture those clips of a benchmark that do not exist yet.
 
-    In `data`, `clips/<id>` holds each clip with its truth and labels, and `given/<id>` what methods are given of it:
-    cameras, detections, and the poses that our capture makes of them.
+    In `data`, the folder `clips/<id>` contains each clip with its truth and labels. The folder `given/<id>` contains
+    the data that methods get: cameras, detections, and the poses that our capture computes from them.
 
     Args:
         definition: The benchmark.
-        size: How many clips.
-        data: The folder. Everything in it can be made again.
-        workers: Processes; -1 for one per core.
+        size: Size of the benchmark, which sets the number of clips.
+        data: The data folder. Its whole content can be regenerated.
+        workers: Number of processes; -1 for one per core.
 
     Returns:
-        How the clips agree with those that were frozen, of all the worst.
+        The agreement of the clips with the frozen ones: that of the worst clip.
 
     Raises:
-        ValueError: the folder holds another benchmark, a clip cannot be generated, or is not the one that was frozen.
+        ValueError: the folder contains another benchmark, a clip cannot be generated, or a clip differs from the frozen
+            one.
     """
     claim_folder(data / "benchmark.json", asdict(replace(definition, file=definition.name)), "a benchmark")
-    # Captured poses depend on more than clips do.
+    # Captured poses depend on more settings than clips.
     made_by = {"capture": asdict(CaptureConfig()), "version": metadata.version("dmae-synth")}
     claim_folder(data / GIVEN / "capture.json", made_by, "poses captured")
     sets = definition.sets(size)
@@ -57,12 +58,15 @@ def clip_of(data: Path, name: str) -> Clip:
 
 
 def given_clip(data: Path, name: str) -> Clip:
-    """Return what methods are given of a clip: cameras, detections, and captured poses; no truth."""
+    """Return the data of a clip that methods get: cameras, detections and captured poses, without truth."""
     return load_clip(data / GIVEN / name)
 
 
 def _generate(each: ClipSet, data: Path, workers: int) -> None:
-    """Generate a set of clips, unless it is whole, by the command `synth generate`: this package knows no simulator."""
+    """Generate a set of clips unless it is complete.
+
+    It runs the command `synth generate`, because this package does not import the simulator.
+    """
     folder = data / CLIPS / each.folder
     if all((data / CLIPS / name / "clip.json").is_file() for name in each.ids):
         return
@@ -80,7 +84,7 @@ def _generate(each: ClipSet, data: Path, workers: int) -> None:
 
 
 def _prepare(definition: Definition, data: Path, name: str) -> FrozenMatch:
-    """Check a clip, and capture it unless that was done."""
+    """Check a clip, and capture it if its capture does not exist yet."""
     clip = clip_of(data, name)
     frozen = definition.checksums.is_file()
     agreement = check_clip(name, clip, definition.checksums) if frozen else FrozenMatch.unchecked

@@ -1,4 +1,4 @@
-"""Definitions of benchmarks: which clips there are, made with which options and seeds."""
+"""Definitions of benchmarks: their clips, and the options and seeds that generate them."""
 
 import re
 import shlex
@@ -12,7 +12,7 @@ from dmae.files.structured import read_yaml
 from dmae.registry import unknown
 
 _GROUPS = ("scene", "props", "motion", "interaction", "rig", "detector", "occlusion", "retries")
-"""Options of `synth generate` that a definition can hold; the others say where and how many."""
+"""Options of `synth generate` that a definition can contain. The others set the output and the number of clips."""
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -34,9 +34,9 @@ class ClipSet:
     Attributes:
         folder: `<number>_<level>/<set>`.
         level: Index of the level.
-        options: Of `synth generate`.
-        seed: Of the data set.
-        clips: How many.
+        options: Options of `synth generate`.
+        seed: Seed of the data set.
+        clips: Number of clips.
     """
 
     folder: str
@@ -47,7 +47,7 @@ class ClipSet:
 
     @property
     def ids(self) -> list[str]:
-        """The ids of the clips: their folders in the benchmark's."""
+        """The ids of the clips: their paths in the benchmark's folder of clips."""
         return [f"{self.folder}/{number:06d}" for number in range(self.clips)]
 
 
@@ -57,9 +57,9 @@ class Level:
 
     Attributes:
         name: The main cause of its holes.
-        about: One sentence.
-        sets: Options of `synth generate` of each set, as on a command line, by its name.
-        options: Those of all its sets. They come before those of the set, which override them.
+        about: One sentence about the level.
+        sets: Options of `synth generate` for each set, as on a command line, by the name of the set.
+        options: Options for all its sets. The options of a set override them.
     """
 
     name: str
@@ -82,12 +82,13 @@ class Definition:
     """A benchmark.
 
     Attributes:
-        about: One sentence.
-        seed: Of the whole benchmark.
-        small, full: Number of clips of each set, by size. Small takes the first ones of full.
-        levels: In the order of difficulty.
-        options: Options of `synth generate` of all clips; those of a level, then those of a set come after them.
-        file: Where it is written.
+        about: One sentence about the benchmark.
+        seed: Seed of the whole benchmark.
+        small, full: Number of clips of each set, by size. The small size uses the first clips of the full size.
+        levels: Levels in the order of difficulty.
+        options: Options of `synth generate` for all clips. The options of a level override them, and those of a set
+            override both.
+        file: File of the definition.
     """
 
     about: str
@@ -119,7 +120,7 @@ class Definition:
         return Path(self.file).with_suffix(".checksums.json")
 
     def sets(self, size: BenchmarkSize) -> list[ClipSet]:
-        """Return the sets of clips, with a seed of its own each."""
+        """Return the sets of clips. Each has its own seed."""
         found = []
         for number, level in enumerate(self.levels):
             for name, options in level.sets.items():
@@ -133,10 +134,10 @@ class Definition:
 
 
 def split_options(options: str) -> list[str]:
-    """Return the options of a command line.
+    """Return the options of a command line as a list.
 
     Raises:
-        ValueError: one of them is not an option of `synth generate` that says what the clips are.
+        ValueError: one of them is not an option of `synth generate` that a definition can contain.
     """
     found = shlex.split(options)
     for option in found:
@@ -146,10 +147,10 @@ def split_options(options: str) -> list[str]:
 
 
 def find_definition(name: str) -> Definition:
-    """Return the benchmark of a name, or of a YAML file of your own.
+    """Return the benchmark of this name, or the benchmark that a YAML file defines.
 
     Raises:
-        ValueError: there is none; or it is malformed, and the message names file and field.
+        ValueError: the benchmark does not exist, or its file is malformed; the message names the file and the field.
     """
     file = Path(name)
     if file.suffix != ".yaml":

@@ -1,14 +1,14 @@
-"""Differences between hand-ins of two runs of one benchmark, with intervals over clips."""
+"""Differences between the hand-ins of two runs of a benchmark, with intervals over clips."""
 
 from dmae.evaluation.benchmark.summary import clip_sums, interval_json
 from dmae.metrics.intervals import bootstrap_difference
 
 
 def check_same(earlier: dict, benchmark: str, size: str) -> None:
-    """Check that earlier scores are of a benchmark and size.
+    """Check that earlier scores are scores of this benchmark and size.
 
     Raises:
-        ValueError: they are not; the message names both.
+        ValueError: they are of another benchmark or size; the message names both.
     """
     found = (earlier.get("benchmark"), earlier.get("size")) if isinstance(earlier, dict) else (None, None)
     if found != (benchmark, size):
@@ -19,21 +19,21 @@ def check_same(earlier: dict, benchmark: str, size: str) -> None:
 
 
 def differences(scores: dict, earlier: dict) -> list[dict]:
-    """Return for each method that has an earlier counterpart how much its error differs.
+    """Return the differences of errors between methods and earlier methods. Positive differences are worse.
 
-    The counterpart is the earlier method of the same name. A method without one is compared with each earlier method.
-    Positive is worse. The same clips are drawn for both.
+    A method is compared with the earlier method of the same name. If there is none, it is compared with each earlier
+    method. The bootstrap draws the same clips for both.
 
     Args:
-        scores: What `benchmark` returned.
+        scores: Result of `benchmark`.
         earlier: Scores of the same benchmark and size.
 
     Returns:
-        An entry for each pair: `method`, `against`, and `mm`, the difference of the mean over levels with its 95 %
-        interval; `shown`, whether the interval excludes zero.
+        An entry for each pair: `method`; `against`; `mm`, the difference of the mean over levels with its 95 %
+        interval; and `shown`, whether the interval excludes zero.
 
     Raises:
-        ValueError: the scores are of other clips or other holes; the message names the first.
+        ValueError: the scores are of other clips or other holes; the message names the first one.
     """
     levels = {clip["id"]: clip["level"] for clip in scores["clips"]}
     new, old = (

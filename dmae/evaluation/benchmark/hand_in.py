@@ -1,4 +1,4 @@
-"""Hand-ins: what is scored. Methods by name, functions of your own, or folders of poses made elsewhere."""
+"""Hand-ins of a benchmark: methods by name, functions of your own, or folders of poses made elsewhere."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from dmae.formats.recordings.pose_files import pose_paths, read_poses
 from dmae.plugins import load_function
 
 OURS = "capture"
-"""The capture that comes with the package, nothing filled."""
+"""Name of the capture that comes with the package, without completion."""
 
 
 class Task(StrEnum):
@@ -29,13 +29,13 @@ class Task(StrEnum):
 
 @dataclass(frozen=True)
 class HandIn:
-    """What is scored.
+    """A method or capture that is scored.
 
     Attributes:
-        name: As users name it: a completion method, `capture`, `package.module:function`, or a folder.
-        task: What it hands in.
+        name: The user's name for it: a completion method, `capture`, `package.module:function`, or a folder.
+        task: The task that it solves.
         weights: Folder of trained weights, for learned completion methods.
-        own: A function handed in by Python; then the name is its.
+        own: A Python function; `name` is then the name of the function.
     """
 
     name: str
@@ -45,18 +45,18 @@ class HandIn:
 
     @property
     def folder(self) -> Path | None:
-        """The folder of poses, None if it is none; a folder called as a method is `./NAME`."""
+        """The folder of poses; None if the name is not a folder. Write `./NAME` if a method has the same name."""
         known = self.own or self.name in completion_method or self.name == OURS
         return Path(self.name) if not known and Path(self.name).is_dir() else None
 
     def check(self, clips: list[str]) -> None:
-        """Check it before anything is computed.
+        """Check the hand-in before anything is computed.
 
         Args:
             clips: Ids of the clips of the benchmark.
 
         Raises:
-            ValueError: there is no such method, function or folder.
+            ValueError: the method, function or folder does not exist.
             FileNotFoundError: the folder lacks clips; the message names them.
         """
         if self.folder is None:
@@ -71,7 +71,7 @@ class HandIn:
             )
 
     def function(self) -> Callable:
-        """Return the function that makes poses: of poses and frames per second, or of a clip."""
+        """Return the function that makes poses. Its arguments are poses and frames per second, or a clip."""
         if self.own:
             return self.own
         if self.task == Task.completion:
@@ -87,10 +87,10 @@ class HandIn:
 
         Args:
             name: Id of the clip.
-            given: What methods are given of it, with our captured poses.
+            given: The data that methods get, with our captured poses.
 
         Raises:
-            ValueError: they do not fit the clip; the message names both.
+            ValueError: the poses do not fit the clip; the message names both.
         """
         where = f"{self.name}, clip {name}"
         if self.folder is not None:
@@ -102,31 +102,31 @@ class HandIn:
             function = _loaded(self)
             try:
                 poses = function(given.poses, given.fps) if self.task == Task.completion else function(given)
-            # A function of another project may raise anything; the clip and the function are named with it.
+            # A function of another project may raise any error. The message names the clip and the function.
             except Exception as error:
                 raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
         return check_poses(poses, given.poses, self.task, where)
 
 
 def find_hand_in(given: str | Callable, task: Task, weights: str | None = None) -> HandIn:
-    """Return the hand-in of a name or of a function."""
+    """Return the hand-in for a name or a function."""
     if callable(given):
         return HandIn(getattr(given, "__name__", repr(given)), task, weights, given)
     return HandIn(given, task, weights)
 
 
 def check_poses(poses: Poses3D, given: Poses3D, task: Task, where: str) -> Poses3D:
-    """Return poses on the skeleton of the given ones.
+    """Return poses that were handed in, converted to the skeleton of the captured poses.
 
     Args:
-        poses: Handed in.
+        poses: The poses that were handed in.
         given: Captured poses of the clip.
-        task: What they are.
-        where: What they are of, for messages.
+        task: Task that the poses solve.
+        where: Name of the poses in messages.
 
     Raises:
-        ValueError: they are no `Poses3D`, of another length, number of persons or unit, on a skeleton without a
-            conversion, or not finite.
+        ValueError: the poses are not `Poses3D`; differ in length, number of persons or unit; have a skeleton without a
+            conversion; or are not finite.
     """
     if not isinstance(poses, Poses3D):
         raise ValueError(f"{where}: expected dmae.Poses3D, found {type(poses).__name__}")
@@ -134,12 +134,12 @@ def check_poses(poses: Poses3D, given: Poses3D, task: Task, where: str) -> Poses
 
 
 def _file(folder: Path, name: str) -> Path | None:
-    """Return the file or folder of a clip's poses, None if there is none."""
+    """Return the file or folder of a clip's poses; None if it does not exist."""
     place = folder / name
     return (pose_paths(place.parent) or {}).get(place.name) if place.parent.is_dir() else None
 
 
 @cache
 def _loaded(hand_in: HandIn) -> Callable:
-    """The function of a hand-in, loaded once a process: weights are large."""
+    """Return the function of a hand-in. It is loaded once per process, because weights are large."""
     return hand_in.function()

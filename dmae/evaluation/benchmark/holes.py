@@ -1,4 +1,4 @@
-"""Holes: the joints that methods are scored on, with length, cause and body part, fixed before any method runs."""
+"""Holes: the joints on which methods are scored, with length, cause and body part. No method can change them."""
 
 from dataclasses import dataclass, replace
 
@@ -21,7 +21,7 @@ PARTS = {
     "leg": ("knee", "ankle"),
     "foot": ("big_toe", "small_toe", "heel"),
 }
-"""Body parts, and the joints of each without their side."""
+"""Body parts, and the names of their joints without the side."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,8 @@ class Holes:
         length: (F, T, J) index of `dmae.metrics.position_error.GAPS`, the class of the length of the hole.
         cause: (F, T, J) `Cause`; -1 outside holes.
         part: (J,) index of `PARTS`.
-        matches: (F, T) index of the captured person that is each true one, -1 for none. Holes of capture only.
+        matches: (F, T) index of the captured person that matches each true person, -1 for none. Only for holes of
+            capture.
     """
 
     truth: Poses3D
@@ -49,10 +50,10 @@ def holes_of_capture(clip: Clip, captured: Poses3D) -> Holes:
     """Return the joints of captured persons that capture did not measure.
 
     Args:
-        clip: Has truth, and labels of its occlusion.
-        captured: What was captured of it, nothing filled. A true person is the captured one that
-            `dmae.metrics.matching.match` finds; where nothing of a person was captured for a while, it is the one
-            before if that is also the one after. Persons that were not captured have no holes.
+        clip: Clip with truth and occlusion labels.
+        captured: Captured poses of the clip, not filled. `dmae.metrics.matching.match` matches them with true persons.
+            In a time without a match, a true person keeps its captured person if that is the same before and after.
+            Persons that were not captured have no holes.
     """
     truth, occlusion = labels_on(clip, captured.skeleton)
     matches = _bridged(match(captured.xyz, truth.xyz))
@@ -63,7 +64,7 @@ def holes_of_capture(clip: Clip, captured: Poses3D) -> Holes:
 
 
 def holes_of_sight(clip: Clip, skeleton: Skeleton) -> Holes:
-    """Return the true joints that fewer than `ENOUGH_VIEWS` cameras saw, which no capture depends on."""
+    """Return the true joints that fewer than `ENOUGH_VIEWS` cameras saw. They do not depend on any capture."""
     truth, occlusion = labels_on(clip, skeleton)
     known = ~np.isnan(truth.xyz).any(-1)
     return _holes(truth, occlusion, known & (occlusion.visible_views < ENOUGH_VIEWS), clip.fps)
@@ -73,7 +74,7 @@ def labels_on(clip: Clip, skeleton: Skeleton) -> tuple[Poses3D, OcclusionLabels]
     """Return the truth of a clip and its labels on one of the skeletons of its truth.
 
     Raises:
-        ValueError: the clip has no such truth or labels.
+        ValueError: the clip has no truth or no labels on this skeleton.
     """
     if clip.truth is None or clip.occlusion is None:
         raise ValueError(f"clip {clip.id!r}: expected truth and labels of occlusion, as simulated clips have")
@@ -89,7 +90,7 @@ def part_of(joint: str) -> int:
     """Return the index in `PARTS` of a joint.
 
     Raises:
-        KeyError: no part has it.
+        KeyError: no part contains the joint.
     """
     bare = joint.removeprefix("l_").removeprefix("r_")
     for number, joints in enumerate(PARTS.values()):
@@ -106,13 +107,13 @@ def _holes(truth: Poses3D, occlusion: OcclusionLabels, hidden: np.ndarray, fps: 
 
 
 def _bridged(matches: np.ndarray) -> np.ndarray:
-    """Return matches (F, T) in which a person keeps their track through frames in which none was matched."""
+    """Return matches (F, T) in which a person keeps its track through frames without a match."""
     before, after = neighbours(matches >= 0)
     person = np.arange(matches.shape[1])
     inside = (before >= 0) & (after < len(matches))
     last = matches[np.maximum(before, 0), person]
     same = inside & (last == matches[np.minimum(after, len(matches) - 1), person])
     bridged = np.where(same, last, matches)
-    # A track that another person has in the meantime is not theirs.
+    # If another person has the track in the meantime, it does not belong to this person.
     taken = (bridged[:, :, None] == matches[:, None]).any(-1)
     return np.where((matches < 0) & taken, -1, bridged)

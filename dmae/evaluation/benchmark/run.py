@@ -1,4 +1,4 @@
-"""Run a benchmark: make its clips, score what is handed in, and compare that with earlier scores."""
+"""Run a benchmark: generate its clips, score the hand-ins, and compare them with earlier scores."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -53,23 +53,22 @@ class BenchmarkConfig:
 
 
 def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), captures: Sequence[Callable] = ()) -> dict:
-    """Make the clips of a benchmark unless they are there, and score methods and captures on them.
+    """Generate the clips of a benchmark unless they exist, and score methods and captures on them.
 
     Args:
-        config: What is run.
-        methods, captures: Functions in addition to those that the configuration names.
+        config: Configuration of the run.
+        methods, captures: Functions that are scored in addition to the methods and captures of the configuration.
 
     Returns:
-        JSON-able. `benchmark`; `size`; `checksums`, how the clips agree with those that were frozen (`FrozenMatch`);
-        `axes`, the classes of cells; `levels`, each with its name, clips and difficulty; `holes`, their
-        number in each cell; `clips`, facts about each;
-        `completion` and `capture`, for each hand-in by name its `summary` and its `clips`, the cells of each by id;
-        `differences` from earlier scores, see `differences`.
+        JSON-able. `benchmark`; `size`; `checksums`, the agreement of the clips with the frozen ones (`FrozenMatch`);
+        `axes`, the classes of cells; `levels`, each with its name, clips and difficulty; `holes`, their number in each
+        cell; `clips`, facts about each clip; `completion` and `capture`, for each hand-in by name its `summary` and its
+        `clips`, which are its cells by clip id; `differences` from earlier scores, see `differences`.
 
     Raises:
-        ValueError: no such benchmark or hand-in, poses do not fit a clip, clips are not those that were frozen, or
-            earlier scores are of other clips or holes.
-        FileNotFoundError: a folder of poses lacks clips, or there are no earlier scores.
+        ValueError: the benchmark or a hand-in does not exist, poses do not fit a clip, clips differ from the frozen
+            ones, or earlier scores are of other clips or holes.
+        FileNotFoundError: a folder of poses lacks clips, or the earlier scores do not exist.
     """
     definition = find_definition(config.name)
     hand_ins = [find_hand_in(each, Task.completion, config.weights) for each in (*config.methods, *methods)]
@@ -122,26 +121,26 @@ def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), capture
 
 
 def score_clip(data: Path, name: str, hand_ins: list[HandIn]) -> dict:
-    """Score everything that is handed in on one clip.
+    """Return the scores of all hand-ins on one clip.
 
     Args:
         data: Folder of the benchmark's clips.
         name: Id of the clip.
-        hand_ins: What is scored.
+        hand_ins: The hand-ins to score.
 
     Returns:
-        JSON-able. `id`, `frames`, `persons`, `cameras`; `joints`, the number of true joints, `uncaptured`, those of
-        persons that capture missed, `hidden`, those of others that it did not measure; `causes`, the number of hidden
-        joints by cause; `holes`, the number in each cell, and `linear_mm`, the sum of errors of linear filling there;
-        `completion` and `capture`, the cells of each hand-in by name. Completed poses count as a capture, too:
-        `capture + <method>`.
+        JSON-able. `id`, `frames`, `persons`, `cameras`; `joints`, the number of true joints; `uncaptured`, the number
+        of joints of persons that capture missed; `hidden`, the number of joints of other persons that capture did not
+        measure; `causes`, the number of hidden joints by cause; `holes`, the number of holes in each cell; `linear_mm`,
+        the sum of errors of linear filling in each cell; `completion` and `capture`, the cells of each hand-in by name.
+        Completed poses are also scored as a capture: `capture + <method>`.
     """
     clip, given = clip_of(data, name), given_clip(data, name)
     holes, sight = holes_of_capture(clip, given.poses), holes_of_sight(clip, given.poses.skeleton)
     linear = find_method("linear").function(given.poses, given.fps)
     found: dict[str, dict] = {task.value: {} for task in Task}
     for hand_in in hand_ins:
-        # Read again for each, so that no method gets data that another has changed.
+        # Read the clip again for each method, so that no method gets data that another has changed.
         poses = hand_in.poses(name, given_clip(data, name))
         if hand_in.task == Task.completion:
             found[Task.completion][hand_in.name] = completion_cells(holes, given.poses, linear, poses)
@@ -166,7 +165,7 @@ def score_clip(data: Path, name: str, hand_ins: list[HandIn]) -> dict:
 
 
 def _difficulty(scored: list[dict]) -> dict:
-    """Return how difficult the clips of a level are: % of joints that are hidden, mm of linear filling, % by cause."""
+    """Return the difficulty of a level: hidden joints, %, error of linear filling, mm, and causes, %."""
 
     def total(key: str) -> float:
         return sum(each[key] for each in scored)

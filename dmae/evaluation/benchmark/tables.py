@@ -21,7 +21,7 @@ CHECKED = {
     "last digits from those made elsewhere.",
     FrozenMatch.unchecked: "There are no published checksums: scores from other machines may be for other clips.",
 }
-"""What `checksums` of scores means."""
+"""Meaning of the values of `checksums` in scores."""
 _MARKERS = "osD^vP*X<>h"
 
 
@@ -29,7 +29,7 @@ def benchmark_tables(scores: dict) -> dict[str, Table]:
     """Return the tables of a benchmark by name: `difficulty`, `levels`, `cause`, `frames`, `part`, `cells` and more.
 
     Args:
-        scores: What `dmae.evaluation.benchmark.run.benchmark` returned; summaries are enough.
+        scores: Result of `dmae.evaluation.benchmark.run.benchmark`. The summaries are sufficient.
     """
     completion = {name: entry["summary"] for name, entry in scores["completion"].items()}
     tables = {"difficulty": _difficulty(scores)}

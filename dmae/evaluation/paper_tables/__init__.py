@@ -1,1 +1,1 @@
-"""What did the paper report, and what is measured here? Its five tables, published rows and measured ones."""
+"""The five tables of the paper, with published rows and rows measured here."""

@@ -1,4 +1,4 @@
-"""What a table is made of."""
+"""Configuration of the paper's tables."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -19,7 +19,7 @@ NUMBERS = {
 
 
 class TableSize(StrEnum):
-    """How much is spent on a table."""
+    """Amount of computation for a table."""
 
     full = "full"
     """All methods and full trainings: on two cores minutes for tables 1 and 2, a quarter of an hour for 3 and 4, about

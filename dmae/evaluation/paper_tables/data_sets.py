@@ -1,4 +1,4 @@
-"""The clips of several data sets as one, each read when it is accessed."""
+"""The clips of several data sets as one sequence. Each clip is read when it is accessed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +12,7 @@ from dmae.formats.reading import Clips, DataConfig, load
 
 
 class NamedClips(Sequence):
-    """Clips of several data sets, called as their folders are: names of clips count from 0 in each set.
+    """Clips of several data sets, named after their folders, because clip ids start at 0 in each set.
 
     Args:
         members: The set and the index of each clip.
@@ -61,7 +61,7 @@ def halves(data: DataConfig, paths: Sequence[str]) -> tuple[NamedClips, NamedCli
 
 
 def check_truth(clip: Clip, number: int) -> None:
-    """Raise ValueError where a clip has no truth on the joints of Shelf, which a table scores."""
+    """Raise ValueError if a clip has no truth on the joints of Shelf, which a table scores."""
     if clip.truth is None or np.isnan(clip.truth.xyz).all():
         raise ValueError(f"clip {clip.id!r} has no truth; table {number} needs true poses on {SHELF14.name}")
     if SHELF14 not in clip.truth.skeleton.parts:

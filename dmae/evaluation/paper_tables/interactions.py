@@ -1,4 +1,4 @@
-"""Table 3: people who interact, simulated in place of BU-Mocap, and what transfer is worth."""
+"""Table 3: interacting people, simulated in place of BU-Mocap, and the gain from transfer learning."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -31,9 +31,9 @@ from dmae.reconstruction.pipeline import capture
 
 TUNED, ALONE = "dmae, fine-tuned on this data", "dmae, trained only on this data"
 _STEPS = {TableSize.small: (60, 200), TableSize.full: (1000, 6000)}
-"""Steps of tuning, and of learning from nothing."""
+"""Steps of fine-tuning, and of training from scratch."""
 _OBSERVED_WEIGHT = 0.2
-"""As the shipped weights were trained."""
+"""Settings with which the shipped weights were trained."""
 _NOTES = (
     "The paper's own recordings of interactions (BU-Mocap) are replaced by simulated ones, so that no published row is "
     "compared with. The first half of the clips of each data set is learned from, the second half is scored.",
@@ -91,7 +91,7 @@ def _row(name: str, runs: list[dict], tallies: list[Tally]) -> MeasuredRow:
 
 
 def _trained(config: TableConfig, learned: NamedClips, out: Path) -> dict[str, Path]:
-    """Return the folders of the model that is tuned on these clips, and of the one that has seen no others."""
+    """Return the folders of the model that is fine-tuned on these clips, and of the model trained only on them."""
     weights = Path(config.weights) if config.weights else find_shipped(BODY25)
     model = load_model(weights)[0].config
     captured = list(_captured(learned, config))

@@ -1,4 +1,4 @@
-"""Tallies: what was right of what counts, by blocks of time, from which cells and their intervals are computed."""
+"""Tallies: numbers of correct and of counted items by blocks of time, for the cells of tables and their intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ class Tally:
     """Sums of one clip with one subset of its cameras.
 
     Attributes:
-        clip: Id.
-        cameras: Views used.
+        clip: Id of the clip.
+        cameras: Indices of the views used.
         total: (G, K, B) numerators of G persons and K kinds (limbs), over B blocks of time.
         count: (G, K, B) denominators.
-        annotated: (G, K, B) what there is truth of, whatever is counted of it.
+        annotated: (G, K, B) number of items with truth, counted or not.
     """
 
     clip: str
@@ -40,7 +40,7 @@ def limb_tally(trial: Trial, correct: np.ndarray, counted: np.ndarray, known: np
 
 
 def actors_of(trial: Trial) -> list[int]:
-    """Return the true persons that averages are over: those of the trial, or all that are annotated."""
+    """Return the true persons that averages include: the actors of the trial, or all annotated persons."""
     if trial.actors is not None:
         return list(trial.actors)
     return np.flatnonzero((~np.isnan(trial.truth.xyz).any(-1)).any((0, 2))).tolist()
@@ -52,15 +52,15 @@ def pooled(
     """Return the sums of a cell: the mean over persons, then clips, then subsets of cameras.
 
     Args:
-        tallies: Of one method: of each clip and subset.
+        tallies: Tallies of one method for each clip and subset.
         persons: Indices into G; by default all.
-        kinds: Indices into K, the counts of which are added up; by default all.
-        scale: From a ratio to the unit of the cell.
+        kinds: Indices into K. Their counts are added; by default all.
+        scale: Factor from a ratio to the unit of the cell.
     """
     clips = list(dict.fromkeys(tally.clip for tally in tallies))
     subsets = [tally.cameras for tally in tallies]
     parts = [[_selected(part, persons, kinds) for part in (each.total, each.count, each.annotated)] for each in tallies]
-    # Blocks without truth of these persons say nothing; all methods have the same ones left.
+    # Blocks without truth for these persons are left out. They are the same for all methods.
     kept = {each.clip: annotated.any(0) for each, (_, _, annotated) in zip(tallies, parts, strict=True)}
     longest = max((int(known.sum()) for known in kept.values()), default=0)
     total, count, clip, share = [], [], [], []

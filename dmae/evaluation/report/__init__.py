@@ -1,1 +1,1 @@
-"""What does the report say of clips? Counts, errors and moments of each, and the page made of them."""
+"""The report on clips: counts, errors and worst moments of each clip, and the page that shows them."""

@@ -70,7 +70,7 @@ def _visibility(clip: Clip, joints: Joints) -> np.ndarray | None:
 
 
 def _by_cause(visibility: np.ndarray) -> dict[str, np.ndarray]:
-    """Group joints by the most frequent reason for which cameras do not see them; the first of `_CAUSES` in a tie."""
+    """Group joints by the most frequent reason why cameras do not see them. In a tie, use the first of `_CAUSES`."""
     counts = np.stack([(visibility == cause).sum(1) for cause in _CAUSES])
     main = np.where(counts.any(0), counts.argmax(0), -1)
     parts = {"seen by every camera": main == -1}

@@ -1,4 +1,4 @@
-"""What the report finds in one clip."""
+"""Findings of the report in one clip."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -18,11 +18,11 @@ from dmae.evaluation.review.ranking import Doubt, rank_doubts
 from dmae.numerics.robust import mean_known
 
 _DOUBTS = 40
-"""Doubtful joints that the page lists of a clip."""
+"""Number of doubtful joints that the page lists for a clip."""
 
 
 class State(StrEnum):
-    """How far a clip has come."""
+    """Processing state of a clip."""
 
     empty = "no frames"
     not_captured = "not captured"
@@ -36,25 +36,25 @@ class Findings:
     """Counts, errors and moments of one clip.
 
     Attributes:
-        id: Of the clip.
-        state: How far it has come.
+        id: Id of the clip.
+        state: Processing state of the clip.
         frames: Number of frames.
         fps: Frames per second.
         cameras: Number of cameras.
         people: Number of captured people.
-        sources: Number of joints of each `Source`, of the captured people in frames where they are there.
+        sources: Number of joints of each `Source`, over the captured people in the frames in which they are present.
         has_truth: Whether the clip is compared with a truth.
-        has_images: Whether it names pictures.
+        has_images: Whether the clip refers to images.
         against_truth: Tallies of the errors, mm, of "all", "measured" and "completed" joints.
-        breakdowns: Tallies by breakdown and group; of errors in mm where there is truth, else of counts alone.
-        regions: Counts of joints in regions of stated probability.
-        residuals: Tallies of reprojection errors, px, by breakdown and group: of measured joints.
-        residuals_completed: Likewise of completed joints.
-        moments: The worst ones.
+        breakdowns: Tallies by breakdown and group: of errors in mm with truth, only of counts without truth.
+        regions: Counts of joints in confidence regions of stated probability.
+        residuals: Tallies of reprojection errors of measured joints, px, by breakdown and group.
+        residuals_completed: The same for completed joints.
+        moments: The worst moments.
         error: (F,) mean error of each frame, mm; None without truth.
-        doubts: The joints that are most likely wrong, by signs that need no truth.
-        poses_checksum: Of the poses, which decisions on them name.
-        floor: Where the floor is and which way is up, as the people show it; None without people.
+        doubts: The joints that are most likely to be off, by signs that need no truth.
+        poses_checksum: Checksum of the poses. Decisions on the poses refer to it.
+        floor: Height of the floor and direction of the vertical, estimated from the people; None without people.
     """
 
     id: str
@@ -78,13 +78,13 @@ class Findings:
     floor: Floor | None = None
 
     def share(self, *sources: Source) -> float | None:
-        """Return the share of the joints that have one of these sources; None of no joints."""
+        """Return the share of joints that have one of these sources; None if there are no joints."""
         total = sum(self.sources.values())
         return sum(self.sources[source] for source in sources) / total if total else None
 
 
 def examine(clip: Clip) -> Findings:
-    """Return what the report finds in a clip, captured or not."""
+    """Return the findings of the report in a clip, captured or not."""
     state = state_of(clip)
     facts = {
         "id": clip.id,
@@ -119,7 +119,7 @@ def examine(clip: Clip) -> Findings:
 
 
 def state_of(clip: Clip) -> State:
-    """Return how far a clip has come."""
+    """Return the processing state of a clip."""
     if not len(clip):
         return State.empty
     if clip.poses is None:

@@ -15,10 +15,10 @@ class JointGroup:
     """A group of joints.
 
     Attributes:
-        joints: How many there are.
-        completed: How many of them are completed.
-        missing: How many are absent.
-        compared: How many have an error.
+        joints: Number of joints.
+        completed: Number of completed joints.
+        missing: Number of absent joints.
+        compared: Number of joints with an error.
         total: Sum of the errors.
         histogram: (BINS,) counts of errors by their whole number of units.
     """
@@ -42,11 +42,11 @@ class JointGroup:
 
     @property
     def mean(self) -> float | None:
-        """Mean error; None of none."""
+        """Mean error; None if no joint has an error."""
         return self.total / self.compared if self.compared else None
 
     def quantile(self, share: float) -> float | None:
-        """Return the error that this share of joints does not exceed, within one unit; None of none."""
+        """Return the error that this share of joints does not exceed, within one unit; None without errors."""
         if not self.compared:
             return None
         counts = np.cumsum(self.histogram)
@@ -59,7 +59,7 @@ def tally(error: np.ndarray, source: np.ndarray) -> JointGroup:
     """Return the tally of joints.
 
     Args:
-        error: (...) in mm or px; NaN where there is none.
+        error: (...) errors, mm or px; NaN where there is none.
         source: (...) `Source` of each joint.
     """
     known = error[np.isfinite(error)]

@@ -1,4 +1,4 @@
-"""The joints that a report counts: those of the true people where truth is known, else those of the captured ones."""
+"""The joints that a report counts: those of the true people or, without truth, those of the captured people."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,13 +18,13 @@ class Joints:
     """Joints of N people in F frames, on one skeleton.
 
     Attributes:
-        skeleton: J joints.
-        counted: (F, N, J) True for joints that exist: of the truth, or of captured people who are there.
-        source: (F, N, J) `Source` of what was captured or completed.
+        skeleton: Skeleton of J joints.
+        counted: (F, N, J) True for joints that count: true joints, or joints of captured people who are present.
+        source: (F, N, J) `Source` of the captured or completed joint.
         views: (F, N, J) number of cameras that measured the joint.
         gap: (F, N, J) length of the gap around each joint that was not measured, in frames at 25/s; 0 where it was.
         person: (F, N) index of the captured person; -1 where a true person is missed.
-        comparison: With the truth; None without.
+        comparison: Comparison with the truth; None without truth.
     """
 
     skeleton: Skeleton

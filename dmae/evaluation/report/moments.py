@@ -9,9 +9,9 @@ from dmae.evaluation.report.joints import Joints
 from dmae.evaluation.report.reprojection import Reprojection
 
 _OF_A_KIND = 6
-"""Moments of each kind at most."""
+"""Greatest number of moments of each kind."""
 _MOST_JOINTS = 0.3
-"""Share of a person's joints that are not measured, from which on a frame is a moment."""
+"""A frame is a moment if at least this share of a person's joints is not measured."""
 
 
 @dataclass(frozen=True)
@@ -19,12 +19,12 @@ class WorstMoment:
     """A frame to look at.
 
     Attributes:
-        frame: Index.
+        frame: Index of the frame.
         person: Index of the captured person; None where a true person is missed.
-        kind: What is wrong, as a heading.
-        what: The same with its joint or camera, in words.
-        size: How much.
-        amount: The same with its unit.
+        kind: Kind of the problem, as a heading.
+        what: The problem with its joint or camera, in words.
+        size: Size of the problem.
+        amount: The size with its unit, as text.
     """
 
     frame: int

@@ -23,7 +23,7 @@ from dmae.reporting.player import Played, player_data, window
 
 TITLE = "Multi-view motion: measured and completed"
 MOST_CLIPS = 6
-"""Clips that the player holds."""
+"""Greatest number of clips in the player."""
 MOST_FRAMES = 4500
 """Frames of all clips in the player together: three minutes at 25 frames/s."""
 
@@ -33,12 +33,12 @@ def write_clips_report(
 ) -> list[Findings]:
     """Write the report of clips, captured or not, and of scores, as one HTML file that loads nothing from elsewhere.
 
-    Clips are read one at a time, twice where the player shows them, so that memory stays flat.
+    Clips are read one at a time, so that memory does not grow with their number. Clips in the player are read twice.
 
     Args:
-        path: The file.
-        clips: Any number of clips; None for a page of scores alone.
-        scores: What `dmae evaluate` wrote.
+        path: The file to write.
+        clips: Any number of clips; None for a page with scores only.
+        scores: Scores that `dmae evaluate` wrote.
         title: Heading of the page.
 
     Returns:
@@ -69,8 +69,10 @@ def write_clips_report(
 
 
 def _worst_clips(findings: Sequence[Findings]) -> list[int]:
-    """Return the indices, in order, of the clips with the largest mean errors, or otherwise with the fewest measured
-    joints."""
+    """Return the sorted indices of the clips that have the worst frames.
+
+    These are the frames with the largest errors or, without truth, with the fewest measured joints.
+    """
 
     def badness(index: int) -> tuple[float, float]:
         each = findings[index]

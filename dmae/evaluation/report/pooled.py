@@ -1,4 +1,4 @@
-"""Findings of several clips as one: counts add up, moments and people stay with their clips."""
+"""Pool the findings of several clips: counts are added, moments and people stay with their clips."""
 
 from collections.abc import Sequence
 from functools import reduce

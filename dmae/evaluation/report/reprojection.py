@@ -1,4 +1,4 @@
-"""Reprojection error: how far each joint, seen through each camera, lies from what was detected there."""
+"""Reprojection errors: the distance between each joint, projected into each camera, and its detection there."""
 
 from dataclasses import dataclass, fields
 
@@ -12,8 +12,8 @@ from dmae.files.mapped import by_frames, release
 from dmae.metrics.matching import match, take_matched
 
 GATE_M = 0.4
-"""m, at the median depth of the people in a camera: a detection farther off on average is of another person.
-Of bodies of a person's size."""
+"""m, at the median depth of the people in a camera, for bodies of a person's size. A detection with a larger mean
+distance shows another person."""
 _CHUNK = 256
 
 
@@ -23,9 +23,9 @@ class Reprojection:
 
     Attributes:
         measured: Tallies by breakdown ("camera", "person", "joint", and "all") and group.
-        completed: Likewise.
-        worst: (F, P) the largest error of a measured joint of each person in any camera; NaN where there is none.
-        where: (F, P, 2) its camera and joint.
+        completed: The same for completed joints.
+        worst: (F, P) largest error of a measured joint of each person in any camera; NaN where there is none.
+        where: (F, P, 2) indices of its camera and joint.
     """
 
     measured: dict[str, dict[str, JointGroup]]
@@ -35,7 +35,7 @@ class Reprojection:
 
 
 def reprojection(clip: Clip) -> Reprojection:
-    """Compare poses with the detections of each camera that fit them best, frame by frame."""
+    """Return the errors between poses and, in each frame and camera, the detections that fit them best."""
     poses = convert(clip.poses, clip.detections.skeleton)
     poses = poses.without(by_frames(lambda xyz: np.isinf(xyz).any(-1), poses.xyz))
     frames, persons, joints = poses.source.shape

@@ -29,7 +29,7 @@ _MOST_MOMENTS = 8
 
 
 def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list[Section]:
-    """Return the table of clips, if there are several. The player opens those that it holds."""
+    """Return the table of clips, if there are several. Its rows open the clips that the player contains."""
     if len(findings) < 2:
         return []
     rows = []
@@ -66,11 +66,11 @@ def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list
 
 
 def moments_section(findings: Sequence[Findings], played: dict[str, range]) -> list[Section]:
-    """Return the worst moments of the clips that the player holds.
+    """Return the worst moments of the clips in the player.
 
     Args:
-        findings: Of all clips.
-        played: Clips that the player holds, and their frames in it.
+        findings: Findings of all clips.
+        played: Clips in the player, with their frames in it.
     """
     shown = [(each, moment) for each in findings if each.id in played for moment in each.moments]
     tables = []
@@ -95,7 +95,7 @@ def _moments_table(caption: str, found: Sequence[tuple[Findings, WorstMoment]], 
 
 
 def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> list[Section]:
-    """Return the joints that are most likely wrong in the clips of the player, for a reader to decide on."""
+    """Return the joints of the clips in the player that are most likely to be off, so that a reader can review them."""
     tables = [_doubts_table(each, played[each.id]) for each in findings if each.id in played and each.doubts]
     text = (
         "The joints that are most likely wrong, by signs that need no truth: stated error, bones that change their "
@@ -152,7 +152,7 @@ def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:
 
 
 def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
-    """Return how often the truth lies in regions of stated probability; nothing where none is stated."""
+    """Return how often the truth is in regions of stated probability; nothing if no uncertainty is stated."""
     regions = pooled_regions(findings)
     if not regions:
         return []
@@ -170,7 +170,7 @@ def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
 
 
 def residuals_section(findings: Sequence[Findings]) -> list[Section]:
-    """Return reprojection errors by camera, person and joint; people of one clip only, as they are its own."""
+    """Return reprojection errors by camera, joint and, for a single clip, person."""
     measured, completed = (pooled_groups(findings, name) for name in ("residuals", "residuals_completed"))
     names = ("camera", "person", "joint") if len(findings) == 1 else ("camera", "joint")
     tables = residual_tables(measured, completed, names)
@@ -247,5 +247,5 @@ def _finished(figure: Figure) -> Figure:
 
 
 def text(value: float | None, digits: int = 0) -> str:
-    """Return a number as text, "-" for what is not known."""
+    """Return a number as text, "-" if it is not known."""
     return "-" if value is None else f"{value:.{digits}f}"

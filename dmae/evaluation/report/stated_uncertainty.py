@@ -1,4 +1,4 @@
-"""Calibration of uncertainty: how often the truth lies in regions of a stated probability."""
+"""Calibration of uncertainty: how often the truth is in regions of a stated probability."""
 
 import numpy as np
 from scipy.stats import chi2
@@ -11,7 +11,7 @@ PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 
 
 def counts_in_regions(joints: Joints) -> dict[str, np.ndarray]:
-    """Return, for measured and for completed joints with a covariance and a truth, how many lie in each region.
+    """Return the number of joints in each region, for measured and for completed joints with covariance and truth.
 
     Returns:
         Counts (1 + number of `PROBABILITIES`,) by name; the first is the number of joints. Empty without truth.

@@ -1,4 +1,4 @@
-"""The report in words: what it is about, and its main figures."""
+"""The report in words: its subject and its main figures."""
 
 from collections.abc import Sequence
 
@@ -137,7 +137,7 @@ def _first(part: int, total: int) -> str:
 
 
 def share(part: int, total: int) -> str:
-    """Return a share in percent. What is not quite none or all is never rounded to it."""
+    """Return a share in percent. A share is rounded to 0 % or 100 % only if it is exactly none or all."""
     percent = 100 * part / total
     if 0 < percent < 0.05:
         return "under 0.1\N{NO-BREAK SPACE}%"

@@ -1,1 +1,1 @@
-"""WHICH JOINTS CAN I TRUST? Signs of errors in captured poses, and one ranking of them."""
+"""Review of captured poses: signs of errors, a ranking of doubtful joints, and decisions on them."""

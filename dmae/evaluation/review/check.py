@@ -1,4 +1,4 @@
-"""How well the ranking of doubtful joints finds those that are off, where the truth is known."""
+"""Check, with known truth, how well the ranking of doubtful joints finds the wrong ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ from dmae.evaluation.report.joints import joints_of
 from dmae.evaluation.review.ranking import Doubt
 
 OFF = 100.0
-"""mm; a joint that is farther from the truth is off."""
+"""mm; a joint is off if it is farther than this from the truth."""
 FIRST = 0.1
 """Share of the entries that a reviewer looks at."""
 
 
 @dataclass(frozen=True)
 class RankingCheck:
-    """What the first entries of a ranking hold.
+    """Counts of the joints that are off, in the first entries of a ranking and in all.
 
     Attributes:
-        off: Number of joints, frame by frame, that are off.
-        found: Those of them in the first entries.
+        off: Number of joints that are off, counted in each frame.
+        found: Number of these that are in the first entries.
         entries: Number of entries with joints that the truth has.
     """
 
@@ -31,9 +31,9 @@ class RankingCheck:
 
 
 def check_ranking(clip: Clip, ranking: Sequence[Doubt]) -> RankingCheck | None:
-    """Return how many of the joints that are off the first tenth of the entries hold; None without truth.
+    """Return the number of joints that are off, in the first tenth of the entries and in all; None without truth.
 
-    Joints count that skeleton of the truth and of the poses have under the same name. Entries without any are left out.
+    Only joints with the same name in the skeletons of truth and poses count. Entries without these joints are left out.
     """
     if clip.truth is None or not np.isfinite(clip.truth.xyz).any():
         return None

@@ -39,7 +39,7 @@ class Decision:
         joint: Name of the joint.
         first: Index of the first frame.
         last: Index of the last frame.
-        verdict: What is to become of it.
+        verdict: What to do with the joint in these frames.
     """
 
     person: int
@@ -50,7 +50,7 @@ class Decision:
 
 
 def save_decisions(folder: Path, poses: Poses3D, decisions: Sequence[Decision]) -> None:
-    """Write decisions on the poses of a clip into its folder, in place of earlier ones.
+    """Write decisions on the poses of a clip into its folder. They replace earlier decisions.
 
     Raises:
         ValueError: a decision names a person, joint or frame that the poses do not have.
@@ -62,11 +62,11 @@ def save_decisions(folder: Path, poses: Poses3D, decisions: Sequence[Decision]) 
 
 
 def load_decisions(folder: Path, poses: Poses3D | None) -> tuple[Decision, ...]:
-    """Return the decisions in the folder of a clip; none where there is no such file.
+    """Return the decisions in the folder of a clip; none if the file does not exist.
 
     Args:
         folder: Folder of the clip.
-        poses: Of the clip.
+        poses: Poses of the clip.
 
     Raises:
         ValueError: the file is malformed, or its decisions were made on other poses than these.
@@ -94,7 +94,7 @@ def load_decisions(folder: Path, poses: Poses3D | None) -> tuple[Decision, ...]:
 
 
 def decided(poses: Poses3D, decisions: Sequence[Decision], *verdicts: ReviewVerdict) -> np.ndarray:
-    """Return (F, P, J) True where a decision with one of these verdicts holds. Of several, the last one holds."""
+    """Return (F, P, J) True where a decision has one of these verdicts. Later decisions override earlier ones."""
     found = np.zeros(poses.source.shape, bool)
     for decision in decisions:
         found[_index(poses, decision)] = decision.verdict in verdicts
@@ -105,7 +105,7 @@ def with_decisions(clip: Clip, folder: Path) -> Clip:
     """Return a clip without the joints that the decisions in its folder blank or hand back.
 
     Raises:
-        ValueError: as `load_decisions` does.
+        ValueError: as for `load_decisions`.
     """
     decisions = load_decisions(folder, clip.poses)
     if not decisions:
@@ -116,7 +116,7 @@ def with_decisions(clip: Clip, folder: Path) -> Clip:
 
 
 def checksum(poses: Poses3D) -> str:
-    """Return a checksum of where the joints are and how they came about, which decisions on them name."""
+    """Return a checksum of the positions and sources of the joints. Decisions refer to poses by this checksum."""
     digest = hashlib.sha256()
     for array in (poses.xyz, poses.source):
         for part in frame_blocks(array):

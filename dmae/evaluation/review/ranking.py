@@ -1,4 +1,4 @@
-"""One ranking of the joints of a clip that may be off, for a person to look at."""
+"""Rank the joints of a clip that may be off, so that a person can review them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from dmae.evaluation.review.decisions import Decision, ReviewVerdict, decided
 from dmae.evaluation.review.signs import signs
 
 _SECONDS = 0.2
-"""Length of an entry."""
+"""s; length of an entry."""
 
 
 @dataclass(frozen=True)
@@ -19,13 +19,13 @@ class Doubt:
 
     Attributes:
         person: Index of the captured person.
-        joint: Its name.
+        joint: Name of the joint.
         first: Index of the first frame.
         last: Index of the last frame.
         worst: Index of the frame to look at.
-        doubt: Root of the sum of the squared signs, the mean over the frames, m. It ranks; it is no error bar.
+        doubt: Root of the sum of the squared signs, averaged over the frames, m. It is a rank value, not an error bar.
         reason: The largest sign in the worst frame, with its size.
-        source: How the joint came about in the worst frame.
+        source: `Source` of the joint in the worst frame.
         views: Number of cameras that measured it there.
     """
 
@@ -45,11 +45,11 @@ class Doubt:
 
 
 def rank_doubts(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
-    """Return joints in stretches of 0.2 s, the most doubtful first; together they cover the poses.
+    """Return entries of one joint over 0.2 s, the most doubtful first. Together the entries cover the poses.
 
     Args:
-        clip: Has captured or completed poses. Truth is not looked at.
-        decisions: Joints that they decide on are left out.
+        clip: Clip with captured or completed poses. Its truth is not used.
+        decisions: Joints with a decision are left out.
 
     Raises:
         ValueError: the clip has no poses.

@@ -1,4 +1,4 @@
-"""Signs that a joint is off, each as a distance in metres, without any truth."""
+"""Signs that a joint is off. Each is a distance in metres, and none needs the truth."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from dmae.data.skeletons.size import scale_of
 from dmae.evaluation.report.reprojection import reprojection_errors
 
 _UNKNOWN = 0.2
-"""m; the error that is assumed where none is stated, of people."""
+"""m; the error that is assumed for people if none is stated."""
 _FRAMES = 200
 """Frames that are compared at a time, so that memory stays flat."""
 _REACH = 0.04
@@ -21,12 +21,12 @@ STATED, UNSTATED, BONE, JUMP, RESIDUAL = "stated error", "no stated error", "bon
 
 
 def signs(clip: Clip) -> dict[str, np.ndarray]:
-    """Return the signs of each joint by name, (F, P, J) m; 0 where a sign says nothing.
+    """Return the signs of each joint by name, (F, P, J) m; 0 where a sign does not apply.
 
     - stated error: the square root of the trace of its covariance.
-    - no stated error: 0.2 m where the covariance is not known, of people; less of smaller bodies.
+    - no stated error: 0.2 m for people if the covariance is not known; less for smaller bodies.
     - bone length: the largest deviation of its bones from their median length over the clip.
-    - jump: its distance from the middle between where it was just before and just after, the largest in that time.
+    - jump: its distance from the middle of its positions just before and just after, the largest in that time.
     - reprojection: the median distance from its detections, at its depth.
     """
     # Files cannot hold infinite coordinates, but users can.

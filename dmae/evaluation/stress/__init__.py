@@ -1,1 +1,1 @@
-"""How much is too much: clips corrupted step by step, and every method scored at each step."""
+"""The stress matrix: clips are corrupted step by step, and every method is scored at each step."""

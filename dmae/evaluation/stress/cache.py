@@ -1,4 +1,4 @@
-"""Results kept by content: by everything that they depend on, so that no result is computed twice."""
+"""A cache of results. The key is a hash of everything on which a result depends, so no result is computed twice."""
 
 import hashlib
 import json
@@ -20,22 +20,22 @@ _CODE = (
     "data", "numerics", "formats/recordings", "reconstruction", "metrics", "completion", "evaluation/corruption",
     "evaluation/reference.py", "evaluation/scores.py", "evaluation/stress/cells.py",
 )  # fmt: skip
-"""What the results depend on, of the package."""
+"""Modules of the package on which the results depend."""
 _VERSIONS = ("numpy", "scipy", "torch", "opencv-python-headless")
 
 
 class Cache:
-    """Scores of cells on disk, a small file each; in memory where there is no folder.
+    """Scores of cells on disk, one small file for each cell; in memory if there is no folder.
 
     Args:
-        folder: Made when the first result is kept.
+        folder: Folder of the files, created with the first result. None keeps the results in memory.
     """
 
     def __init__(self, folder: Path | None):
         self.folder, self._memory = folder, {}
 
     def get(self, key: str) -> dict | None:
-        """Return the result of a key; None where there is none, or where its file is damaged."""
+        """Return the result of a key; None if there is no result or its file is damaged."""
         if key not in self._memory:
             try:
                 self._memory[key] = json.loads(self._path(key).read_text()) if self.folder else None
@@ -44,9 +44,9 @@ class Cache:
         return self._memory[key]
 
     def put(self, key: str, result: dict) -> None:
-        """Keep a result."""
+        """Store a result."""
         text = json.dumps(result)
-        # What was just computed and what is read later are the same, to the bit.
+        # A result that was just computed and one that is read later are equal, bit by bit.
         self._memory[key] = json.loads(text)
         if self.folder:
             write_atomic(self._path(key), text, lasting=False)
@@ -59,10 +59,10 @@ def key_of(clip_hash: str, people: CaptureConfig, cell: Cell, contender: Contend
     """Return the key of a contender's scores in a cell of a clip: a hash of everything that they depend on.
 
     Args:
-        clip_hash: Of the clip, from `hash_of_clip`.
-        people: How its people are captured, if not known by truth.
-        cell: How it is corrupted.
-        contender: What is scored.
+        clip_hash: Hash of the clip, from `hash_of_clip`.
+        people: Configuration that captures the people of a clip without truth.
+        cell: The corruptions.
+        contender: The contender that is scored.
     """
     own = {name: source_hash(name) for name, _ in cell.levels}
     settings = [clip_hash, asdict(people), asdict(cell), own, contender.settings, code_hash()]
@@ -70,9 +70,10 @@ def key_of(clip_hash: str, people: CaptureConfig, cell: Cell, contender: Contend
 
 
 def hash_of_clip(clip: Clip) -> str:
-    """Return a hash of everything in a clip but images, poses and provenance, which results do not depend on.
+    """Return a hash of a clip without images, poses and provenance, on which results do not depend.
 
-    What is scored depends on the format that a clip was read from (`dmae.evaluation.reference.scored_actors`).
+    The hash includes the format of the clip's files, because the scored persons depend on it
+    (`dmae.evaluation.reference.scored_actors`).
     """
     digest = hashlib.sha256(str(clip.provenance.get("format")).encode())
     for name in ("id", "fps", "rig", "true_rig", "detections", "truth"):
@@ -81,7 +82,7 @@ def hash_of_clip(clip: Clip) -> str:
 
 
 def _update(digest, value) -> None:
-    """Add a value of a clip to a hash, arrays with their type and shape."""
+    """Add a value of a clip to a hash. Arrays are added with their type and shape."""
     if is_dataclass(value):
         for field in fields(value):
             _update(digest, getattr(value, field.name))

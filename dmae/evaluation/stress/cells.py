@@ -1,4 +1,4 @@
-"""A cell of the stress matrix: a clip, corrupted, captured, completed by each contender, and scored."""
+"""A cell of the stress matrix: corrupt a clip, capture it, complete it with each contender, and score the results."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -21,9 +21,9 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
 SMOOTHING = 0.1
-"""s; smoothing after every method except those that smooth themselves, as by `dmae evaluate`."""
+"""s; smoothing after every method, except methods that smooth by themselves, as in `dmae evaluate`."""
 KEPT = ("pcp", "pck", "mpjpe", "shares", "hidden", "idf1", "blocks")
-"""Scores that are kept."""
+"""Names of the scores that are stored."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Subject:
     """A clip that is to be corrupted.
 
     Attributes:
-        clip: Its truth is what results are compared with, on the skeleton on which they are.
-        people: Its people, see `dmae.evaluation.corruption.people`.
-        actors: Persons of the truth that PCP is averaged over; None for all.
+        clip: The clip. Its truth is the reference of the results, on the skeleton of the comparison.
+        people: The people of the clip, see `dmae.evaluation.corruption.people`.
+        actors: Persons of the truth over which PCP is averaged; None for all.
     """
 
     clip: Clip
@@ -42,13 +42,13 @@ class Subject:
 
 
 def subject_of(clip: Clip, config: CaptureConfig) -> Subject:
-    """Return a clip as it is corrupted and scored.
+    """Return a clip prepared to be corrupted and scored.
 
-    The reference is its truth, on the second of two fused skeletons. Without truth it is the joints that all its
-    cameras measure in three views or more.
+    The reference is its truth; of a fused skeleton, the second part. Without truth, the reference is the captured
+    joints that three views or more measured, with all cameras.
 
     Raises:
-        ValueError: the clip has neither truth nor such joints.
+        ValueError: the clip has neither truth nor joints that three views measured.
     """
     people = people_of(clip, config)
     clip = replace(clip, images=None, poses=None, occlusion=None, detection_labels=None)
@@ -65,7 +65,7 @@ def subject_of(clip: Clip, config: CaptureConfig) -> Subject:
 
 
 def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> dict[str, dict]:
-    """Return the scores of contenders in a cell, by name. Detections are captured once for each capture among them.
+    """Return the scores of contenders in a cell, by name. Contenders with the same capture share its result.
 
     Raises:
         ValueError: a method returned poses of another shape.
@@ -94,7 +94,7 @@ def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> d
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Have torch, if it is used, compute on one thread: sums are then the same with any number of workers."""
+    """Limit torch, if it is loaded, to one thread, so that sums do not depend on the number of workers."""
     torch = sys.modules.get("torch")
     if torch is None:
         yield

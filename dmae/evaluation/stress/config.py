@@ -11,7 +11,7 @@ from dmae.parts import numbers_of
 from dmae.reconstruction.config import CaptureConfig
 
 PAPER = "paper"
-"""The contender that captures with the thresholds of the paper."""
+"""Name of the contender that captures with the thresholds of the paper."""
 
 
 class StressSize(StrEnum):
@@ -64,7 +64,7 @@ class StressConfig:
     """Folder of `stress.json` and `stress.html`, and of `cache`, from which later runs reuse results."""
 
     def numbers(self, total: int) -> range:
-        """Return the numbers of the clips to stress, of all clips of the data set."""
+        """Return the numbers of the clips to stress, out of the `total` clips of the data set."""
         return numbers_of(total, self.first, self.clips, self.shard)
 
     def __post_init__(self):

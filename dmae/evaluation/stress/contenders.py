@@ -1,4 +1,4 @@
-"""What is compared: ways from detections to completed poses, each a capture and a completion method."""
+"""Contenders of a stress test: each is a capture and a completion method, from detections to completed poses."""
 
 import hashlib
 from collections.abc import Callable
@@ -21,12 +21,12 @@ _SHIPPED = Path(__file__).parents[2] / "models"
 
 @dataclass(frozen=True)
 class Contender:
-    """A capture, and how the joints that it did not measure are filled.
+    """A capture, and the completion method that fills the joints that it did not measure.
 
     Attributes:
-        name: As in the results.
-        about: What it is, in words.
-        capture: How people are captured.
+        name: Name in the results.
+        about: Description in words.
+        capture: Configuration of the capture.
         method: Completion method, or `module:function`.
         weights: Folder of the weights of a learned method; None for those that come with the package.
     """
@@ -39,12 +39,12 @@ class Contender:
 
     @property
     def fill(self) -> Callable[[Poses3D, float], Poses3D]:
-        """A function of poses and frames per second that fills them."""
+        """The function that fills poses. Its arguments are the poses and the frames per second."""
         return _filling(self.method, self.weights)
 
     @property
     def settings(self) -> dict:
-        """Everything that its results depend on, JSON-able."""
+        """All settings on which its results depend, JSON-able."""
         return _settings(self)
 
 
@@ -52,8 +52,8 @@ def contenders(config: StressConfig) -> list[Contender]:
     """Return the contenders of a configuration.
 
     Raises:
-        ValueError: there is no such method.
-        FileNotFoundError: there are no such weights.
+        ValueError: a method does not exist.
+        FileNotFoundError: the weights do not exist.
     """
     found = []
     for name in dict.fromkeys(config.methods):
@@ -70,7 +70,7 @@ def contenders(config: StressConfig) -> list[Contender]:
 
 
 def source_hash(name: str) -> str | None:
-    """Return a hash of the module of `module:function`; None for names of the project's own."""
+    """Return a hash of the module of `module:function`; None for the project's own methods."""
     module, colon, _ = name.partition(":")
     spec = find_spec(module) if colon else None
     return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest() if spec and spec.origin else None
@@ -103,6 +103,6 @@ def _settings(contender: Contender) -> dict:
 
 
 def _hash_of_weights(folder: str | None) -> str:
-    """Return a hash of the descriptions of the weights, which hold the checksums of the weights themselves."""
+    """Return a hash of the descriptions of the weights, which contain the checksums of the weights."""
     files = [Path(folder) / "model.json"] if folder else sorted(_SHIPPED.glob("*/model.json"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()

@@ -12,27 +12,27 @@ from dmae.metrics.time_blocks import block_sums
 from dmae.numerics.robust import mean_known
 
 PCP_DROP = 10.0
-"""Points of PCP by which a method has to fall below itself at level 0 to be broken."""
+"""A method is broken if its PCP is this number of points below its PCP at level 0."""
 HIDDEN_ERROR = 100.0
-"""mm; mean error of hidden joints above which a method is broken."""
+"""mm; a method is broken if its mean error of hidden joints is above this."""
 
 Runs = Callable[[Contender, Sequence[Cell]], list[dict]]
-"""Returns the scores of a contender in cells, for each clip."""
+"""Function that returns the scores of a contender in cells, for each clip."""
 
 
 def curves(plan: Plan, contenders: Sequence[Contender], runs: Runs, clips: Sequence[str], reference: str) -> dict:
-    """Return all curves of a matrix, JSON-able; None stands for what was not measured.
+    """Return all curves of a matrix, JSON-able. None stands for values that were not measured.
 
     Returns:
-        `clips`, ids; `reference`, "truth" or "capture"; `seeds`; `methods`, name to what it is; `notes`.
+        `clips`, their ids; `reference`, "truth" or "capture"; `seeds`; `methods`, their descriptions by name; `notes`.
 
         `axes`, each with `name`, `about`, `unit` and `methods`: name to `points` and `breaks`. A point has `level`,
         `pcp` % and `hidden` mm, each [value, low, high] with the 95 % interval over blocks of time, `recall` and
-        `precision` of joints, `idf1` and `absent` %. `breaks` holds by `pcp` and by `hidden` the level at which the
-        method breaks, with its interval: [level, low, high], None for beyond the range, and for both ends of the
-        interval where the clips are too short for one; None in place of all three where nothing was measured. `best` is
-        the method of highest PCP at the greatest level, and `level_with` are the others that it does not exceed by more
-        than noise, None where the clips are too short to say.
+        `precision` of joints, `idf1` and `absent` %. `breaks` contains, for `pcp` and for `hidden`, the level at which
+        the method breaks, with its interval: [level, low, high]. An entry is None if it is beyond the range of levels;
+        both ends of the interval are None if the clips are too short for an interval; the whole list is None if nothing
+        was measured. `best` is the method of highest PCP at the greatest level. `level_with` are the other methods from
+        which it differs by no more than noise; None if the clips are too short to decide.
 
         `pairs`, each with `names`, `units` and `points` of two `levels`, by method.
     """
@@ -50,14 +50,14 @@ def curves(plan: Plan, contenders: Sequence[Contender], runs: Runs, clips: Seque
 
 
 def breaking_point(levels: np.ndarray, values: np.ndarray, broken: np.ndarray) -> np.ndarray:
-    """Return the level at which curves first break, infinite where they hold.
+    """Return the level at which each curve first breaks; infinite for a curve that does not break.
 
-    Between two levels curves are straight lines. Levels at which nothing was measured are passed over.
+    Curves are straight lines between levels. Levels without a measurement are skipped.
 
     Args:
-        levels: (L,) increasing, the first is 0.
-        values: (N, L) by how much each curve is above the bound that it must not fall below; NaN for no measurement.
-        broken: (N, L) True where a curve has fallen below it.
+        levels: (L,) increasing levels, the first is 0.
+        values: (N, L) distance of each curve above its bound, negative below it; NaN without a measurement.
+        broken: (N, L) True where a curve is below its bound.
 
     Returns:
         (N,) levels.
@@ -111,8 +111,8 @@ def _point(runs: list[dict]) -> dict:
 
 
 def _breaks(levels: np.ndarray, by_level: list[list[dict]]) -> dict:
-    """Return where a method breaks, by PCP and by the error of hidden joints, as `curves` says."""
-    # Without enough seconds for an interval of a score there is none of what is derived from it.
+    """Return the levels at which a method breaks, by PCP and by the error of hidden joints, see `curves`."""
+    # If the clips are too short for an interval of a score, values derived from it have no interval either.
     certain = np.isfinite(bootstrap_ratio(block_sums(by_level[0], "pcp")).low)
     curves = {}
     for figure in ("pcp", "hidden"):
@@ -136,7 +136,7 @@ def _breaks(levels: np.ndarray, by_level: list[list[dict]]) -> dict:
 
 
 def _best(runs: dict[str, list[dict]]) -> dict:
-    """Return the method of highest PCP, and those that it exceeds by no more than noise; None where that is unknown."""
+    """Return the method of highest PCP, and the others that it exceeds by no more than noise; None if unknown."""
     sums = {name: block_sums(found, "pcp") for name, found in runs.items()}
     values = {name: bootstrap_ratio(each).value for name, each in sums.items()}
     known = {name: value for name, value in values.items() if not np.isnan(value)}

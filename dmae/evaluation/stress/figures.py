@@ -8,10 +8,11 @@ from scipy.optimize import isotonic_regression
 from dmae.evaluation.stress.curves import HIDDEN_ERROR
 
 _COLOURS = ("#000000", "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2", "#777777")
-"""Of Okabe and Ito, which the colour-blind tell apart; yellow, which white drowns, is replaced by grey."""
+"""Colours of Okabe and Ito, which colour-blind readers can distinguish. Yellow is hard to see on white; grey replaces
+it."""
 _MARKERS = "osD^vP*X"
 _APART = 0.075
-"""Of the height of a panel: least distance between two names."""
+"""Smallest distance between two names, as a share of the height of a panel."""
 
 
 def axis_figure(axis: dict) -> Figure:
@@ -49,7 +50,7 @@ def _draw(panel: Axes, axis: dict, figure: str) -> None:
 
 
 def _name_lines(panel: Axes, axis: dict, figure: str) -> None:
-    """Write the name of each method at the end of its line, moved apart where lines end together."""
+    """Write the name of each method at the end of its line. Names that would overlap are moved apart."""
     low, high = panel.get_ylim()
     ends = []
     for number, (name, method) in enumerate(axis["methods"].items()):
@@ -66,7 +67,7 @@ def _name_lines(panel: Axes, axis: dict, figure: str) -> None:
 
 
 def _apart(heights: list[float]) -> np.ndarray:
-    """Return increasing heights from 0 to 1 that are `_APART` from each other, as near as possible to those given."""
+    """Return increasing heights in [0, 1], at least `_APART` from each other, as near as possible to the given ones."""
     if not heights:
         return np.empty(0)
     least = _APART * np.arange(len(heights))

@@ -1,4 +1,4 @@
-"""The stress matrix: every cell of every clip, from the cache or computed, and what comes of it."""
+"""The stress matrix: compute every cell of every clip, or read it from the cache, and return the result."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -18,9 +18,9 @@ from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import progress
 
 CACHE = "cache"
-"""Folder of results, in that of a stress test."""
+"""Name of the folder of results inside the folder of a stress test."""
 _TRIED = 3
-"""Cells that a forecast computes."""
+"""Number of cells that a forecast computes."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class Matrix:
     """A stress matrix that is to be computed.
 
     Attributes:
-        clips: Each read when it is accessed.
-        hashes: Of the clips.
-        ids: Of the clips.
-        reference: What results are compared with: "truth" or "capture".
+        clips: The clips. Each is read when it is accessed.
+        hashes: Hashes of the clips.
+        ids: Ids of the clips.
+        reference: Reference of the results: "truth" or "capture".
         plan: Axes that all clips allow.
-        contenders: What is compared.
+        contenders: The contenders to compare.
         config: Options.
-        cache: Results that are there already.
+        cache: Results that exist already.
     """
 
     clips: Sequence[Clip]
@@ -51,7 +51,7 @@ class Matrix:
         return key_of(self.hashes[clip], self.config.capture, cell, contender)
 
     def missing(self) -> dict[tuple[int, Cell], list[Contender]]:
-        """Return the contenders that are to be run in each cell of each clip; clip by clip."""
+        """Return the contenders without a result, by clip and cell, in the order of the clips."""
         cells = list(self.plan.cells())
         wanted = {
             (clip, cell): [each for each in self.contenders if self.cache.get(self.key(clip, cell, each)) is None]
@@ -62,7 +62,7 @@ class Matrix:
 
     @property
     def forecast(self) -> str:
-        """What is to be computed, in words."""
+        """Return the amount of computation left, in words."""
         cells, missing = len(list(self.plan.cells())) * len(self.clips), len(self.missing())
         kept = f"{cells - missing} of them kept from earlier runs, " if missing < cells else ""
         parts = (
@@ -77,15 +77,15 @@ class Matrix:
 
 
 def prepare(clips: Sequence[Clip], config: StressConfig, cache: Path | None = None) -> Matrix:
-    """Return the matrix of clips: look at each clip, plan, and look for results that are there already.
+    """Return the matrix of clips: read each clip, plan the cells, and look for existing results.
 
     Args:
-        clips: Simulated or real, all of them with truth or none.
-        config: Options; its `data` and `out` are not read.
+        clips: Simulated or real clips. Either all have truth or none has.
+        config: Options. The fields `data` and `out` are not used.
         cache: Folder of results; None to keep them in memory.
 
     Raises:
-        ValueError: there are no clips, two share an id, only some have truth, or they do not allow an axis asked for.
+        ValueError: there are no clips, two have the same id, only some have truth, or a requested axis is not possible.
     """
     if not len(clips):
         raise ValueError("no clip to stress: expected one or more")
@@ -108,9 +108,9 @@ def prepare(clips: Sequence[Clip], config: StressConfig, cache: Path | None = No
 
 
 def compute(matrix: Matrix) -> dict:
-    """Compute the cells that are missing, and return what `stress.json` holds (`dmae.evaluation.stress.curves`).
+    """Compute the missing cells, and return the content of `stress.json` (`dmae.evaluation.stress.curves`).
 
-    Each cell is kept as soon as it is computed, so that a run can be interrupted at any time and continued.
+    Each cell is stored as soon as it is computed, so that a run can be interrupted at any time and continued.
     """
     missing = matrix.missing()
     with running_on(matrix.config.backend):
@@ -122,12 +122,12 @@ def compute(matrix: Matrix) -> dict:
 
 
 def time_of(matrix: Matrix) -> float:
-    """Return about how long `compute` takes, s, as a few of the cells show; nothing of them is kept on disk."""
+    """Return an estimate of the time that `compute` takes, s. A few cells are run for it, and not stored on disk."""
     missing = matrix.missing()
     if not missing:
         return 0.0
     places = list(missing)
-    # The first cell also loads what methods need.
+    # The first cell also loads the weights of methods.
     chosen = [places[0], *(places[number * len(places) // _TRIED] for number in range(_TRIED))]
     spent = []
     for clip, cell in chosen:
@@ -141,7 +141,7 @@ def time_of(matrix: Matrix) -> float:
 
 
 def _tasks(matrix: Matrix, missing: dict[tuple[int, Cell], list[Contender]]) -> Iterator[tuple]:
-    """Yield the arguments of `_run`; each clip is read, and its people found, once."""
+    """Yield the arguments of `_run`. Each clip is read, and its people are captured, only once."""
     number, subject = None, None
     for (clip, cell), left in missing.items():
         if clip != number:

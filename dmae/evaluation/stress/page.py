@@ -1,4 +1,4 @@
-"""The page of a stress matrix: what breaks which method, in words first, then tables and curves."""
+"""The page of a stress matrix: the results in words, then tables and curves."""
 
 from pathlib import Path
 
@@ -24,8 +24,8 @@ def write_result(result: dict, out: Path) -> None:
     """Write `stress.json` and the page `stress.html`.
 
     Args:
-        result: What `dmae.evaluation.stress.matrix.compute` returned.
-        out: Folder.
+        result: Result of `dmae.evaluation.stress.matrix.compute`.
+        out: Output folder.
     """
     write_atomic(out / "stress.json", json_text(result))
     compared, *found = summary(result)
@@ -56,7 +56,7 @@ def _axis_section(axis: dict) -> Section:
 
 
 def _documentation(axis: dict) -> str:
-    """Return the first two paragraphs of a corruption's docstring, or its line of help where it is not installed."""
+    """Return the first two paragraphs of a corruption's docstring, or its line of help if it is not installed."""
     try:
         text = find_corruption(axis["name"]).function.__doc__
     except ValueError:

@@ -21,8 +21,8 @@ class Cell:
     """One corruption of a clip, to be captured once.
 
     Attributes:
-        levels: Name and level of each corruption, of the levels above 0.
-        seed: Of what is drawn at random.
+        levels: Name and level of each corruption with a level above 0.
+        seed: Seed of the random numbers.
     """
 
     levels: tuple[tuple[str, float], ...]
@@ -34,10 +34,11 @@ class Axis:
     """One corruption, or two at the same time.
 
     Attributes:
-        names: Of the corruptions.
-        levels: A level of each, above 0; of a single one in increasing order.
-        asked: Whether the user named it: then it is an error where clips do not allow it, instead of left out.
-        given: Whether the user gave levels: then each that clips do not allow is an error.
+        names: Names of the corruptions.
+        levels: Tuples with a level above 0 for each corruption. The levels of a single corruption increase.
+        asked: Whether the user named the axis. If clips do not allow it, that is then an error; otherwise the axis is
+            left out.
+        given: Whether the user gave the levels. A level that clips do not allow is then an error.
     """
 
     names: tuple[str, ...]
@@ -50,14 +51,14 @@ class Axis:
         return "+".join(self.names)
 
     def cells(self, level: tuple[float, ...], seeds: Sequence[int]) -> list[Cell]:
-        """Return the cells of one of its levels; of level 0 of all, the one of the clip as it is."""
+        """Return the cells of a level, one for each seed. If all its values are 0, return the uncorrupted cell."""
         active = tuple((name, value) for name, value in zip(self.names, level, strict=True) if value)
         return [Cell(active, seed) for seed in seeds] if active else [Cell((), 0)]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Axes, pairs and seeds of a matrix, and what was left out of it, in words."""
+    """Axes, pairs and seeds of a matrix, and notes on what was left out."""
 
     axes: tuple[Axis, ...]
     pairs: tuple[Axis, ...]
@@ -65,7 +66,7 @@ class Plan:
     notes: tuple[str, ...] = ()
 
     def cells(self) -> Iterator[Cell]:
-        """Yield every cell once, first that of the clip as it is."""
+        """Yield every cell once. The first one is the cell of the uncorrupted clip."""
         all_cells = [Cell((), 0)]
         for axis in (*self.axes, *self.pairs):
             all_cells += [cell for level in axis.levels for cell in axis.cells(level, self.seeds)]
@@ -73,11 +74,11 @@ class Plan:
 
 
 def plan(config: StressConfig) -> Plan:
-    """Return the plan of a configuration, for clips that allow everything.
+    """Return the plan of a configuration for clips that allow all axes.
 
     Raises:
-        ValueError: there is no such axis or level, a pair is not two different axes, or levels are given of an unused
-            axis.
+        ValueError: an axis or level does not exist, a pair is not two different axes, or levels are given for an axis
+            that is not used.
     """
     names = config.axes or [entry.name for entry in corruptions()]
     axes = [_axis((name,), config, bool(config.axes)) for name in dict.fromkeys(names)]
@@ -96,10 +97,10 @@ def plan(config: StressConfig) -> Plan:
 
 
 def allowed(plan: Plan, clip: Clip) -> Plan:
-    """Return the plan without what a clip does not allow, with a note on each.
+    """Return the plan without the axes and levels that a clip does not allow. A note is added for each.
 
     Raises:
-        ValueError: the user asked for an axis, or gave a level, that the clip does not allow.
+        ValueError: the user requested an axis or level that the clip does not allow.
     """
     notes = list(plan.notes)
 

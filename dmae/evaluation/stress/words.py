@@ -1,4 +1,4 @@
-"""What a stress matrix found, in words and tables."""
+"""Results of a stress matrix, in words and tables."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ _REFERENCES = {
 
 
 def summary(result: dict) -> list[str]:
-    """Return sentences: what was compared with what, what holds, which method stands out."""
+    """Return the results in sentences: the comparison, the axes on which methods do not break, and the best method."""
     clips, axes = result["clips"], result["axes"]
     sentences = [
         f"{counted(len(result['methods']), 'method')} on {counted(len(clips), 'clip')} ({_listed(clips)}), "
@@ -41,7 +41,7 @@ def summary(result: dict) -> list[str]:
 
 
 def breaking_tables(result: dict) -> list[Table]:
-    """Return tables of the levels at which methods break, a row for each axis: by PCP, and by hidden joints."""
+    """Return two tables of the levels at which methods break, by PCP and by hidden joints, with a row for each axis."""
     captions = {
         "pcp": f"Level at which PCP is {PCP_DROP:g} points below that of the same method on the clips as they are",
         "hidden": f"Level at which the mean error of hidden joints passes {HIDDEN_ERROR:g} mm",
@@ -91,7 +91,7 @@ def pair_tables(result: dict) -> list[Table]:
 
 
 def breaking_sentence(axis: dict) -> str:
-    """Return where each method breaks on an axis, in a sentence."""
+    """Return a sentence with the level at which each method breaks on an axis."""
     breaks = {name: method["breaks"]["pcp"] for name, method in axis["methods"].items()}
     broken = [name for name, found in breaks.items() if found and found[0] is not None]
     parts = [f"{name} breaks at {_break(axis, name, 'pcp')}" for name in broken]
