@@ -104,7 +104,7 @@ def run(config: CaptureCommand, out: Path) -> None:
     settings = settings_of("dmae capture", config)
     whole = whole_clips(out, settings) if several else set()
     if whole := whole & {folder.name for folder in part.folders}:
-        print(f"{out}: goes on, {len(whole)} of {len(part)} clips are whole")
+        print(f"{out}: continues, {len(whole)} of {len(part)} clips are complete")
     numbered = zip(part.numbers, part.folders, strict=True)
     tasks = ((config, part.part(range(n, n + 1))) for n, folder in numbered if folder.name not in whole)
     with (
@@ -210,7 +210,7 @@ def _forecast(config: CaptureCommand, clips: Clips) -> str:
 
 def interrupted(config: CaptureCommand, out: Path) -> str:
     goes_on = (Path(out) / UNFINISHED).is_file()
-    return f"{finished(out)}; the same command {'goes on' if goes_on else 'captures all clips anew'}"
+    return f"{finished(out)}; the same command {'continues' if goes_on else 'captures all clips again'}"
 
 
 def _drawn(config: CaptureCommand, views: int, number: int) -> list[int]:

@@ -152,4 +152,4 @@ def _loaded(config: CompleteCommand) -> CompleterFor:
 
 
 def interrupted(config: CompleteCommand, out: Path) -> str:
-    return f"{finished(out)}; the same command completes all clips anew"
+    return f"{finished(out)}; the same command completes all clips again"

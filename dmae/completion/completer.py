@@ -22,7 +22,7 @@ from dmae.numerics.gaps import gap_lengths
 _ACCELERATION = 40.0
 """m/s^2; with a lower limit, rejection dropped more true joints of people who jump and dance than errors."""
 _AGREEING_VIEWS = 3
-"""Three in four joints on which so many views agree and that the frames around contradict were right. Denoised, they
+"""Three in four joints on which this many views agree and that the frames around contradict were right. Denoised, they
 came no nearer to annotations."""
 _EVIDENCE_COST = 5.0
 """Of rejection, see `dmae.completion.gaussian_process.steps.Steps`."""
@@ -47,7 +47,7 @@ class Completer:
       are moved to where the model predicts them and marked `DENOISED`; their covariances are then upper bounds. With
       `reject` such joints that the frames around contradict (`dmae.completion.rejection`) are dropped first, and
       completed like others.
-    - Joints that are already `COMPLETED` are no evidence: the model does not see them, and they are completed anew.
+    - Joints that are already `COMPLETED` are no evidence: the model does not see them, and they are completed again.
       Neither are joints that are not finite, which become absent.
     - Poses at another rate than the model's are resampled, and the corrections are resampled back.
     - Poses of another skeleton are completed through the joints that it has in common with the model's
@@ -56,7 +56,7 @@ class Completer:
       all its joints, and return poses of the second, see `dmae.completion.fusion.fused`; none of their joints is
       `MEASURED`.
 
-    With `smooth`, all joints are smoothed over so many seconds in the end: noise that measurements of two views have is
+    With `smooth`, all joints are smoothed over these seconds at the end: noise that measurements of two views have is
     greater than what smoothing takes from fast motion. With `frames`, only those are completed and returned, using all
     frames. Recordings of more than 4000 frames are completed in pieces (`dmae.completion.pieces`). The network runs on
     one thread of the CPU: it is so small that more threads take longer on a busy machine.
@@ -81,11 +81,11 @@ class Completer:
         return in_pieces(lambda poses, frames: self._whole(poses, fps, frames), poses, fps, frames)
 
     def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
-        """Return some frames of poses that are completed at once."""
+        """Return some frames of poses that are completed in one piece."""
         with one_thread():
             if not self.smooth:
                 return finished(self._complete(poses, fps, frames))
-            # Frames beside those asked for take part in their smoothing.
+            # Neighbours of the requested frames take part in smoothing.
             asked, reach = range(len(poses.xyz))[frames], ceil(3 * self.smooth * fps)
             first = max(asked.start - reach, 0)
             done = finished(self._complete(poses, fps, slice(first, asked.stop + reach)))

@@ -1,4 +1,4 @@
-"""Input features: what the network is given about joints beside their coordinates.
+"""Input features: what the network is given about joints in addition to their coordinates.
 
 Shapes: F frames, P persons, J joints.
 """
@@ -98,7 +98,7 @@ def bone_stretch(xyz: np.ndarray, bones: Bones) -> np.ndarray:
 def _noise_levels(sizes: np.ndarray, frames: int) -> np.ndarray:
     """Return logarithms (F, P, J, 3) of means of `sizes` (F, P, J), m, where known.
 
-    The means are: of the person, and of the joint over so many frames about where it is last known, and next known.
+    The means are: of the person, and of the joint over a number of frames around the last and the next known frame.
     """
     known = ~np.isnan(sizes)
     sizes = np.nan_to_num(sizes)
@@ -111,7 +111,7 @@ def _noise_levels(sizes: np.ndarray, frames: int) -> np.ndarray:
 
 
 def _moving_mean(sums: np.ndarray, counts: np.ndarray, frames: int) -> np.ndarray:
-    """Return the mean of sums (F, ...) of counts (F, ...) within so many frames; NaN where the count is zero."""
+    """Return the mean of sums (F, ...) of counts (F, ...) within a number of frames; NaN where the count is zero."""
     total = uniform_filter1d(sums, frames, axis=0, mode="constant")
     count = uniform_filter1d(counts.astype(float), frames, axis=0, mode="constant")
     some = count * frames > 0.5

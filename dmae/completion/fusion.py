@@ -37,11 +37,11 @@ def true_pair(truth: Poses3D, skeleton: Skeleton) -> Poses3D:
     source, target = skeleton.parts
     if target not in truth.skeleton.parts:
         raise ValueError(
-            f"{skeleton.name!r} is learned from truth on {target.name!r}; expected that, alone or beside another "
+            f"{skeleton.name!r} is learned from truth on {target.name!r}; expected that, alone or with another "
             f"skeleton, found truth on {truth.skeleton.name!r}"
         )
-    beside = len(truth.skeleton.parts) > 1
-    parts = [convert(truth, source) if beside else absent(source, *truth.xyz.shape[:2]), convert(truth, target)]
+    joined = len(truth.skeleton.parts) > 1
+    parts = [convert(truth, source) if joined else absent(source, *truth.xyz.shape[:2]), convert(truth, target)]
     return Poses3D(skeleton, np.concatenate([part.xyz for part in parts], 2))
 
 

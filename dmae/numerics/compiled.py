@@ -8,11 +8,11 @@ import numba
 def compiled(fastmath: bool = False) -> Callable[[Callable], Callable]:
     """Return a decorator that compiles a function when it is first called.
 
-    The machine code is kept on disk, beside the source or, where that cannot be written, in the user's cache folder:
-    only the first call ever takes seconds. Where neither can be written, each process compiles anew.
+    The machine code is kept on disk, in the folder of the source or, if that is read-only, in the user's cache folder:
+    only the first call ever takes seconds. If neither can be written, each process compiles again.
 
     Args:
-        fastmath: Let sums be reordered, so that several terms are added at once; no value may be NaN or infinite.
+        fastmath: Let sums be reordered, so that several terms are added together; no value may be NaN or infinite.
     """
     # Checks for division by zero would keep loops from being vectorised.
     options = {"nogil": True, "error_model": "numpy"}

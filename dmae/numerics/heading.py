@@ -14,7 +14,7 @@ _FEWEST_POINTS, _LINE = 3, 0.02
 def body_heading(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     """Return the heading of bodies (..., J, 3) by their hips and shoulders, (...) rad; NaN where neither pair is known.
 
-    The lines across hips and shoulders count alike, however long they are.
+    The lines across hips and shoulders have equal weight, whatever their lengths.
     """
     left = np.zeros((*xyz.shape[:-2], 2))
     for part in ("hip", "shoulder"):

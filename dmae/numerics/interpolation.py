@@ -166,7 +166,7 @@ def _slope(h0, m0, h1, m1):
 
 @compiled()
 def _end_slope(h0, m0, h1, m1):
-    """Return the slope at the outer end of a line of slope m0 whose neighbour has slope m1, or NaN."""
+    """Return the slope at the outer end of a line of slope m0 with a neighbour of slope m1, or NaN."""
     if np.isnan(m1):
         return m0
     slope = ((2 * h0 + h1) * m0 - h0 * m1) / (h0 + h1)

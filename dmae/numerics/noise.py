@@ -20,7 +20,7 @@ def ar1_filter(white: np.ndarray, coefficient: float) -> np.ndarray:
 
 
 def ar1_noise(shape: tuple[int, ...], fps: float, seconds: float, *, rng: np.random.Generator) -> np.ndarray:
-    """Draw standard normal AR(1) noise (F, ...) whose correlation falls to 1/e in `seconds`; white where that is 0."""
+    """Draw standard normal AR(1) noise (F, ...); its correlation falls to 1/e in `seconds`; white where that is 0."""
     white = rng.standard_normal(shape)
     return ar1_filter(white, np.exp(-1 / (fps * seconds))) if seconds > 0 else white
 

@@ -25,7 +25,7 @@ BATCH = 0.2
 DELAY = 0.28
 """s; half a window of the default model."""
 TURN = 0.4
-"""s in which each person is completed once while cameras run, step by step, so that frames take alike."""
+"""s in which each person is completed once while cameras run, in steps, so that frames take about the same time."""
 _GROUPS = 2
 """Groups in which people are completed, one after the other."""
 _JOB_COST = 5.0
@@ -62,7 +62,7 @@ class _Completed:
 class _Job:
     """The completion of some people from frame `start` to `end`; `over` after the last step.
 
-    `cost` is that of the steps so far, done in so many `pushes`.
+    `cost` is that of the steps so far, done in this number of `pushes`.
     """
 
     people: list[int]
@@ -134,7 +134,7 @@ class OnlineCompleter:
             return self._take(end - first)
         last = self._frames[-1].number + 1 - self.delay
         self._work(people, end)
-        # What is needed now, as there are more people than a moment ago, is completed at once.
+        # What is needed now, as there are more people than a moment ago, is completed immediately.
         if self._job is not None and min(map(self._end_of, self._job.people)) < last:
             self._finish(self._job)
         self._finish(self._started([person for person in people if self._end_of(person) < last], end))

@@ -23,7 +23,7 @@ def false_positives(tracks: Tracks, measured: np.ndarray, frames: int, fps: floa
 
 
 def well_measured(tracks: Tracks, joints: int) -> np.ndarray:
-    """Return (F, P) True where a person has at least so many joints, with views that do not agree by coincidence."""
+    """Return (F, P) True where a person has at least this many joints, with views that do not agree by coincidence."""
     known = by_frames(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), tracks.xyz)
     return (known >= joints) & tracks.supported
 
@@ -37,7 +37,7 @@ def coincidental(tracks: Tracks, views: int) -> np.ndarray:
     """Return (P,) True for tracks of detections that belong to different figures and happen to line up.
 
     Args:
-        views: Number of views; nearly all joints of a person that so many views detect can be triangulated.
+        views: Number of views; nearly all joints of a person that this many views detect can be triangulated.
     """
     detected = total(lambda assigned: ((assigned != NONE).sum(2) >= views).sum(-1), tracks.assigned)
     return total(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), tracks.xyz) < _MIN_AGREEMENT * detected

@@ -31,7 +31,7 @@ def same_person(
 
     Duplicates are two tracks at one place for as long as both exist. A re-entry is a track that starts after another
     has ended, within `reentry_s` and the distance walked in that time, with bones of the same lengths and clothes of
-    the same colour. The nearest re-entries are merged first, and no person is in two places at once.
+    the same colour. The nearest re-entries are merged first, and no person is in two places at the same time.
 
     Args:
         xyz: (F, P, J, 3) m, NaN where absent.

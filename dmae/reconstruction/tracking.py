@@ -126,7 +126,7 @@ def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
 
 
 def _fewest(joints: int) -> int:
-    """Return the fewest joints of a person that is measured, of a skeleton with so many."""
+    """Return the fewest joints of a measured person, for a skeleton with this number of joints."""
     return min(_MIN_JOINTS, fewer_of_few(joints))
 
 
@@ -193,7 +193,7 @@ def _plausible(
 ) -> np.ndarray:
     """Return (T,) True where assigned detections (T, V, J) are of one person, judging by their joints (T, J, 3).
 
-    At least `min_joints` are known, and at least half of those that so many views detected: of two people, hardly any
+    At least `min_joints` are known, and at least half of those that this many views detected: of two people, hardly any
     two rays meet. No bone is longer than `longest`, m.
     """
     known = (~np.isnan(xyz[..., 0])).sum(-1)
@@ -203,7 +203,7 @@ def _plausible(
 
 
 def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Return (P,) True for people whose views agree better than unrelated figures would, see `beyond_chance`.
+    """Return (P,) True for people with views that agree better than unrelated figures would, see `beyond_chance`.
 
     Args:
         assigned: (P, V, J) detections, or `NONE`.

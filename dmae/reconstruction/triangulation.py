@@ -19,7 +19,7 @@ _HUBER = 2.0
 _CONTRADICTING, _CONTRADICTED = 1.0, 3.0
 """Sigmas; with `selective`, a view counts less from the first on, and from the second on not at all."""
 _SELECTED_VIEWS = 4
-"""Fewest views of a point of which some can be left out: with three, the one that errs cannot be told."""
+"""Fewest views of a point of which some can be left out: with three, the wrong one cannot be identified."""
 _AGREEING = 3
 """Views that a point is made of where as many agree, before it is made of two that agree more closely."""
 

@@ -238,7 +238,7 @@ def fit_all(pairs: dict[str, PosePair], config: FitConfig, perturb: Perturb) -> 
         if key in limbs:
             kernels[key], _ = fit(table, key, config)
         elif len(table.importance) >= _FEWEST_GAPS:
-            # The torso is so regular that its noise vanishes beside the process, in single precision.
+            # The torso is so regular that its noise vanishes relative to the process, in single precision.
             kernels[key], _ = fit(table.double(), key, config)
     recipe = {"clips": len(pairs), "seed": config.seed, "steps": config.steps}
     return KernelSet(kernels, bones, recipe)

@@ -1,4 +1,4 @@
-"""Kernels: how alike two poses of a person are for one joint, as numbers that were learned; and their file."""
+"""Kernels: the learned similarity of two poses of a person for one joint; and their file."""
 
 import json
 from collections.abc import Callable
@@ -17,7 +17,7 @@ SHIPPED = Path(__file__).parents[2] / "models" / "gaussian_process" / "kernels.j
 PARAMETERS = (
     "wide", "wide_width", "time", "time_scale", "both", "both_width", "both_time_scale", "noise", "tolerance",
 )  # fmt: skip
-"""Numbers of a kernel beside the weights of joints, all positive, see `covariance` and `noise_of`."""
+"""Parameters of a kernel in addition to the weights of joints, all positive, see `covariance` and `noise_of`."""
 
 
 class Exactness(StrEnum):
@@ -97,7 +97,7 @@ def shipped_kernels() -> KernelSet:
 def covariance(
     squared: np.ndarray, seconds: np.ndarray, parameters: dict[str, float], exp: Callable = np.exp
 ) -> np.ndarray:
-    """Return the covariance (...) of poses at a weighted squared distance and so many seconds from each other.
+    """Return the covariance (...) of poses at a weighted squared distance and a distance in time, s.
 
     It is the sum of a squared exponential of the distance, a wider one, a Matern kernel (nu = 5/2) of the time between
     poses, and a product of the two kinds; Rasmussen & Williams 2006, (4.9) and (4.17). Works on tensors with their

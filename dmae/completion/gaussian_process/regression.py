@@ -55,10 +55,10 @@ def predict(problem: GapProblem, kernel: Kernel) -> GapPrediction:
 
 
 def blending_weight(problem: GapProblem, prediction: GapPrediction) -> float:
-    """Return how much a prediction is to count beside interpolation, from 0 to 1, by errors of left-out poses.
+    """Return the weight of a prediction against interpolation, 0 to 1, from errors of left-out poses.
 
     Stretches of training poses, as long as the gap, are left out and predicted: by the process from all other poses,
-    and by straight lines between those beside them. The weight is that with which the blend of both has the least
+    and by straight lines between their neighbours. The weight is that with which the blend of both has the least
     squared error; it is 1 where too little is known.
     """
     product = square = 0.0

@@ -21,7 +21,7 @@ from dmae.numerics.interpolation import pchip
 _MOST = 160
 """Training poses of a gap."""
 _SHARE = 0.5
-"""Of the learned kernels of limbs beside the kernel that is the same for all joints: processes with other errors."""
+"""Of the learned kernels of limbs, relative to the kernel that all joints share: processes with other errors."""
 _COST, _START_COST = 1.5, 5.0
 """Of a gap, and of interpolation, see `Steps`."""
 
@@ -163,7 +163,7 @@ def _place(
             estimate[at] = bodies.filled[(*at, parent)] + turned
             done[at] = True
     measured = ~np.isnan(bodies.xyz[:, :, joint])
-    # Unlike other estimates it is not bent to meet the measurements beside a gap: it knows how noisy they are.
+    # Unlike other estimates it is not bent to meet the measurements next to a gap: the process models their noise.
     estimate = np.where(measured, bodies.xyz[:, :, joint], np.where(np.isnan(estimate), first, estimate))
     bodies.filled[:, :, joint] = bodies.xyz[:, :, joint]
     bodies.place(joint, estimate, parent)

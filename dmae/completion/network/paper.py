@@ -29,8 +29,8 @@ class DMAE(nn.Module):
     """
 
     observed_features = 0
-    """Numbers that an observed token carries beside its signal code; `outputs` and `scale_features` are those of the
-    head, and those that the scale head is given beside decoded tokens."""
+    """Numbers that an observed token carries with its signal code; `outputs` and `scale_features` are those of the
+    head, and those that the scale head is given in addition to decoded tokens."""
     outputs = 3
     scale_features = 0
 

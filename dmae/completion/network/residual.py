@@ -42,8 +42,8 @@ class ResidualDMAE(DMAE):
 
     - It predicts what to add to interpolated joints (`base`): a residual, and a distance along the ray, both multiplied
       by a residual scale that depends on the gap, the noise level and the candidate offsets.
-    - Hidden tokens carry the interpolated joint and its input features beside the mask token.
-    - Coordinates are relative to the rest pose, and are given beside their signal code.
+    - Hidden tokens carry the interpolated joint and its input features in addition to the mask token.
+    - Coordinates are relative to the rest pose, and are given in addition to their signal code.
     """
 
     observed_features = 3 + len(_OBSERVED_NOISE)

@@ -24,10 +24,10 @@ _BATCH = 64
 class PaperCompleter:
     """A callable of poses (F, P, J) and their frames per second that returns completed poses.
 
-    Each frame is predicted once, from the window in whose middle it is; at the ends of a recording from the first or
-    the last window. A frame is completed where its person is present (`dmae.numerics.filling.present`) and its window
-    holds a measurement. A pretrained network returns poses on its own skeleton, with measured joints as they were; a
-    tuned one returns the skeleton that it was tuned on, of which no joint is measured. Covariances are unknown.
+    Each frame is predicted once, from the window with this frame in the middle; at the ends of a recording from the
+    first or the last window. A frame is completed if its person is present (`dmae.numerics.filling.present`) and its
+    window contains a measurement. A pretrained network returns poses on its own skeleton, with measured joints as they
+    were; a tuned one returns the skeleton that it was tuned on, with no measured joint. Covariances are unknown.
 
     Raises (when called):
         KeyError: the skeleton cannot be converted to that of the network.

@@ -76,7 +76,7 @@ class PaperSchedule:
     weight_decay: float = 0.05
     """Weight decay of AdamW."""
     mask_joints: float = 0.5
-    """Share of the joints masked, in every frame anew."""
+    """Share of the joints masked, drawn again in every frame."""
     mask_frames: float = 0.5
     """Share of the frames masked whole."""
 

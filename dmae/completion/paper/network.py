@@ -108,7 +108,7 @@ class PaperDMAE(nn.Module):
         Args:
             x: (B, T, J, 3) m; not read where `observed` is False.
             observed: (B, T, J) True where the encoder may look.
-            asked: Only the first so many joints have tokens in the decoder, as in pretraining; None for all.
+            asked: Number of joints, from the first, that have tokens in the decoder, as in pretraining; None for all.
         """
         shape, seen = observed.shape, observed.flatten(1)
         # Only observed tokens are encoded: they are gathered, to the largest number in the batch.

@@ -29,10 +29,10 @@ from dmae.numerics.resampling import resample
 from dmae.progress import progress
 
 SKELETON = "body21+shelf14"
-"""The skeleton that is pretrained, and the one whose joints fine-tuning adds."""
+"""The skeleton for pretraining, and the one with the joints that fine-tuning adds."""
 FORMAT = 1
 FILE = "paper.json"
-"""What the network is; beside its `weights.safetensors`."""
+"""Description of the network, in the folder of its `weights.safetensors`."""
 _SAVED = 500
 """Steps between two checkpoints."""
 

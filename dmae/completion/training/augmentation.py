@@ -30,7 +30,7 @@ class AugmentConfig:
     """The logarithm of a recording's speed is uniform within this much either way."""
     true_poses: float = 0.3
     """Share of the draws of a captured recording that give its truth instead; else the network gives too little weight
-    to joints beside a gap."""
+    to joints next to a gap."""
     noise: float = 0.0
     """m; observed joints of true poses have errors with a standard deviation that is, by person, uniform up to this."""
 

@@ -89,7 +89,7 @@ def ignore_warnings() -> None:
 
 
 def strategy_of(devices: int) -> DDPStrategy | str:
-    """Return how Lightning runs so many processes."""
+    """Return Lightning's strategy for this number of processes."""
     if devices == 1:
         return "auto"
     # Torch warns where all parameters are used. They are not where codes are left out.

@@ -23,7 +23,7 @@ _DIGEST = 64
 class CheckedCheckpoints(TorchCheckpointIO):
     """Write checkpoints that hold their checksum: a line with it, then what torch writes.
 
-    The checkpoint before is kept beside the newest, for when that one is damaged.
+    The previous checkpoint is kept as well, in case the newest is damaged.
     """
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None) -> None:
@@ -64,7 +64,7 @@ def newest_checkpoint(folder: Path) -> Path | None:
             errors.append(error)
             continue
         for error in errors:
-            print(f"{error}; training goes on from {path.name}, the one before it", file=sys.stderr)
+            print(f"{error}; training continues from {path.name}, the one before it", file=sys.stderr)
         return path
     if errors:
         names = " and ".join(path.name for path in found)

@@ -38,7 +38,7 @@ class ExamplesConfig:
     masking: MaskingConfig = field(default_factory=MaskingConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     views: list[int] = field(default_factory=list)
-    """Clips without poses are captured with all subsets of so many cameras, one example each; by default only their
+    """Clips without poses are captured with all subsets of that many cameras, one example each; by default only their
     truth is used, or if the skeleton lacks that, what all cameras capture."""
     replay: float | None = None
     """Share of the windows that are taken from `extra_data`, so that a model keeps what it learned before; by default
@@ -49,7 +49,7 @@ class ExamplesConfig:
     damaged: bool = False
     """Learn even from data sets of which files are missing or not as they were written."""
     workers: int = 0
-    """Processes that make batches beside the one that learns; 0: that one makes them."""
+    """Processes that make batches for the one that trains; 0: the training process makes them."""
 
     def __post_init__(self):
         if not 0 <= self.held_back < 1:

@@ -21,7 +21,7 @@ from dmae.completion.training.time_limit import TimeLimit
 from dmae.data.rng import Stream, generator
 
 _SCALE_WEIGHT = 0.01
-"""Weight of the loss from which the error scale is learned, beside errors in m."""
+"""Weight of the loss that trains the error scale, relative to errors in m."""
 
 _SMALLEST_ERROR = 0.003
 """m; expected errors much below this have equal weight (`Loss.relative`)."""
@@ -138,7 +138,7 @@ class Learner(lightning.LightningModule):
         squared = (predicted.xyz - truth).square().sum(-1)
         value = error_loss(self.train_config.learning.loss, squared, predicted.log_scale.detach())
         distance = (squared.detach() + 1e-10).sqrt()
-        # The negative log likelihood of the scale; its weight is small beside the norm that gradients are clipped to.
+        # The negative log likelihood of the scale; its weight is small relative to the norm that clips gradients.
         likelihood = distance * (-predicted.log_scale).exp() + 3 * predicted.log_scale
         value = value + _SCALE_WEIGHT * likelihood
         # The mean over the joints of all processes: their gradients are averaged.

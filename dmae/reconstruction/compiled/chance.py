@@ -12,7 +12,7 @@ _DISAGREEMENT = 0.25
 
 @compiled()
 def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, most, supported):
-    """Find the people whose views agree better than unrelated figures would.
+    """Find the people with views that agree better than unrelated figures would.
 
     Take the figures of each view as spread over the floor at random, n_v of them, and the area that a view overlooks at
     the person's depth z_v as z_v^2 width_v / focal_v. A figure then lies within 2 r of a given place with

@@ -69,8 +69,8 @@ def affinity(i, j, view, centers, rays, weights, colours, half_distance, colour_
         view: (n,) view of each detection.
         centers: (V, 3) m, float32, as all that follow.
         rays: (n, 3, J) unit directions, zeros where a joint is absent.
-        weights: (n, J) roots of confidences, 0 where a joint is absent. Processors take 16 joints at once: best, J is a
-            multiple of that.
+        weights: (n, J) roots of confidences, 0 where a joint is absent. Processors take 16 joints together; J is best
+            a multiple of that.
         colours: (n, 3) CIELAB; NaN where unknown.
         half_distance: m.
         colour_difference: Difference of colours that counts half.

@@ -40,7 +40,7 @@ def triangulate_points(
         gate: Sigmas; residuals beyond them are not used.
         limits: (6,) least depth, m; length of the last step, m; sigmas up to which errors are squared; largest standard
             error, m; sigmas from which a view counts less, and from which not at all, where views are selected.
-        agreeing: Points on which so many views agree come before others.
+        agreeing: Points on which this many views agree come before others.
         selected: Fewest views of a point of which those that contradict the others are left out.
         iterations: Largest number of Gauss-Newton steps.
         xyz: (n, 3) m, filled with NaN by the caller.

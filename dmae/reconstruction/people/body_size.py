@@ -91,7 +91,7 @@ def measured_size(clip: Clip, th_p: float) -> float | None:
 
 
 def _sizes(one: np.ndarray, other: np.ndarray, start: np.ndarray, end: np.ndarray) -> list[float]:
-    """Return the extents of bodies that two cameras show, whose rays to D detections of J joints are (D, J, 3)."""
+    """Return the extents of bodies that two cameras show, by rays (D, J, 3) to D detections of J joints."""
     found = []
     for first, second in product(one[:_DETECTIONS], other[:_DETECTIONS]):
         both = np.isfinite(first[:, 0]) & np.isfinite(second[:, 0])

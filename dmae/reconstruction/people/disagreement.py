@@ -1,4 +1,4 @@
-"""Cameras that see a person beside the place where the other cameras see it, all the time."""
+"""Cameras that see a person with a constant offset from where the other cameras see it."""
 
 from collections.abc import Callable, Sequence
 

@@ -1,4 +1,4 @@
-"""Which of the captured people are wanted: those in a volume, so many of them, or one subject."""
+"""Which of the captured people are wanted: those in a volume, a number of them, or one subject."""
 
 import itertools
 
@@ -106,7 +106,7 @@ def _person_at(xyz: np.ndarray, rig: CameraRig, subject: SubjectConfig) -> int:
 
 
 def _linked(xyz: np.ndarray, skeleton: Skeleton, fps: float, persons: int, only: int | None = None) -> np.ndarray:
-    """Return (P,) for each track the lowest index of the tracks linked with it, until so many people are left.
+    """Return (P,) for each track the lowest index of the tracks linked with it, until this many people are left.
 
     Of possible links the one between the bones of most similar lengths comes first.
 

@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from pathlib import Path
 
 import pytest
 
@@ -26,6 +27,17 @@ def wait_for(path, process, seconds=120):
     while not list(path.parent.parent.glob(f"{path.parent.name}/{path.name}")):
         assert process.poll() is None and time.monotonic() < end, process.communicate()
         time.sleep(0.05)
+
+
+def wait_for_numpy(process, seconds=60):
+    """Until a command has begun to import its packages: before that Python itself answers a signal."""
+    maps = Path(f"/proc/{process.pid}/maps")
+    if not maps.parent.parent.joinpath("self/maps").is_file():
+        pytest.skip("looks up loaded libraries in /proc")
+    end = time.monotonic() + seconds
+    while "_multiarray_umath" not in maps.read_text():
+        assert process.poll() is None and time.monotonic() < end, process.communicate()
+        time.sleep(0.01)
 
 
 @pytest.mark.slow
@@ -66,7 +78,7 @@ def test_clips_captured_before_an_interruption_are_a_data_set(folder):
     assert process.returncode == 130
     names = [line["id"] for line in read_manifest(folder / "captured")]
     assert 2 <= len(names) < 40 and all(load_clip(folder / "captured" / name).poses is not None for name in names)
-    assert "can be used; the same command goes on" in error
+    assert "can be used; the same command continues" in error
     assert len(error.splitlines()) == 1
 
 
@@ -86,7 +98,7 @@ def test_training_resumes_from_its_checkpoint(folder, by, status):
 
 def test_an_interruption_before_training_begins_is_one_line(folder):
     process = start_command(folder, "dmae", "train", "data=set", "out=none")
-    time.sleep(0.7)
+    wait_for_numpy(process)
     _, error = interrupt(process)
     assert process.returncode == 130
     assert error.splitlines()[-1].startswith("dmae train: interrupted;") and "Traceback" not in error

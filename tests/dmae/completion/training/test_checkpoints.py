@@ -1,4 +1,4 @@
-"""Checkpoints: damage is found, the one before is used, and training goes on to the same weights."""
+"""Checkpoints: damage is found, the one before is used, and training continues to the same weights."""
 
 import pytest
 import torch
@@ -30,7 +30,7 @@ def test_of_a_damaged_one_the_one_before_is_used(folder, at, capsys):
     with pytest.raises(ValueError, match=r"checkpoint\.ckpt: does not match its checksum"):
         CheckedCheckpoints().load_checkpoint(folder / "checkpoint.ckpt")
     assert CheckedCheckpoints().load_checkpoint(newest_checkpoint(folder))["step"] == 5
-    assert "training goes on from checkpoint_before.ckpt" in capsys.readouterr().err
+    assert "training continues from checkpoint_before.ckpt" in capsys.readouterr().err
 
 
 def test_where_all_are_damaged_what_to_do_is_said(folder):
