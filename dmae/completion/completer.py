@@ -115,7 +115,7 @@ class Completer:
         moved = _of_few_views(poses)[frames] & self.denoise
         if not (absent | moved).any():
             return poses.select(frames)
-        predicted, scale = yield from predict(self.model, poses, fps, frames, None, self.denoise, small_steps)
+        predicted, scale = yield from predict(self.model, poses, fps, frames, absent | moved, None, small_steps)
         given = poses.select(frames)
         xyz = np.where((absent | moved)[..., None], predicted, given.xyz)
         source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))
@@ -170,7 +170,8 @@ class Completer:
         there, count = present(poses, fps)[frames], len(self.target)
         if not there.any():
             return fusion.absent(self.target, *there.shape)
-        predicted = yield from predict(self.model, poses, fps, frames, self.target, self.denoise, small_steps)
+        wanted = np.repeat(there[..., None], count, -1)
+        predicted = yield from predict(self.model, poses, fps, frames, wanted, self.target, small_steps)
         xyz, scale = (part[:, :, -count:] for part in predicted)
         done = fusion.fused(poses.select(frames), self.target, xyz, there)
         return _with_covariances(done, there[..., None], self._deviation(poses, fps, scale, frames))

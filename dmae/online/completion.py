@@ -24,7 +24,7 @@ BATCH = 0.2
 """s of frames that are completed together."""
 DELAY = 0.28
 """s; half a window of the default model."""
-TURN = 0.4
+TURN = 0.48
 """s in which each person is completed once while cameras run, in steps, so that frames take about the same time."""
 _GROUPS = 2
 """Groups in which people are completed, one after the other."""

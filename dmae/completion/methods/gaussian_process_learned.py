@@ -22,8 +22,8 @@ _MOST = 160
 """Training poses of a gap."""
 _SHARE = 0.5
 """Of the learned kernels of limbs, relative to the kernel that all joints share: processes with other errors."""
-_COST, _START_COST = 1.5, 5.0
-"""Of a gap, and of interpolation, see `Steps`."""
+_COST, _START_COST, _LIMBS_COST = 1.5, 5.0, 4.0
+"""Of a gap, of interpolation, and of preparing and of joining limbs, see `Steps`."""
 
 
 @completion_method("gaussian_process_learned")
@@ -122,9 +122,11 @@ def _place_limbs(
     limbs = Limbs(poses, bodies, fps, kernels.bones)
     found = np.zeros(wanted.shape, bool)
     needed = _needed(bodies, ~limbs.measured, asked)
+    yield _LIMBS_COST
     for joint in limb_joints(bodies):
         gaps = wanted[:, :, joint], needed[joint]
         found[:, :, joint] = yield from _place(bodies, limbs, joint, kernels, *gaps)
+    yield _LIMBS_COST
     return found
 
 

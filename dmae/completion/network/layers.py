@@ -22,6 +22,32 @@ class Prediction(NamedTuple):
     """(B, T, J) the logarithm of s in m; the error e has the density exp(-|e| / s) / (8 π s^3)."""
 
 
+class Chosen(NamedTuple):
+    """Some of the tokens of each window, padded to the largest number in the batch."""
+
+    index: Tensor
+    """(B, n) of the chosen tokens, in order."""
+    valid: Tensor
+    """(B, n) False for padding."""
+
+    @classmethod
+    def where(cls, mask: Tensor) -> "Chosen":
+        """Choose the tokens where `mask` (B, N) is True; at least one, which may be padding."""
+        longest = max(1, int(mask.sum(1).max()))
+        index = torch.argsort(mask.byte(), dim=1, descending=True, stable=True)[:, :longest]
+        return cls(index, mask.gather(1, index))
+
+    def take(self, x: Tensor) -> Tensor:
+        """Return the chosen ones (B, n, C) of tokens (B, N, C)."""
+        return x.gather(1, self.index[..., None].expand(-1, -1, x.shape[-1]))
+
+    def put(self, x: Tensor, tokens: int) -> Tensor:
+        """Return chosen tokens (B, n, C) in their places (B, N, C), zero elsewhere."""
+        x = torch.where(self.valid[..., None], x, 0)
+        places = x.new_zeros(len(x), tokens, x.shape[-1])
+        return places.scatter_add(1, self.index[..., None].expand_as(x), x)
+
+
 class FourierCode(nn.Module):
     """[cos 2πBx, sin 2πBx] of x (..., D), with a fixed Gaussian matrix B (C/2, D) that is saved with the weights."""
 
@@ -67,13 +93,26 @@ class Attention(nn.Module):
                 keys.copy_(key_init * queries)
         self.out = nn.Linear(heads * head_dim, dim)
 
-    def forward(self, x: Tensor, valid: Tensor | None) -> Tensor:
-        """x (B, n, C); `valid` (B, n) True for the tokens that may be attended to, None for all."""
-        batch, count, _ = x.shape
-        q, k, v = self.qkv(x).view(batch, count, 3, self.heads, -1).permute(2, 0, 3, 1, 4)  # (B, heads, n, head_dim)
+    def forward(self, x: Tensor, valid: Tensor | None, wanted: Chosen | None = None) -> Tensor:
+        """Return (B, n, C), or (B, m, C) for the m tokens that are `wanted`.
+
+        Args:
+            x: (B, n, C)
+            valid: (B, n) True for the tokens that may be attended to, None for all.
+        """
+        if wanted is None:
+            q, k, v = (self._by_head(part) for part in self.qkv(x).chunk(3, -1))
+        else:
+            queries, others = self.qkv.weight.split([self.qkv.out_features // 3, 2 * self.qkv.out_features // 3])
+            q = self._by_head(F.linear(wanted.take(x), queries))
+            k, v = (self._by_head(part) for part in F.linear(x, others).chunk(2, -1))
         mask = None if valid is None else valid[:, None, None, :]
         y = F.scaled_dot_product_attention(q, k, v, attn_mask=mask)
-        return self.out(y.transpose(1, 2).reshape(batch, count, -1))
+        return self.out(y.transpose(1, 2).flatten(2))
+
+    def _by_head(self, x: Tensor) -> Tensor:
+        """Return (B, n, C) as (B, heads, n, head_dim)."""
+        return x.unflatten(-1, (self.heads, -1)).transpose(1, 2)
 
 
 class Block(nn.Module):
@@ -87,6 +126,8 @@ class Block(nn.Module):
         self.mlp = nn.Sequential(nn.Linear(dim, mlp), nn.GELU(), nn.Dropout(dropout), nn.Linear(mlp, dim))
         self.dropout = nn.Dropout(dropout)
 
-    def forward(self, x: Tensor, valid: Tensor | None = None) -> Tensor:
-        x = x + self.dropout(self.attention(self.attention_norm(x), valid))
+    def forward(self, x: Tensor, valid: Tensor | None = None, wanted: Chosen | None = None) -> Tensor:
+        """Return the tokens after this layer, (B, n, C), or those `wanted` (B, m, C); see `Attention.forward`."""
+        found = self.attention(self.attention_norm(x), valid, wanted)
+        x = (x if wanted is None else wanted.take(x)) + self.dropout(found)
         return x + self.dropout(self.mlp(self.mlp_norm(x)))

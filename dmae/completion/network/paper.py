@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from dmae.completion.network.config import ModelConfig
-from dmae.completion.network.layers import Block, ContextCode, FourierCode, Prediction
+from dmae.completion.network.layers import Block, Chosen, ContextCode, FourierCode, Prediction
 
 _ERROR_SCALE = 0.03
 """m; scale of errors that training starts from."""
@@ -64,18 +64,26 @@ class DMAE(nn.Module):
         nn.init.zeros_(self.scale_head[-1].weight)
         nn.init.constant_(self.scale_head[-1].bias, math.log(_ERROR_SCALE))
 
-    def forward(self, x: Tensor, observed: Tensor, *_: Tensor) -> Prediction:
-        """Predict every joint of every frame; further fields of `dmae.completion.windows.Windows` are not read.
+    def forward(self, x: Tensor, observed: Tensor, *_: Tensor, wanted: Tensor | None = None) -> Prediction:
+        """Predict joints; further fields of `dmae.completion.windows.Windows` are not read.
 
         Args:
             x: (B, T, J, 3) m; not read where `observed` is False.
             observed: (B, T, J) True where the encoder may look.
+            wanted: (B, T, J) True for the joints to be predicted, others become zero; None for all.
         """
+        chosen = None if wanted is None else Chosen.where(wanted.flatten(1))
         encoded = self.encode(self.signal(x.flatten(1, 2)), observed.flatten(1))
-        tokens = self.decode(encoded, self.mask_token.expand_as(encoded), observed.flatten(1))
+        tokens = self.decode(encoded, self.mask_token.expand_as(encoded), observed.flatten(1), chosen)
         # Detached: learning the scale of errors cost accuracy where the two shared features.
-        log_scale = self.scale_head(tokens.detach()).view(observed.shape)
-        return Prediction(self.head(tokens).unflatten(1, observed.shape[1:]), log_scale)
+        return self.prediction(self.head(tokens), self.scale_head(tokens.detach()), observed, chosen)
+
+    @staticmethod
+    def prediction(xyz: Tensor, log_scale: Tensor, observed: Tensor, chosen: Chosen | None) -> Prediction:
+        """Return predictions of the chosen tokens, (B, n, 3) and (B, n, 1), by frame and joint, as `observed` is."""
+        if chosen is not None:
+            xyz, log_scale = (chosen.put(part, observed[0].numel()) for part in (xyz, log_scale))
+        return Prediction(xyz.unflatten(1, observed.shape[1:]), log_scale.view(observed.shape))
 
     def encode(self, signal: Tensor, observed: Tensor) -> Tensor:
         """Return the encoded observed tokens in their places, (B, N, C) of the decoder, zero elsewhere.
@@ -84,24 +92,24 @@ class DMAE(nn.Module):
             signal: (B, N, C), what observed tokens carry.
             observed: (B, N)
         """
-        longest = max(1, int(observed.sum(1).max()))
-        index = torch.argsort(observed.byte(), dim=1, descending=True, stable=True)[:, :longest]  # (B, n)
-        valid = observed.gather(1, index)  # False for padding
+        chosen = Chosen.where(observed)
+        index, valid = chosen
         # In a window without any observed token attention needs one key; its result is dropped.
         keys = None if bool(valid.all()) else valid | ~valid.any(1, keepdim=True)
-        tokens = self.embed(signal.gather(1, index[..., None].expand(-1, -1, signal.shape[-1])))
+        tokens = self.embed(chosen.take(signal))
         context = self.encoder_context()
         tokens = tokens + (context[index] if isinstance(context, Tensor) else context)
         for block in self.encoder:
             tokens = block(tokens, keys)
-        tokens = self.narrow(self.encoder_norm(tokens))
-        tokens = torch.where(valid[..., None], tokens, 0)
-        places = tokens.new_zeros(*observed.shape, tokens.shape[-1])
-        return places.scatter_add(1, index[..., None].expand_as(tokens), tokens)
+        return chosen.put(self.narrow(self.encoder_norm(tokens)), observed.shape[1])
 
-    def decode(self, encoded: Tensor, hidden: Tensor, observed: Tensor) -> Tensor:
-        """Return decoded tokens (B, N, C): encoded ones (B, N, C) where observed (B, N), else `hidden` (B, N, C)."""
+    def decode(self, encoded: Tensor, hidden: Tensor, observed: Tensor, chosen: Chosen | None = None) -> Tensor:
+        """Return decoded tokens (B, N, C), or those chosen (B, n, C).
+
+        The decoder is given encoded tokens (B, N, C) where observed (B, N), else `hidden` (B, N, C).
+        """
         tokens = torch.where(observed[..., None], encoded, hidden) + self.decoder_context()
-        for block in self.decoder:
+        for block in self.decoder[:-1]:
             tokens = block(tokens)
-        return self.decoder_norm(tokens)
+        # After the last layer no other token needs those that are not asked for.
+        return self.decoder_norm(self.decoder[-1](tokens, wanted=chosen))

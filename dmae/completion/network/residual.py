@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from dmae.completion.network.config import FEATURES, ModelConfig
-from dmae.completion.network.layers import Prediction
+from dmae.completion.network.layers import Chosen, Prediction
 from dmae.completion.network.paper import DMAE
 
 _POSE_SCALE = 0.3
@@ -70,8 +70,9 @@ class ResidualDMAE(DMAE):
         ray: Tensor,
         candidate_offset: Tensor,
         noise_level: Tensor,
+        wanted: Tensor | None = None,
     ) -> Prediction:
-        """Predict every joint of every frame; the arguments are the fields of `dmae.completion.windows.Windows`.
+        """Predict joints; the arguments but the last are the fields of `dmae.completion.windows.Windows`.
 
         Args:
             x: (B, T, J, 3) m; not read where `observed` is False.
@@ -81,28 +82,33 @@ class ResidualDMAE(DMAE):
             ray: (B, T, J, 3) direction of the one camera that detected the joint; zero where there is none.
             candidate_offset: (B, T, J, 6, 3) m, from `base` to other places where the joint may be.
             noise_level: (B, T, J, 6) logarithms of jitter and bone stretch.
+            wanted: (B, T, J) True for the joints to be predicted, others become zero; None for all.
         """
+        chosen = None if wanted is None else Chosen.where(wanted.flatten(1))
         gap, ray, candidate_offset, noise_level = self._ablated(gap, ray, candidate_offset, noise_level)
         signal = torch.cat([self._coordinates(x), noise_level[..., _OBSERVED_NOISE].flatten(1, 2)], -1)
         encoded = self.encode(signal, observed.flatten(1))
 
-        duration = torch.log1p(gap.flatten(1, 2)) / math.log(1000)
+        duration = torch.log1p(gap) / math.log(1000)
         offsets = (candidate_offset / self.offset_scale[:, None]).clamp(-5, 5).flatten(3)
-        features = (part.flatten(1, 2) for part in (ray, offsets, noise_level))
+        features = (part.flatten(1, 2) for part in (duration, ray, offsets, noise_level))
         hidden = self.mask_token.expand_as(encoded)
-        hidden = hidden + self.embed_hidden(torch.cat([self._coordinates(base), duration, *features], -1))
-        tokens = self.decode(encoded, hidden, observed.flatten(1))
+        hidden = hidden + self.embed_hidden(torch.cat([self._coordinates(base), *features], -1))
+        tokens = self.decode(encoded, hidden, observed.flatten(1), chosen)
 
-        distance = torch.log(torch.linalg.norm(candidate_offset, dim=-1) + _SMALLEST).flatten(1, 2)
-        has_ray = ray.abs().amax(-1).flatten(1)[..., None]
-        features = torch.cat([duration, noise_level.flatten(1, 2), distance, has_ray], -1)
+        def of_chosen(part: Tensor) -> Tensor:
+            part = part.flatten(1, 2)
+            return part if chosen is None else chosen.take(part)
+
+        distance = torch.log(torch.linalg.norm(candidate_offset, dim=-1) + _SMALLEST)
+        features = of_chosen(torch.cat([duration, noise_level, distance, ray.abs().amax(-1, keepdim=True)], -1))
+        base, ray, known = map(of_chosen, (base, ray, observed[..., None]))
         scale = self.residual_scale(features).clamp(-_LARGEST_LOG_SCALE, _LARGEST_LOG_SCALE).exp()
-        scale = torch.where(observed[..., None], 1, scale.unflatten(1, observed.shape[1:]))
-        predicted = self.head(tokens).unflatten(1, observed.shape[1:])
-        xyz = base + scale * (predicted[..., :3] + predicted[..., 3:] * ray)
+        predicted = self.head(tokens)
+        xyz = base + torch.where(known, 1, scale) * (predicted[..., :3] + predicted[..., 3:] * ray)
         # Detached: learning the scale of errors cost accuracy where the two shared features.
-        log_scale = self.scale_head(torch.cat([tokens.detach(), features], -1)).view(observed.shape)
-        return Prediction(xyz, log_scale)
+        log_scale = self.scale_head(torch.cat([tokens.detach(), features], -1))
+        return self.prediction(xyz, log_scale, observed, chosen)
 
     def _ablated(self, *features: Tensor) -> list[Tensor]:
         """Return the fields of input features with those named in `ablate` set to zero."""

@@ -57,6 +57,21 @@ def test_hidden_joints_cannot_influence_the_output(seed, share, residual):
     torch.testing.assert_close(first, second, rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("depth", [1, 2])
+@pytest.mark.parametrize("residual", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_wanted_joints_are_predicted_as_with_all_others(residual, depth, share):
+    net = model(replace(SMALL if residual else PAPER, decoder=DecoderConfig(dim=16, depth=depth)))
+    parts = windows(3)
+    wanted = torch.rand(parts[1].shape, generator=torch.Generator().manual_seed(1)) < share
+    wanted[0] = False
+    with torch.no_grad():
+        whole, some = net(*parts), net(*parts, wanted=wanted)
+    for expected, found in zip(whole, some, strict=True):
+        torch.testing.assert_close(found[wanted], expected[wanted], rtol=0, atol=1e-5)
+        assert not found[~wanted].any()
+
+
 def test_the_paper_s_network_uses_neither_interpolation_nor_features():
     net = model(PAPER)
     x, observed, base, *features = windows(2)

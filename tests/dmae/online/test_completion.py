@@ -158,7 +158,7 @@ def test_online_capture_completes_what_it_captures():
         OnlineCapture(clip.rig, BODY25, clip.fps, CaptureConfig(), complete=given) for given in (None, completer)
     )
     # 0.28 s, until each person has had a turn, and until the steps for half of the people are done.
-    assert complete.delay == plain.delay + 7 + 9 + 4
+    assert complete.delay == plain.delay + 7 + 11 + 5
     captured, finished = [], []
     for frame in range(len(clip)):
         captured += plain.push(clip.select(frames=[frame]).detections)
