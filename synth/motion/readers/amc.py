@@ -1,4 +1,4 @@
-"""Acclaim skeletons (ASF) and motions (AMC), as in the CMU motion capture database."""
+"""Read Acclaim skeletons (ASF) and motions (AMC), as in the CMU motion capture database."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,7 +90,7 @@ def read_amc(path: Path) -> SkeletonRecording:
 
 
 def read_asf(path: Path) -> dict[str, Bone]:
-    """Read the bones of an ASF file by name, parents before children; the first is `root`; its `end` is its position.
+    """Return the bones of an ASF file by name, parents before children. The first is `root`; its `end` is its position.
 
     Raises:
         FileNotFoundError: there is no such file.
