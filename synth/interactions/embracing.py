@@ -14,11 +14,11 @@ from synth.people.segments import SEGMENTS
 
 
 class _Way(NamedTuple):
-    """A way of an arm in a hug.
+    """The way that an arm takes in a hug.
 
     Attributes:
-        via: Where the palm is on the way, in the frame of the other's chest as fractions of stature, y towards the side
-            of the arm.
+        via: Position of the palm on the way, in the frame of the other's chest as fractions of stature, y towards the
+            side of the arm.
         elbow: Direction of the elbow.
         heights: Least and greatest height of the palm on the back, as `on_trunk` takes it.
         angles: Least and greatest angle of the palm from the spine, rad.
@@ -30,7 +30,7 @@ class _Way(NamedTuple):
     angles: tuple[float, float]
 
 
-# Nearer to the spine, a hand over the shoulder lies on the neck.
+# Nearer to the spine, a hand over the shoulder would be on the neck.
 _OVER = _Way((0.03, 0.16, 0.20), (0.0, 1.0, -0.1), (0.215, 0.245), (0.65, 1.0))
 """Over the other's shoulder."""
 _ROUND = _Way((0.04, 0.19, 0.16), (0.0, 1.0, -0.1), (0.195, 0.230), (0.3, 0.7))
@@ -53,7 +53,7 @@ class _Arm:
         height, angle: Of the palm on the other's back, as `on_trunk` takes them.
         press: How far the palm presses into the back, m.
         begin: Time at which the arm comes up, s.
-        pats: Times a second that the hand pats the back; 0 if it rests.
+        pats: Rate at which the hand pats the back, 1/s; 0 if it rests.
     """
 
     person: int
@@ -124,7 +124,8 @@ def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
 
 def _arm(cast: Cast, person: int, side: str, mirror: int, when: float, *, rng: np.random.Generator) -> _Arm:
     taller = cast.bodies[person].stature - cast.bodies[1 - person].stature
-    # The taller person reaches round the other's arms, the smaller below; of equals each has one arm over, one below.
+    # The taller person reaches round the other's arms, the smaller person below them. Two people of about the same
+    # stature each have one arm over and one below.
     way = (_OVER if _SIDES[side] == mirror else _BELOW) if abs(taller) < 0.07 else _ROUND if taller > 0 else _BELOW
     return _Arm(
         person,

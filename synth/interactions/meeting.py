@@ -22,7 +22,7 @@ def crossing(cast: Cast, *, rng: np.random.Generator) -> Script:
     """People walk through the middle, from all sides, at about the same time."""
     count = len(cast.bodies)
     first, side = rng.uniform(0, 2 * np.pi), rng.choice((-1, 1))
-    # One just after the other, so that no two are in the middle at the same time.
+    # People arrive one just after the other, so that no two are in the middle at the same time.
     order = (rng.permutation(count) - (count - 1) / 2) * min(0.4, 0.3 * cast.seconds[-1] / count)
     roles = []
     for person in range(count):
@@ -121,9 +121,9 @@ def circle_talk(cast: Cast, *, rng: np.random.Generator) -> Script:
 
 
 def _through(cast: Cast, heading: float, speed: float, side: float, late: float = 0.0) -> np.ndarray:
-    """(F, 3) path through the origin at half time, or later by `late`, s.
+    """Return a (F, 3) path that passes the origin at half time, or later by `late`, s.
 
-    It is slower, and bent towards a `side`, as far as it takes to stay within the radius.
+    It is slower, and bent towards a `side`, as far as necessary to stay within the radius.
     """
     farthest = cast.seconds[-1] / 2 + abs(late)
     speed = max(min(speed, cast.radius / max(farthest, 1e-9)), _SLOWEST)

@@ -124,13 +124,13 @@ def kinematics(xyz: np.ndarray, fps: float) -> dict[str, np.ndarray]:
         values[f"{name}, speed"] = np.abs(_speed(values[name], fps))
         values[f"{name}, acceleration"] = np.abs(_acceleration(values[name], fps))
     # In axes that turn about the vertical with the hips.
-    beside = np.stack([_dot(wrist - middle[:, None], axis[:, None]) for axis in level], axis=-1)
+    wrist_from_hips = np.stack([_dot(wrist - middle[:, None], axis[:, None]) for axis in level], axis=-1)
     values |= {
         "hips along floor, speed": np.linalg.norm(_speed(middle, fps)[:, :2], axis=-1),
         "hips up and down, speed": np.abs(_speed(middle, fps)[:, 2]),
         "pelvis turning, speed": _turning(level[1], fps),
         "ankle, speed": np.linalg.norm(_speed(ankle, fps), axis=-1),
-        "wrist from hips, speed": np.linalg.norm(_speed(beside, fps), axis=-1),
+        "wrist from hips, speed": np.linalg.norm(_speed(wrist_from_hips, fps), axis=-1),
     }
     joints = {"hips": middle, "head": ear.mean(1), "knee": knee, "ankle": ankle, "wrist": wrist}
     for name, joint in joints.items():

@@ -135,7 +135,7 @@ class Walk:
         )
 
     def _hip(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return a hip's place at its leg's own phase, m: ahead on the path, above the mean height, outward of its foot."""
+        """Return a hip at its leg's own phase, m: ahead on the path, above the mean height, and outward of its foot."""
         ahead, up, left, turn, tilt = self.pelvis(own)
         return (
             self.stride * own + ahead + HALF_HIPS * np.sin(turn),

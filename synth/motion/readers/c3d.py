@@ -65,7 +65,7 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
             or contradicts itself; or as `synth.motion.retargeting.put_on_floor`.
     """
     points = read_points(path, options.fps)
-    places = _worn(points.places, options.mapping, path)
+    places = _marker_positions(points.places, options.mapping, path)
     filled, notes = fill_gaps(np.stack(list(places.values()), axis=1), list(places), points.fps, path)
     turn = UPRIGHT[options.up or points.up]
     marker = dict(zip(places, (filled @ turn.T).swapaxes(0, 1), strict=True))
@@ -225,7 +225,7 @@ def _by_label(labels: list[str], places: np.ndarray, path: Path) -> dict[str, np
     return {label: places[:, i] for i, label in enumerate(labels)}
 
 
-def _worn(places: dict[str, np.ndarray], mapping: dict[str, str], path: Path) -> dict[str, np.ndarray]:
+def _marker_positions(places: dict[str, np.ndarray], mapping: dict[str, str], path: Path) -> dict[str, np.ndarray]:
     """Return the positions (F, 3) of `MARKERS` by name. A label may begin with the name of a person and a colon."""
     names = renamed(tuple(places), mapping, {*MARKERS, *SYNONYMS}, path)
     bare = [name.rpartition(":")[2].upper() for name in names]

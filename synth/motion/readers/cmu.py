@@ -15,8 +15,8 @@ _PARTNER_SUBJECTS = {18: 19, 20: 21, 22: 23, 33: 34, 60: 61}
 def true_fps(stem: str, stated: float) -> float:
     """Return the rate at which a take was captured, frames/s. Conversions often state 120 for takes at 60.
 
-    The name of the take identifies it, `<subject>_<trial>`; `salsa_` stands for subjects 60 and 61. A stated rate of 120
-    is corrected if the take was captured at 60 Hz. Any other rate is returned as stated. The motion itself does not
+    The name of the take identifies it, `<subject>_<trial>`; `salsa_` stands for subjects 60 and 61. A stated rate of
+    120 is corrected if the take was captured at 60 Hz. Any other rate is returned as stated. The motion itself does not
     show its rate, except in a jump, in which the body must fall with gravity.
     """
     take = subject_and_trial(stem)

@@ -47,7 +47,7 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
     content = read_arrays(path, "an npz file of arrays", ("poses", "trans"), (*_RATES, "mocap_time_length", "on_floor"))
     poses, places = _shaped(content, path)
     rate = _rate(content, len(poses), options.fps, path)
-    poses, places, notes = _whole(poses, places, rate, path)
+    poses, places, notes = _fill(poses, places, rate, path)
     turn = UPRIGHT["y"].T @ UPRIGHT[options.up or "z"]
     local = Rotation.from_rotvec(poses.reshape(-1, 3)).as_matrix().reshape(len(poses), BODY, 3, 3)
     hands = np.broadcast_to(np.eye(3), (len(poses), len(JOINTS) - BODY, 3, 3))
@@ -125,7 +125,7 @@ def _rate(content: dict[str, np.ndarray], frames: int, fps: float | None, path: 
     return rate
 
 
-def _whole(
+def _fill(
     poses: np.ndarray, places: np.ndarray, fps: float, path: Path
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Return poses and positions without NaN, and notes on how they were filled."""
