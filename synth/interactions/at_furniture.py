@@ -12,7 +12,7 @@ from synth.rooms.props import PlacedProp, prop_size
 _HAND = 0.012
 """Height of a resting palm above a board, m."""
 _LOW, _OUT = 0.15, (-0.1, 1.0, 0.35)
-"""Height of shoulders above a table, m, below which elbows get another direction, to keep clear of the table's edge."""
+"""Height of shoulders above a table, m, below which elbows point outward, and that direction, clear of the edge."""
 
 
 @interaction(persons=(3, 6))

@@ -14,11 +14,11 @@ from synth.people.segments import SEGMENTS
 
 
 class _Way(NamedTuple):
-    """The way that an arm takes in a hug.
+    """The path of an arm in a hug.
 
     Attributes:
-        via: Position of the palm on the way, in the frame of the other's chest as fractions of stature, y towards the
-            side of the arm.
+        via: Position of the palm before the arms close, in the frame of the other's chest as fractions of stature, y
+            towards the side of the arm.
         elbow: Direction of the elbow.
         heights: Least and greatest height of the palm on the back, as `on_trunk` takes it.
         angles: Least and greatest angle of the palm from the spine, rad.
@@ -38,9 +38,9 @@ _ROUND = _Way((0.04, 0.19, 0.16), (0.0, 1.0, -0.1), (0.195, 0.230), (0.3, 0.7))
 _BELOW = _Way((0.04, 0.20, -0.01), (-0.2, 1.0, -0.8), (0.13, 0.18), (0.1, 0.6))
 """Below the other's arm."""
 _HIGH = 0.18
-"""Greatest height of an embrace above one's own shoulder, m; smaller people embrace at the height of their shoulder."""
+"""Greatest height of a palm above the person's own shoulder, m; if exceeded, palms stay at or below the shoulder."""
 _SIDES = {"r": 1, "l": -1}
-"""Side of the other person on which an arm is: one's right arm is on the other's left, +1."""
+"""Side of the other person on which an arm is: a person's right arm is on the other's left, +1."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class _Arm:
 
     Attributes:
         person, side: The person and the arm.
-        way: Its way.
+        way: The path of the arm.
         height, angle: Of the palm on the other's back, as `on_trunk` takes them.
         press: How far the palm presses into the back, m.
         begin: Time at which the arm comes up, s.
@@ -87,7 +87,7 @@ def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
             person, other, sign = arm.person, 1 - arm.person, _SIDES[arm.side]
             body = cast.bodies[other]
             size = body.stature * np.array((max(1.0, body.girth), sign, 1))
-            # Arms open on the way, and close once the other is between them.
+            # Arms are open at first, and close once the other person is between them.
             closed = (minimum_jerk((seconds - 0.95 * when) / closing) - minimum_jerk((seconds - parting) / 0.5))[
                 :, None
             ]
@@ -163,7 +163,7 @@ def huddle(cast: Cast, *, rng: np.random.Generator) -> Script:
     def embrace(poses: Poses) -> list[Reach]:
         reaches = []
         for person in range(count):
-            # The next person of the ring is on one's right; of two arms on a back the left arm lies lower.
+            # The next person of the ring is on the right. Of two arms on a back, the left arm is lower.
             for hand, (side, other, sign) in enumerate((("r", person + 1, 1), ("l", person - 1, -1))):
                 other %= count
                 at = heights[person, hand], sign * (np.pi - angles[person, hand]), press[person, hand]

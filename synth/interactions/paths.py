@@ -72,7 +72,7 @@ def face_to_face(
 
     Args:
         cast: The two people.
-        apart, aside: Distance between them at the end, along and across their way, m.
+        apart, aside: Distance between them at the end, along and across their walking direction, m.
         come: Distance that each of them walks, m.
         when: Time at which they arrive, s.
         rng: Draws the direction.

@@ -66,7 +66,7 @@ class Reach:
         palm: (F, 3) target of the skin of the palm, m.
         normal: (F, 3) direction that the palm faces at the target.
         elbow: Direction of the elbow in the chest's frame, y outward.
-        straight: Whether the wrist stays straight; otherwise it bends so that the palm lies on what it touches.
+        straight: Whether the wrist stays straight; otherwise it bends so that the palm lies on the touched surface.
     """
 
     person: int
@@ -110,7 +110,7 @@ def poses_of(bodies: tuple[Body, ...], motions: list[Motion]) -> Poses:
 
 @dataclass(frozen=True)
 class Grip:
-    """Both hands of a person hold an object from `begin` to `end`, s, at `height` above its middle, m."""
+    """A grip: both hands of a person hold an object from `begin` to `end`, s, at `height` above its middle, m."""
 
     person: int
     begin: float

@@ -22,7 +22,7 @@ _ASIDE = 0.55
 _PAUSE, _MOVE = (0.2, 2.0), 1.2
 """Time between two movements, and duration of one, s."""
 _ROUND = 3.0
-"""Time for which hands stay at one point, and eyes on one target, s."""
+"""Time for which the hands stay at one point, and the gaze at one target, s."""
 _FACING = np.radians(65)
 """Greatest angle of a trunk away from the shelf, rad."""
 _PASSING = 0.5

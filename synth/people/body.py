@@ -12,7 +12,7 @@ SIDES = {"l": 1.0, "r": -1.0}
 
 # Origin of each segment in its parent's frame, as fractions of stature, in the canonical T-pose; left side only.
 # Lengths after Drillis & Contini (1966), as in Winter, Biomechanics and Motor Control (4th ed., fig. 4.1);
-# joint centres lie inside the breadths given there.
+# joint centres are inside the breadths given there.
 _OFFSETS = {
     "pelvis": (0.0, 0.0, 0.0),
     "spine": (-0.008, 0.0, 0.055),

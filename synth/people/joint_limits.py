@@ -61,7 +61,7 @@ def swing_twist(w: np.ndarray, twist: np.ndarray, one: np.ndarray, other: np.nda
 
     Returns:
         cosine, sine: Cosine and sine of half the twist, with the sign of the quaternion.
-        turns: (3, ...) sine of half the twist, and those of half the swing about the other two axes.
+        turns: (3, ...) sine of half the twist, and sines of half the swing about the other two axes.
     """
     length = np.hypot(w, twist) + 1e-12
     cosine, sine = w / length, twist / length

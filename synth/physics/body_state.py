@@ -15,7 +15,7 @@ from synth.people.segments import SEGMENTS
 
 FORMAT = 1
 FILE = "state.safetensors"
-"""The file of a clip's folder that holds the state."""
+"""The file in a clip's folder that contains the state."""
 _JOINTS = len(SEGMENTS)
 
 

@@ -1,4 +1,4 @@
-"""Leg clearance: people who leap, kick and stride keep their legs apart, not only their hips."""
+"""Leg clearance: the legs of people who leap, kick and stride stay apart, not only their hips."""
 
 import numpy as np
 

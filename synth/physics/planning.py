@@ -54,7 +54,7 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
     bodies = [person.body for person in spec.persons]
     locked = _lock_feet(bodies, root, rotations, standing, PLAN_FPS, recorded=recorded)
     if recorded and not spec.interaction.together:
-        # Procedural people keep their feet under them, and a script sets the distances between its people.
+        # The feet of procedural people stay below the body, and a script sets the distances between its people.
         for _ in range(_ROUNDS):
             limbs = np.stack([limb_points(body, *(a[:, p] for a in locked)) for p, body in enumerate(bodies)], axis=1)
             shift = leg_clearance(limbs, PLAN_FPS, obstacles)

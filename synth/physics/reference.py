@@ -52,7 +52,7 @@ def make_reference(
     relative[:, :, 1:] = np.swapaxes(rotations[:, :, PARENTS[1:]], -1, -2) @ rotations[:, :, 1:]
     quats = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_quat(scalar_first=True)
     quats = quats.reshape(frames, persons, len(SEGMENTS), 4)
-    # q and -q are the same orientation: keep each on the side of the one before, so that they can be interpolated.
+    # q and -q are the same orientation: give each the sign that is closer to the one before, for interpolation.
     flips = np.sign((quats[1:] * quats[:-1]).sum(-1, keepdims=True))
     quats[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0), axis=0)
 

@@ -17,7 +17,7 @@ from synth.motion.rotations import about
 _EPS = 1e-3
 """Step in phase for numerical derivatives."""
 _FLAT = 0.2
-"""A phase at which the foot lies flat on the floor."""
+"""A phase at which the foot is flat on the floor."""
 _LIFT = 0.035
 """Height of the foot in the middle of the first step, m."""
 _LARGEST_TURN = np.radians(55)

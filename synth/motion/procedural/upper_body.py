@@ -77,7 +77,7 @@ def gesture(rng: np.random.Generator, kind: str, times: np.ndarray) -> tuple[np.
     if kind == "reach":
         angles = np.radians(rng.uniform((50, 0, -10, 5, 0), (115, 35, 30, 45, 60)))
         return share, np.tile(angles, (len(times), 1))
-    # The forearm is upright and swings to and fro as the upper arm turns about its length.
+    # The forearm is upright and swings back and forth as the upper arm turns about its length.
     angles = np.tile(np.radians(rng.uniform((5, 65, -85, 80, -10), (30, 95, -60, 105, 20))), (len(times), 1))
     angles[:, 2] += np.radians(rng.uniform(15, 25)) * np.sin(2 * np.pi * rng.uniform(1.4, 2.4) * (times - first))
     return share, angles

@@ -67,7 +67,7 @@ class _Gait:
 
 
 def make_motion(config: ProceduralConfig, *, seconds: float, fps: float, rng: np.random.Generator) -> Motion:
-    """Make a person of random style who walks or stands, and may reach out or wave.
+    """Return the motion of a person of random style who walks or stands, and may reach out or wave.
 
     Soles stay in place while they bear weight, on the legs of the reference body; see `legs`.
 

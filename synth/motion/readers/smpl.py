@@ -13,7 +13,7 @@ from synth.motion.retargeting import ANKLE_OF_LEG
 from synth.motion.rotations import UPRIGHT, aligned
 from synth.people.segments import SEGMENTS
 
-# Joint, parent, and where it rests in its parent, m: x left, y up, z forward. The mean body of SMPL (Loper et al., ACM
+# Joint, parent, and rest position in the parent, m: x left, y up, z forward. The mean body of SMPL (Loper et al., ACM
 # Transactions on Graphics 34, 2015), as published with simulated humanoids; SMPL-H and SMPL-X share order and pose.
 _TEMPLATE = """pelvis - -0.0018 -0.2233 0.0282
 left_hip pelvis 0.0695 -0.0914 -0.0068
@@ -46,7 +46,7 @@ PARENTS = (-1, *(JOINTS.index(row[1]) for row in _ROWS[1:]))
 OFFSETS = np.array([row[2:] for row in _ROWS], np.float64)
 """(24, 3) position of each joint in its parent, m; that of the pelvis is relative to the point that `trans` moves."""
 BODY = 22
-"""Number of joints before those of the hands."""
+"""Number of joints before the joints of the hands."""
 
 
 def write_npz(path: Path, motion: Motion) -> None:
