@@ -33,7 +33,7 @@ def read_caliscope(
 
     Args:
         path: The project, a recording in it, or the folder of a tracker.
-        calibration: Where its calibration is, and what that does not say; older projects have it in `config.toml`.
+        calibration: Path of the calibration, and the values that its file does not state; older projects have it in `config.toml`.
         detections: The CSV; by default found in `path`.
         fps: Frames per second; by default those of the times in the CSV.
         skeleton: Skeleton of the points; by default that of the tracker.

@@ -36,7 +36,7 @@ def read_freemocap(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: The array of points; by default found in `path`.
         fps: Frames per second; by default those of the synchronised videos.
         skeleton: Skeleton of the first points; by default MediaPipe's body.

@@ -35,9 +35,9 @@ def read_mediapipe(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: Folder of the files, or one file; by default `mediapipe` in `path`.
-        fps: Frames per second, which the files do not hold.
+        fps: Frames per second. The files do not state it.
         skeleton: Must be that of the 33 landmarks.
 
     Raises:

@@ -52,7 +52,7 @@ def read_movement(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: Folder of the files; by default `path`.
         fps: Frames per second; by default those of the files.
         skeleton: As in `read_detections`.

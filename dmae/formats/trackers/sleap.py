@@ -34,9 +34,9 @@ def read_sleap(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: Folder of the files; by default `path`.
-        fps: Frames per second, which the files do not hold.
+        fps: Frames per second. The files do not state it.
         skeleton: As in `read_detections`.
 
     Raises:
