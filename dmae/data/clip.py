@@ -65,7 +65,7 @@ class Detections2D:
 
 @dataclass(frozen=True)
 class Poses3D:
-    """Joints of P persons in the world, in F frames. A person keeps its index through the clip.
+    """Joints of P persons in the world, in F frames. A person has the same index in all frames of the clip.
 
     True, captured and completed poses are all of this type.
 
@@ -75,9 +75,10 @@ class Poses3D:
         source: (F, P, J) `Source`; by default measured where `xyz` is known.
         cov: (F, P, J, 3, 3) covariance, m^2; NaN where unknown.
         views: (F, P, J) number of views used; 0 where none or unknown.
-        rays: (F, P, J, 2, 3) the ray on which one camera saw the joint: the camera's centre, m, world, and a unit
-            direction. If there are several cameras, it is the one with the greatest confidence. NaN where no camera saw
-            the joint, or where this is unknown. A joint that only one camera saw is absent, but lies on that ray.
+        rays: (F, P, J, 2, 3) the ray on which one camera saw the joint: the centre of the camera, m, world, and a unit
+            direction. If several cameras saw the joint, it is the camera with the largest confidence. NaN where no
+            camera saw the joint, or where this is unknown. A joint that only one camera saw is absent, but is on that
+            ray.
     """
 
     skeleton: Skeleton

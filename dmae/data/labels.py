@@ -46,7 +46,7 @@ class JointError(IntEnum):
     MERGED = 6
     """A joint of another person, in a detection made of two people."""
     GHOST = 7
-    """A joint of a person who does not exist."""
+    """A joint of a person that does not exist."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class DetectionLabels:
 
     Attributes:
         person: (F, V, D) int16 index of the true person of each detection; -1 for a ghost or none.
-        joint_person: (F, V, D, J) int16 index of the person that each detected joint lies on. It differs from
+        joint_person: (F, V, D, J) int16 index of the person on which each detected joint is. It differs from
             `person` where joints are swapped or people merged; -1 for a ghost or none.
         error: (F, V, D, J) uint8 `JointError`.
         offset_px: (F, V, D, J) float32 distance to the true joint of `person` at the time of the frame, px; NaN for a

@@ -61,7 +61,7 @@ def read_coco(
     fps: float | None = None,
     skeleton: Skeleton | None = None,
 ) -> Clip:
-    """COCO keypoints of all cameras in one JSON, or in one each, with a calibration of any format.
+    """COCO keypoints in one JSON for all cameras or one JSON per camera, with a calibration of any format.
 
     Args:
         path: The recording, or its file of annotations.
@@ -244,7 +244,7 @@ def write_annotations(
 
 @pose_writer("coco")
 def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
-    """COCO keypoints of poses as the cameras see them, with masks where the clip has them, and its pictures.
+    """COCO keypoints of poses as the cameras see them, with the images and masks of the clip, if it has them.
 
     The images are written into a folder next to the file, `<name>_images`. A clip without colour images has no such
     folder: `info.pictures` is then false, and `file_name` only states camera and frame.

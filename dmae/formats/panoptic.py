@@ -128,7 +128,7 @@ def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bo
 
     Joints without positive confidence are absent. By default, joints that `write_poses` marked as completed are also
     absent, because they are not truth. If a file is not valid JSON, for example because it is cut short, its frame is
-    absent and a note says so.
+    absent, and `notes` names the first such file.
 
     Args:
         path: The recording, or the folder that contains the files.
@@ -285,6 +285,6 @@ def _covariances(cov: np.ndarray) -> dict[str, list]:
 
 @pose_writer("panoptic", folder=True, skeleton="panoptic19")
 def write_panoptic(poses: Poses3D, clip: Clip, path: Path) -> None:
-    """A folder of CMU Panoptic's poses and calibration, always of its skeleton."""
+    """A folder of CMU Panoptic's poses and calibration, always on its skeleton."""
     write_calibration(clip.rig, child(path, f"calibration_{clip.id}.json", "clip"), "panoptic")
     write_poses(poses, clip.fps, path, clip.provenance.get("first_frame", 0))

@@ -33,7 +33,7 @@ def read_pose2sim(
     fps: float | None = None,
     skeleton: Skeleton | None = None,
 ) -> Clip:
-    """A trial of a Pose2Sim session; its Config.toml files and the calibration of the session are found from there.
+    """A trial of a Pose2Sim session, with the Config.toml files and the calibration of the session.
 
     Args:
         path: The trial.

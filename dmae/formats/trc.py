@@ -121,7 +121,7 @@ def _header(path: Path, lines: list[str]) -> tuple[dict, list[str]]:
 
 
 def _rows(path: Path, lines: list[str], markers: int) -> np.ndarray:
-    """(F, markers, 3) as written, NaN where a cell is empty."""
+    """Return the coordinates (F, markers, 3) in the axes and the unit of the file; NaN where a cell is empty."""
     rows = []
     for number, line in enumerate(lines[_FIRST_ROW:], _FIRST_ROW + 1):
         if not line.strip():

@@ -125,7 +125,7 @@ def make_rig(path: Path, cameras: Iterable[ParsedCamera], size: tuple[int, int] 
 
     Raises:
         LacksSize: the image size of a camera is unknown.
-        ValueError: there are no cameras, two have the same name, or `size` contradicts the file.
+        ValueError: there are no cameras, two cameras have the same name, or `size` contradicts the file.
     """
     cameras = list(cameras)
     if not cameras:

@@ -30,7 +30,7 @@ def _camera(path: Path, number: int, values: dict) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras to a file. Poses are those in `cam_from_world`, unchanged.
+    """Write cameras to a file. The transforms in `cam_from_world` are not changed.
 
     A name such as 00_12 gives panel and node. Cameras with other names become nodes of panel 0.
 

@@ -31,7 +31,7 @@ def _camera(entry: CameraTable) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras to a file. Poses are those in `cam_from_world`; rounded rotations become exact.
+    """Write cameras to a file. Rounded rotations in `cam_from_world` become exact.
 
     Raises:
         ValueError: the format cannot store the distortion.

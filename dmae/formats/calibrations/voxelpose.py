@@ -30,7 +30,7 @@ def _camera(entry: CameraTable) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras to a file. Rotations are those in `cam_from_world`, unchanged.
+    """Write cameras to a file. The rotations in `cam_from_world` are not changed.
 
     Other programs ignore the additional key `size`.
 

@@ -42,8 +42,8 @@ def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
     """Return the labels of the joints of poses in each view of a clip.
 
     For the truth of a simulated clip, its occlusion labels state which joints in the image are visible. For other
-    poses, completed joints count as hidden and the others as visible. If a joint is derived from several joints, its
-    visibility and its occluder are those of the least visible of them.
+    poses, completed joints count as hidden and the others as visible. A joint that is derived from several joints has
+    the visibility and the occluder of the least visible of them.
 
     Args:
         clip: The clip. Its `true_rig`, if it has one, projects the truth; its `rig` projects other poses.

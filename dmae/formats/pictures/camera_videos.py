@@ -16,8 +16,8 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
 
     Videos are matched to cameras by `match_cameras`, like detections. Frame n of a video, counted from 0, is frame
     number n of the detections. If the videos are too short for this but long enough for the clip, their first frame is
-    the first frame of the clip; a note says so. If a video has another image size than the calibration, its images are
-    stretched when they are drawn; a note says so.
+    the first frame of the clip. If a video has another image size than the calibration, its images are stretched when
+    they are drawn. A note in `provenance["notes"]` reports each of these cases.
 
     Raises:
         FileNotFoundError: the folder contains no videos.

@@ -12,7 +12,7 @@ _OPTIONS = "data.calibration=... or data.detections=..."
 def match_cameras(
     names: Sequence[str], rig: CameraRig, path: Path, what: str = "detections", options: str = _OPTIONS
 ) -> tuple[list[int], str | None]:
-    """Match the cameras of detections to those of a rig.
+    """Match the cameras of detections to the cameras of a rig.
 
     Cameras are matched by name, ignoring case and punctuation; or else by the last number in the name; or else, if
     names have no numbers, by order. The rig may contain further cameras only if the cameras match by name.

@@ -15,7 +15,7 @@ from synth.datasets.exporters.selection import ClipTask, Selection, write_lines
 
 @exporter("coco")
 def export_coco(selection: Selection, out: Path) -> dict[str, Counter]:
-    """COCO keypoints with masks as run lengths, boxes, and what hides each joint."""
+    """COCO keypoints with masks as run lengths, boxes, and the occluder of each joint."""
     found = {split: Counter() for split in selection.splits}
     tasks: dict[str, list[ClipTask]] = {split: [] for split in selection.splits}
     for task, counts in selection.each_clip(_write_clip, out):
