@@ -39,8 +39,8 @@ FOLDERS = ("openpose", "keypoints", "pose", "json")
 _SUFFIXES = ("_keypoints", "_json")
 _PANOPTIC = "body3DScene"
 """Start of the names of Panoptic's pose files, which are not detections."""
-_OF_COUNT = (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14, BLAZEPOSE33)
-BY_COUNT = {len(skeleton): skeleton for skeleton in _OF_COUNT}
+_DEFAULT_SKELETONS = (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14, BLAZEPOSE33)
+BY_COUNT = {len(skeleton): skeleton for skeleton in _DEFAULT_SKELETONS}
 """Default skeleton of detections, by number of joints."""
 OF_25_JOINTS = (BODY25, BODY25B)
 """Skeletons with 25 joints. Only the positions of the joints distinguish them."""

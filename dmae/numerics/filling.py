@@ -17,7 +17,7 @@ LONGEST_ABSENCE = 1.0
 LONGEST_HOLD = 0.5
 """s; time before the first and after the last measurement of a joint in which the joint is filled."""
 
-_PATHS = 1 << 20
+_BLOCK_BYTES = 1 << 20
 """Bytes of paths that are smoothed at a time. Smoothing needs about thirty times this memory."""
 
 
@@ -84,7 +84,7 @@ def smooth(poses: Poses3D, fps: float, seconds: float, frames: slice = slice(Non
         return poses
     smoothed = empty(poses.xyz.shape, np.float32)
     before, after = (xyz.reshape(len(xyz), prod(xyz.shape[1:-1]), 3) for xyz in (given.xyz, smoothed))
-    for columns, paths in column_blocks(before, _PATHS):
+    for columns, paths in column_blocks(before, _BLOCK_BYTES):
         paths = local_parabola(paths.astype(np.float64), seconds * fps, frames)
         for part in frame_blocks(after):
             after[part, columns] = paths[part]

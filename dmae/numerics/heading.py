@@ -7,7 +7,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.interpolation import linear, local_parabola
 from dmae.numerics.robust import median_over_frames
 
-_FEWEST_POINTS, _LINE = 3, 0.02
+_MIN_POINTS, _MIN_EXTENT = 3, 0.02
 """Smallest number of points that determine a rotation, and smallest squared extent of the points across their longest
 direction, as a share of the squared extent along it."""
 
@@ -81,7 +81,7 @@ def body_rotations(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.nda
 def _torso_rotations(points: np.ndarray) -> np.ndarray:
     """Return the rotations (F, 3, 3) from the usual shape of n points to the points (F, n, 3); NaN where unknown."""
     known = ~np.isnan(points).any(-1)
-    if not len(points) or known.sum(1).max() < _FEWEST_POINTS:
+    if not len(points) or known.sum(1).max() < _MIN_POINTS:
         return np.full((len(points), 3, 3), np.nan)
     reference = points[known.sum(1).argmax()]
     found = _fitted(points, reference)
@@ -103,8 +103,8 @@ def _fitted(points: np.ndarray, reference: np.ndarray) -> np.ndarray:
     left, sizes, right = np.linalg.svd(np.einsum("fni,fnj->fij", there, here))
     sign = np.sign(np.linalg.det(left @ right))
     left[..., 2] *= sign[:, None]
-    sure = (both.sum((1, 2)) >= _FEWEST_POINTS) & (sizes[:, 1] > _LINE * sizes[:, 0])
-    return np.where(sure[:, None, None], left @ right, np.nan)
+    determined = (both.sum((1, 2)) >= _MIN_POINTS) & (sizes[:, 1] > _MIN_EXTENT * sizes[:, 0])
+    return np.where(determined[:, None, None], left @ right, np.nan)
 
 
 def rotation_z(angle: np.ndarray) -> np.ndarray:

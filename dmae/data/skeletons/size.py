@@ -18,11 +18,11 @@ from dmae.files.mapped import by_frames
 
 Fill = Callable[[Poses3D, float], Poses3D]
 
-_USUAL = 0.8
+_SIZE_QUANTILE = 0.8
 """Quantile of the extents of poses that is the size. Bodies are often bent; errors rarely make them longer."""
-_WHOLE = 0.6
+_MIN_KNOWN_SHARE = 0.6
 """Smallest share of known joints in a pose that is measured. The extent of fewer joints is not informative."""
-_MOST = 400
+_MAX_MEASURED = 400
 """Largest number of poses that are measured, evenly spaced."""
 
 
@@ -50,10 +50,10 @@ def usual_size(xyz: np.ndarray) -> float | None:
     """
     flat = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64)
     known = ~np.isnan(flat).any(-1)
-    flat = flat[known.sum(-1) >= max(2, _WHOLE * known.any(0).sum())]
-    flat = flat[np.unique(np.linspace(0, len(flat) - 1, _MOST).astype(int))] if len(flat) else flat
+    flat = flat[known.sum(-1) >= max(2, _MIN_KNOWN_SHARE * known.any(0).sum())]
+    flat = flat[np.unique(np.linspace(0, len(flat) - 1, _MAX_MEASURED).astype(int))] if len(flat) else flat
     extents = [extent(body) for body in flat]
-    size = float(np.quantile(extents, _USUAL)) if extents else 0.0
+    size = float(np.quantile(extents, _SIZE_QUANTILE)) if extents else 0.0
     return size if size > 0 else None
 
 

@@ -15,7 +15,7 @@ from dmae.formats.calibrations.registry import calibration_format
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 # EasyMocap writes six decimals; its earlier versions wrote three.
-_AGREE = 2e-3
+_ROTATION_TOLERANCE = 2e-3
 _MOST_BYTES = 16 << 20
 
 
@@ -67,7 +67,7 @@ def _camera(folder: Path, name: str, intrinsics: dict, extrinsics: dict) -> Pars
     turned = outer.rodrigues(R) if R in extrinsics or rotation not in extrinsics else outer.rotation(rotation)
     if R in extrinsics and rotation in extrinsics:
         apart = np.abs(outer.numbers(rotation, 9).reshape(3, 3) - turned).max()
-        if apart > _AGREE:
+        if apart > _ROTATION_TOLERANCE:
             raise outer.error(
                 rotation, f"to be the matrix of {R}, which is its Rodrigues vector", f"one that is off by {apart:.1e}"
             )

@@ -89,9 +89,9 @@ class CameraTable:
         R = self.numbers(key, 9).reshape(3, 3) if matrix is None else matrix
         # The file can contain numbers that overflow.
         with np.errstate(all="ignore"):
-            error, turn = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
-        if not (error <= _ROUNDING and turn > 0):
-            found = f"a matrix with R R^T off by {error:.1e} and determinant {turn:+.3f}"
+            error, determinant = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
+        if not (error <= _ROUNDING and determinant > 0):
+            found = f"a matrix with R R^T off by {error:.1e} and determinant {determinant:+.3f}"
             raise self.error(key, "to be a right-handed rotation", found)
         return R
 

@@ -22,7 +22,7 @@ from dmae.formats.registry import pose_writer
 
 Y_UP = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 """Rotation from our world to a world with y up. A person that faces x in our world faces z there."""
-_END = 0.05
+_END_LENGTH = 0.05
 """m; length of the bone after the last joint of a limb. The format requires such a bone."""
 _ORDER = "ZXY"
 
@@ -52,7 +52,7 @@ def _hierarchy(motion: JointRotations, metre: float) -> list[str]:
             write(child, depth + 1)
         if not children:
             length = max(float(np.linalg.norm(offsets[joint])), 1e-9)
-            end = offsets[joint] / length * _END / metre
+            end = offsets[joint] / length * _END_LENGTH / metre
             lines.extend([f"{inner}End Site", f"{inner}{{", f"{inner}\tOFFSET {_numbers(end)}", f"{inner}}}"])
         lines.append(f"{indent}}}")
 

@@ -15,7 +15,7 @@ from dmae.formats.trc import marker
 _ABSENT, _MODELLED = -1.0, 0.0
 """Residuals that the format reserves for a point that is not valid, and for a point that was not measured."""
 
-_MOST_FRAMES, _PART = 65535, 50_000
+_MOST_FRAMES, _PART_FRAMES = 65535, 50_000
 """Largest number of frames in a file, which the format stores in 16 bits, and number of frames per file above it."""
 
 
@@ -41,9 +41,9 @@ def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> None:
     if frames <= _MOST_FRAMES:
         _write(poses, clip.fps, path)
         return
-    for start in range(0, frames, _PART):
+    for start in range(0, frames, _PART_FRAMES):
         part = path.with_name(f"{path.stem}_{start:06d}{path.suffix}")
-        _write(poses.select(slice(start, start + _PART)), clip.fps, part)
+        _write(poses.select(slice(start, start + _PART_FRAMES)), clip.fps, part)
         release(poses.xyz, poses.cov, poses.rays)
         trim()
 

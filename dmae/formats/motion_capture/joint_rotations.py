@@ -19,9 +19,9 @@ from dmae.numerics.interpolation import linear, pchip
 
 _LIMBS = {"elbow": (0, 1, 0), "wrist": (0, 1, 0), "knee": (0, 0, -1), "ankle": (0, 0, -1)}
 """Directions of limbs in the rest pose, a T-pose that faces x, for the left side. y points outwards."""
-_SMOOTHED = 0.4
+_HEADING_SMOOTHING = 0.4
 """s; standard deviation of the Gaussian weights that smooth the heading."""
-_AROUND, _FRAMES = 10.0, 4096
+_MARGIN, _PART_FRAMES = 10.0, 4096
 """Long recordings are filled in parts: seconds before and after a part that are also used, and frames in a part."""
 
 
@@ -81,13 +81,13 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
         )
     order, parents = _tree(skeleton.parents, known, root)
     xyz, heading = empty((len(one.xyz), len(order), 3), np.float64), np.empty(len(one.xyz))
-    reach = ceil(_AROUND * fps)
-    step = max(_FRAMES, 2 * reach)
+    reach = ceil(_MARGIN * fps)
+    step = max(_PART_FRAMES, 2 * reach)
     for start in range(0, len(xyz), step):
         part, around = slice(start, start + step), slice(max(start - reach, 0), start + step + reach)
         inside, given = slice(start - around.start, start - around.start + step), one.select(around)
         xyz[part] = fill_body_frame(given, fps, pchip).xyz[inside, 0][:, order]
-        heading[part] = smooth_heading(given.xyz.astype(np.float64), skeleton, _SMOOTHED * fps)[inside, 0]
+        heading[part] = smooth_heading(given.xyz.astype(np.float64), skeleton, _HEADING_SMOOTHING * fps)[inside, 0]
     for joint, path in column_blocks(xyz):
         xyz[:, joint] = linear(path)
     names = tuple(skeleton.joints[joint] for joint in order)

@@ -42,7 +42,7 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
             parent = each[0].parent
             raise ValueError(f"{parent}: expected {len(clip)} pictures or more as of the detections, found {len(each)}")
     first, least = clip.provenance.get("first_frame", 0), min(map(len, files))
-    places = {_place(each, first) for each in files}
+    places = {_index_of_number(each, first) for each in files}
     start = places.pop() if len(places) == 1 else None
     if start is None or least < start + len(clip):
         start = first if least >= first + len(clip) else 0
@@ -54,7 +54,7 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
     )
 
 
-def _place(files: tuple[Path, ...], number: int) -> int | None:
+def _index_of_number(files: tuple[Path, ...], number: int) -> int | None:
     """Return the index of the file with this number as the last number in its name; None if there is none."""
     numbers = [re.findall(r"\d+", file.stem) for file in files]
     return next((place for place, found in enumerate(numbers) if found and int(found[-1]) == number), None)

@@ -111,22 +111,22 @@ def named_skeleton(
         others = [name for number, name in enumerate(names) if number not in index]
         notes = (f"joints that {skeleton.name} lacks are left out: {', '.join(others)}",) if others else ()
         return skeleton, index, notes
-    return _made(names, edges, path)
+    return _new_skeleton(names, edges, path)
 
 
-def _made(
+def _new_skeleton(
     names: Sequence[str], edges: Sequence[tuple[int, int]], path: Path
 ) -> tuple[Skeleton, list[int], tuple[str, ...]]:
     joints = [_REFUSED.sub("_", name).strip() for name in names]
     parents: dict[str, str | None] = dict.fromkeys(joints)
     notes = []
     for parent, child in edges:
-        if parents[joints[child]] is None and not _above(joints[child], joints[parent], parents):
+        if parents[joints[child]] is None and not _is_ancestor(joints[child], joints[parent], parents):
             parents[joints[child]] = joints[parent]
         else:
             notes.append(f"the edge from {joints[parent]} to {joints[child]} is left out, as bones make a tree")
     pairs = [[name, other] for name in joints if (other := _other_side(name)) in joints]
-    fitting = [pair for pair in pairs if _fits(pair, pairs, parents)]
+    fitting = [pair for pair in pairs if _can_be_mirrored(pair, pairs, parents)]
     skeleton = define({"name": "tracked", "joints": parents, "mirror": fitting}, str(path))
     sides = ", ".join(f"{left} and {right}" for left, right in fitting)
     notes.append(
@@ -137,18 +137,18 @@ def _made(
     return skeleton, list(range(len(joints))), tuple(notes)
 
 
-def _above(ancestor: str, joint: str | None, parents: dict[str, str | None]) -> bool:
+def _is_ancestor(ancestor: str, joint: str | None, parents: dict[str, str | None]) -> bool:
     while joint is not None and joint != ancestor:
         joint = parents[joint]
     return joint is not None
 
 
-def _fits(pair: list[str], pairs: list[list[str]], parents: dict[str, str | None]) -> bool:
+def _can_be_mirrored(pair: list[str], pairs: list[list[str]], parents: dict[str, str | None]) -> bool:
     """Return whether a pair of joints can be mirrored: their parents are one joint, or a pair that can be mirrored."""
     above = [parents[joint] for joint in pair]
     if above[0] == above[1]:
         return True
-    return above in pairs and _fits(above, pairs, parents)
+    return above in pairs and _can_be_mirrored(above, pairs, parents)
 
 
 def _other_side(name: str) -> str | None:

@@ -17,7 +17,7 @@ _MAX_SPAN = 20
 If it is larger, the numbers in the names of files are probably not frame numbers.
 """
 
-_CELLS, _CELLS_EACH = 250_000, 50
+_MAX_CELLS, _MAX_CELLS_EACH = 250_000, 50
 """Largest number of people times frames in an array: the first number, or the second number per detected person."""
 
 
@@ -146,7 +146,7 @@ def _stack(views: list[dict[int, np.ndarray]], first: int, frames: int, joints: 
     """Return the detections of all views as one array (F, V, D, J, 3): x, y px, confidence; NaN where absent."""
     counts = [len(found) for view in views for found in view.values()]
     most = max(counts, default=0)
-    _check_crowd("detections in one frame", frames * len(views) * most, most, sum(counts))
+    _check_array_size("detections in one frame", frames * len(views) * most, most, sum(counts))
     values = np.full((frames, len(views), most, joints, 3), np.nan)
     for v, view in enumerate(views):
         for number, found in view.items():
@@ -158,7 +158,7 @@ def _stack(views: list[dict[int, np.ndarray]], first: int, frames: int, joints: 
 def _truth(truth: dict[int, np.ndarray], skeleton: Skeleton, first: int, frames: int) -> Poses3D:
     counts = [len(found) for found in truth.values()]
     persons = max(counts, default=0)
-    _check_crowd("true persons", frames * persons, persons, sum(counts))
+    _check_array_size("true persons", frames * persons, persons, sum(counts))
     xyz = np.full((frames, persons, len(skeleton), 3), np.nan)
     for number, found in truth.items():
         if first <= number < first + frames:
@@ -166,9 +166,9 @@ def _truth(truth: dict[int, np.ndarray], skeleton: Skeleton, first: int, frames:
     return Poses3D(skeleton, xyz)
 
 
-def _check_crowd(what: str, cells: int, most: int, total: int) -> None:
+def _check_array_size(what: str, cells: int, most: int, total: int) -> None:
     """Raise ValueError if the array would be too large because one frame contains far more people than the others."""
-    if cells > max(_CELLS, _CELLS_EACH * total):
+    if cells > max(_MAX_CELLS, _MAX_CELLS_EACH * total):
         raise ValueError(f"found {most} {what}, and {total} in all frames, which span too many")
 
 

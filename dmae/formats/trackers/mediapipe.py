@@ -18,7 +18,7 @@ from dmae.formats.registry import reader
 _FOLDER = "mediapipe"
 _LANDMARKS = ("landmarks", "poseLandmarks", "pose_landmarks", "landmark")
 _NUMBERS = ("frame", "frame_id", "frame_index")
-_MOST_IMAGES = 100.0
+_MOST_IMAGE_SIZES = 100.0
 """Largest absolute x and y of a landmark, as a multiple of the image size: landmarks can be outside the image."""
 
 
@@ -126,7 +126,7 @@ def _person(place: str, person: object, size: np.ndarray, confidences: Confidenc
         rows = np.array([[each["x"], each["y"], each.get("visibility", 1.0)] for each in person], np.float64)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise ValueError(f"{place}: expected landmarks with x, y and visibility, found {person[0]!r:.60}") from None
-    check_numbers(f"{place}: x and y, shares of the image", rows[:, :2], _MOST_IMAGES)
+    check_numbers(f"{place}: x and y, shares of the image", rows[:, :2], _MOST_IMAGE_SIZES)
     check_numbers(f"{place}: visibility", rows[:, 2], MOST_SCORE)
     # In our convention, 0 is the centre of the first pixel.
     rows[:, :2] = rows[:, :2] * size - 0.5

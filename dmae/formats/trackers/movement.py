@@ -84,10 +84,10 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
     def read(file: Path) -> NamedDetections:
         with open_hdf5(file, _WHAT) as data_set:
             names, position, confidence, _, rate = _read(file, data_set, ["x", "y"])
-            said = _said_skeleton(file, data_set)
+            stated = _stated_skeleton(file, data_set)
         rates.add(rate)
         score = np.where(np.isnan(confidence), 1.0, confidence)
-        return NamedDetections(names, np.concatenate([position, score[..., None]], -1), skeleton=said)
+        return NamedDetections(names, np.concatenate([position, score[..., None]], -1), skeleton=stated)
 
     found = named_detections({file.stem: file for file in files}, read, skeleton)
     return replace(found, fps=rates.pop() if len(rates) == 1 else None)
@@ -99,11 +99,11 @@ def read_movement_poses(path: Path) -> PoseFile:
     path = Path(path)
     with open_hdf5(path, _WHAT) as data_set:
         names, position, _, source, rate = _read(path, data_set, ["x", "y", "z"])
-        skeleton, index, _ = named_skeleton(names, [], _said_skeleton(path, data_set), path)
+        skeleton, index, _ = named_skeleton(names, [], _stated_skeleton(path, data_set), path)
     check_numbers(f"{path}: position", position, MOST_METRES)
     xyz = np.where(np.isfinite(position).all(-1, keepdims=True), position, np.nan)[:, :, index]
     try:
-        poses = Poses3D(skeleton, xyz, None if source is None else _whole(source)[:, :, index])
+        poses = Poses3D(skeleton, xyz, None if source is None else _as_uint8(source)[:, :, index])
         poses.check_numbers()
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -205,17 +205,17 @@ def _rate(path: Path, data_set: Hdf5) -> float | None:
     return None if rate is None or isinstance(rate, str) else check_rate(f"{path}: fps", rate)
 
 
-def _said_skeleton(path: Path, data_set: Hdf5) -> Skeleton | None:
-    said = data_set.attribute("skeleton")
-    if not isinstance(said, str):
+def _stated_skeleton(path: Path, data_set: Hdf5) -> Skeleton | None:
+    stated = data_set.attribute("skeleton")
+    if not isinstance(stated, str):
         return None
     try:
-        return decode_skeleton(parse_json(said) if said.startswith("{") else said, "skeleton")
+        return decode_skeleton(parse_json(stated) if stated.startswith("{") else stated, "skeleton")
     except (ValueError, KeyError) as error:
         raise ValueError(f"{path}: {error.args[0] if error.args else error}") from None
 
 
-def _whole(source: np.ndarray) -> np.ndarray:
+def _as_uint8(source: np.ndarray) -> np.ndarray:
     """Return sources as uint8. Values that are not whole numbers from 0 to 255 become 255, which is refused later."""
     fine = np.isfinite(source) & (source == np.round(source)) & (source >= 0) & (source <= 255)
     return np.where(fine, source, 255).astype(np.uint8)
