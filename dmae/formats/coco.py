@@ -82,7 +82,7 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
     In a single file, each image states its `camera`, or its `file_name` contains a folder named after the camera. Each
     of several files contains the camera that it is named after, and may be only a list of results. The number of a
     frame is the `frame` of the image, or else the last number in its `file_name`. The confidence of a joint is its
-    value in `keypoint_scores`, or else v of x, y, v. If all v are 0, 1 or 2: absent, `HIDDEN_SCORE`, and 1.
+    value in `keypoint_scores`, or else v of x, y, v. If all v are 0, 1 or 2, they mean absent, `HIDDEN_SCORE`, and 1.
 
     Args:
         skeleton: By default the one with the joints that the category names, or else by the number of joints.
