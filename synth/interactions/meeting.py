@@ -41,7 +41,7 @@ def walking_together(cast: Cast, *, rng: np.random.Generator) -> Script:
     rows = 1 if count < 4 else 2
     within = replace(cast, radius=max(0.5, cast.radius - 0.5 * (rows - 1)))
     way = _through(within, rng.uniform(0, 2 * np.pi), rng.uniform(0.8, 1.2), rng.choice((-1, 1)))
-    # Centre the path, which keeps its farthest point near the middle.
+    # Centre the path, so that its farthest point is near the middle.
     way[:, :2] -= (way[:, :2].min(0) + way[:, :2].max(0)) / 2
     ahead = np.stack([np.cos(way[:, 2]), np.sin(way[:, 2])], 1)
     left = np.stack([-ahead[:, 1], ahead[:, 0]], 1)

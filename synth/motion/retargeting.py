@@ -68,7 +68,7 @@ def retarget(
     Some files begin with a synthetic T-pose. It is left out, together with the frames that blend it into the motion.
 
     Args:
-        recording: With an unrotated root, it has x left, y up and z forward, except if its joints are mapped.
+        recording: With an unrotated root, x is left, y up and z forward, except if its joints are mapped.
         unit: Metres per unit of the recording, if its leg length does not determine the unit; see `unit_of`.
         up: Axis of its world that points up, `x`, `y` or `z`, if its skeleton does not determine the axis.
         from_motion: Whether the recording was made from a `Motion`, so that floor, soles and forearms need no repair.

@@ -272,7 +272,7 @@ def _lifted(speed: float, width: float) -> float:
 
 
 def _arch(u: np.ndarray) -> np.ndarray:
-    """Return a curve that is 0 and level at u = 0 and u = 1, and 1 half way."""
+    """Return a curve that is 0 with zero slope at u = 0 and u = 1, and 1 half way."""
     return 16 * u**2 * (1 - u) ** 2
 
 

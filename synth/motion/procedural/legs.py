@@ -95,7 +95,7 @@ def knee_directions(pelvis: np.ndarray, feet: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Stance:
-    """Standing with both feet flat on the floor.
+    """A stance with both feet flat on the floor.
 
     Attributes:
         feet: (2, 3) of left and right foot: x and y of the ankle, m, and heading, rad.

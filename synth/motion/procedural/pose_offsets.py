@@ -79,7 +79,7 @@ class Action:
 
     @property
     def seconds(self) -> float:
-        """Duration, s. Curves through keys are rounded, so that they begin a little before the first key."""
+        """Duration, s. Curves through keys are rounded, and therefore begin a little before the first key."""
         return self.lasts + 2 * _ROUND
 
     def offsets(self, times: np.ndarray) -> PoseOffsets:
@@ -104,8 +104,8 @@ _ROUND = float(np.sqrt(2) * _SOFT * _NODES.max())
 
 
 def keyframes(times: np.ndarray, *keys: tuple) -> np.ndarray:
-    """Return a smooth curve through keys (time, value), monotone between them and level outside them, (F, ...)."""
-    # Level ends make the curve start and end at rest.
+    """Return a smooth curve through keys (time, value), monotone between them and constant outside them, (F, ...)."""
+    # Constant ends make the curve start and end at rest.
     (first, start), (last, end) = keys[0], keys[-1]
     keys = ((first - 1, start), *keys, (last + 1, end))
     at = np.array([key[0] for key in keys], np.float64)
