@@ -1,4 +1,4 @@
-"""Where people go: close enough to hide each other, never inside each other or an obstacle."""
+"""Place people: close enough to hide each other, but never inside each other or an obstacle."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,17 +18,17 @@ from synth.scene.prop_placement import placed_discs
 _DRAWS = 60
 """Placements drawn for a person before the clip fails."""
 _TURNS = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.15, 1.6, 2.2)
-"""Rates at which a path may be bent to stay within the radius, rad/s; the first that does is taken."""
+"""Rates at which a path may be bent, rad/s; the first rate that keeps the path within the radius is used."""
 _APART = 0.8
-"""Least distance of two people's hips in the first frame, m."""
+"""Least distance between two people's hips in the first frame, m."""
 _BESIDE = 0.3
-"""Distance of hips from an obstacle, m."""
+"""Least distance between hips and an obstacle, m."""
 _HIPS = 0.25
-"""Radius of a person of an interaction around the hips, m."""
+"""Radius around the hips that a person of an interaction needs, m."""
 
 
 class Placement(NamedTuple):
-    """Where a motion goes.
+    """The place, heading and bend of a motion in the scene.
 
     Attributes:
         start: x and y of the hips in the first frame, m.
@@ -55,7 +55,8 @@ def place_persons(
 ) -> list[Placement]:
     """Place each motion such that it passes a common meeting point at some time and stays within the radius.
 
-    Of several draws for a person the one with the fewest sidesteps is taken. People keep clear of each other's stools.
+    Several placements are drawn for each person, and the one with the fewest sidesteps is used. People keep clear of
+    each other's stools.
 
     Args:
         motions: One for each person.
@@ -80,7 +81,7 @@ def place_persons(
     for number, motion in enumerate(motions):
         best, least = None, np.inf
         for attempt in range(_DRAWS):
-            # The more draws fail, the farther from the middle.
+            # Each failed draw widens the search, so later draws are farther from the middle.
             spread = gathering * (1 + attempt / 15)
             placed, path, outside = _draw(motion, meeting + rng.normal(0, spread, 2), middle, radius, rng=rng)
             cost = 10 * outside + _crowding(path, paths, np.concatenate([obstacles, stools]), clearance)
@@ -107,11 +108,11 @@ def place_persons(
 
 
 def stool_discs(motion: Motion, path: np.ndarray) -> np.ndarray:
-    """(K, 3) x, y and radius of the stools on which a person with hips along a path (F, 2) sits, m."""
+    """Return (K, 3) x, y and radius of the stools of one person, m. The hips follow the path (F, 2), m."""
     radius = float(prop_size(STOOL).reach[0])
     places: list[np.ndarray] = []
     for frame in motion.seats:
-        # A person who sits down at the same place again has the same stool.
+        # A person that sits down at the same place again uses the same stool.
         if all(np.linalg.norm(path[frame] - place) > 2 * radius for place in places):
             places.append(path[frame])
     return np.column_stack([np.reshape(places, (-1, 2)), np.full(len(places), radius)])
@@ -180,7 +181,7 @@ def place_script(
 def _draw(
     motion: Motion, passing: np.ndarray, middle: Sequence[float], radius: float, *, rng: np.random.Generator
 ) -> tuple[Placement, np.ndarray, float]:
-    """A placement that passes a point in some frame, its path (F, 2), and how far that leads beyond the radius, m."""
+    """Return a placement that passes a point in some frame, its path (F, 2) m, and its excess over the radius, m."""
     frame = int(rng.integers(len(motion)))
     yaw, side = float(rng.uniform(-np.pi, np.pi)), float(rng.choice((-1.0, 1.0)))
     best = None
@@ -197,7 +198,7 @@ def _draw(
 
 
 def _crowding(path: np.ndarray, others: np.ndarray, obstacles: np.ndarray, clearance: float) -> float:
-    """Cost of the sidesteps that a path (F, 2) asks of others (F, P, 2) and for obstacles (K, 3), roughly in metres."""
+    """Return the cost of the sidesteps on a path (F, 2) around others (F, P, 2) and obstacles (K, 3), roughly in m."""
     apart = np.linalg.norm(others - path[:, None], axis=-1)
     start = np.maximum(0, max(_APART, clearance) - apart[:1]).sum()
     meeting = np.maximum(0, clearance - apart)
@@ -207,6 +208,6 @@ def _crowding(path: np.ndarray, others: np.ndarray, obstacles: np.ndarray, clear
 
 
 def _moved(point: np.ndarray, at: Sequence[float], yaw: float) -> tuple[float, float]:
-    """A point (2 or more,), m, turned about the origin by `yaw`, rad, and moved by `at`, m."""
+    """Return x and y, m, of a point (2 or more,) after a turn about the origin by `yaw`, rad, and a shift by `at`."""
     x, y, _ = placed_discs(np.array([(point[0], point[1], 0.0)]), at, yaw)[0]
     return float(x), float(y)
