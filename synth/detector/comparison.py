@@ -112,7 +112,7 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
 
 
 def _known_mean(values: np.ndarray | float) -> float:
-    """Return the mean of the known values; NaN if there are none, for example no confidence of ghosts without ghosts."""
+    """Return the mean of the known values; NaN if there are none, as for confidences of ghosts without ghosts."""
     known = np.asarray(values, float)[~np.isnan(values)]
     return float(known.mean()) if known.size else float("nan")
 

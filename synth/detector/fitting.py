@@ -242,7 +242,7 @@ def _more_missed(real: DetectorStatistics, sim: DetectorStatistics, kind: int) -
 
 
 def _beta(shape: Sequence[float], shift: float, spread: float) -> list[float]:
-    """Return (a, b) of a Beta distribution with shifted mean and scaled deviation. The constant 1 becomes (30, 1) first."""
+    """Return (a, b) of a Beta distribution with shifted mean and scaled deviation. The constant 1 starts as (30, 1)."""
     a, b = shape if shape[1] > 0 else (30.0, 1.0)
     mean = float(np.clip(a / (a + b) + _STEP * shift, 0.02, 0.98))
     return [mean * (size := float(np.clip((a + b) / spread**_STEP, 2, 200))), (1 - mean) * size]

@@ -29,7 +29,7 @@ def export_coco(selection: Selection, out: Path) -> dict[str, Counter]:
 
 
 def _write_clip(task: ClipTask) -> Counter:
-    """Write the pictures of a clip, and entries numbered from 1."""
+    """Write the images of a clip, and its entries with numbers from 1."""
     clip, counts = task.load(), Counter(clips=1)
     images, annotations = [], []
     physical = PhysicalEntries(task.folder, clip.rig)
@@ -45,7 +45,7 @@ def _write_clip(task: ClipTask) -> Counter:
 
 
 def _join(file: TextIO, tasks: list[ClipTask], category: dict) -> None:
-    """Write the entries of all clips as one JSON, numbered through; one line of one clip is in memory at a time."""
+    """Write the entries of all clips as one JSON file with continuous numbers. Only one line is in memory at a time."""
     info = {"clips": {task.name: read_json(task.part("clip")) for task in tasks}}
     file.write(f'{{"info": {json.dumps(info)}, "categories": {json.dumps([category])}')
     images_before = [0]

@@ -1,4 +1,4 @@
-"""Export data sets: choose clips, check them, and write them whole in another program's layout."""
+"""Export data sets: choose clips, check them, and write them in the layout of another program."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ FORMAT = 1
 SUMMARY = "export.json"
 CARD = "README.md"
 ONE_SPLIT = "train"
-"""The split that all clips are in where no splits are given."""
+"""The split of all clips if no splits are given."""
 
 
 def export(
@@ -35,25 +35,26 @@ def export(
     workers: int = 1,
     damaged: bool = False,
 ) -> dict:
-    """Write a data set in the layout of another program, whole or not at all.
+    """Write a data set in the layout of another program. The folder is complete or does not appear.
 
     Args:
         data: The data set, or a clip.
-        out: Folder to write; it does not exist yet, or is empty.
+        out: Folder to write; it must be empty or not exist.
         format: Name of an exporter, or `package.module:function`.
         splits: File that `synth.datasets.splits.write_splits` wrote; by default all clips are in the split `train`.
-        skeleton: Skeleton to write; by default the format's.
-        every: 2 for every other frame.
+        skeleton: Skeleton to write; by default the skeleton of the format.
+        every: Number of frames from one image to the next; 2 for every other frame.
         pictures: File format of images.
         workers: Processes; -1 for one per core.
-        damaged: Whether to export even if files are missing or not as they were written.
+        damaged: Whether to export even if files are missing or have changed.
 
     Returns:
-        The content of `export.json`: what was written.
+        The content of `export.json`, which describes the export.
 
     Raises:
-        FileNotFoundError: there is no such data set, or file of splits.
-        ValueError: `out` is not empty, clips have no truth, no pictures or different skeletons, or splits do not fit.
+        FileNotFoundError: there is no such data set, or no such file of splits.
+        ValueError: `out` is not empty, clips have no truth, no images or different skeletons, or the splits do not
+            match the data set.
     """
     data, out = Path(data), Path(out)
     entry = exporter.find(format)
@@ -87,7 +88,7 @@ def export(
 
 
 def _skeleton(entry: Exporter, folders: list[Path], wanted: str | None) -> Skeleton:
-    """Check that the clips can be exported together; return the skeleton to write."""
+    """Check that the clips can be exported together, and return the skeleton to write."""
     found: dict[str, str] = {}
     for folder in folders:
         meta = read_json(folder / "clip.json")

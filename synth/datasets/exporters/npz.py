@@ -1,4 +1,4 @@
-"""Numpy: one `.npz` a clip with its cameras, truth, labels and detections, for programs without this package."""
+"""Numpy: one `.npz` per clip with cameras, truth, labels and detections, for programs without this package."""
 
 from collections import Counter
 from dataclasses import fields
@@ -26,7 +26,7 @@ def export_npz(selection: Selection, out: Path) -> dict[str, Counter]:
 def _write_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     for _ in task.pictures(clip, counts) if clip.images is not None else ():
-        # Pictures are counted for the card, and not written.
+        # Images are only counted for the card; they are not written.
         pass
     frames = slice(None, None, task.every)
     labels = joint_labels(clip, clip.truth, task.skeleton)
@@ -49,9 +49,9 @@ def _write_clip(task: ClipTask) -> Counter:
 
 
 def physical_arrays(folder: Path, every: int = 1) -> dict[str, np.ndarray]:
-    """Return the physical labels of a clip, of one frame in `every`: `contacts.*`, `forces.*`, `surface.*`.
+    """Return the physical labels of a clip for every `every`-th frame: `contacts.*`, `forces.*`, `surface.*`.
 
-    Frames of contacts keep their numbers in the clip. There are no arrays where the clip has no such labels.
+    Frames of contacts keep their numbers in the clip. Labels that the clip does not have are left out.
     """
     labels = load_physical_labels(folder) if (folder / FILE).is_file() else PhysicalLabels()
     found = {}

@@ -1,4 +1,4 @@
-"""The clips that are exported, and the parts that processes make of them."""
+"""The exported clips, and the partial results of the processes that export them."""
 
 import json
 from collections import Counter
@@ -17,28 +17,28 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 
 PARTS = ".parts"
-"""Folder of what processes hand on, in the folder that is written; removed in the end."""
+"""Folder for partial results of processes, inside the written folder. It is removed at the end."""
 
 
 class PictureFormat(Enum):
     """File format of images."""
 
     jpg = "jpg"
-    """JPEG of quality 95."""
+    """JPEG with quality 95."""
     png = "png"
 
 
 @dataclass(frozen=True)
 class ClipTask:
-    """A clip to export, in a process of its own.
+    """A clip to export in a separate process.
 
     Attributes:
-        folder: Of the clip.
-        name: Of the clip in the data set.
-        split: Its split.
-        skeleton: J joints to write.
-        every: 2 for every other frame.
-        suffix: Of pictures, `jpg` or `png`.
+        folder: Folder of the clip.
+        name: Name of the clip in the data set.
+        split: Name of its split.
+        skeleton: Skeleton of the J joints to write.
+        every: Number of frames from one image to the next; 2 for every other frame.
+        suffix: Suffix of images, `jpg` or `png`.
         out: Folder of the export.
     """
 
@@ -51,12 +51,12 @@ class ClipTask:
     out: Path
 
     def load(self) -> Clip:
-        """Return the clip with its true cameras, which its pictures are of."""
+        """Return the clip with its true cameras, because its images come from these."""
         clip = load_clip(self.folder)
         return clip if clip.true_rig is None else replace(clip, rig=clip.true_rig, true_rig=None)
 
     def pictures(self, clip: Clip, counts: Counter) -> Iterator[Picture]:
-        """Yield the pictures of the clip with the persons that they show, and count what there is."""
+        """Yield the images of the clip with the persons in them, and add their numbers to `counts`."""
         labels = joint_labels(clip, clip.truth, self.skeleton)
         for picture in read_pictures(clip, labels, every=self.every):
             shown = [person for person in picture.persons if person.shown]
@@ -68,11 +68,11 @@ class ClipTask:
             yield replace(picture, persons=shown)
 
     def file_name(self, picture: Picture) -> str:
-        """Return the path of a picture in its split, without suffix: `<clip>/<camera>/<frame>`."""
+        """Return the path of an image in its split, without suffix: `<clip>/<camera>/<frame>`."""
         return f"{file_part(self.name)}/{picture.path}"
 
     def write(self, picture: Picture, folder: str) -> str:
-        """Write a picture into `<folder>/<split>`; return its path in there."""
+        """Write an image into `<folder>/<split>`, and return its path relative to that folder."""
         name = f"{self.file_name(picture)}.{self.suffix}"
         path = self.out / folder / self.split / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -80,14 +80,14 @@ class ClipTask:
         return name
 
     def part(self, suffix: str) -> Path:
-        """Return the file in which the process hands on what it made of the clip."""
+        """Return the path of the file with the partial result of this clip."""
         path = self.out / PARTS / f"{file_part(self.split)}.{file_part(self.name)}.{suffix}"
         path.parent.mkdir(exist_ok=True)
         return path
 
 
 class Written(NamedTuple):
-    """What came of a clip."""
+    """The result of the export of a clip."""
 
     task: ClipTask
     counts: Counter
@@ -99,9 +99,9 @@ class Selection:
 
     Attributes:
         data: The data set.
-        splits: Names of clips by name of split.
-        skeleton: J joints to write.
-        every: 2 for every other frame.
+        splits: Names of the clips of each split, by its name.
+        skeleton: Skeleton of the J joints to write.
+        every: Number of frames from one image to the next; 2 for every other frame.
         pictures: File format of images.
         workers: Processes; -1 for one per core.
     """
@@ -114,7 +114,7 @@ class Selection:
     workers: int = 1
 
     def each_clip(self, function: Callable[[ClipTask], Counter], out: Path) -> Iterator[Written]:
-        """Yield what `function` made of each clip, split by split, in the order of the clips."""
+        """Yield the result of `function` for each clip, split by split, in the order of the clips."""
         how = {"skeleton": self.skeleton, "every": self.every, "suffix": self.pictures.value, "out": out}
         tasks = [
             ClipTask(self.data / name, name, split, **how) for split, names in self.splits.items() for name in names
@@ -125,11 +125,11 @@ class Selection:
 
 
 def write_lines(path: Path, lines: list[dict]) -> None:
-    """Write JSON, one object per line."""
+    """Write JSON Lines: one object per line."""
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 
 def world_joints(person: PersonLabel) -> list[list[float] | None]:
-    """Return the joints in the world, m, to 0.1 mm; None where absent, which JSON has no NaN for."""
+    """Return the joints, m, world, rounded to 0.1 mm; None for absent joints, because JSON has no NaN."""
     known = [[round(value, 4) for value in joint] for joint in person.xyz.tolist()]
     return [None if joint[0] != joint[0] else joint for joint in known]

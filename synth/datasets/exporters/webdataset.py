@@ -1,4 +1,4 @@
-"""WebDataset: tar shards of pictures and their labels, in an order that is read from one end to the other."""
+"""WebDataset: tar shards of images and their labels, for sequential reading."""
 
 import io
 import json
@@ -14,7 +14,7 @@ from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection, world_joints
 
 SHARD_BYTES = 10**9
-"""A new shard begins after so much; a clip's pictures stay together."""
+"""Size after which a new shard begins, bytes. The images of a clip stay in one shard."""
 
 
 @exporter("webdataset")
@@ -68,7 +68,7 @@ def _write_clip(task: ClipTask) -> Counter:
 
 
 def camera_entry(rig: CameraRig, view: int) -> dict:
-    """Return name, size and calibration of a camera, as `CameraRig` has them."""
+    """Return the name, size and calibration of a camera, with the names and units of `CameraRig`."""
     return {
         "name": rig.names[view],
         "size": rig.size[view].tolist(),

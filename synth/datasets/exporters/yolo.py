@@ -1,4 +1,4 @@
-"""YOLO pose, as Ultralytics reads it: `data.yaml`, `images/<split>/`, and one text file per image in
+"""YOLO pose in the layout of Ultralytics: `data.yaml`, `images/<split>/`, and one text file per image in
 `labels/<split>/`."""
 
 from collections import Counter
@@ -41,11 +41,11 @@ def _write_clip(task: ClipTask) -> Counter:
 def _line(person: PersonLabel, picture: Picture) -> str:
     """Return class, middle, width and height of the box, and x, y, v of each joint.
 
-    Fractions count from the picture's corner, pixels from the middle of the first.
+    Fractions are measured from the corner of the image, pixels from the centre of the first pixel.
     """
     width, height = picture.size
     x, y, box_width, box_height = person.box
-    # The box of joints begins at the middle of a pixel.
+    # A box around joints begins at the centre of a pixel.
     half = 0 if person.visible_pixels else 0.5
     values = [(x + half + box_width / 2) / width, (y + half + box_height / 2) / height]
     values += [box_width / width, box_height / height]
