@@ -46,6 +46,9 @@ class PoseDetectorConfig:
 class PictureDetector(Protocol):
     """Finds the people in the pictures of one camera.
 
+    A detector may also have a method `found_late()`, which is called after each picture. It returns people in earlier
+    pictures that this one led to: how many pictures before, xy (D, J, 2) and score (D, J).
+
     Attributes:
         skeleton: J joints.
     """
