@@ -32,7 +32,7 @@ _SHORT, _LONG = 0.24, 2.0
 """Lengths of the test clips, s. The difference gives the cost of a frame, the rest is the fixed cost of a clip."""
 _PICTURES = 5
 """Number of frames that are rendered."""
-_MANY_FRAMES, _MANY_PAINTED = 4000, 200
+_MANY_FRAMES, _MANY_RENDERED = 4000, 200
 """Total numbers of frames, without and with images, above which a forecast is made. A forecast takes a few seconds."""
 
 
@@ -75,7 +75,7 @@ class _Cost(NamedTuple):
 def is_long(config: GenerateConfig) -> bool:
     """Return whether a data set is large enough to justify the time of a forecast."""
     frames = len(config.numbers) * config.scene.frames
-    return frames > _MANY_FRAMES or (bool(config.image_options.kinds) and frames > _MANY_PAINTED)
+    return frames > _MANY_FRAMES or (bool(config.image_options.kinds) and frames > _MANY_RENDERED)
 
 
 def forecast(config: GenerateConfig) -> Forecast:
@@ -160,7 +160,7 @@ def _costs(config: GenerateConfig, counts: dict[int, int]) -> dict[int, _Cost]:
 
 
 def _warm_up(config: GenerateConfig, indices: list[int]) -> None:
-    _made(config, indices, _SHORT)
+    _first_success(config, indices, _SHORT)
 
 
 def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
@@ -182,7 +182,7 @@ def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
 def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: Path) -> tuple:
     """Make a clip of `seconds`. Return the time, s, its size, bytes, its number of frames, the clip and its state."""
     start = time.perf_counter()
-    clip, state = _made(config, indices, seconds)
+    clip, state = _first_success(config, indices, seconds)
     save_clip(clip, folder)
     save_state(state, folder)
     # The real run reads a clip again for its images, and its files for their checksums.
@@ -192,7 +192,7 @@ def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: P
     return time.perf_counter() - start, _bytes_in(folder), len(clip), clip, state
 
 
-def _made(config: GenerateConfig, indices: list[int], seconds: float) -> tuple:
+def _first_success(config: GenerateConfig, indices: list[int], seconds: float) -> tuple:
     """Make clips in order until one succeeds, and return it."""
     short = replace(config, scene=replace(config.scene, seconds=seconds))
     for index in indices[:-1]:

@@ -20,7 +20,7 @@ from synth.errors import FailedSimulation
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import load_state, save_state
 
-_NOT_KEPT = ("out", "first", "clips", "shard", "recheck", "workers", "backend", "dry_run")
+_NOT_STORED = ("out", "first", "clips", "shard", "recheck", "workers", "backend", "dry_run")
 """Options that may differ when a data set is continued. They are not stored."""
 
 
@@ -44,7 +44,7 @@ def generate(config: GenerateConfig) -> list[dict]:
     """
     out = Path(config.out)
     rig = check(config)
-    claim(out, as_settings(config, leave=_NOT_KEPT))
+    claim(out, as_settings(config, leave=_NOT_STORED))
     claim_shard(out, config.first, config.clips, config.shard)
     lines = {line["id"]: line for line in read_manifest(out)} if (out / MANIFEST).is_file() else {}
     checksums = begin_data_set(out)

@@ -78,7 +78,7 @@ def sample_hidden_scene(
             if low <= prediction.share(count) <= high:
                 return SampledScene(replace(spec, props=spec.props[:count]), motions)
         found += prediction.histograms.values()
-        short = _miss(prediction.share(fewest), prediction.share(most), low, high)
+        short = _target_error(prediction.share(fewest), prediction.share(most), low, high)
         wanted = float(np.clip(closeness + short / _FAR, 0, 1))
         if abs(short) > _FAR / 2 and wanted == closeness:
             break
@@ -106,7 +106,7 @@ def _counts(share: Callable[[int], float], fewest: int, most: int, aim: float) -
     return most, fewest
 
 
-def _miss(fewest: float, most: float, low: float, high: float) -> float:
+def _target_error(fewest: float, most: float, low: float, high: float) -> float:
     """Return the fraction of joints by which any number of props hides too little (> 0) or too much (< 0)."""
     return min(0.0, high - fewest) + max(0.0, low - most)
 

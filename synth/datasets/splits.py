@@ -22,7 +22,7 @@ from synth.motion.readers.cmu import subject
 FORMAT = 1
 _STRETCH = re.compile(r" (?:-?\d+\.\d\d--?\d+\.\d\d s|to and fro from -?\d+\.\d\d s)")
 """Text that follows the name of a take in the name of a stretch of this take."""
-_RECORDED_ABOUT = " ("
+_READING_SEPARATOR = " ("
 """Separator after the file stem in the name of a take. The text behind it describes how the file was read."""
 
 
@@ -77,7 +77,7 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
         return {_digest(json.dumps(person["body"], sort_keys=True).encode()) for person in persons}
     named = (lambda take: subject(Path(take))) if by is SplitBy.subject else str
     return {
-        named(person["motion"][: cut.start()].split(_RECORDED_ABOUT)[0])
+        named(person["motion"][: cut.start()].split(_READING_SEPARATOR)[0])
         if (cut := _STRETCH.search(person["motion"]))
         else f"drawn for person {number} by {spec['seed']}/{spec['clip']}"
         for number, person in enumerate(persons)

@@ -95,7 +95,7 @@ def verify_clip(folder: Path, *, fast: bool = False) -> tuple[Clip | None, list[
     except (FileNotFoundError, ValueError) as error:
         return None, [Problem(folder.name, "files", str(error))]
     except Exception as error:
-        return None, [Problem(folder.name, "files", _said(folder / "clip.json", error))]
+        return None, [Problem(folder.name, "files", _error_text(folder / "clip.json", error))]
     if fast:
         return None, []
     problems = []
@@ -122,10 +122,10 @@ def _guarded(name: str, check: Callable[[], list[str]]) -> list[str]:
     try:
         return check()
     except Exception as error:
-        return [_said(name, error)]
+        return [_error_text(name, error)]
 
 
-def _said(name: object, error: Exception) -> str:
+def _error_text(name: object, error: Exception) -> str:
     """Return the description of an error that a file caused: a missing key, or a value of another kind."""
     lacks = isinstance(error, KeyError) and error.args
     what = f"lacks {error.args[0]!r}" if lacks else f"holds what cannot be read, {type(error).__name__}: {error}"
@@ -153,7 +153,7 @@ def _config(path: Path) -> tuple[dict | None, list[Problem]]:
         config = read_json(path / CONFIG)
         image_kinds(config["images"]), config["scene"]["fps"], config["seed"] + 0
     except Exception as error:
-        what = str(error) if isinstance(error, ValueError) else _said(path / CONFIG, error)
+        what = str(error) if isinstance(error, ValueError) else _error_text(path / CONFIG, error)
         return None, [Problem(DATA_SET, "manifest", what)]
     return config, []
 

@@ -26,9 +26,9 @@ _ENOUGH = 200
 """Fewest detected joints of a kind for its parameters to be fitted."""
 _FEW_MISSES = 50
 """Fewest uninterrupted misses for the burst times to be fitted."""
-_SIDED = 0.2
+_FAR_SIDE_EXCESS = 0.2
 """Difference of the miss rates on the body's far side and near side above which the body hides the far joints."""
-_LOW = 0.35
+_LOW_CONFIDENCE = 0.35
 """Confidence below which a detector mostly guesses."""
 
 
@@ -236,7 +236,7 @@ def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorSta
 def _more_missed(real: DetectorStatistics, sim: DetectorStatistics, kind: int) -> list[float]:
     """Return factors for the odds of the misses, in the order of `PartConfig.miss`."""
     mean = _odds(float(np.nanmean(real.missed[:, kind]))) / _odds(float(np.nanmean(sim.missed[:, kind])))
-    sided = np.diff(real.missed_by_side[kind])[0] > _SIDED and np.isfinite(sim.missed_by_side[kind, 0])
+    sided = np.diff(real.missed_by_side[kind])[0] > _FAR_SIDE_EXCESS and np.isfinite(sim.missed_by_side[kind, 0])
     near = _odds(real.missed_by_side[kind, 0]) / _odds(sim.missed_by_side[kind, 0]) if sided else mean
     return [near, mean, mean, mean]
 
@@ -269,7 +269,7 @@ def _rank_correlation(statistics: DetectorStatistics) -> float:
 
 def _unsure(statistics: DetectorStatistics) -> float:
     """Return the median error of joints with low confidence; NaN if there are few such joints."""
-    some = statistics.error[statistics.score < _LOW]
+    some = statistics.error[statistics.score < _LOW_CONFIDENCE]
     return float(np.median(some)) if len(some) >= _ENOUGH else float("nan")
 
 

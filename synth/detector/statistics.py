@@ -24,7 +24,7 @@ GROSS = 0.1
 """Errors above this fraction of the height of a person are not noise."""
 _SMOOTHING, _LONGEST_GAP = 0.1, 0.4
 """Time scale of the light smoothing of the reference, and the longest gap that is filled in it, s."""
-_MIN_OUT = 0.05
+_MIN_SIDE_DISTANCE = 0.05
 """Distance from the vertical through the middle of head or shoulders below which a joint is on neither side, m."""
 
 
@@ -233,7 +233,11 @@ def _sides(clip: Clip, reference: Poses3D) -> tuple[np.ndarray, np.ndarray]:
     out = flat - np.where(of_face[:, None], middles[1], middles[0])
     length = np.linalg.norm(out, axis=-1)
     sided = of_face | (np.array(reference.skeleton.mirror) != np.arange(len(of_face)))
-    out = np.where(((length > _MIN_OUT) & sided)[..., None], out / np.maximum(length, _MIN_OUT)[..., None], np.nan)
+    out = np.where(
+        ((length > _MIN_SIDE_DISTANCE) & sided)[..., None],
+        out / np.maximum(length, _MIN_SIDE_DISTANCE)[..., None],
+        np.nan,
+    )
     sight = clip.rig.centers[:, None, None, :2] - flat[:, None]
     along = (sight * out[:, None]).sum(-1) / np.linalg.norm(sight, axis=-1)
     return along > 0.5, along < -0.5

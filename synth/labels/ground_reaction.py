@@ -27,7 +27,7 @@ from synth.people.segments import SEGMENTS
 from synth.physics.body_state import BodyState
 from synth.scene.build import Scene
 
-_LEAST = 1.0
+_LEAST_FORCE = 1.0
 """Force below which a contact is left out, N."""
 _PAIRS = ("ground_reaction", "centre_of_pressure", "supported", "residual")
 
@@ -81,7 +81,7 @@ def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, B
         )
     seen, persons = look(scene, state.qpos), range(len(state.shapes))
     known = join([simulated_contacts(scene, state), *held_contacts(scene, state, seen, fps)])
-    found = [_carry_one(scene, state, seen, known, person, fps) for person in persons]
+    found = [_person_forces(scene, state, seen, known, person, fps) for person in persons]
     values = {name: [each[name] for _, each in found] for name in BodyForces.__dataclass_fields__}
     weights = np.array(values.pop("weights"), np.float32)
     of_frames = {name: np.stack(each, axis=1, dtype=np.float32) for name, each in values.items()}
@@ -89,7 +89,7 @@ def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, B
     return contacts, BodyForces(weights, **of_frames)
 
 
-def _carry_one(
+def _person_forces(
     scene: Scene, state: BodyState, seen: SeenStates, known: PeopleContacts, person: int, fps: float
 ) -> tuple[PeopleContacts, dict]:
     """Return the contacts of a person with objects that stand still, and the fields of `BodyForces` without axis P."""
@@ -107,7 +107,7 @@ def _carry_one(
     for frame in range(frames):
         chosen = np.arange(ends[frame], ends[frame + 1])
         borne[chosen] = solve(places, chosen, centre[frame], missing[frame], weight)
-    pressing = np.flatnonzero(np.linalg.norm(borne, axis=1) > _LEAST)
+    pressing = np.flatnonzero(np.linalg.norm(borne, axis=1) > _LEAST_FORCE)
     names = np.array([state.contact_names.index(name) for name in scene.geom_names])
     contacts = make_contacts(
         state.contact_names,
@@ -128,13 +128,13 @@ def _carry_one(
         "centre_of_mass": centre,
         "ground_reaction": reaction,
         "centre_of_pressure": pressure,
-        "supported": _about(pushes + supported, centre - hips),
-        "residual": _about(missing - supported, centre - hips),
+        "supported": _about_point(pushes + supported, centre - hips),
+        "residual": _about_point(missing - supported, centre - hips),
         "penetration": _penetration(scene, seen, person, frames),
     }
 
 
-def _about(wrench: np.ndarray, lever: np.ndarray) -> np.ndarray:
+def _about_point(wrench: np.ndarray, lever: np.ndarray) -> np.ndarray:
     """Return (F, 2, 3) forces, N, and moments, N m, about another point.
 
     `lever` (F, 3), m, is the vector from that point to the present one.

@@ -14,7 +14,7 @@ LEAST_FPS = 12.0
 
 
 class Movement(NamedTuple):
-    """The motion of B bodies.
+    """The motion of B bodies in F frames.
 
     Attributes:
         places: (F, B, 3) centres of mass, m, world.

@@ -13,7 +13,7 @@ from synth.labels.support import SeenStates
 from synth.physics.body_state import BodyState
 from synth.scene.build import Scene
 
-_TOUCHES = 0.002
+_CONTACT_GAP = 0.002
 """Gap below which an object counts as lying on something that stands still, m."""
 _PERSON = re.compile("person([0-9]{1,6})")
 
@@ -143,7 +143,7 @@ def held_contacts(scene: Scene, state: BodyState, seen: SeenStates, fps: float) 
     hands = np.array([names.index(model.body(body).name) for body in model.site_bodyid[palms]], int)
     times, persons = np.arange(frames)[:, None] / fps, owners(names)
     bodies = model.geom_bodyid[seen.geoms]
-    still = (model.body_weldid[bodies] == 0).any(1) & (seen.gap < _TOUCHES)
+    still = (model.body_weldid[bodies] == 0).any(1) & (seen.gap < _CONTACT_GAP)
     for load in np.unique(loads):
         alone = np.ones(frames, bool)
         alone[seen.frame[still & (bodies == load).any(1)]] = False

@@ -15,9 +15,9 @@ _GAP, _SPEED = 0.005, 0.3
 """Gap, m, and speed along the surface, m/s, each of which doubles the penalty on a force compared with firm contact."""
 _EDGES = 8
 """Number of edges of the pyramid that approximates the friction cone from inside."""
-_EVENLY = 1e-6
+_EVENNESS_WEIGHT = 1e-6
 """Weight of an even distribution of forces, relative to the balance of forces."""
-_ARM = 3.0
+_MOMENT_LENGTH = 3.0
 """Length by which moments are divided to compare them with forces, m. It gives the forces more weight."""
 
 
@@ -124,8 +124,8 @@ def solve(places: Places, chosen: np.ndarray, centre: np.ndarray, needed: np.nda
     edges = normal[:, None] + places.friction[chosen, None, None] * around
     moments = np.cross((places.point[chosen] - centre)[:, None], edges)
     doubt = 1 + (places.gap[chosen].clip(0) / _GAP) ** 2 + (places.speed[chosen] / _SPEED) ** 2
-    balance = np.concatenate([edges, moments / _ARM], axis=-1).reshape(-1, 6).T
-    even = np.diag(np.repeat(np.sqrt(_EVENLY * doubt), _EDGES))
-    wanted = np.concatenate([needed[:3], needed[3:] / _ARM, np.zeros(len(even))]) / weight
+    balance = np.concatenate([edges, moments / _MOMENT_LENGTH], axis=-1).reshape(-1, 6).T
+    even = np.diag(np.repeat(np.sqrt(_EVENNESS_WEIGHT * doubt), _EDGES))
+    wanted = np.concatenate([needed[:3], needed[3:] / _MOMENT_LENGTH, np.zeros(len(even))]) / weight
     shares, _ = nnls(np.concatenate([balance, even]), wanted)
     return weight * (shares.reshape(-1, _EDGES, 1) * edges).sum(1)

@@ -17,7 +17,7 @@ _HAND = 0.092
 """Length of the hand, fraction of stature."""
 _FOOT = ((-0.037, 0.0, -0.020), (0.106, 0.0, -0.026))
 """Ends of an axis inside the shoe, relative to the ankle, fractions of stature."""
-_FAR = 1.0
+_RAY_START = 1.0
 """Distance from an axis at which the rays to the surface begin, m."""
 
 
@@ -151,5 +151,5 @@ def _axis(body: Body, number: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _meet(model: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray, outward: np.ndarray) -> tuple:
     """Return the geom, point and normal where a ray from outside towards `middle` first meets a surface."""
-    geom, distance, normal = cast_rays(model, data, middle + _FAR * outward, -outward[None])
-    return geom[0], middle + (_FAR - distance[0]) * outward, normal[0]
+    geom, distance, normal = cast_rays(model, data, middle + _RAY_START * outward, -outward[None])
+    return geom[0], middle + (_RAY_START - distance[0]) * outward, normal[0]

@@ -12,7 +12,7 @@ from synth.rigs.coverage import Stage, find_faults
 
 _TARGET_HEIGHT = 1.0
 """Height of the points that cameras are aimed at, m."""
-_ASIDE = 0.5
+_AIM_OFFSET = 0.5
 """Distance from the middle of the other points that cameras are aimed at, as a share of the radius of people."""
 
 
@@ -59,7 +59,7 @@ def aimed_cameras(
         lens: The available lenses.
         middle: (2,) middle of the people's area, m.
         radius: Radius of the people's area, m.
-        stage: The people's area as `synth.rigs.coverage` checks it.
+        stage: The people's area around the origin, for the checks of `synth.rigs.coverage`.
         steepest: Greatest angle at which cameras look down, degrees.
 
     Raises:
@@ -73,7 +73,7 @@ def aimed_cameras(
         for offset in (0 * ahead, ahead, -ahead, aside, -aside):
             for angle in lens.view_deg:
                 centers.append(at)
-                aims.append([*(middle + _ASIDE * radius * offset), _TARGET_HEIGHT])
+                aims.append([*(middle + _AIM_OFFSET * radius * offset), _TARGET_HEIGHT])
                 place.append(number)
                 angles.append(angle)
     centers, place = np.array(centers), np.array(place)

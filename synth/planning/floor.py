@@ -12,12 +12,12 @@ from synth.rooms.rays import cast_rays
 
 _HEIGHTS = np.array([0.1, 0.5, 0.9, 1.3, 1.7])
 """Heights of the tested points of a standing person, m."""
-_ENOUGH = 4
+_LEAST_POINTS = 4
 """Number of these points that a camera must see to count as seeing the person."""
 _STEP = 0.2
 """Distance between points of the floor, m."""
 _GROUPS = tuple(range(6))
-_TOUCHING = 0.05
+_CONTACT_GAP = 0.05
 """Distance below which an object in front of a point does not hide it, m."""
 
 
@@ -63,6 +63,6 @@ def cover_floor(rig: CameraRig, arena: Path, middle: np.ndarray, radius: float) 
         rays = points.reshape(-1, 3) - center
         reach = np.linalg.norm(rays, axis=1)
         geom, distance, _ = cast_rays(model, data, center, rays / reach[:, None], _GROUPS)
-        seen[view] = inside[view] & ((geom < 0) | (distance > reach - _TOUCHING))
-    count = (seen.reshape(len(rig), *points.shape[:3]).sum(-1) >= _ENOUGH).sum(0)
+        seen[view] = inside[view] & ((geom < 0) | (distance > reach - _CONTACT_GAP))
+    count = (seen.reshape(len(rig), *points.shape[:3]).sum(-1) >= _LEAST_POINTS).sum(0)
     return FloorCoverage(x, y, np.where(np.linalg.norm(flat - middle, axis=-1) <= radius + 1e-9, count, -1))

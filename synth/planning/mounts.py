@@ -15,13 +15,13 @@ from synth.rooms.rays import cast_rays, opaque_model
 
 _DIRECTIONS = 240
 """Number of directions around the people in which walls are searched."""
-_LONG, _HIGH = 1.5, 1.8
+_WALL_LENGTH, _WALL_HEIGHT = 1.5, 1.8
 """Least length and least top height of a wall, m."""
 _GRID = 0.5
 """Distance between places before they are thinned out, m."""
 _LEVEL_STEP = 0.6
 """Greatest distance between the levels of one kind of mount, m."""
-_APART = 0.4
+_TRIPOD_GAP = 0.4
 """Least distance of tripods from the people's area and from furniture, m."""
 _LIFT = 1e-3
 
@@ -136,12 +136,12 @@ def _outline(model: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray) -> 
     planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
     # The bounding boxes of planes are of no use here: MuJoCo makes them infinite.
     up = np.abs(data.geom_xmat.reshape(-1, 3, 3)[:, 2, 2])
-    long = np.linalg.norm(np.ptp(corners[..., :2], axis=1), axis=1) >= _LONG
-    wall = np.where(planes, up < 0.1, long & (corners[..., 2].max(1) >= _HIGH))
+    long = np.linalg.norm(np.ptp(corners[..., :2], axis=1), axis=1) >= _WALL_LENGTH
+    wall = np.where(planes, up < 0.1, long & (corners[..., 2].max(1) >= _WALL_HEIGHT))
     angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     directions = np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1)
     opaque = opaque_model(model, wall.astype(int))
-    geom, reach, outward = cast_rays(opaque, data, np.array([*middle, _HIGH - _LIFT]), directions)
+    geom, reach, outward = cast_rays(opaque, data, np.array([*middle, _WALL_HEIGHT - _LIFT]), directions)
     found = (geom >= 0) & (np.abs(outward[:, 2]) < 0.3)
     tops = [_top(opaque, data, middle, direction) for direction in directions[found][:: max(1, _DIRECTIONS // 24)]]
     return _Outline(middle, np.where(found, reach, np.inf), float(np.median(tops)) if tops else 0.0)
@@ -149,7 +149,7 @@ def _outline(model: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray) -> 
 
 def _top(opaque: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray, direction: np.ndarray) -> float:
     """Return the height of the top of the wall in a direction, to 5 cm, m."""
-    low, high = _HIGH - _LIFT, 100.0
+    low, high = _WALL_HEIGHT - _LIFT, 100.0
     while high - low > 0.05:
         half = (low + high) / 2
         geom, *_ = cast_rays(opaque, data, np.array([*middle, half]), direction[None])
@@ -191,9 +191,9 @@ def _under_ceiling(
     places = []
     for x, y in grid:
         # mj_multiRay misses some geoms if a ray is exactly vertical.
-        height = mujoco.mj_ray(model, data, (x, y, _HIGH), (0, 0, 1), None, 1, -1, np.zeros(1, np.int32))
-        top = _HIGH + height if height > 0 else outline.top
-        if top - config.wall_distance > _HIGH:
+        height = mujoco.mj_ray(model, data, (x, y, _WALL_HEIGHT), (0, 0, 1), None, 1, -1, np.zeros(1, np.int32))
+        top = _WALL_HEIGHT + height if height > 0 else outline.top
+        if top - config.wall_distance > _WALL_HEIGHT:
             places.append((x, y, top - config.wall_distance))
     return np.reshape(places, (-1, 3))
 
@@ -201,8 +201,8 @@ def _under_ceiling(
 def _on_tripods(config: MountConfig, arena: Path, middle: np.ndarray, radius: float, grid: np.ndarray) -> np.ndarray:
     """Return (K, 3) camera positions on tripods, away from people and furniture, m."""
     discs = footprints(arena)
-    free = np.linalg.norm(grid - middle, axis=1) >= radius + _APART
-    free &= (np.linalg.norm(grid[:, None] - discs[:, :2], axis=-1) >= discs[:, 2] + _APART).all(1)
+    free = np.linalg.norm(grid - middle, axis=1) >= radius + _TRIPOD_GAP
+    free &= (np.linalg.norm(grid[:, None] - discs[:, :2], axis=-1) >= discs[:, 2] + _TRIPOD_GAP).all(1)
     return _stacked(grid[free], _levels(config.tripods))
 
 

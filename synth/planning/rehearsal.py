@@ -25,7 +25,7 @@ from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneSpec
 
 _RETRIES = 5
-_ABOVE = np.array([[0.0, 0.0, 50.0]])
+_PLACEHOLDER_CENTER = np.array([[0.0, 0.0, 50.0]])
 """Centre of the placeholder camera that MuJoCo's model is compiled with, m. It is not used to see anything."""
 
 
@@ -100,7 +100,7 @@ def _attempt(config: PlanConfig, number: int, attempt: int) -> Rehearsal:
         ("none",),
         [intrinsics(100.0, [64, 64])],
         np.zeros((1, 5)),
-        pose(look_at(_ABOVE, np.zeros(3)), _ABOVE),
+        pose(look_at(_PLACEHOLDER_CENTER, np.zeros(3)), _PLACEHOLDER_CENTER),
         [(64, 64)],
     )
     done = simulate(spec, away, motions, painted=False)

@@ -8,7 +8,7 @@ import numpy as np
 from dmae.progress import progress
 from synth.planning.evidence import JointEvidence
 
-_EXACT = 0.05
+_HALF_WEIGHT_ERROR = 0.05
 """Standard error at which a measured joint counts half, m."""
 _RIDGE = 1e-3
 """Added information, 1/m^2. It keeps the determinant above zero for joints that only one camera sees."""
@@ -83,7 +83,7 @@ class _State:
 
         A single camera measures nothing, but gets a small value, so that first cameras can be compared.
         """
-        exact = 1 / (1 + (standard_errors(self.information) / _EXACT) ** 2)
+        exact = 1 / (1 + (standard_errors(self.information) / _HALF_WEIGHT_ERROR) ** 2)
         return float((self.measured * exact).mean() + 1e-3 * (1 - self.none).mean())
 
 

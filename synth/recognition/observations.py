@@ -26,7 +26,7 @@ class JointsSeen:
         cause: (n,) `Visibility`.
         margin: (n,) distance in depth from the occluder to the joint, m; NaN where the joint is visible.
         size: (n,) height that the body would have if it stood upright at its distance, px.
-        crowding: (n,) distance of the hips to those of the nearest other person in the image, in heights.
+        crowding: (n,) distance in the image from the hips to the hips of the nearest other person, in heights.
         direction: (n,) text from `Sightings.direction`.
         error: (n,) distance from the true position, in heights; NaN where the joint was missed.
         score: (n,) confidence; NaN where missed.

@@ -11,7 +11,7 @@ from synth.rigs.lenses import camera_name
 
 _UNDRAWN, _DRAWN = 5, 3
 """A geom group that MuJoCo does not draw, and the number of geom groups that it draws: 0, 1 and 2."""
-_PLAIN = (
+_SWITCHED_OFF = (
     mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION, mujoco.mjtRndFlag.mjRND_SKYBOX,
     mujoco.mjtRndFlag.mjRND_FOG, mujoco.mjtRndFlag.mjRND_HAZE,
 )  # fmt: skip
@@ -104,7 +104,7 @@ class OpenGLPainter:
         geoms, nearness = self._still[1].copy(), self._still[2].copy()
         parts = {owner: self._around(data, view, mask) for owner, mask in self._movers.items()}
         self._alone = {}
-        for together in _apart({owner: part for owner, part in parts.items() if part}):
+        for together in _separate_groups({owner: part for owner, part in parts.items() if part}):
             mask = np.any([self._movers[owner] for owner in together], axis=0)
             whole = _hull([parts[owner] for owner in together])
             found, near = self._drawn(data, view, mask, whole)
@@ -203,7 +203,7 @@ class OpenGLPainter:
         for geom in scene.geoms[: scene.ngeom]:
             geom.matid, geom.emission, geom.specular, geom.reflectance = -1, 0, 0, 0
             geom.rgba[:] = 1
-        for effect in _PLAIN:
+        for effect in _SWITCHED_OFF:
             scene.flags[effect] = False
         scene.nlight = 3
         shades = []
@@ -234,7 +234,7 @@ class OpenGLPainter:
         self._gl.free()
 
 
-def _apart(parts: dict[int, tuple[slice, slice]]) -> list[list[int]]:
+def _separate_groups(parts: dict[int, tuple[slice, slice]]) -> list[list[int]]:
     """Return groups of owners with parts of the image that do not overlap. Each group is drawn in one pass."""
     groups: list[list[int]] = []
     for owner, part in parts.items():

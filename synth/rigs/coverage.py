@@ -18,12 +18,12 @@ _TALLEST = 2.0
 """Height of the people's area, m."""
 _SECTORS, _RINGS, _LEVELS = 16, 3, 5
 _GROUPS = tuple(range(6))
-_WORST_AXES = 1e3
+_GREATEST_CONDITION = 1e3
 """Greatest condition number of the system for the point where the cameras' axes meet. Above it the axes count as
 parallel, and there is no such point."""
 # Directions to the corners, edges and faces of a cube.
-_AROUND = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
-_AROUND /= np.linalg.norm(_AROUND, axis=1, keepdims=True)
+_CUBE_DIRECTIONS = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
+_CUBE_DIRECTIONS /= np.linalg.norm(_CUBE_DIRECTIONS, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def meeting_point(rig: CameraRig) -> np.ndarray | None:
     axes = rig.cam_from_world[:, 2, :3]
     across = np.eye(3) - axes[:, :, None] * axes[:, None]
     normal = across.sum(0)
-    if np.linalg.cond(normal) > _WORST_AXES:
+    if np.linalg.cond(normal) > _GREATEST_CONDITION:
         return None
     return np.linalg.solve(normal, np.einsum("vij,vj->i", across, rig.centers))
 
@@ -174,9 +174,9 @@ def _surroundings(arena: Path | None, center: np.ndarray, points: np.ndarray) ->
 
 def _around(model: mujoco.MjModel, data: mujoco.MjData, point: np.ndarray, solid: np.ndarray) -> str | None:
     """Return the name of the object around a point; None for none. Only geoms with (ngeom,) `solid` count."""
-    geom, _, outward = cast_rays(model, data, point, _AROUND, _GROUPS)
+    geom, _, outward = cast_rays(model, data, point, _CUBE_DIRECTIONS, _GROUPS)
     # A ray meets a surface from behind only if it starts inside. Planes have no inside: cameras may be behind a wall.
-    behind = (geom >= 0) & solid[geom] & (np.einsum("rx,rx->r", outward, _AROUND) > 1e-3)
+    behind = (geom >= 0) & solid[geom] & (np.einsum("rx,rx->r", outward, _CUBE_DIRECTIONS) > 1e-3)
     return _name(model, geom[behind][0]) if behind.any() else None
 
 

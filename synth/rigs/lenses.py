@@ -25,7 +25,7 @@ _SIDES = {"": (0, 0), "right": (0, -_QUARTER), "left": (0, _QUARTER), "down": (_
 def pinholes(rig: CameraRig) -> list[CameraRig]:
     """Return the pinhole cameras that are rendered in place of each camera. Together they see everything that it sees.
 
-    An undistorted camera stays the same. A distorted camera is replaced by a pinhole with a larger image, from which
+    An undistorted camera does not change. A distorted camera is replaced by a pinhole with a larger image, from which
     the distorted image is warped; its principal point is moved by whole pixels. If this image would be more than twice
     as wide or high, a fisheye is replaced by five cameras with a 90 degree view each, one ahead and four to the sides.
     They are called `<name>`, `<name>/left` and so on.

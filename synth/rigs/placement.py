@@ -8,7 +8,7 @@ from dmae.data.cameras import CameraRig
 from synth.rigs.camera_geometry import check_pairs, check_picture, check_views, intrinsics, look_at, pose
 from synth.rigs.coverage import Stage, find_faults
 
-_NEARER = np.linspace(0.95, 0.5, 10)
+_DISTANCE_FRACTIONS = np.linspace(0.95, 0.5, 10)
 """Fractions of the distance to the target that are tried if a camera is at an impossible place."""
 
 
@@ -99,7 +99,7 @@ def _around(name: str, config: RingConfig | DomeConfig, centers: np.ndarray, sta
         np.tile(config.size, (views, 1)),
     )
     for view in find_faults(rig, stage):
-        for share in _NEARER:
+        for share in _DISTANCE_FRACTIONS:
             centers[view] = target + share * (centers[view] - target)
             rig = replace(rig, cam_from_world=pose(rig.cam_from_world[:, :3, :3], centers))
             if not find_faults(rig[view : view + 1], stage):

@@ -13,11 +13,11 @@ FLOOR, WALL = "floor", "wall"
 """Materials that scenes cover with a finish."""
 _OBJECT_BITS = 2**31 - 1
 """Contact bits of rooms and props: they collide with people, never with each other. See synth/people/mjcf.py."""
-_LEVEL = 0.02
+_FLOOR_TOLERANCE = 0.02
 """Distance from z = 0 within which a surface is the floor, m."""
-_SOUGHT = 1.5
+_FLOOR_SEARCH_RADIUS = 1.5
 """Distance from the origin within which the floor is searched, m."""
-_HALF = 10.0
+_HALF_SIDE = 10.0
 """Half of the side length of a floor that is added, m."""
 # Direction, diffuse colour, and whether the light casts a shadow: a light above, and two that brighten the shadows.
 _LIGHTS = (
@@ -68,7 +68,7 @@ def room_name(arena: str) -> str:
 
 def _filled(spec: mujoco.MjSpec):
     """Add the missing parts of a room, and yield a description of each."""
-    if taken := _hold_still(spec):
+    if taken := _remove_joints(spec):
         yield f"left out {taken}: rooms are static"
     _reset_options(spec)
     for geom in spec.geoms:
@@ -77,10 +77,10 @@ def _filled(spec: mujoco.MjSpec):
     floor = _floor_geoms(spec)
     if not floor:
         floor = [spec.worldbody.add_geom(
-            name=_free_name(spec.geoms, FLOOR), type=mujoco.mjtGeom.mjGEOM_PLANE, size=[_HALF, _HALF, 0.1],
+            name=_free_name(spec.geoms, FLOOR), type=mujoco.mjtGeom.mjGEOM_PLANE, size=[_HALF_SIDE, _HALF_SIDE, 0.1],
             conaffinity=_OBJECT_BITS, contype=0,
         )]  # fmt: skip
-        yield f"added a floor at z = 0, {2 * _HALF:g} m by {2 * _HALF:g} m: the file has no surface there"
+        yield f"added a floor at z = 0, {2 * _HALF_SIDE:g} m by {2 * _HALF_SIDE:g} m: the file has no surface there"
     for geom in floor:
         if not geom.conaffinity:
             geom.conaffinity = _OBJECT_BITS
@@ -101,7 +101,7 @@ def _filled(spec: mujoco.MjSpec):
         yield f"added {len(_LIGHTS)} lights: the file has none"
 
 
-def _hold_still(spec: mujoco.MjSpec) -> str:
+def _remove_joints(spec: mujoco.MjSpec) -> str:
     """Remove joints and all elements that depend on them, and return a description of the removed elements."""
     counts = {}
     # Elements that refer to joints are removed before the joints.
@@ -127,12 +127,16 @@ def _floor_geoms(spec: mujoco.MjSpec) -> list[mujoco.MjsGeom]:
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    places = [(x, y) for x in (-_SOUGHT, 0.0, _SOUGHT) for y in (-_SOUGHT, 0.0, _SOUGHT)]
+    places = [
+        (x, y)
+        for x in (-_FLOOR_SEARCH_RADIUS, 0.0, _FLOOR_SEARCH_RADIUS)
+        for y in (-_FLOOR_SEARCH_RADIUS, 0.0, _FLOOR_SEARCH_RADIUS)
+    ]
     found, geom = [], np.zeros(1, np.int32)
     for place in places:
         # mj_multiRay misses some geoms if a ray is exactly vertical.
-        distance = mujoco.mj_ray(model, data, (*place, _LEVEL), (0, 0, -1), None, 1, -1, geom)
-        if 0 <= distance <= 2 * _LEVEL:
+        distance = mujoco.mj_ray(model, data, (*place, _FLOOR_TOLERANCE), (0, 0, -1), None, 1, -1, geom)
+        if 0 <= distance <= 2 * _FLOOR_TOLERANCE:
             found.append(int(geom[0]))
     return [spec.geoms[each] for each in sorted(set(found))] if len(found) > len(places) / 2 else []
 

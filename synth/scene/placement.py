@@ -17,13 +17,13 @@ from synth.scene.prop_placement import placed_discs
 
 _DRAWS = 60
 """Placements drawn for a person before the clip fails."""
-_TURNS = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.15, 1.6, 2.2)
+_BEND_RATES = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.15, 1.6, 2.2)
 """Rates at which a path may be bent, rad/s; the first rate that keeps the path within the radius is used."""
-_APART = 0.8
+_START_DISTANCE = 0.8
 """Least distance between two people's hips in the first frame, m."""
-_BESIDE = 0.3
+_OBSTACLE_GAP = 0.3
 """Least distance between hips and an obstacle, m."""
-_HIPS = 0.25
+_PERSON_RADIUS = 0.25
 """Radius around the hips that a person of an interaction needs, m."""
 
 
@@ -53,7 +53,7 @@ def place_persons(
     others: np.ndarray | None = None,
     occupied: np.ndarray | None = None,
 ) -> list[Placement]:
-    """Place each motion such that it passes a common meeting point at some time and stays within the radius.
+    """Place each motion so that it passes a common meeting point at some time and stays within the radius.
 
     Several placements are drawn for each person, and the one with the fewest sidesteps is used. People keep clear of
     each other's stools.
@@ -87,7 +87,7 @@ def place_persons(
             cost = 10 * outside + _crowding(path, paths, np.concatenate([obstacles, stools]), clearance)
             own = stool_discs(motion, path)
             if len(own):
-                gap = np.linalg.norm(paths[:, :, None] - own[:, :2], axis=-1) - own[:, 2] - _BESIDE
+                gap = np.linalg.norm(paths[:, :, None] - own[:, :2], axis=-1) - own[:, 2] - _OBSTACLE_GAP
                 cost += 3 * np.maximum(0, -gap).max(initial=0.0)
             if cost < least:
                 best, least, kept = placed, cost, path
@@ -148,7 +148,7 @@ def place_script(
     furniture = [placed_discs(prop_size(prop.kind).discs, prop.at, prop.yaw) for prop in script.furniture]
     obstacles = footprints(arena)
     paths = np.concatenate([motion.root[:, :2] for motion in motions])
-    occupied = np.concatenate([np.column_stack([paths, np.full(len(paths), _HIPS)]), *furniture])
+    occupied = np.concatenate([np.column_stack([paths, np.full(len(paths), _PERSON_RADIUS)]), *furniture])
     reach = float(np.linalg.norm(paths, axis=1).max())
     walking = all(role.walks for role in script.roles)
     best, least = None, np.inf
@@ -158,7 +158,7 @@ def place_script(
         gap = np.linalg.norm(places[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - occupied[:, 2:]
         blocked = np.maximum(0, -gap).max(1, initial=0.0)
         strays = float(np.linalg.norm(places[: len(paths)] - middle, axis=1).max())
-        # People who walk step around obstacles later.
+        # Walking people step around obstacles later, so the mean overlap is enough for them.
         cost = float(blocked.mean() if walking else blocked.max()) + max(0.0, strays - max(radius, reach))
         if cost < least:
             best, least = (at, yaw), cost
@@ -185,7 +185,7 @@ def _draw(
     frame = int(rng.integers(len(motion)))
     yaw, side = float(rng.uniform(-np.pi, np.pi)), float(rng.choice((-1.0, 1.0)))
     best = None
-    for turn in _TURNS:
+    for turn in _BEND_RATES:
         turn = turn * side
         path = redirected_path(motion, (0.0, 0.0), yaw, turn)
         path = path - path[frame] + passing
@@ -200,9 +200,9 @@ def _draw(
 def _crowding(path: np.ndarray, others: np.ndarray, obstacles: np.ndarray, clearance: float) -> float:
     """Return the cost of the sidesteps on a path (F, 2) around others (F, P, 2) and obstacles (K, 3), roughly in m."""
     apart = np.linalg.norm(others - path[:, None], axis=-1)
-    start = np.maximum(0, max(_APART, clearance) - apart[:1]).sum()
+    start = np.maximum(0, max(_START_DISTANCE, clearance) - apart[:1]).sum()
     meeting = np.maximum(0, clearance - apart)
-    gap = np.linalg.norm(path[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - _BESIDE
+    gap = np.linalg.norm(path[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - _OBSTACLE_GAP
     blocked = np.maximum(0, -gap).max(initial=0.0)
     return float(5 * start + 3 * blocked + 2 * meeting.mean(0).sum() + 0.2 * meeting.max(initial=0.0))
 

@@ -13,7 +13,7 @@ _DRAWS = 60
 """Number of positions that are drawn for a prop before it is left out."""
 _GAP = (0.3, 0.05, 0.6)
 """Least distance of a prop from people's hips, from other objects, and from cameras, m."""
-_BEYOND = 1.5
+_EXTRA_RADIUS = 1.5
 """Distance beyond the radius at which props may stand between people and cameras, m."""
 
 
@@ -51,7 +51,7 @@ def place_props(
     walked = (paths + avoid_collisions(paths, fps, clearance=clearance, obstacles=obstacles)).reshape(-1, 2)
     occupied = np.concatenate([obstacles, occupied])
     cameras = np.array(cameras).reshape(-1, 2)
-    reach = radius + _BEYOND * bool(len(cameras))
+    reach = radius + _EXTRA_RADIUS * bool(len(cameras))
     names = sorted(kinds)
     faces = np.array([kinds[name].face for name in names])
     weights = faces / faces.sum() if len(cameras) else None

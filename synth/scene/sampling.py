@@ -37,7 +37,7 @@ from synth.scene.spec import (
 
 _BYSTANDERS, _PLACES, _HANDS = 2, 3, 4
 """Numbers of the child streams for bystanders, their places, and hands; 0 and 1 draw textures and colours."""
-_ASIDE = 0.65
+_BYSTANDER_GAP = 0.65
 """Least distance between the hips of a bystander and those of other people, m."""
 
 
@@ -119,7 +119,7 @@ def sample_people(
     """Draw the people of one clip and their motions.
 
     Args:
-        config, motion, interaction, seed, clip: As for `sample_scene`.
+        config, motion, interaction, seed, clip: The same as in `sample_scene`.
         rng: The clip's random stream `Stream.SCENE`, which also draws the layout later; by default a new one.
     """
     interaction, rng = interaction or InteractionConfig(), rng or generator(seed, clip, Stream.SCENE)
@@ -180,7 +180,7 @@ def lay_out(
 
     Args:
         people: The people.
-        config, props: As for `sample_scene`.
+        config, props: The same as in `sample_scene`.
         layout: A layout that replaces the configuration's values. It has a separate random stream.
         rng: The clip's random stream, after the people were drawn; not needed with a layout.
     """
@@ -201,7 +201,7 @@ def lay_out(
                 bystanders,
                 arena,
                 **where,
-                clearance=max(clearance, _ASIDE),
+                clearance=max(clearance, _BYSTANDER_GAP),
                 others=np.stack(paths, axis=1),
                 occupied=_occupied(furniture),
                 rng=rng.spawn(_PLACES + 1)[_PLACES],

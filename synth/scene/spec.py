@@ -154,7 +154,7 @@ class PropSpec:
 
 @dataclass(frozen=True)
 class SceneSpec:
-    """The scene of a clip. `to_json` writes it, and `from_json` reads the same scene.
+    """The specification of the scene of a clip. `to_json` writes it, and `from_json` reads the same scene.
 
     The motions themselves are not stored: `synth.scene.sampling.load_motions` draws them again from `motion`,
     `interaction`, `seed` and `clip`.
@@ -226,7 +226,7 @@ class Layout:
 
     Attributes:
         draw: Number of the draw; each draw has a separate random stream.
-        gathering, clearance: As in `SceneConfig`, one value each, m.
+        gathering, clearance: The same as in `SceneConfig`, with one value each, m.
         props: Number of props.
         cameras: (x, y) of cameras, m. Props stand between these cameras and people.
     """

@@ -41,7 +41,7 @@ from synth.rooms.catalogue import arena_file
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
-_OWN = RigConfig(name="")
+_NO_RIG = RigConfig(name="")
 """The default rig, which means the cameras of each clip."""
 
 
@@ -102,7 +102,7 @@ def render(config: RenderConfig) -> list[dict]:
     settings = _settings(config, folders[0])
     clip = load_clip(folders[0])
     load_state(folders[0])
-    rig = clip.rig if config.rig == _OWN else _new_rig(config, settings, _spec(clip))
+    rig = clip.rig if config.rig == _NO_RIG else _new_rig(config, settings, _spec(clip))
     check_images(config.image_options, rig)
     claim(out, settings)
     frames = {line["id"]: line["frames"] for line in _lines(folders)}
@@ -137,7 +137,7 @@ def _settings(config: RenderConfig, folder: Path) -> dict:
             f"{path}: no such file; expected a data set that `synth generate` made, or a clip in it"
         )
     settings = read_json(path) | as_settings(config, leave=("data", "out", "workers", "backend", "rig"))
-    if config.rig != _OWN:
+    if config.rig != _NO_RIG:
         settings["rig"] = as_settings(config)["rig"]
     return settings | {"rendered_from": str(Path(config.data).resolve())}
 
@@ -164,7 +164,7 @@ def _render(config: RenderConfig, settings: dict, folder: Path, number: int, cli
     except (FileNotFoundError, ValueError):
         pass
     clip, state = load_clip(folder), load_state(folder)
-    clip = _without_images(clip) if config.rig == _OWN else _relabelled(config, settings, clip, state)
+    clip = _without_images(clip) if config.rig == _NO_RIG else _relabelled(config, settings, clip, state)
     shutil.rmtree(target, ignore_errors=True)
     with whole_folder(target) as partial:
         save_clip(clip, partial)

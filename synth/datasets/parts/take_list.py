@@ -108,12 +108,19 @@ def as_table(takes: Sequence[Take], folder: Path) -> str:
     for take in takes:
         line = take.listed
         table.writerow(
-            [_from(line.path, folder), line.subject, line.set, f"{take.seconds:.2f}", f"{take.fps:.4g}", take.notes]
+            [
+                _relative_path(line.path, folder),
+                line.subject,
+                line.set,
+                f"{take.seconds:.2f}",
+                f"{take.fps:.4g}",
+                take.notes,
+            ]
         )
     return buffer.getvalue()
 
 
-def _from(path: Path, folder: Path) -> str:
+def _relative_path(path: Path, folder: Path) -> str:
     """Return a path relative to a folder if it is inside that folder, otherwise the whole path."""
     path, folder = path.resolve(), folder.resolve()
     return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.as_posix()
