@@ -43,7 +43,7 @@ def run(config: CompareCommand, out: Path) -> None:
     """Print the comparison and write its page. Exit with status 1 if a limit is exceeded.
 
     Raises:
-        ValueError: no person can be measured in one of them, or their skeletons differ.
+        ValueError: no person can be measured in the recording or in the simulation, or their skeletons differ.
     """
     real = measure(read_recording(Path(config.real), config.frames))
     clips = load(DataConfig("clip", config.sim))

@@ -85,7 +85,7 @@ def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
         radius: Radius of the people's area, m.
 
     Raises:
-        ValueError: the room has no walls where they are needed, a height is outside the room, or nothing is left.
+        ValueError: the room has no walls although they are needed, a height is outside the room, or no place is left.
     """
     model = compile_mjcf(arena)
     data = mujoco.MjData(model)

@@ -93,8 +93,8 @@ def make_plan(config: PlanConfig) -> CameraPlan:
     """Plan cameras.
 
     Raises:
-        ValueError: the room has no walls where they are needed, heights are outside the room, or there are fewer places
-            than cameras.
+        ValueError: the room has no walls although they are needed, heights are outside the room, or there are fewer
+            places than cameras.
         FailedSimulation: people could not be simulated, or an existing camera is at an impossible place.
     """
     candidates = find_candidates(config)

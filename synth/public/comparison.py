@@ -30,7 +30,7 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
         the distance is above the limit.
 
     Raises:
-        ValueError: no person can be measured in one of them, or their skeletons differ.
+        ValueError: no person can be measured in the recording or in the simulation, or their skeletons differ.
 
     Examples:
         >>> one, other = synth.generate("scene.seconds=1", clips=2, seed=7)

@@ -31,7 +31,8 @@ def pinholes(rig: CameraRig) -> list[CameraRig]:
     They are called `<name>`, `<name>/left` and so on.
 
     Raises:
-        ValueError: a lens other than a fisheye has a pinhole image over four times as wide or high, or folds its image.
+        ValueError: the pinhole image of a lens other than a fisheye would be over four times as wide or high, or the
+            distortion polynomial of the lens is not invertible within its image.
     """
     return [_pinholes(rig[view : view + 1]) for view in range(len(rig))]
 

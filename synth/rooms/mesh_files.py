@@ -41,7 +41,7 @@ class Neighbours(Mapping):
 
 
 def check_counts(suffix: str, data: bytes) -> None:
-    """Raise ValueError if a file states more elements than it has bytes; the message names the elements."""
+    """Raise ValueError if a file states more elements than it has bytes; the message gives both numbers."""
     counts: list[float] = []
     if suffix == ".ply":
         counts = [float(count) for count in _PLY_ELEMENT.findall(data[:10_000].partition(b"end_header")[0])]

@@ -34,7 +34,7 @@ centimetres in two steps."""
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene ready to be simulated.
+    """A scene that is ready for simulation.
 
     Attributes:
         model: The MuJoCo model; people's bodies are named `person<p>/<segment>`.
@@ -43,8 +43,8 @@ class Scene:
         geom_persons: (ngeom,) index of the person that a geom belongs to, -1 for objects.
         objects: Names of the objects, at least "floor".
         obstacles: (K, 3) x, y and radius of discs that cover the room's objects and the props, without furniture, m.
-        holds: (H, 3) one row per equality constraint that ties a hand to an object: the number of its grip, and the
-            times at which the grip begins and ends, s.
+        holds: (H, 3) one row per equality constraint that ties a hand to an object: the index of the constraint, and
+            the times at which it begins and ends, s.
     """
 
     model: mujoco.MjModel

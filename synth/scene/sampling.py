@@ -42,11 +42,11 @@ _BYSTANDER_GAP = 0.65
 
 
 class SampledScene(NamedTuple):
-    """A scene as it was drawn.
+    """A drawn scene.
 
     Attributes:
         spec: The scene of P people, as stored.
-        motions: P motions in place, which `load_motions` draws again from a stored spec.
+        motions: P motions, placed in the scene. `load_motions` draws them again from a stored spec.
     """
 
     spec: SceneSpec
