@@ -146,8 +146,8 @@ def _costs(config: GenerateConfig, counts: dict[int, int]) -> dict[int, _Cost]:
     chosen = sorted({numbers[0], numbers[len(numbers) // 2], numbers[-1]})
     tasks = [(config, [index for index in counts if counts[index] == number]) for number in chosen]
     limit_threads(config.workers)
-    # The number of processes is the same as later, because they share memory and caches. The first task of each process
-    # is not measured.
+    # As many processes as in the real run, because they share memory and caches. The first task of each process is not
+    # measured.
     while len(tasks) < min(process_count(config.workers), len(counts)):
         tasks.append(tasks[len(tasks) % len(chosen)])
     list(in_parallel(_warm_up, [(config, task[1]) for task in tasks], config.workers))

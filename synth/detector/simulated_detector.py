@@ -124,7 +124,7 @@ def _shuffled(view: View) -> tuple[View, np.ndarray]:
 
 
 def _shown(view: View, person: np.ndarray) -> tuple[View, np.ndarray]:
-    """Return detections and persons in which each frame has the detections of the frame that it shows."""
+    """Return the view and persons after lost frames: each frame gets the detections of the frame `view.shown`."""
     lost = view.shown < 0
     arrays = {name: getattr(view, name)[view.shown] for name in ("xy", "score", "owner", "kind")}
     arrays["xy"][lost], arrays["score"][lost] = np.nan, np.nan
