@@ -35,26 +35,26 @@ def export(
     workers: int = 1,
     damaged: bool = False,
 ) -> dict:
-    """Write a data set in the layout of another program. The folder is complete or does not appear.
+    """Write a data set in the layout of another program, completely or not at all.
 
     Args:
         data: The data set, or a clip.
-        out: Folder to write; it must be empty or not exist.
+        out: Folder to write. It must not exist yet, or be empty.
         format: Name of an exporter, or `package.module:function`.
         splits: File that `synth.datasets.splits.write_splits` wrote; by default all clips are in the split `train`.
-        skeleton: Skeleton to write; by default the skeleton of the format.
-        every: Number of frames from one image to the next; 2 for every other frame.
+        skeleton: Skeleton to write; by default the default skeleton of the format.
+        every: Export one frame in this number; 2 for every second frame.
         pictures: File format of images.
-        workers: Processes; -1 for one per core.
-        damaged: Whether to export even if files are missing or have changed.
+        workers: Number of processes; -1 for one per core.
+        damaged: Whether to export even if files are missing or have changed since they were written.
 
     Returns:
-        The content of `export.json`, which describes the export.
+        The content of `export.json`, a summary of the export.
 
     Raises:
-        FileNotFoundError: there is no such data set, or no such file of splits.
-        ValueError: `out` is not empty, clips have no truth, no images or different skeletons, or the splits do not
-            match the data set.
+        FileNotFoundError: the data set or the file of splits does not exist.
+        ValueError: `out` is not empty, clips have no truth, no images or different skeletons, the splits do not match
+            the clips, or an option is invalid.
     """
     data, out = Path(data), Path(out)
     entry = exporter.find(format)
@@ -88,7 +88,7 @@ def export(
 
 
 def _skeleton(entry: Exporter, folders: list[Path], wanted: str | None) -> Skeleton:
-    """Check that the clips can be exported together, and return the skeleton to write."""
+    """Check that the clips can be exported together; return the skeleton to write."""
     found: dict[str, str] = {}
     for folder in folders:
         meta = read_json(folder / "clip.json")
@@ -131,7 +131,7 @@ def _summary(entry: Exporter, selection: Selection, found: dict[str, Counter], c
 
 
 def card(summary: dict) -> str:
-    """Return the page about an export, in Markdown."""
+    """Return the text of the README of an export, in Markdown."""
     splits = summary["splits"]
     columns = ("clips", "pictures", "persons", "hidden", "masks", "amodal_masks")
     total = {key: sum(each.get(key, 0) for each in splits.values()) for key in columns}

@@ -1,4 +1,4 @@
-"""Physical labels as entries of a person in an image: contacts, support forces, surface points."""
+"""Physical labels as entries of a person in a picture: contacts, ground reaction, and points on the surface."""
 
 from pathlib import Path
 
@@ -14,11 +14,11 @@ KEYS = (
     "contacts", "weight", "ground_reaction", "centre_of_pressure", "residual", "surface_keypoints",
     "surface_visibility", "surface_hidden_by",
 )  # fmt: skip
-"""Keys of an entry. Each kind of labels fills some of them."""
+"""Keys of an entry. Each kind of physical labels has some of them."""
 
 
 class PhysicalEntries:
-    """The entries of one clip. They are empty if the clip has no physical labels.
+    """The entries of one clip. Entries are empty if the clip has no physical labels.
 
     Args:
         folder: Folder of the clip.
@@ -32,7 +32,7 @@ class PhysicalEntries:
         self._persons = None if contacts is None else contacts.persons
 
     def of(self, picture: Picture, person: PersonLabel) -> dict:
-        """Return the entry of a person in an image, with the known keys of `KEYS`."""
+        """Return the entry of a person in a picture, with the known keys of `KEYS`."""
         found = {}
         if self._labels.contacts is not None:
             found["contacts"] = self._contacts(picture.frame, person.person)
@@ -48,7 +48,7 @@ class PhysicalEntries:
         return found
 
     def _contacts(self, frame: int, person: int) -> list[dict]:
-        """Return the contacts of a person in a frame. Forces act on the person."""
+        """Return the contacts of a person in a frame, with the forces that act on the person."""
         contacts, found = self._labels.contacts, []
         first, last = np.searchsorted(contacts.frame, (frame, frame + 1))
         for number in range(first, last):
@@ -83,5 +83,5 @@ class PhysicalEntries:
 
 
 def _known(values: np.ndarray, digits: int) -> list[float] | None:
-    """Return rounded numbers; None if they are NaN, because JSON has no NaN."""
+    """Return rounded numbers as a list; None if one is NaN, because JSON has no NaN."""
     return None if np.isnan(values).any() else [round(value, digits) for value in values.tolist()]

@@ -1,4 +1,4 @@
-"""The exported clips, and the partial results of the processes that export them."""
+"""The clips that are exported, and the tasks and files of the processes that export them."""
 
 import json
 from collections import Counter
@@ -17,28 +17,28 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 
 PARTS = ".parts"
-"""Folder for partial results of processes, inside the written folder. It is removed at the end."""
+"""Folder of temporary files of the processes, in the folder of the export. It is removed at the end."""
 
 
 class PictureFormat(Enum):
     """File format of images."""
 
     jpg = "jpg"
-    """JPEG with quality 95."""
+    """JPEG of quality 95."""
     png = "png"
 
 
 @dataclass(frozen=True)
 class ClipTask:
-    """A clip to export in a separate process.
+    """The task to export one clip, for one process.
 
     Attributes:
         folder: Folder of the clip.
         name: Name of the clip in the data set.
-        split: Name of its split.
-        skeleton: Skeleton of the J joints to write.
-        every: Number of frames from one image to the next; 2 for every other frame.
-        suffix: Suffix of images, `jpg` or `png`.
+        split: Split of the clip.
+        skeleton: Skeleton to write, with J joints.
+        every: Export one frame in this number; 2 for every second frame.
+        suffix: Suffix of image files, `jpg` or `png`.
         out: Folder of the export.
     """
 
@@ -51,12 +51,15 @@ class ClipTask:
     out: Path
 
     def load(self) -> Clip:
-        """Return the clip with its true cameras, because its images come from these."""
+        """Return the clip with its true cameras, which made its images, as `rig`."""
         clip = load_clip(self.folder)
         return clip if clip.true_rig is None else replace(clip, rig=clip.true_rig, true_rig=None)
 
     def pictures(self, clip: Clip, counts: Counter) -> Iterator[Picture]:
-        """Yield the images of the clip with the persons in them, and add their numbers to `counts`."""
+        """Yield the pictures of the clip with the persons that they show.
+
+        `counts` is increased by the numbers of pictures, persons shown, persons hidden, masks and amodal masks.
+        """
         labels = joint_labels(clip, clip.truth, self.skeleton)
         for picture in read_pictures(clip, labels, every=self.every):
             shown = [person for person in picture.persons if person.shown]
@@ -68,11 +71,11 @@ class ClipTask:
             yield replace(picture, persons=shown)
 
     def file_name(self, picture: Picture) -> str:
-        """Return the path of an image in its split, without suffix: `<clip>/<camera>/<frame>`."""
+        """Return the path of a picture in its split, without suffix: `<clip>/<camera>/<frame>`."""
         return f"{file_part(self.name)}/{picture.path}"
 
     def write(self, picture: Picture, folder: str) -> str:
-        """Write an image into `<folder>/<split>`, and return its path relative to that folder."""
+        """Write a picture into `<folder>/<split>`, and return its path relative to that folder."""
         name = f"{self.file_name(picture)}.{self.suffix}"
         path = self.out / folder / self.split / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -80,14 +83,14 @@ class ClipTask:
         return name
 
     def part(self, suffix: str) -> Path:
-        """Return the path of the file with the partial result of this clip."""
+        """Return the path of a temporary file with results of the process for this clip."""
         path = self.out / PARTS / f"{file_part(self.split)}.{file_part(self.name)}.{suffix}"
         path.parent.mkdir(exist_ok=True)
         return path
 
 
 class Written(NamedTuple):
-    """The result of the export of a clip."""
+    """The result of exporting a clip: its task, and counts of what was written."""
 
     task: ClipTask
     counts: Counter
@@ -99,11 +102,11 @@ class Selection:
 
     Attributes:
         data: The data set.
-        splits: Names of the clips of each split, by its name.
-        skeleton: Skeleton of the J joints to write.
-        every: Number of frames from one image to the next; 2 for every other frame.
+        splits: Names of clips, by name of the split.
+        skeleton: Skeleton to write, with J joints.
+        every: Export one frame in this number; 2 for every second frame.
         pictures: File format of images.
-        workers: Processes; -1 for one per core.
+        workers: Number of processes; -1 for one per core.
     """
 
     data: Path
@@ -125,11 +128,11 @@ class Selection:
 
 
 def write_lines(path: Path, lines: list[dict]) -> None:
-    """Write JSON Lines: one object per line."""
+    """Write a file of JSON objects, one per line."""
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 
 def world_joints(person: PersonLabel) -> list[list[float] | None]:
-    """Return the joints, m, world, rounded to 0.1 mm; None for absent joints, because JSON has no NaN."""
+    """Return the joints in the world, m, to 0.1 mm; None where absent, because JSON has no NaN."""
     known = [[round(value, 4) for value in joint] for joint in person.xyz.tolist()]
     return [None if joint[0] != joint[0] else joint for joint in known]
