@@ -24,7 +24,7 @@ class Calibration:
 
     Attributes:
         rig: V cameras, m.
-        offset: (V,) s by which the pictures of a camera are later than its frame numbers say: a body at time t is where
+        offset: (V,) s by which the images of a camera are later than its frame numbers say: a body at time t is where
             the camera shows it at frame (t + offset) fps.
         drift: (V,) growth of the offset, s/s from the start of the clip.
     """

@@ -84,7 +84,7 @@ class CameraChange:
         turned_deg: Angle between its directions.
         focal: Focal length after, relative to before.
         k1: k1 after.
-        offset_frames: Frames by which its pictures are later than its frame numbers say, at the start.
+        offset_frames: Frames by which its images are later than its frame numbers say, at the start.
         drift_frames_a_minute: Growth of that.
         error_cm: Standard error of its centre, root mean square of its axes.
         error_deg: The same of its direction.

@@ -1,4 +1,4 @@
-"""BlazePose: people are searched in windows, then followed from picture to picture in regions of their own."""
+"""BlazePose: people are searched in windows, then followed from image to image in regions of their own."""
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class BlazePose:
             return np.empty((0, len(self.skeleton), 2)), np.empty((0, len(self.skeleton)))
         xy = corrected_torso(np.stack([person.xy for person in people]))
         score = np.stack([confidence(person) for person in people])
-        # A joint outside of the picture was not seen: its place is a guess.
+        # A joint outside of the image was not seen: its place is a guess.
         height, width = picture.shape[:2]
         inside = ((xy >= -0.5) & (xy <= (width - 0.5, height - 0.5))).all(-1)
         return np.where(inside[..., None], xy, np.nan), np.where(inside, score, np.nan)
