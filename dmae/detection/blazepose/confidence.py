@@ -86,8 +86,7 @@ def _weights() -> np.ndarray:
 
 
 def _samples(clip: Clip, every: int) -> Iterable[tuple[np.ndarray, np.ndarray]]:
-    """Yield for each person of a clip features (33, 3), and (33,) whether joints are near their true places, NaN if unknown.
-    """
+    """Yield for each person features (33, 3), and (33,) whether joints are near their true places, NaN if unknown."""
     network, rig, skeleton = Network("pose_landmark_full"), clip.true_rig or clip.rig, clip.truth.skeleton
     known = [i for i, joint in enumerate(BLAZEPOSE33.joints) if f"body25.{joint}" in skeleton.joints]
     xy, depth = rig.project(clip.truth.xyz[:, :, skeleton.index(*(f"body25.{BLAZEPOSE33.joints[i]}" for i in known))])

@@ -191,7 +191,7 @@ class PeopleDetector:
         return None
 
     def _confirmed(self, pyramid: list[np.ndarray], found: Person | None) -> Person | None:
-        """Return a person that the first network missed, if it is certain and is also found without painting over others."""
+        """Return a person that the first network missed, if it is certain and is also found in the unpainted image."""
         if found is None:
             return None
         again = find_person(self._joints, pyramid, found.region)
