@@ -24,7 +24,10 @@ def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedo
     if len(free):
         scores, index = adjusted.scores[:, free], np.ix_(free, free)
         scatter = scores.T @ scores
-        G = _bodies_per_error(observations, scores @ np.linalg.pinv(_root(scatter))) * scatter + adjusted.offset_spread[index]
+        G = (
+            _bodies_per_error(observations, scores @ np.linalg.pinv(_root(scatter))) * scatter
+            + adjusted.offset_spread[index]
+        )
         H = np.linalg.pinv(adjusted.information[index] * adjusted.curvature)
         covariance[index] = H @ G @ H
     blocks = covariance.reshape(views, Q, views, Q)

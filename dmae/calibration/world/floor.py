@@ -33,7 +33,7 @@ _TILT_SIGMA = np.radians(0.15)
 _ROBUST, _ROBUST_RAISED = 2.0, 1.0
 """Sigmas at which the weight of a residual is a half (Cauchy), and the same for a foot above the floor."""
 _FEWEST_STANCES, _FEWEST_PLACES_M = 6, 1.0
-"""Number of stances, and distance between two of them, that determine the floor. Standing bodies also count for a tilt."""
+"""Number of stances, and distance between two, that determine the floor. Standing bodies also count for a tilt."""
 _AGREES = 0.5
 """Smallest weight of a body that agrees with the tilt."""
 _WIDEST_TILT, _WIDEST_HEIGHT = np.radians(1.2), 0.05
