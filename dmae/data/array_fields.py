@@ -1,4 +1,4 @@
-"""Array fields of frozen dataclasses: converted to their type and checked for their shape."""
+"""Convert array fields of frozen dataclasses to their type, and check their shape."""
 
 from typing import Any
 
@@ -7,9 +7,9 @@ import numpy as np
 from dmae.files.mapped import LARGE
 
 _LONGEST_EMPTY = 1_000_000
-"""Length of an axis where another has length zero: a file without contents can state any."""
+"""Largest length of an axis in an array of size zero. A file can state any length if another axis has length 0."""
 ANY = -1
-"""In an expected shape: an axis of any length."""
+"""Marks an axis of any length in an expected shape."""
 
 
 def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], default: float | None = None) -> None:
@@ -17,16 +17,16 @@ def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], defaul
 
     Args:
         owner: The dataclass instance.
-        name: The field.
+        name: Name of the field.
         dtype: Type of the array.
         shape: Expected shape; `ANY` matches any length.
-        default: What fills the array where the field is None.
+        default: Value that fills the array if the field is None.
 
     Raises:
         ValueError: the array has another shape.
     """
     value = getattr(owner, name)
-    # What is too large for the type becomes infinite, which is for the owner to judge.
+    # Numbers too large for the type become infinite. `check_numbers` of the owner refuses them.
     with np.errstate(over="ignore"):
         array = _full(shape, default, dtype) if value is None else np.asarray(value, dtype)
     if array.ndim != len(shape) or any(want not in (ANY, n) for want, n in zip(shape, array.shape, strict=True)):
@@ -38,6 +38,6 @@ def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], defaul
 
 
 def _full(shape: tuple[int, ...], value: float, dtype: type) -> np.ndarray:
-    """Return an array of one value; a large one is to be read only, and takes no memory."""
+    """Return an array filled with one value. A large array is read-only and takes no memory."""
     filled = np.broadcast_to(np.array(value, dtype), shape)
     return filled if filled.nbytes >= LARGE else filled.copy()

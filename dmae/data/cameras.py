@@ -22,11 +22,11 @@ class CameraRig:
     Attributes:
         names: V camera names, unique.
         K: (V, 3, 3) intrinsics, px.
-        dist: (V, 5..8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole; of a fisheye its
-            k1 k2 k3 k4, then zeros.
+        dist: (V, 5..8) OpenCV distortion k1 k2 p1 p2 k3 [k4 k5 k6]; zeros for a pinhole camera. For a fisheye, its
+            coefficients k1 k2 k3 k4, then zeros.
         cam_from_world: (V, 4, 4) rigid transforms, m.
         size: (V, 2) image width and height, px.
-        fisheye: (V,) True for lenses of OpenCV's fisheye model (Kannala & Brandt, PAMI 2006); by default none.
+        fisheye: (V,) True for lenses of OpenCV's fisheye model (Kannala & Brandt, PAMI 2006); by default all False.
     """
 
     names: tuple[str, ...]
@@ -107,7 +107,7 @@ class CameraRig:
 
     @cached_property
     def undistorted(self) -> "CameraRig":
-        """The pinhole cameras of the same K, for the pixels that `undistort` returns."""
+        """The pinhole cameras with the same K, for the pixels that `undistort` returns."""
         return replace(self, dist=np.zeros((len(self), 5)), fisheye=None) if self.distorted.any() else self
 
     @cached_property
@@ -127,14 +127,14 @@ class CameraRig:
         return _read_only(np.linalg.inv(self.K @ self.cam_from_world[:, :3, :3]))
 
     def project(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project points of the world into each camera.
+        """Return the projections of points into each camera.
 
         Args:
             xyz: (F, ..., 3) points, m, world.
 
         Returns:
-            xy: (F, V, ..., 2) px; NaN for points that are NaN, not in front of the camera, or so far from its axis that
-                its distortion is not defined.
+            xy: (F, V, ..., 2) px; NaN for points that are NaN, not in front of the camera, or farther from its axis
+                than `reach`.
             depth: (F, V, ...) distance along the optical axis, m.
         """
         xyz = np.asarray(xyz, np.float64)
@@ -149,9 +149,9 @@ class CameraRig:
         return xy.reshape(*shape, 2), depth.reshape(shape)
 
     def _pixels(self, normalised: np.ndarray) -> np.ndarray:
-        """Distort normalised image points (F, V, N, 2) and apply K."""
+        """Return the pixels (F, V, N, 2) of normalised image points: distort them and apply K."""
         if self.distorted.any() and normalised.size:
-            # OpenCV would drop the skew of K, so it only distorts.
+            # OpenCV ignores the skew of K, so it is only used for the distortion.
             xy = np.empty_like(normalised)
             for view in range(len(self)):
                 xy[:, view] = self._distort(view, normalised[:, view].reshape(-1, 1, 2)).reshape(xy[:, view].shape)
@@ -160,7 +160,7 @@ class CameraRig:
         return normalised @ self.K[:, :2, :2].swapaxes(-1, -2) + self.K[:, None, :2, 2]
 
     def _distort(self, view: int, points: np.ndarray) -> np.ndarray:
-        """Distort normalised points (n, 1, 2) by the lens of a view."""
+        """Return normalised points (n, 1, 2), distorted by the lens of a view."""
         if self.fisheye[view]:
             return cv2.fisheye.distortPoints(points, np.eye(3), self.dist[view, :4])
         rays = np.concatenate([points, np.ones_like(points[..., :1])], -1)
@@ -168,9 +168,9 @@ class CameraRig:
 
     @cached_property
     def reach(self) -> np.ndarray:
-        """(V,) tangent of the angle off axis up to which distortion is monotonic; inf if everywhere.
+        """(V,) tangent of the largest angle off axis up to which distortion is monotonic; inf if it always is.
 
-        Beyond it the polynomial turns back and would project points far outside the image into it.
+        Beyond this angle the distortion polynomial decreases, and would project points far outside the image into it.
         """
         return np.array(
             [
@@ -185,10 +185,13 @@ class CameraRig:
         return dist if len(dist) == 5 else np.pad(dist, (0, 8 - len(dist)))
 
     def undistort(self, xy: np.ndarray) -> np.ndarray:
-        """Return the pixels (F, V, ..., 2) of ideal pinhole cameras of the same K; NaN stays NaN.
+        """Return pixels (F, V, ..., 2) in ideal pinhole cameras with the same K; NaN stays NaN.
+
+        Args:
+            xy: (F, V, ..., 2) px in the distorted images.
 
         Raises:
-            ValueError: another shape.
+            ValueError: the pixels have another shape.
         """
         xy = np.asarray(xy, np.float64)
         if xy.ndim < 3 or xy.shape[1] != len(self) or xy.shape[-1] != 2:
@@ -225,7 +228,7 @@ class CameraRig:
         return direction.reshape(*ideal.shape[:-1], 3)
 
     def inside(self, xy: np.ndarray) -> np.ndarray:
-        """Return (F, V, ...) True for pixels (F, V, ..., 2) in the image; False for NaN."""
+        """Return (F, V, ...) True where pixels (F, V, ..., 2) are in the image; False for NaN."""
         xy = np.asarray(xy)
         size = self.size.reshape(1, len(self), *(1,) * (xy.ndim - 3), 2)
         with np.errstate(invalid="ignore"):
@@ -233,13 +236,15 @@ class CameraRig:
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:
-    """Return the array, locked: it is computed once for all users of a rig."""
+    """Return the array after making it read-only, because all users of a rig share it."""
     values.flags.writeable = False
     return values
 
 
 def _radial_reach(dist: np.ndarray) -> float:
-    """Return the tangent of the angle off axis up to which OpenCV's rational polynomial grows; inf if everywhere."""
+    """Return the tangent of the angle off axis up to which OpenCV's rational polynomial increases; inf if it always
+    does.
+    """
     square = np.linspace(0, 10, 10001) ** 2
     k1, k2, _, _, k3, k4, k5, k6 = np.pad(dist, (0, 8 - len(dist)))
     above, below = (1 + square * (a + square * (b + square * c)) for a, b, c in ((k1, k2, k3), (k4, k5, k6)))
@@ -248,22 +253,22 @@ def _radial_reach(dist: np.ndarray) -> float:
 
 
 def _distorted_angle(k: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Return the distorted angles, rad, of a fisheye of coefficients k1..k4."""
+    """Return the distorted angles, rad, of angles off axis, rad, for a fisheye with coefficients k1..k4."""
     square = angle**2
     return angle * (1 + square * (k[0] + square * (k[1] + square * (k[2] + square * k[3]))))
 
 
 def _fisheye_reach(k: np.ndarray) -> float:
-    """Return the angle off axis, rad, up to which a fisheye is monotonic; at most just under a right angle."""
+    """Return the angle off axis, rad, up to which a fisheye is monotonic; at most pi / 2 - 0.001."""
     angle = np.linspace(0, np.pi / 2 - 1e-3, 10001)
     growing = np.diff(_distorted_angle(k, angle)) > 0
     return angle[-1] if growing.all() else angle[growing.argmin()]
 
 
 def _undistorted_ratio(k: np.ndarray, distorted: np.ndarray) -> np.ndarray:
-    """Return the ratio of ideal to distorted radius, of distorted radii; NaN beyond the lens's reach.
+    """Return the ratio of ideal to distorted radius for distorted radii; NaN beyond the reach of the lens.
 
-    Newton's method, started from a table of angles: four steps are enough.
+    Newton's method starts from a table of angles, so four steps are enough.
     """
     table = np.linspace(0, _fisheye_reach(k), 1001)
     angle = np.interp(distorted, _distorted_angle(k, table), table, right=np.nan)

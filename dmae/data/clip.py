@@ -65,7 +65,7 @@ class Detections2D:
 
 @dataclass(frozen=True)
 class Poses3D:
-    """Joints of P persons in the world, in F frames. A person keeps its index through the clip.
+    """Joints of P persons in the world, in F frames. A person has the same index in all frames of the clip.
 
     True, captured and completed poses are all of this type.
 
@@ -75,9 +75,10 @@ class Poses3D:
         source: (F, P, J) `Source`; by default measured where `xyz` is known.
         cov: (F, P, J, 3, 3) covariance, m^2; NaN where unknown.
         views: (F, P, J) number of views used; 0 where none or unknown.
-        rays: (F, P, J, 2, 3) the ray on which one camera saw the joint: the camera's centre, m, world, and a unit
-            direction. If there are several cameras, it is the one with the greatest confidence. NaN where no camera saw
-            the joint, or where this is unknown. A joint that only one camera saw is absent, but lies on that ray.
+        rays: (F, P, J, 2, 3) the ray on which one camera saw the joint: the centre of the camera, m, world, and a unit
+            direction. If several cameras saw the joint, it is the camera with the largest confidence. NaN where no
+            camera saw the joint, or where this is unknown. A joint that only one camera saw is absent, but is on that
+            ray.
     """
 
     skeleton: Skeleton
@@ -101,7 +102,7 @@ class Poses3D:
             raise ValueError("Poses3D: source must be ABSENT exactly where xyz is NaN")
 
     def check_numbers(self, name: str = "poses") -> None:
-        """Refuse invalid coordinates and covariances, such as infinite ones; ValueError names them."""
+        """Raise ValueError if coordinates or covariances are invalid, infinite for example; the message names them."""
         check_numbers(f"{name}.xyz, m", self.xyz, MOST_METRES)
         check_numbers(f"{name}.rays, m", self.rays, MOST_METRES)
         check_numbers(f"{name}.cov, m^2", self.cov, MOST_VARIANCE)
@@ -114,7 +115,7 @@ class Poses3D:
         return (self.source == Source.MEASURED) | (self.source == Source.DENOISED)
 
     def without(self, dropped: np.ndarray) -> "Poses3D":
-        """Return the poses with the joints where `dropped` (F, P, J) is True made absent."""
+        """Return the poses with all joints made absent for which `dropped` (F, P, J) is True."""
         if not dropped.any():
             return self
         dropped = np.broadcast_to(dropped, self.source.shape)
@@ -146,7 +147,7 @@ class Clip:
     """A section of a multi-view recording with F frames and V views.
 
     Attributes:
-        id: Name within its data set.
+        id: Name of the clip in its data set.
         fps: Frames per second.
         rig: The V cameras.
         detections: Output of a 2D detector, (F, V, D, J, ...).
@@ -190,10 +191,10 @@ class Clip:
         self._check_labels()
 
     def check_numbers(self) -> None:
-        """Refuse invalid coordinates and labels, such as infinite ones, in a clip that was read from files.
+        """Check the coordinates and labels of a clip that was read from files.
 
         Raises:
-            ValueError: the message names the field.
+            ValueError: a number is invalid, infinite for example; the message names the field.
         """
         check_numbers("detections.xy, px", self.detections.xy, MOST_PIXELS)
         check_numbers("detections.score", self.detections.score, MOST_SCORE)
@@ -228,9 +229,9 @@ class Clip:
         return len(self.detections.xy)
 
     def select(self, frames=slice(None), views=slice(None)) -> "Clip":
-        """Return the clip of some frames and views (a slice or a list of indices each); all fields are cut together.
+        """Return the clip with only some frames and views (a slice or a list of indices each), in all fields.
 
-        `poses` are dropped when views are left out: they were made with those views.
+        `poses` become None if views are left out, because the poses were computed from all views.
         """
         rig = self.rig[views]
         return replace(

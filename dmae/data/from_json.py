@@ -1,7 +1,7 @@
 """Decode frozen dataclasses from the JSON of their fields.
 
-Written by hand: cattrs turns "3" and 2.7 into the integers 3 and 2, and dacite's messages lose the path of a nested
-field.
+No library is used: cattrs converts "3" and 2.7 to the integers 3 and 2, and messages of dacite lack the path of a
+nested field.
 """
 
 import types
@@ -10,19 +10,19 @@ from enum import Enum
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 _LARGEST = 1e9
-"""Greatest number with a fraction."""
+"""Largest absolute value of a float."""
 
 
 def decode(kind: Any, value: Any, name: str = "") -> Any:
-    """Return the value of type `kind` that was written as the JSON `value`.
+    """Return a value of type `kind`, decoded from JSON.
 
     Args:
         kind: A dataclass of dataclasses, tuples, lists, dicts, enums, optionals and JSON's own types.
-        value: As `json.loads` returns it.
+        value: The value, as `json.loads` returns it.
         name: Path of the value, for messages.
 
     Raises:
-        ValueError: the value is not of that type; the message names the field.
+        ValueError: the value does not have this type; the message names the field.
     """
     where = name or getattr(kind, "__name__", str(kind))
     origin, inner = get_origin(kind), get_args(kind)
@@ -33,7 +33,7 @@ def decode(kind: Any, value: Any, name: str = "") -> Any:
         return decode(kind, value, name)
     if is_dataclass(kind):
         names = {f.name for f in fields(kind)}
-        # Fields with a default may be missing: they were added later.
+        # Fields with a default may be missing, because files of earlier versions lack them.
         needed = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
         if not isinstance(value, dict) or not needed <= set(value) <= names:
             found = sorted(value) if isinstance(value, dict) else type(value).__name__

@@ -1,5 +1,5 @@
-"""The images of a clip: colour as H.264, PNG or JPEG, and PNGs of depth, ids, parts of bodies, normals, flow and whole
-persons.
+"""The images of a clip: colour as H.264, PNG or JPEG; depth, ids, parts of bodies, normals, flow and whole persons as
+PNG.
 """
 
 import re
@@ -18,13 +18,13 @@ from dmae.files.videos import kept_open, open_video
 
 KINDS = ("rgb", "depth", "ids", "parts", "normals", "flow", "amodal")
 RGB_FILES = {"h264": "mp4", "png": "png", "jpeg": "jpg"}
-"""Formats of colour images, and the endings of their files."""
+"""Formats of colour images, and the suffixes of their files."""
 FIRST_OBJECT_ID = 256
 """Ids in an image: 0 nothing, 1 + p person p, 256 + k object k of `OcclusionLabels.objects`."""
 _NORMAL_STEPS, _FLOW_STEPS, _FLOW_ZERO = 127, 64, 32768
 _JPEG_QUALITY = 95
 _CHANNELS = {"rgb": (3,), "normals": (3,), "flow": (3,), "amodal": (1, 3)}
-"""Of the files of an image; of other kinds 1."""
+"""Possible numbers of channels in the file of an image, by kind. Other kinds have one channel."""
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,15 @@ class Images:
     """Images on disk, read on demand.
 
     Attributes:
-        folder: Holds `rgb/<view>.mp4`, or `rgb/<view>/<frame>.png` or `.jpg`, and `<kind>/<view>/<frame>.png` of
-            the other kinds.
+        folder: Contains `rgb/<view>.mp4`, or `rgb/<view>/<frame>.png` or `.jpg`, and for the other kinds
+            `<kind>/<view>/<frame>.png`.
         views: Camera names.
         frames: Numbers of the frames in the files.
-        kinds: Those of `KINDS` that exist.
+        kinds: The kinds in `KINDS` that exist.
         parts: Names of the parts of bodies. In images of parts, 0 is no person and 1 + i is part i.
-        rgb: Format of colour images, of `RGB_FILES`.
-        files: Names of the videos in `folder`, one per view, if they are not called `rgb/<view>.mp4`; or, where `rgb`
-            is `png`, of folders of pictures of any name, of which frame n is the n-th in the order of their numbers.
+        rgb: Format of colour images, a key of `RGB_FILES`.
+        files: Names of the videos in `folder`, one per view, if they are not `rgb/<view>.mp4`. If `rgb` is `png`, names
+            of folders of image files instead. Frame n is then the n-th file, sorted by the numbers in their names.
     """
 
     folder: Path
@@ -58,21 +58,21 @@ class Images:
             raise ValueError(f"images: expected colour as one of {', '.join(RGB_FILES)}, got {self.rgb!r}")
 
     def select(self, frames, views: tuple[str, ...]) -> "Images":
-        """Return the images of some frames (a slice or a list of indices) and of the named views."""
+        """Return the images of some frames (a slice or a list of indices) and of the given views (names)."""
         files = tuple(self.files[self.views.index(view)] for view in views) if self.files else ()
         chosen = tuple(int(i) for i in np.asarray(self.frames)[frames])
         return replace(self, views=views, frames=chosen, files=files)
 
     def read(self, kind: str, view: str) -> Iterator[np.ndarray]:
-        """Yield the frames of one view in order.
+        """Yield the images of one kind and one view, in the order of frames.
 
         Yields:
-            As `at` returns them.
+            Images as `at` returns them.
 
         Raises:
-            KeyError: no such kind or view.
+            KeyError: there is no such kind or view.
             FileNotFoundError: a frame is missing on disk.
-            ValueError: a file is damaged, or has more pixels than a picture can.
+            ValueError: a file is damaged, or has more pixels than `dmae.files.pictures` allows.
         """
         self._check(kind, view)
         if kind == "rgb":
@@ -85,21 +85,24 @@ class Images:
     def at(self, kind: str, view: str, frame: int) -> np.ndarray:
         """Return one image.
 
-        Videos are kept open, a few in each process, and decoded from the keyframe before the frame, or on from the
-        frame that was read last.
+        Each process keeps a few videos open. A video is decoded from the keyframe before the frame, or from the frame
+        that was read last.
 
         Args:
+            kind: Kind of the image.
+            view: Name of the camera.
             frame: Index into `frames`.
 
         Returns:
-            rgb (H, W, 3) uint8; depth (H, W) float32 m along the optical axis; ids (H, W) uint16; parts (H, W) uint8;
-            normals (H, W, 3) float32 unit vectors, world; flow (H, W, 2) float32 px, motion of the surface at a pixel
-            until the next frame, hidden then or not; amodal (H, W) uint32, bit p is 1 where person p would be seen if
-            nothing else were there. NaN where no surface is, and where its next place is not known.
+            rgb (H, W, 3) uint8; depth (H, W) float32, m along the optical axis; ids (H, W) uint16; parts (H, W) uint8;
+            normals (H, W, 3) float32, unit vectors, world; flow (H, W, 2) float32, px, motion of the surface at a pixel
+            until the next frame, even if the surface is then hidden; amodal (H, W) uint32, bit p is 1 at pixels that
+            would show person p if nothing else were there. Depth, normals and flow are NaN where there is no surface or
+            the flow is unknown.
 
         Raises:
-            KeyError: no such kind or view.
-            IndexError: no such frame.
+            KeyError: there is no such kind or view.
+            IndexError: there is no such frame.
             FileNotFoundError: the frame is missing on disk.
         """
         self._check(kind, view)
@@ -108,7 +111,7 @@ class Images:
         return kept_open(path).read(number) if kind == "rgb" and self.rgb == "h264" else _read_image(kind, path)
 
     def path(self, kind: str, view: str, frame: int = 0) -> Path:
-        """Return the file of an image; `frame` as in `frames`."""
+        """Return the path of an image; `frame` is the number of the frame in the files, as in `frames`."""
         if kind == "rgb" and self.files:
             found = child(self.folder, self.files[self.views.index(view)], "video")
             return found if self.rgb == "h264" else _numbered(found, frame)
@@ -122,7 +125,10 @@ class Images:
             raise KeyError(f"no {kind} images of view {view!r}; there are {self.kinds} of {self.views}")
 
     def video(self, view: str) -> Iterator[Callable[[], np.ndarray]]:
-        """Yield functions that return the images of `read("rgb", view)`: frames that are skipped are not converted."""
+        """Yield a function for each image of `read("rgb", view)`. The function converts the image and returns it.
+
+        A caller that skips a frame saves the time of the conversion.
+        """
         if self.rgb != "h264":
             for frame in self.frames:
                 yield partial(_read_image, "rgb", self.path("rgb", view, frame))
@@ -147,7 +153,7 @@ class Images:
 
 @lru_cache(64)
 def picture_files(folder: Path) -> tuple[Path, ...]:
-    """Return the PNG and JPEG files of a folder, in the order of the numbers in their names."""
+    """Return the PNG and JPEG files of a folder, sorted by the numbers in their names."""
     files = (file for file in folder.glob("*") if file.suffix.lower() in (".png", ".jpg", ".jpeg"))
     numbered = ((tuple(int(part) for part in re.findall(r"\d+", file.stem)), file.name, file) for file in files)
     return tuple(file for *_, file in sorted(numbered))
@@ -163,7 +169,7 @@ def _numbered(folder: Path, frame: int) -> Path:
 def _read_image(kind: str, path: Path) -> np.ndarray:
     """Read and decode an image file."""
     image = read_picture(path, _CHANNELS.get(kind, (1,)))
-    # OpenCV's channels come in the order blue, green, red.
+    # The order of OpenCV's channels is blue, green, red.
     if kind == "rgb":
         return np.ascontiguousarray(image[..., ::-1])
     if kind == "depth":
@@ -186,10 +192,15 @@ def _read_image(kind: str, path: Path) -> np.ndarray:
 
 
 def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
-    """Write H.264 that a browser plays, from (H, W, 3) uint8 RGB frames of even width and height.
+    """Write an H.264 video that browsers can play.
+
+    Args:
+        path: The file to write.
+        frames: Images (H, W, 3) uint8, RGB, of even width and height.
+        fps: Frames per second.
 
     Raises:
-        ValueError: no frames, or an odd width or height.
+        ValueError: there are no frames, or the width or height is odd.
     """
     import av
 
@@ -205,10 +216,10 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
                         f"{path}: H.264 needs even width and height, found {stream.width} x {stream.height}"
                     )
                 stream.pix_fmt, stream.options = "yuv420p", {"crf": "20", "preset": "veryfast"}
-                # A whole frame a second, for random access.
+                # One keyframe per second, for random access.
                 stream.options |= {"g": str(max(1, round(fps)))}
-                # The bytes must depend neither on the number of cores, nor on their kind. Without the option x264 makes
-                # another video of the same pictures from run to run, where the width is no multiple of 16.
+                # The bytes must not depend on the number or the type of CPU cores. Without this option, x264 encodes
+                # the same images differently from run to run if the width is not a multiple of 16.
                 stream.codec_context.thread_count = 1
                 stream.options |= {"x264-params": "cpu-independent=1"}
             for packet in stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")):
@@ -220,7 +231,7 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 
 
 def write_depth(path: Path, depth: np.ndarray) -> None:
-    """Write depth (H, W), m, as a 16-bit PNG of millimetres; 0 where it is NaN or beyond 65 m."""
+    """Write depth (H, W), m, as a 16-bit PNG in mm; 0 where it is NaN or at least 65.5 m."""
     known = np.isfinite(depth) & (depth < 65.5)
     _write(path, np.where(known, np.round(np.where(known, depth, 0) * 1000), 0).astype(np.uint16))
 
@@ -241,16 +252,16 @@ def write_rgb(path: Path, rgb: np.ndarray) -> None:
 
 
 def write_normals(path: Path, normals: np.ndarray) -> None:
-    """Write unit vectors (H, W, 3) as an 8-bit PNG: 1 + 127 (n + 1), within half a degree; 0 where they are NaN."""
+    """Write unit vectors n (H, W, 3) as an 8-bit PNG of 1 + 127 (n + 1), to half a degree; 0 where they are NaN."""
     known = np.isfinite(normals).all(-1, keepdims=True)
     steps = 1 + np.round((np.where(known, normals, 0) + 1) * _NORMAL_STEPS)
     _write(path, (steps * known)[..., ::-1].astype(np.uint8))
 
 
 def write_flow(path: Path, flow: np.ndarray) -> None:
-    """Write flow (H, W, 2), px, as KITTI does: a 16-bit PNG of 64 u + 32768, 64 v + 32768, and whether it is known.
+    """Write flow (u, v), (H, W, 2) px, in KITTI's format: a 16-bit PNG of 64 u + 32768, 64 v + 32768, and 1 if known.
 
-    Flow beyond 511 px, and where it is NaN, is not known.
+    Flow that is NaN, or larger than 511 px, is written as unknown.
     """
     known = (np.abs(flow) < _FLOW_ZERO / _FLOW_STEPS - 1).all(-1)
     steps = np.round(np.where(known[..., None], flow, 0) * _FLOW_STEPS + _FLOW_ZERO) * known[..., None]
@@ -258,7 +269,9 @@ def write_flow(path: Path, flow: np.ndarray) -> None:
 
 
 def write_amodal(path: Path, amodal: np.ndarray) -> None:
-    """Write bits (H, W) uint32 of up to 32 persons as a 16-bit PNG; of more than 16, the higher bits in green."""
+    """Write bits (H, W) uint32 of up to 32 persons as a 16-bit PNG. The channel green contains bits 16 to 31, if any
+    is set.
+    """
     low, high = amodal & 0xFFFF, amodal >> 16
     _write(path, (np.dstack([0 * low, high, low]) if high.any() else low).astype(np.uint16))
 
@@ -267,7 +280,7 @@ def _write(path: Path, image: np.ndarray, *, flat: bool = False) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     how = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY) if path.suffix == ".jpg" else (cv2.IMWRITE_PNG_COMPRESSION, 1)
     if flat:
-        # A third of the time of the default for the same size.
+        # This takes a third of the time of OpenCV's default, for the same file size.
         how += (cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP)
     if not cv2.imwrite(str(path), image, how):
         raise OSError(f"{path}: could not write the image")

@@ -1,11 +1,11 @@
-"""JSON that people can read: indented, with a list of numbers on one line."""
+"""Readable JSON: indented, with each list of numbers on one line."""
 
 import json
 import re
 
 
 def json_text(value) -> str:
-    """Return indented JSON of a value. Lists that hold only numbers and nulls take one line each."""
+    """Return indented JSON of a value. A list that contains only numbers and nulls takes one line."""
     text = json.dumps(value, indent=1, allow_nan=False)
     return re.sub(
         r"\[\n\s*((?:-?[\d.eE+-]+|null)(?:,\s+(?:-?[\d.eE+-]+|null))*)\s*\n\s*\]",

@@ -46,7 +46,7 @@ class JointError(IntEnum):
     MERGED = 6
     """A joint of another person, in a detection made of two people."""
     GHOST = 7
-    """A joint of a person who does not exist."""
+    """A joint of a person that does not exist."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class OcclusionLabels:
         return np.where(in_image, self.visible_pixels / np.where(in_image, self.amodal_pixels, 1), np.nan)
 
     def check_numbers(self, size: np.ndarray) -> None:
-        """Refuse impossible labels, for images of the sizes (V, 2) px; ValueError names the field."""
+        """Raise ValueError, which names the field, if a label is impossible in images of the sizes (V, 2) px."""
         check_numbers("occlusion.visibility", self.visibility, max(Visibility), 0)
         last = self.visibility.shape[2] + len(self.objects) - 1
         _check_known(self, {"occluder": (last, -1), "depth_margin": (MOST_METRES, -MOST_METRES)})
@@ -116,7 +116,7 @@ class DetectionLabels:
 
     Attributes:
         person: (F, V, D) int16 index of the true person of each detection; -1 for a ghost or none.
-        joint_person: (F, V, D, J) int16 index of the person that each detected joint lies on. It differs from
+        joint_person: (F, V, D, J) int16 index of the person on which each detected joint is. It differs from
             `person` where joints are swapped or people merged; -1 for a ghost or none.
         error: (F, V, D, J) uint8 `JointError`.
         offset_px: (F, V, D, J) float32 distance to the true joint of `person` at the time of the frame, px; NaN for a
@@ -135,7 +135,7 @@ class DetectionLabels:
         _set_known(self, {"offset_px": (np.float32, joints)})
 
     def check_numbers(self, persons: int | None) -> None:
-        """Refuse impossible labels, for a number of true persons if known; ValueError names the field."""
+        """Raise ValueError, which names the field, if a label is impossible for this number of true persons."""
         last = np.iinfo(np.int16).max if persons is None else persons - 1
         known = {"person": (last, -1), "joint_person": (last, -1), "error": (max(JointError), 0)}
         _check_known(self, known | {"offset_px": (MOST_PIXELS, 0)})

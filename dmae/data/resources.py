@@ -1,4 +1,4 @@
-"""Find the project's data files: next to the packages in a checkout, inside them in a wheel."""
+"""Find the data files of the project: next to the packages in a checkout, inside the packages in a wheel."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ def resource_folder(package: str, name: str) -> Path:
     """Return the folder `configs` of `dmae` or `scenes` of `synth`.
 
     Raises:
-        FileNotFoundError: the folder is in neither place; the installation is broken.
+        FileNotFoundError: the folder is in neither place, so the installation is damaged.
     """
     root = Path(__file__).parents[2]
     places = [root / package / f"_{name}", root / name]

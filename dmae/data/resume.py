@@ -1,4 +1,4 @@
-"""Folders of runs that can be resumed: their settings are written at the start, and compared on every later run."""
+"""Check folders of runs that can be resumed: settings are written at the first start, and compared at later starts."""
 
 import json
 from collections.abc import Collection, Iterator
@@ -8,7 +8,7 @@ from dmae.data.store import write_atomic
 from dmae.files.structured import read_json
 
 _LISTED = 8
-"""Most names of settings in a message."""
+"""Largest number of settings that a message names."""
 
 
 def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collection[str] = ()) -> None:
@@ -16,12 +16,12 @@ def claim_folder(path: Path, settings: dict, contents: str, may_differ: Collecti
 
     Args:
         path: JSON file of the settings, in the folder of the run.
-        settings: Everything that the results depend on, JSON-able.
-        contents: What the folder holds, for the message: "a data set".
+        settings: All settings that the results depend on, as values for JSON.
+        contents: Name of the contents of the folder, for the message: "a data set".
         may_differ: Settings that are not compared.
 
     Raises:
-        ValueError: an earlier run had other settings; the message names those that differ.
+        ValueError: an earlier run had other settings; the message names the settings that differ.
     """
     path = Path(path)
     if path.exists() and not path.is_file():

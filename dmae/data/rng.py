@@ -1,4 +1,4 @@
-"""Random generators: one for each clip and purpose, independent of the order of drawing."""
+"""Random generators: one for each clip and purpose, independent of the order in which clips are made."""
 
 from enum import IntEnum
 
@@ -22,7 +22,7 @@ class Stream(IntEnum):
 
 
 def generator(seed: int, clip: int, stream: Stream) -> np.random.Generator:
-    """Return the generator of one stream of one clip. It depends on nothing else.
+    """Return the generator of one stream of one clip. It depends only on the arguments.
 
     Args:
         seed: Seed of the data set; 0 is a valid seed.

@@ -1,4 +1,4 @@
-"""The skeletons of the package, and any skeleton by name or file."""
+"""The skeletons of this package, and functions that return a skeleton by name or from a file."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ _FILES = (".yaml", ".yml")
 
 
 def _skeleton(name: str, *joints: str) -> Skeleton:
-    """Make a skeleton of joints written `joint<parent`, roots without `<`."""
+    """Return a skeleton from joints written as `joint<parent`; roots have no `<`."""
     names = [joint.partition("<")[0] for joint in joints]
     parents = [joint.partition("<")[2] for joint in joints]
     return Skeleton(name, tuple(names), tuple(names.index(parent) if parent else -1 for parent in parents))
@@ -41,7 +41,7 @@ BODY25B = _skeleton(
     "l_big_toe<l_ankle", "l_small_toe<l_big_toe", "l_heel<l_ankle",
     "r_big_toe<r_ankle", "r_small_toe<r_big_toe", "r_heel<r_ankle",
 )  # fmt: skip
-"""OpenPose BODY_25B, as Pose2Sim's demo recordings use it."""
+"""OpenPose BODY_25B. Pose2Sim's demo recordings use it."""
 
 COCO17 = _skeleton(
     "coco17", "nose", "l_eye<nose", "r_eye<nose", "l_ear<l_eye", "r_ear<r_eye",
@@ -99,15 +99,15 @@ SKELETONS = {
 
 
 def get_skeleton(name: str) -> Skeleton:
-    """Return a skeleton by name, two fused ones, or your own: `body25`, `body21+shelf14`, `my_skeleton.yaml`.
+    """Return a skeleton by name, fused from two, or from a file: `body25`, `body21+shelf14`, `my_skeleton.yaml`.
 
     Args:
-        name: Name of a skeleton of the package, two names joined by `+`, or path of a YAML file, see
+        name: Name of a skeleton of this package, two names joined by `+`, or path of a YAML file, see
             `dmae.data.skeletons.definition.read_skeleton`.
 
     Raises:
-        KeyError: no such skeleton; the message lists the known ones.
-        FileNotFoundError, ValueError: no such file, or it is no skeleton; the message names it.
+        KeyError: the skeleton is unknown; the message lists the known skeletons.
+        FileNotFoundError, ValueError: the file does not exist, or defines no skeleton; the message names the file.
     """
     if not isinstance(name, str):
         raise KeyError(f"expected the name of a skeleton, found {name!r:.60}")
@@ -124,8 +124,11 @@ def get_skeleton(name: str) -> Skeleton:
 
 
 def check_name(skeleton: Skeleton, where: str) -> Skeleton:
-    """Return a skeleton from a file; ValueError if it has the name of a skeleton of the package, but differs from
-    it."""
+    """Return a skeleton unchanged.
+
+    Raises:
+        ValueError: it has the name of a skeleton of this package, but differs from it.
+    """
     if skeleton.name in SKELETONS and skeleton != SKELETONS[skeleton.name]:
         raise ValueError(f"{where}: {skeleton.name!r} is the name of a skeleton of this package; choose another name")
     return skeleton
@@ -135,7 +138,7 @@ def decode_skeleton(value: str | dict, where: str) -> Skeleton:
     """Return a skeleton from the output of `dmae.data.skeletons.definition.encode`: a name, or a definition.
 
     Raises:
-        KeyError, ValueError: it is neither the name of a skeleton nor the definition of one.
+        KeyError, ValueError: the value is neither the name nor the definition of a skeleton.
     """
     if isinstance(value, dict):
         return check_name(define(value, where), where)

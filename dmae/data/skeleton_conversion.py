@@ -10,20 +10,22 @@ from dmae.data.skeleton import Skeleton
 _MIDPOINTS = {"neck": ("l_shoulder", "r_shoulder"), "mid_hip": ("l_hip", "r_hip")}
 _HEAD = ("bottom_head", "top_head")
 
-# The annotated head of Shelf and Campus, as the 4DAssociation release (Zhang et al. 2020) converts to it.
+# m; top of the annotated heads of Shelf and Campus, from the conversion in the 4DAssociation release (Zhang et al.
+# 2020).
 _TOP_FORWARD, _TOP_UP = 0.125, 0.145
-# Adult averages: half the distance between the ears, and from the line of the ears to nose tip and eyes.
+# m; averages of adults: half the distance between the ears, and the distances from the line between the ears to the tip
+# of the nose and to the eyes.
 _HALF_HEAD, _EARS_TO_NOSE, _EARS_TO_EYES = 0.075, 0.11, 0.085
 
 
 def convert(poses: Poses3D, target: Skeleton) -> Poses3D:
     """Return the same poses on another skeleton.
 
-    Joints of the same name are copied; of a fused skeleton (`a+b`) from the part that is the target, otherwise from the
-    first part. Missing joints are derived where possible: `neck` and `mid_hip` as midpoints, `bottom_head` and
-    `top_head` by `head_ends`. All others are absent. A derived joint has the weakest source and the fewest views of the
-    joints that it is computed from, and no ray. Midpoints propagate covariance as for independent joints; the head
-    formula leaves it NaN.
+    Joints with the same name are copied. If the source is a fused skeleton (`a+b`), they are copied from the part that
+    equals the target, or else from the first part. Missing joints are derived where possible: `neck` and `mid_hip` are
+    midpoints, and `head_ends` gives `bottom_head` and `top_head`. All others are absent. A derived joint has the
+    weakest source and the smallest number of views of the joints that it is computed from, and no ray. The covariance
+    of a midpoint is that of the mean of two independent joints. The covariance of the ends of the head is NaN.
 
     Raises:
         KeyError: no joint of the target can be derived from the source.
@@ -52,8 +54,9 @@ def convert(poses: Poses3D, target: Skeleton) -> Poses3D:
 def convert_detections(detections: Detections2D, target: Skeleton) -> Detections2D:
     """Return the same detections on another skeleton.
 
-    Joints of the same name are copied. `neck` and `mid_hip` are midpoints where the source lacks them, with the lower
-    confidence of the two joints. All others are absent, the ends of the head among them: their formula needs 3D.
+    Joints with the same name are copied. If the source lacks `neck` or `mid_hip`, it becomes the midpoint of two joints
+    with the lower of their confidences. All others are absent, also the ends of the head, because their formula needs
+    3D positions.
 
     Raises:
         KeyError: the skeletons have no joint in common.
@@ -105,26 +108,27 @@ def _derive(poses: Poses3D, joint: str) -> dict[str, np.ndarray]:
         cov = poses.cov[:, :, index].sum(2) / 4
     index = poses.skeleton.index(*names)
     absent = np.isnan(xyz).any(-1)
-    # ABSENT < MEASURED < DENOISED < COMPLETED: of the joints used, all present, the weakest is the largest.
+    # ABSENT < MEASURED < DENOISED < COMPLETED: the weakest source of the used joints, none absent, is the largest.
     source = np.where(absent, Source.ABSENT, np.where(used, poses.source[:, :, index], 0).max(-1))
     views = np.where(absent, 0, np.where(used, poses.views[:, :, index], 255).min(-1))
     return {"xyz": xyz, "source": source, "cov": np.where(absent[..., None, None], np.nan, cov), "views": views}
 
 
 def head_ends(poses: Poses3D) -> tuple[np.ndarray, np.ndarray]:
-    """Derive bottom and top of the head from shoulders, ears, eyes and nose.
+    """Return bottom and top of the head, derived from shoulders, ears, eyes and nose.
 
-    The bottom is midway between the centre of the shoulders and that of the ears. The top lies 0.125 m along the face
-    normal and 0.145 m up (world z) from it. The face normal is horizontal and perpendicular to the line from right to
-    left ear. Where an ear is unknown, the line of the eyes replaces it, then that of the shoulders (a head turns less
-    than 90 degrees from them). Where a single ear is known, the centre of the ears lies half a head from it along that
-    line; where none is known, the nose or else an eye is moved back by its average distance from the ears. Without both
-    shoulders, or without any joint of the face, the head is absent. Completed joints are used only where the measured
-    ones are not enough: a face made of its measured joints is nearer the truth than one of interpolated ears.
+    The bottom is midway between the centre of the shoulders and the centre of the ears. The top is 0.125 m from the
+    bottom along the face normal, and 0.145 m up (world z). The face normal is horizontal and perpendicular to the line
+    from right to left ear. If an ear is unknown, the line between the eyes replaces this line, or else the line between
+    the shoulders: a head turns less than 90 degrees from the shoulders. If only one ear is known, the centre of the
+    ears is half the width of a head from it along this line. If no ear is known, the nose or else an eye is moved back
+    by its average distance from the ears. Without both shoulders, or without any joint of the face, the head is absent.
+    Completed joints are used only where the measured joints are not enough, because a face of measured joints is more
+    accurate than a face with interpolated ears.
 
     Returns:
         ends: (F, P, 2, 3) bottom and top, m; NaN where underdetermined.
-        used: (F, P, J) True for the joints that they are derived from.
+        used: (F, P, J) True for the joints from which the ends are derived.
     """
     xyz = poses.xyz.astype(np.float64)
     ends, used = _head_ends(np.where(poses.measured[..., None], xyz, np.nan), poses.skeleton)
@@ -134,7 +138,7 @@ def head_ends(poses: Poses3D) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _head_ends(xyz: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
-    """Derive `head_ends` from joints (F, P, J, 3)."""
+    """Return the results of `head_ends` for joints (F, P, J, 3), m."""
     nowhere = np.full((*xyz.shape[:2], 3), np.nan)
     at = {
         name: xyz[:, :, skeleton.index(name)[0]] if name in skeleton.joints else nowhere
@@ -143,7 +147,7 @@ def _head_ends(xyz: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.ndar
     used = np.zeros(xyz.shape[:3], bool)
 
     def choose(*options: tuple[np.ndarray, tuple[str, ...]]) -> np.ndarray:
-        """Return the first option that is known, frame by frame and person by person."""
+        """Return the first known option for each frame and person, (F, P, 3)."""
         chosen = nowhere.copy()
         for value, names in options:
             here = np.isnan(chosen).any(-1) & ~np.isnan(value).any(-1)
@@ -175,7 +179,7 @@ def _head_ends(xyz: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.ndar
 
 
 def _level(vector: np.ndarray) -> np.ndarray:
-    """Return unit vectors along the horizontal part of (..., 3) vectors; NaN where it is zero."""
+    """Return unit vectors along the horizontal part of vectors (..., 3); NaN where this part is zero."""
     level = vector * (1, 1, 0)
     length = np.linalg.norm(level, axis=-1, keepdims=True)
     return np.divide(level, length, out=np.full_like(level, np.nan), where=length > 1e-6)

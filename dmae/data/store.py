@@ -1,4 +1,4 @@
-"""Clips and data sets on disk: a folder a clip, arrays in one safetensors file, everything else in one JSON."""
+"""Clips and data sets on disk: one folder per clip, with arrays in one safetensors file and the rest in one JSON."""
 
 import hashlib
 import json
@@ -43,17 +43,17 @@ _LABELS = {
         "offset_px": "detected_off",
     },
 }
-"""Fields of a clip's labels, and the names of their arrays on disk. Older clips lack some of them."""
+"""Fields of the labels of a clip, and the names of their arrays on disk. Older clips lack some of them."""
 
 
 def write_atomic(path: Path, data: bytes | str | Iterable[bytes], *, lasting: bool = True) -> None:
-    """Write a file whole or not at all: temporary name, fsync, rename.
+    """Write a file completely or not at all: write to a temporary name, fsync, rename.
 
     Args:
-        path: The file; its folder is made.
-        data: Contents, whole or in pieces.
-        lasting: Whether to fsync. Unnecessary for files that are checked on reading and can be made again: a loss of
-            power may damage them.
+        path: The file. Its folder is created.
+        data: Content, complete or in pieces.
+        lasting: Whether to fsync. Without it, a loss of power can damage the file. It is unnecessary for files that are
+            checked when they are read, and that can be made again.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -70,20 +70,20 @@ def write_atomic(path: Path, data: bytes | str | Iterable[bytes], *, lasting: bo
     except BaseException as error:
         Path(temporary).unlink(missing_ok=True)
         if isinstance(error, OSError) and error.errno is not None and error.filename is None:
-            # That of a full disk names no file. An error without a number has its message in its arguments alone.
+            # The error of a full disk names no file. An error without `errno` has its message only in its arguments.
             raise OSError(error.errno, error.strerror, str(path)) from None
         raise
 
 
 def check_vacant(out: Path, contents: str) -> None:
-    """Make sure that a folder does not exist yet, or is empty.
+    """Check that a folder does not exist yet, or is empty.
 
     Args:
         out: The folder.
-        contents: What is to be written into it, for the message: "the data set".
+        contents: Name of the content that will be written into it, for the message: "the data set".
 
     Raises:
-        ValueError: there is a file, or something in the folder.
+        ValueError: the path is a file, or a folder that is not empty.
     """
     out = Path(out)
     if out.is_file() or (out.is_dir() and any(out.iterdir())):
@@ -96,10 +96,10 @@ def check_vacant(out: Path, contents: str) -> None:
 
 @contextmanager
 def whole_folder(out: Path) -> Iterator[Path]:
-    """Yield a temporary folder that is renamed to `out` when the block ends without an error, and is removed otherwise.
+    """Yield a temporary folder. It is renamed to `out` if the block ends without an error, and is removed otherwise.
 
     Args:
-        out: A folder that does not exist, or is empty (`check_vacant`).
+        out: A folder that does not exist or is empty (`check_vacant`).
     """
     out = Path(out)
     partial = out.with_name(f".{out.name}.partial")
@@ -115,10 +115,11 @@ def whole_folder(out: Path) -> Iterator[Path]:
 
 
 def save_clip(clip: Clip, folder: Path) -> None:
-    """Write a clip to a folder, replacing any that is there. Images stay where they are; their folder is noted.
+    """Write a clip to a folder, replacing the clip in it, if any. Images are not copied; the path of their folder is
+    stored.
 
     Raises:
-        ValueError: it holds numbers that `load_clip` refuses, infinite coordinates for instance.
+        ValueError: the clip contains numbers that `load_clip` refuses, infinite coordinates for example.
     """
     clip.check_numbers()
     folder = Path(folder)
@@ -137,9 +138,9 @@ def save_clip(clip: Clip, folder: Path) -> None:
         "images": _images_meta(clip.images, folder),
         "provenance": clip.provenance,
     }
-    # Those of a clip that was there are not this one's.
+    # The checksums of a clip that was in this folder are not valid for the new clip.
     (folder / CHECKSUMS).unlink(missing_ok=True)
-    # The JSON is written last and holds the checksum: loading detects files that do not belong together.
+    # The JSON is written last and contains the checksum of the arrays, so that loading detects files that do not match.
     write_atomic(folder / "arrays.safetensors", digest_of(tensor_pieces(arrays), digest))
     write_atomic(folder / "clip.json", json.dumps(meta | {"sha256": digest.hexdigest()}, indent=1))
 
@@ -172,11 +173,11 @@ def _images_meta(images: Images | None, folder: Path) -> dict | None:
 
 
 def load_clip(folder: Path) -> Clip:
-    """Read a clip from a folder. Arrays of a long one stay in the file, and are read when they are accessed.
+    """Return the clip in a folder. The arrays of a long clip stay in their file, and are read when they are accessed.
 
     Raises:
-        FileNotFoundError: no clip in the folder.
-        ValueError: a file is malformed, damaged or of another format version.
+        FileNotFoundError: there is no clip in the folder.
+        ValueError: a file is malformed, damaged or has another format version.
     """
     folder = Path(folder)
     if not (folder / "clip.json").is_file():
@@ -198,7 +199,7 @@ def load_clip(folder: Path) -> Clip:
 
 
 def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Clip:
-    """Return the clip of a folder from the content of its JSON and its arrays, of all frames or of some."""
+    """Return the clip of a folder from the content of its JSON, and from its arrays of all frames or some frames."""
     if not isinstance(meta["id"], str) or not isinstance(meta["provenance"], dict):
         raise ValueError("expected an id that is a text, and a provenance that is an object")
     if not isinstance(meta["objects"], list) or not all(isinstance(name, str) for name in meta["objects"]):
@@ -207,7 +208,7 @@ def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Cl
     images = meta["images"]
     if images:
         listed = (tuple(images[name]) for name in ("views", "frames", "kinds"))
-        # Older clips have no images of parts, no names of them, and videos alone.
+        # Clips of earlier versions have no images of parts and no names of parts, and colour images only as videos.
         older = {"parts": tuple(images.get("parts", ())), "rgb": images.get("rgb", "h264")}
         older["files"] = tuple(images.get("files", ()))
         images = Images(folder / images["folder"], *listed, **older)
@@ -225,14 +226,14 @@ def assemble_clip(folder: Path, meta: dict, arrays: dict[str, np.ndarray]) -> Cl
 
 
 def is_of_frames(array: str) -> bool:
-    """Return whether the first axis of an array on disk is frames; those of cameras are of views."""
+    """Return whether the first axis of an array on disk is frames. The first axis of arrays of cameras is views."""
     return array.startswith(("detections.", "truth.", "poses.")) or any(
         array in each.values() for each in _LABELS.values()
     )
 
 
 def _rig(name: str, meta: dict, arrays: dict[str, np.ndarray]) -> CameraRig:
-    # Older clips have no fisheye lenses.
+    # Clips of earlier versions have no array of fisheye lenses.
     values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(CameraRig)[1:-1]}
     return CameraRig(meta["cameras"], **values, fisheye=arrays.get(f"{name}.fisheye"))
 
@@ -241,13 +242,13 @@ def _part(name: str, skeleton: str | dict, arrays: dict[str, np.ndarray]) -> Det
     kind = Detections2D if name == "detections" else Poses3D
     values = {f.name: arrays[f"{name}.{f.name}"] for f in fields(kind) if f.name not in ("skeleton", "rays")}
     if kind is Poses3D:
-        # Poses without any ray are stored without rays.
+        # The array of rays is not stored if it contains no ray.
         values["rays"] = arrays.get(f"{name}.rays")
     return kind(decode_skeleton(skeleton, name), **values)
 
 
 def _labels(part: str, kind: type, arrays: dict[str, np.ndarray], **more) -> OcclusionLabels | DetectionLabels | None:
-    """Return the labels of a clip, None where their first array was not stored."""
+    """Return the labels of a clip; None if their first array was not stored."""
     first, *_ = _LABELS[part].values()
     if first not in arrays:
         return None
@@ -255,8 +256,8 @@ def _labels(part: str, kind: type, arrays: dict[str, np.ndarray], **more) -> Occ
 
 
 def clip_folders(path: Path) -> list[Path]:
-    """Return the folders of the clips at a path: of a data set those of status ok, in the order of its manifest; or the
-    clip itself.
+    """Return the folders of the clips of a data set that have status ok, in the order of its manifest; or the clip
+    itself.
 
     Raises:
         FileNotFoundError: the path is neither a clip nor a data set.
@@ -270,11 +271,11 @@ def clip_folders(path: Path) -> list[Path]:
 
 
 def read_manifest(path: Path) -> list[dict]:
-    """Read the lines of a data set's manifest, one a clip: `id`, `status`, `seed`, `quality` and more.
+    """Return the lines of the manifest of a data set, one per clip: `id`, `status`, `seed`, `quality` and more.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: a line is malformed, or its clip would lie outside the data set; the message names the line.
+        FileNotFoundError: the file does not exist.
+        ValueError: a line is malformed, or its clip would be outside the data set; the message names the line.
     """
     file, lines = Path(path) / MANIFEST, []
     for number, text in enumerate(read_text(file).splitlines(), 1):
@@ -293,6 +294,6 @@ def read_manifest(path: Path) -> list[dict]:
 
 
 def write_manifest(path: Path, lines: list[dict]) -> None:
-    """Write a data set's manifest, sorted by clip id."""
+    """Write the manifest of a data set, sorted by clip id."""
     ordered = sorted(lines, key=lambda line: line["id"])
     write_atomic(Path(path) / MANIFEST, "".join(json.dumps(line) + "\n" for line in ordered))

@@ -110,20 +110,27 @@ def to_detections(found: Sequence[Found], frames: Sequence[np.ndarray], count: i
 def _detect_piece(camera: CameraPictures, config: PoseDetectorConfig, start: int, stop: int, file: Path) -> None:
     """Detect the people of some images, and write them to a file."""
     detector = make_detector(config)
-    people = [
-        None if picture is None else _checked(detector, picture, config.name) for picture in camera.read(start, stop)
-    ]
-    readable = np.array([each is not None for each in people], bool)
+    people: list[np.ndarray | None] = []
+    readable: list[int] = []
+    late = getattr(detector, "found_late", list)
+    for number, picture in enumerate(camera.read(start, stop)):
+        people.append(None if picture is None else _checked(detector, detector(picture), config.name))
+        if picture is not None:
+            readable.append(number)
+            for ago, *found in late():
+                before = readable[-1 - ago]
+                people[before] = np.concatenate([people[before], _checked(detector, found, config.name)])
     there = [each for each in people if each is not None and len(each)]
     counts = np.array([0 if each is None else len(each) for each in people])
     values = np.concatenate(there) if there else np.empty((0, len(detector.skeleton), 3))
-    np.savez(buffer := io.BytesIO(), readable=readable, counts=counts, people=values.astype(np.float32))
+    known = np.array([each is not None for each in people], bool)
+    np.savez(buffer := io.BytesIO(), readable=known, counts=counts, people=values.astype(np.float32))
     write_atomic(file, buffer.getvalue())
 
 
-def _checked(detector: PictureDetector, picture: np.ndarray, name: str) -> np.ndarray:
-    """Return the people (D, J, 3) of an image."""
-    xy, score = (np.asarray(each, np.float64) for each in detector(picture))
+def _checked(detector: PictureDetector, found: Sequence[np.ndarray], name: str) -> np.ndarray:
+    """Return what a detector found as people (D, J, 3)."""
+    xy, score = (np.asarray(each, np.float64) for each in found)
     shape = (len(xy), len(detector.skeleton))
     if xy.shape != (*shape, 2) or score.shape != shape:
         raise ValueError(

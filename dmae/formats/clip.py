@@ -10,7 +10,7 @@ from dmae.formats.registry import pose_reader, reader, recording_writer
 
 @reader("clip", signs=[["clip.json"], ["manifest.jsonl"]], data_set=True)
 def read_clip(path: Path) -> Clip:
-    """A clip folder, or a data set of them, as synth generate and dmae capture write."""
+    """A clip folder or a data set of clips, which synth generate and dmae capture write."""
     return load_clip(path)
 
 
@@ -25,5 +25,5 @@ def read_clip_poses(path: Path) -> PoseFile:
 
 @recording_writer("clip")
 def write_clip(clip: Clip, path: Path) -> None:
-    """A clip folder, with everything that is known of the clip."""
+    """A clip folder, with all data of the clip."""
     save_clip(clip, path)

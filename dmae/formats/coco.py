@@ -1,4 +1,4 @@
-"""COCO keypoints: images and annotations of all cameras in one JSON, or a JSON for each camera."""
+"""COCO keypoints: images and annotations of all cameras in one JSON file, or one JSON file per camera."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
@@ -28,16 +28,16 @@ from dmae.progress import progress
 
 KEYPOINTS = "keypoints.json"
 HIDDEN_SCORE = 0.5
-"""Confidence of a joint that is labelled and not visible (v = 1), where the file has no other; visible ones get 1."""
+"""Confidence of a joint that is labelled but not visible (v = 1), in files without confidences; visible ones get 1."""
 _FRAMES = 512
-"""Frames of which pictures without images are written at a time."""
+"""Number of frames that are written at a time, for clips without images."""
 _Id = int | str
-"""What images are known by."""
+"""Type of the ids of images."""
 
 
 @dataclass
 class _Found:
-    """What was read so far."""
+    """The content of the files that were read so far: people by camera and frame number, image sizes by camera."""
 
     views: dict[str, dict[int, list]] = field(default_factory=dict)
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -61,13 +61,13 @@ def read_coco(
     fps: float | None = None,
     skeleton: Skeleton | None = None,
 ) -> Clip:
-    """COCO keypoints of all cameras in one JSON, or in one each, with a calibration of any format.
+    """COCO keypoints in one JSON for all cameras or one JSON per camera, with a calibration of any format.
 
     Args:
         path: The recording, or its file of annotations.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: File or folder of the annotations; by default `path`.
-        fps: Frames per second, where `info` does not hold them.
+        fps: Frames per second, if `info` does not state it.
         skeleton: As in `read_detections`.
 
     Raises:
@@ -77,19 +77,19 @@ def read_coco(
 
 
 def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read the annotations of a file, or of those of a folder that are no calibration.
+    """Read the annotations of a file, or of all files of a folder except calibrations.
 
-    One file holds all cameras where its images say `camera` or lie in a folder for each; of several each is
-    that of the camera it is named after, and may be a bare list of results. Frames are numbered by an image's
-    `frame`, or else by the last number of its `file_name`. Confidence is `keypoint_scores`, or the third of
-    each x, y, v: as it stands, or where all are 0, 1 and 2, none, `HIDDEN_SCORE` and 1.
+    In a single file, each image states its `camera`, or its `file_name` contains a folder named after the camera. Each
+    of several files contains the camera that it is named after, and may be only a list of results. The number of a
+    frame is the `frame` of the image, or else the last number in its `file_name`. The confidence of a joint is its
+    value in `keypoint_scores`, or else v of x, y, v. If all v are 0, 1 or 2, they mean absent, `HIDDEN_SCORE`, and 1.
 
     Args:
-        skeleton: By default that of the joints that the category names, or else the one of as many joints.
+        skeleton: By default the one with the joints that the category names, or else by the number of joints.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: a file is malformed or contradicts itself; the message names the place.
+        ValueError: a file is malformed or contradicts itself; the message names the file and the entry.
     """
     path = Path(path)
     files = [path] if path.is_file() else sorted(path.glob("*.json"), key=lambda file: natural(file.name))
@@ -122,7 +122,7 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
 
 
 def _parts(file: Path, content) -> tuple[list | None, list]:
-    """Images, None in a list of results, and annotations."""
+    """Return images and annotations; images are None if the file is only a list of results."""
     if isinstance(content, list):
         return None, content
     parts = [content.get(key) if isinstance(content, dict) else None for key in ("images", "annotations")]
@@ -143,7 +143,7 @@ def _result_images(file: Path, results: list) -> list[dict]:
 
 
 def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict:
-    """By image id, the list of people to fill, which `found` has by camera and frame."""
+    """Return an empty list of people for each image id. `found.views` contains the same lists, by camera and frame."""
     places: dict = {}
     for number, image in enumerate(images):
         if not isinstance(image, dict) or not isinstance(image.get("id"), _Id) or "file_name" not in image:
@@ -171,7 +171,7 @@ def _images(file: Path, images: list, camera: str | None, found: _Found) -> dict
 
 
 def _annotations(file: Path, annotations: list, places: dict, found: _Found) -> None:
-    """Add the people to their images."""
+    """Add the people in the annotations to the lists in `places`, which are given by image id."""
     people, scored = [], []
     for number, annotation in enumerate(annotations):
         here = f"{file}: annotations[{number}]"
@@ -228,14 +228,14 @@ def write_annotations(
 ) -> None:
     """Write people as annotations, to 0.001 px: one image per camera and frame, one annotation per person in it.
 
-    Beyond COCO's own, images have `camera` and `frame`, annotations `keypoint_scores` where given, and of
-    persons `joint_source` and `track_id`, the person's index; `info` has `fps`.
+    Additional keys: `camera` and `frame` of images, `fps` of `info`, and of annotations `keypoint_scores` if `scores`
+    are given, and `joint_source` and `track_id`, the index of the person, if `sources` are given.
 
     Args:
         xy: (F, V, D, J, 2) px.
         flags: (F, V, D, J) 0 not labelled, 1 hidden or not measured, 2 visible.
         scores: (F, V, D, J) confidences.
-        sources: (F, D, J) `Source`; D are then persons, who keep their index through the clip.
+        sources: (F, D, J) `Source`. The D detections are then persons with the same index in all frames.
         first: Number of the first frame.
     """
     pictures = array_pictures(rig, xy, flags, scores=scores, sources=sources, first=first)
@@ -244,10 +244,10 @@ def write_annotations(
 
 @pose_writer("coco")
 def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
-    """COCO keypoints of poses as the cameras see them, with masks where the clip has them, and its pictures.
+    """COCO keypoints of poses as the cameras see them, with the images and masks of the clip, if it has them.
 
-    Pictures go into a folder next to the file, `<name>_images`. Without images of colour there are none, which
-    `info.pictures` says; the names of the files then only name camera and frame.
+    The images are written into a folder next to the file, `<name>_images`. A clip without colour images has no such
+    folder: `info.pictures` is then false, and `file_name` only states camera and frame.
     """
     info = clip_entry(clip)
     if clip.images is None or "rgb" not in clip.images.kinds:
@@ -270,7 +270,7 @@ def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
 
 
 def _without_colour(clip: Clip, skeleton: Skeleton) -> Iterator[Picture]:
-    """Yield the pictures of a clip in order; without images, those of some frames are in memory at a time."""
+    """Yield the pictures of a clip by frame and view, without colour; at most `_FRAMES` at a time without images."""
     first, cov = clip.provenance.get("first_frame", 0), exported_poses(clip).cov
     stated = any(np.isfinite(cov[part]).any() for part in frame_blocks(cov))
     step = _FRAMES if clip.images is None else max(len(clip), 1)

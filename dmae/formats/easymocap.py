@@ -38,9 +38,9 @@ def read_easymocap(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
-        detections: Folder of the folders of the cameras; by default `annots` in `path`.
-        fps: Frames per second, which the files do not hold.
+        calibration: Path of the calibration, and the values that its file does not state.
+        detections: Folder that contains the folders of the cameras; by default `annots` in `path`.
+        fps: Frames per second. The files do not state it.
         skeleton: Skeleton of the detections; by default BODY_25 or BODY_25B.
 
     Raises:
@@ -51,8 +51,8 @@ def read_easymocap(
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{error}; name it by data.detections=...") from None
     if skeleton is None:
-        everyone = (people for view in found.views.values() for people in view.values())
-        recognised, notes = guess_skeleton(path, OF_25_JOINTS, everyone)
+        people = (frame for view in found.views.values() for frame in view.values())
+        recognised, notes = guess_skeleton(path, OF_25_JOINTS, people)
         found = replace(found, skeleton=recognised, notes=(*found.notes, *notes))
     return with_cameras(found, path, calibration, fps)
 
@@ -60,16 +60,17 @@ def read_easymocap(
 def read_detections(path: Path, skeleton: Skeleton = BODY25) -> NumberedDetections:
     """Read `annots/<camera>/<frame number>.json`.
 
-    A joint of confidence 0 is absent. A file that is not JSON, cut short for instance, makes its frame absent and
-    is recorded. Person ids, which EasyMocap gives within a view, are not read.
+    A joint with confidence 0 is absent. If a file is not valid JSON, for example because it is cut short, its frame is
+    absent and the file is listed in `unreadable`. EasyMocap's person ids, which are only valid within a view, are not
+    read.
 
     Args:
-        path: The recording, its `annots`, or another folder of cameras.
+        path: The recording, its folder `annots`, or another folder that contains the folders of the cameras.
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: a file is JSON but not EasyMocap's, people have not the skeleton's number of joints, images
-            of a camera differ in size, a frame occurs twice, or no file could be read.
+        ValueError: a file is JSON but not EasyMocap's, a person has a different number of joints than the skeleton,
+            images of a camera differ in size, a frame occurs twice, or no file could be read.
     """
     folders = _camera_folders(Path(path))
     views: dict[str, dict[int, np.ndarray]] = {name: {} for name in folders}
@@ -104,7 +105,7 @@ def _camera_folders(path: Path) -> dict[str, Path]:
 
 
 def _size(file: Path, content) -> tuple[int, int] | None:
-    """Return image width and height, px; None where a file does not hold them."""
+    """Return image width and height, px; None if the file does not state them."""
     if not isinstance(content, dict) or "width" not in content or "height" not in content:
         return None
     size = content["width"], content["height"]
@@ -114,7 +115,7 @@ def _size(file: Path, content) -> tuple[int, int] | None:
 
 
 def _people(file: Path, content, skeleton: Skeleton, confidences: Confidences) -> np.ndarray:
-    """(D, J, 3)."""
+    """Return the people with at least one joint, (D, J, 3): x, y in px and confidence."""
     people = content.get("annots") if isinstance(content, dict) else None
     if not isinstance(people, list):
         raise ValueError(f"{file}: expected an object with a list of annots, found {content!r:.60}")

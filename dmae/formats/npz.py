@@ -1,19 +1,19 @@
 """Poses as a NumPy archive, which `numpy.load` reads without pickle.
 
-For F frames, P persons and J joints it holds:
+For F frames, P persons and J joints it contains:
 
 | Array | Shape and type | What it is |
 |---|---|---|
-| `joints` | (F, P, J, 3) float32 | places, m, world z up; NaN where absent |
+| `joints` | (F, P, J, 3) float32 | positions, m, world z up; NaN where absent |
 | `source` | (F, P, J) uint8 | where each joint comes from: an index of `source_names` |
 | `source_names` | (4,) text | `absent`, `measured`, `denoised` (measured, then moved), `completed` (not measured) |
 | `cov` | (F, P, J, 3, 3) float32 | covariance of each joint, m^2; NaN where unknown |
-| `views` | (F, P, J) uint8 | how many cameras measured the joint |
+| `views` | (F, P, J) uint8 | number of cameras that measured the joint |
 | `names` | (J,) text | names of the joints |
-| `skeleton` | text | name of the skeleton; of one of your own its definition, as JSON |
+| `skeleton` | text | name of the skeleton, or the definition of your own skeleton as JSON |
 | `fps` | float64 | frames per second |
 
-Where all joints of a person are absent in a frame, the person is not there.
+A person is absent from a frame if all its joints are absent.
 """
 
 import json
@@ -50,7 +50,7 @@ def read_npz_poses(path: Path) -> PoseFile:
 
 
 def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
-    """Write poses, with the arrays that the module lists."""
+    """Write poses as an archive of the arrays that the docstring of this module lists."""
     arrays = {
         "joints": poses.xyz,
         "source": poses.source,
@@ -61,7 +61,7 @@ def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
         "skeleton": np.array(_written(poses.skeleton)),
         "fps": np.array(fps, np.float64),
     }
-    # As numpy.savez_compressed writes it, without the arrays in memory.
+    # This writes the same archive as numpy.savez_compressed, without loading whole arrays into memory.
     with TemporaryFile(prefix="dmae-") as file:
         with ZipFile(file, "w", ZIP_DEFLATED) as archive:
             for name, array in arrays.items():
@@ -74,11 +74,13 @@ def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
 
 
 def read_npz(path: Path) -> tuple[Poses3D, float]:
-    """Return poses and frames per second from what `export_npz` wrote; files from before 0.2 hold no covariances.
+    """Return the poses and the frames per second of a file that `export_npz` wrote.
+
+    Files from versions before 0.2 contain no covariances.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is no such archive; the message says what it lacks.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is not an archive of poses; the message names the missing arrays.
     """
     path = Path(path)
     needed = ("joints", "source", "views", "names", "skeleton", "fps")

@@ -1,4 +1,4 @@
-"""OpenPose's JSON: a folder for each camera, a file for each of its frames."""
+"""OpenPose's JSON: one folder per camera, with one file per frame."""
 
 import json
 from pathlib import Path
@@ -33,19 +33,19 @@ from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.progress import progress
 
 CALIBRATION = "calibration.toml"
-"""File of the calibration for formats that have none of their own: Pose2Sim's."""
+"""File name of the calibration, in Pose2Sim's format, for formats without a calibration format of their own."""
 FOLDERS = ("openpose", "keypoints", "pose", "json")
-"""Folders in a recording where those of the cameras are looked for, after the recording itself."""
+"""Folders in a recording that can contain the folders of the cameras. The recording itself is searched first."""
 _SUFFIXES = ("_keypoints", "_json")
 _PANOPTIC = "body3DScene"
-"""Beginning of the names of Panoptic's files of poses, which are no detections."""
-_OF_COUNT = (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14, BLAZEPOSE33)
-BY_COUNT = {len(skeleton): skeleton for skeleton in _OF_COUNT}
-"""By number of joints, the skeleton that detections have by default."""
+"""Start of the names of Panoptic's pose files, which are not detections."""
+_DEFAULT_SKELETONS = (BODY25, COCO18, COCO17, BODY21, HALPE26, PANOPTIC19, SHELF14, BLAZEPOSE33)
+BY_COUNT = {len(skeleton): skeleton for skeleton in _DEFAULT_SKELETONS}
+"""Default skeleton of detections, by number of joints."""
 OF_25_JOINTS = (BODY25, BODY25B)
-"""Skeletons that only the places of their joints distinguish."""
+"""Skeletons with 25 joints. Only the positions of the joints distinguish them."""
 COMPLETED_SCORE = 0.5
-"""Confidence written for completed joints; measured ones have 1."""
+"""Confidence that is written for completed joints. Measured joints have 1."""
 
 
 @reader("openpose", signs=[["*/*_keypoints.json"], ["openpose"], ["keypoints"], ["json"]], general=True)
@@ -61,9 +61,9 @@ def read_openpose(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
-        detections: Folder of the folders of the cameras; by default found in `path`.
-        fps: Frames per second, which the files do not hold.
+        calibration: Path of the calibration, and the values that its file does not state.
+        detections: Folder that contains the folders of the cameras; by default found in `path`.
+        fps: Frames per second. The files do not state it.
         skeleton: As in `read_detections`.
 
     Raises:
@@ -75,17 +75,17 @@ def read_openpose(
 def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
     """Read `<camera>/<anything><frame number>[_keypoints].json`, as OpenPose and Pose2Sim name them.
 
-    A joint of confidence 0 is absent. A file that is not JSON, cut short for instance, makes its frame absent
-    and is recorded; a person `{}`, as Pose2Sim writes, is absent. The skeleton is known by the number of joints;
-    BODY_25 and BODY_25B, which have as many, by `guess_skeleton`.
+    A joint with confidence 0 is absent. A person `{}`, which Pose2Sim writes, is absent. If a file is not valid JSON,
+    for example because it is cut short, its frame is absent and the file is listed in `unreadable`.
 
     Args:
-        skeleton: Skeleton of the files; by default known by the number of joints.
+        skeleton: Skeleton of the files. By default the number of joints determines it. BODY_25 and BODY_25B have the
+            same number of joints, so `guess_skeleton` chooses between them.
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: a file is JSON but not OpenPose's, a frame occurs twice, or people have other numbers of
-            joints than the skeleton; no file could be read; too few people tell the skeleton.
+        ValueError: a file is JSON but not OpenPose's, a frame occurs twice, a person has a different number of joints
+            than the skeleton, no file could be read, or there are too few people to determine the skeleton.
     """
     folders = camera_folders(Path(path))
     frames = {name: _frame_files(folder) for name, folder in folders.items()}
@@ -121,11 +121,13 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
 
 
 def camera_folders(path: Path) -> dict[str, Path]:
-    """Folders of frames by camera name, less the `_json` at its end; in `path` or in one of `FOLDERS` in it.
+    """Return the folders of frames by camera name, from `path` or from one of `FOLDERS` in it.
+
+    The name of the camera is the name of its folder, without `_json` or `_keypoints` at the end.
 
     Raises:
-        FileNotFoundError: there are none.
-        ValueError: two name the same camera.
+        FileNotFoundError: there are no such folders.
+        ValueError: two folders have the name of the same camera.
     """
     for place in (path, *(path / name for name in FOLDERS)):
         if not place.is_dir():
@@ -164,7 +166,7 @@ def _frame_files(folder: Path) -> dict[int, Path]:
 
 
 def _people(file: Path, content, confidences: Confidences) -> list[np.ndarray]:
-    """Return (J, 3) arrays of the people that have any joint."""
+    """Return one (J, 3) array of x, y in px and confidence for each person with at least one joint."""
     if not isinstance(content, dict) or not isinstance(content.get("people"), list):
         raise ValueError(f"{file}: expected an object with a list of people, found {content!r:.60}")
     people = []
@@ -189,7 +191,7 @@ def _people(file: Path, content, confidences: Confidences) -> list[np.ndarray]:
 
 
 def _check_pixels(path: Path, views: dict[str, dict[int, np.ndarray]]) -> None:
-    """OpenPose can write fractions of the image instead of pixels."""
+    """Raise ValueError if all coordinates are at most 1: OpenPose can write fractions of the image instead of px."""
     people = [found for view in views.values() for found in view.values() if found.size]
     largest = max((np.nanmax(np.abs(found[..., :2])) for found in people), default=np.inf)
     if largest <= 1:
@@ -220,9 +222,9 @@ def write_detections(
     Args:
         cameras: V names.
         first: Number of the first frame.
-        sources: (F, D, J) `Source` of the joints where `detections` are reprojected poses, the same D in each view:
-            people then have a `person_id`, and `joint_source` in addition to `pose_keypoints_2d`.
-        covariances: (F, V, D, J, 3) px^2, xx, xy and yy; people then have `joint_covariance`, null where unknown.
+        sources: (F, D, J) `Source` of the joints if `detections` are reprojected poses, with the same D persons in
+            each view. People then have a `person_id`, and `joint_source` in addition to `pose_keypoints_2d`.
+        covariances: (F, V, D, J, 3) px^2, xx, xy and yy. People then have `joint_covariance`, null where unknown.
     """
     values = np.concatenate([detections.xy.astype(np.float64), detections.score[..., None]], -1)
     values = np.round(np.where(np.isnan(values), 0, values), 4)
@@ -244,9 +246,9 @@ def write_detections(
 
 
 def reproject(poses: Poses3D, rig: CameraRig) -> Detections2D:
-    """Project poses into cameras: a detection for each person, confidence 1, of completed joints `COMPLETED_SCORE`.
+    """Return poses projected into the cameras of a rig, as one detection per person and view.
 
-    Joints out of the image are absent.
+    The confidence is `COMPLETED_SCORE` for completed joints and 1 for the others. Joints outside the image are absent.
     """
     xy, _ = rig.project(poses.xyz)
     score = np.where(poses.source == Source.COMPLETED, COMPLETED_SCORE, 1.0)[:, None]

@@ -1,4 +1,4 @@
-"""CMU Panoptic Studio: 3D poses, one JSON per frame, with the detections of OpenPose."""
+"""CMU Panoptic Studio: 3D poses, one JSON file per frame, with detections by OpenPose."""
 
 import json
 import re
@@ -26,7 +26,7 @@ from dmae.progress import progress
 POSES = "hdPose3d_stage1_coco19"
 _SCENE = "body3DScene_"
 _VALUES = 10
-"""Of a joint: x, y, z, source, and six entries of the covariance."""
+"""Number of values per joint: x, y, z, source, and six entries of the covariance."""
 _UPPER = np.triu_indices(3)
 
 
@@ -44,14 +44,15 @@ def read_panoptic(
 ) -> Clip:
     """A CMU Panoptic sequence: calibration_<sequence>.json, poses as truth, and OpenPose's JSON of the cameras in use.
 
-    Panoptic publishes cameras and poses; detections are OpenPose's. Where there are none, as in our own exports, the
-    clip has its truth and no detections.
+    Panoptic publishes cameras and poses. The detections have to be made with OpenPose. If there are none, as in an
+    export of this package, the clip has truth but no detections.
 
     Args:
         path: The sequence.
-        calibration: Where its calibration is, and what that does not say; `unit` and `up` hold of the truth too.
-        detections: Folder of the folders of the cameras; by default found in `path`.
-        fps: Frames per second; by default those of the poses.
+        calibration: Path of the calibration, and the values that its file does not state; `unit` and `up` also apply
+            to the truth.
+        detections: Folder that contains the folders of the cameras; by default found in `path`.
+        fps: Frames per second; by default the rate that the pose files state.
         skeleton: As in `dmae.formats.openpose.read_detections`.
 
     Raises:
@@ -107,12 +108,12 @@ class PanopticPoses:
     """The content of 3D pose files.
 
     Attributes:
-        xyz: By frame number, (P, 19, 3) m, our world; NaN where absent. A person is a body's id: all frames have
-            the same P, in the order of the ids.
-        source: Likewise (P, 19) `Source`; measured where the files do not say.
-        cov: Likewise (P, 19, 3, 3) m^2; NaN where the files do not say.
-        fps: Frames per second.
-        notes: Files that could not be read, and the ids of the persons if not 0 to P - 1.
+        xyz: By frame number, (P, 19, 3) m, world; NaN where absent. Each body id in the files is one person. All frames
+            have the same P persons, in the order of their ids.
+        source: By frame number, (P, 19) `Source`; measured if the files do not state it.
+        cov: By frame number, (P, 19, 3, 3) m^2; NaN if the files do not state it.
+        fps: Frames per second; None if the files do not state it.
+        notes: Files that could not be read, and the ids of the persons if they are not 0 to P - 1.
     """
 
     xyz: dict[int, np.ndarray]
@@ -125,17 +126,18 @@ class PanopticPoses:
 def read_poses(path: Path, convention: Convention = CONVENTION, *, completed: bool = False) -> PanopticPoses:
     """Read `hdPose3d_stage1_coco19/body3DScene_<frame number>.json`: PANOPTIC19 joints, cm, y down.
 
-    Joints without positive confidence are absent, and so are, by default, those that `write_poses` marked as completed,
-    which are no truth. A file that is not JSON, cut short for instance, makes its frame absent and is noted.
+    Joints without positive confidence are absent. By default, joints that `write_poses` marked as completed are also
+    absent, because they are not truth. If a file is not valid JSON, for example because it is cut short, its frame is
+    absent, and `notes` names the first such file.
 
     Args:
-        path: The recording, or the folder of the files themselves.
-        convention: How the files write lengths and the world.
+        path: The recording, or the folder that contains the files.
+        convention: Unit of lengths and up axis of the files.
         completed: Whether joints that are marked as completed are read.
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: there are several folders of them, a file is JSON but not Panoptic's, an id occurs twice in
+        ValueError: there are several folders of poses, a file is JSON but not Panoptic's, an id occurs twice in
             a frame, frame rates differ, or no file could be read.
     """
     frames: dict[int, dict[int, np.ndarray]] = {}
@@ -187,12 +189,15 @@ def _pose_folder(path: Path) -> Path:
 
 
 def _matrices(six: np.ndarray) -> np.ndarray:
-    """Return symmetric matrices (..., 3, 3) of their entries (..., 6), xx, xy, xz, yy, yz, zz."""
+    """Return symmetric matrices (..., 3, 3) from their entries (..., 6): xx, xy, xz, yy, yz, zz."""
     return six[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*six.shape[:-1], 3, 3)
 
 
 def _bodies(file: Path, content, completed: bool) -> dict[int, np.ndarray]:
-    """By id, joints (19, 10) as written: x, y, z, `Source`, and six entries of the covariance; NaN where unknown."""
+    """Return joints (19, 10) by body id: x, y, z, `Source`, and six entries of the covariance; NaN where unknown.
+
+    Units and axes are those of the file.
+    """
     bodies = content.get("bodies") if isinstance(content, dict) else None
     if not isinstance(bodies, list):
         raise ValueError(f"{file}: expected an object with a list of bodies, found {content!r:.60}")
@@ -236,15 +241,16 @@ def _flat(found, place: str, count: int, most: float = 100 * MOST_METRES) -> np.
 def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> None:
     """Write `hdPose3d_stage1_coco19/body3DScene_<frame number>.json` into the folder of a recording.
 
-    Confidence is 1, of completed joints `COMPLETED_SCORE`, and -1 of absent ones, which are at 0, 0, 0. Bodies also
-    have `joint_source`, the `Source` of their joints, and where it is known `joint_covariance`, six numbers a joint,
-    xx, xy, xz, yy, yz, zz in cm^2 and the axes of the file, null where unknown.
+    The confidence is `COMPLETED_SCORE` for completed joints, -1 for absent joints, which are at 0, 0, 0, and 1 for the
+    others. Bodies also have `joint_source`, the `Source` of their joints. If covariances are known, bodies have
+    `joint_covariance`: six numbers per joint, xx, xy, xz, yy, yz, zz, in cm^2 and the axes of the file; null where
+    unknown.
 
     Args:
         first: Number of the first frame.
 
     Raises:
-        ValueError: the poses are of another skeleton.
+        ValueError: the poses have another skeleton than PANOPTIC19.
     """
     if poses.skeleton != PANOPTIC19:
         raise ValueError(f"expected poses of panoptic19, found {poses.skeleton.name}; convert them first")
@@ -269,7 +275,7 @@ def write_poses(poses: Poses3D, fps: float, folder: Path, first: int = 0) -> Non
 
 
 def _covariances(cov: np.ndarray) -> dict[str, list]:
-    """Return the covariances (19, 3, 3) m^2 of a person as the file writes them; nothing where none is known."""
+    """Return the covariances (19, 3, 3) m^2 of a person as an entry of the file; empty if no covariance is known."""
     if np.isnan(cov).all():
         return {}
     turn = CONVENTION.written_points(np.eye(3))
@@ -279,6 +285,6 @@ def _covariances(cov: np.ndarray) -> dict[str, list]:
 
 @pose_writer("panoptic", folder=True, skeleton="panoptic19")
 def write_panoptic(poses: Poses3D, clip: Clip, path: Path) -> None:
-    """A folder of CMU Panoptic's poses and calibration, always of its skeleton."""
+    """A folder of CMU Panoptic's poses and calibration, always on its skeleton."""
     write_calibration(clip.rig, child(path, f"calibration_{clip.id}.json", "clip"), "panoptic")
     write_poses(poses, clip.fps, path, clip.provenance.get("first_frame", 0))

@@ -15,9 +15,9 @@ from dmae.formats.registry import reader
 from dmae.formats.trc import trc_rate
 
 _LEVELS = 3
-"""A trial, the participant above, the session above that."""
+"""Number of folders that can contain a Config.toml: the trial, the participant above it, the session above both."""
 _POSES = ("pose-sync", "pose")
-"""Detections of a trial, synchronised ones first."""
+"""Folders of the detections of a trial. Synchronised detections are preferred."""
 _MODELS = {
     "body25": BODY25, "body25b": BODY25B, "coco": COCO18, "coco17": COCO17, "body": COCO17,
     "halpe26": HALPE26, "bodywithfeet": HALPE26,
@@ -33,14 +33,14 @@ def read_pose2sim(
     fps: float | None = None,
     skeleton: Skeleton | None = None,
 ) -> Clip:
-    """A trial of a Pose2Sim session; its Config.toml files and the calibration of the session are found from there.
+    """A trial of a Pose2Sim session, with the Config.toml files and the calibration of the session.
 
     Args:
         path: The trial.
-        calibration: Where its calibration is, and what that does not say.
-        detections: Folder of the folders of the cameras; by default `pose-sync` or `pose` in `path`.
-        fps: Frames per second; by default those of the session.
-        skeleton: Skeleton of the detections; by default that of the session.
+        calibration: Path of the calibration, and the values that its file does not state.
+        detections: Folder that contains the folders of the cameras; by default `pose-sync` or `pose` in `path`.
+        fps: Frames per second; by default the rate of the session.
+        skeleton: Skeleton of the detections; by default the skeleton of the session.
 
     Raises:
         FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
@@ -49,15 +49,14 @@ def read_pose2sim(
 
 
 def read_detections(path: Path, detections: Path | None = None, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read the detections of a trial: `pose-sync/` or `pose/`, not the associated ones, because capture associates
-    persons itself.
+    """Read the detections of a trial, in `pose-sync/` or else `pose/`.
 
-    Settings come from the Config.toml nearest to the trial that has them: `pose.pose_model` says the skeleton
-    and `project.frame_rate` the frame rate. Without it, the rate is that of `videos/*`, or else of the
-    trial's own `pose-3d/*.trc`.
+    Pose2Sim's associated detections are not read, because capture associates persons itself. A setting is read from
+    the nearest Config.toml that contains it: `pose.pose_model` is the skeleton, `project.frame_rate` the frame rate. If
+    no file states the frame rate, it is the rate of `videos/*`, or else of `pose-3d/*.trc` in the trial.
 
     Raises:
-        FileNotFoundError: the folder is no trial; the message names those below it.
+        FileNotFoundError: the folder is not a trial; the message lists the trials in it.
         ValueError: a file is malformed.
     """
     path = Path(path).resolve()
@@ -73,7 +72,7 @@ def read_detections(path: Path, detections: Path | None = None, skeleton: Skelet
     try:
         found = openpose.read_detections(folder, skeleton or named)
     except ValueError:
-        # The files were made with another model, as their number of joints shows.
+        # The number of joints shows that another model than in Config.toml made the files.
         if skeleton or not named:
             raise
         found = openpose.read_detections(folder)
@@ -93,7 +92,7 @@ def _rate(path: Path) -> float | None:
 
 
 def _setting(path: Path, table: str, key: str):
-    """Return a setting of the nearest Config.toml that has it, None if none has."""
+    """Return a setting from the nearest Config.toml that contains it; None if no file contains it."""
     for level in [path, *path.parents][:_LEVELS]:
         file = level / "Config.toml"
         if not file.is_file():

@@ -23,20 +23,20 @@ _OPTIONS = {
     "fps": ("fps",),
     "skeleton": ("skeleton",),
 }
-"""The arguments that readers can have, and the fields of `DataConfig` that each is made of."""
+"""The arguments that readers can take, each with the fields of `DataConfig` from which it is made."""
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 _VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 
 
 class Clips(Sequence):
-    """The clips of a data set, or of a single recording, each read when it is accessed.
+    """The clips of a data set, or of a single recording. A clip is read when it is accessed.
 
     Attributes:
-        numbers: Of these clips in their data set.
-        folders: Of these clips.
-        total: Number of clips of the data set.
-        names: Names of the folders of all clips of the data set.
+        numbers: Numbers of these clips in their data set.
+        folders: Folders of these clips.
+        total: Number of clips in the data set.
+        names: Names of the folders of all clips in the data set.
     """
 
     def __init__(self, config: DataConfig):
@@ -50,7 +50,7 @@ class Clips(Sequence):
         self.numbers = range(self.total)
 
     def part(self, numbers: range) -> "Clips":
-        """Return those clips of the data set alone that have these numbers."""
+        """Return only the clips of the data set with these numbers."""
         part = copy(self)
         part.numbers, part.folders = numbers, [self.folders[number - self.numbers.start] for number in numbers]
         return part
@@ -79,23 +79,24 @@ class Clips(Sequence):
 def load(config: DataConfig) -> Clips:
     """Return the clips that a configuration names, restricted to its frames and cameras.
 
-    Notes on missing frames, and on decisions of a reader that can be wrong, are in `provenance["notes"]` of the clips.
+    `provenance["notes"]` of each clip contains notes on missing frames, and on decisions of the reader that can be
+    wrong.
 
     Raises:
-        FileNotFoundError: there is no such recording.
-        ValueError: a file is malformed, an option that the files make necessary is missing, or a clip lacks one
-            of the cameras or frames; raised when the clip is read.
+        FileNotFoundError: the recording does not exist.
+        ValueError: a file is malformed, an option that the files need is missing, or a clip lacks one of the cameras
+            or frames. It is raised when the clip is read.
     """
     return Clips(config)
 
 
 def is_data_set(config: DataConfig) -> bool:
-    """Return whether the path holds clips in folders of their own, instead of being one itself."""
+    """Return whether the path contains one folder per clip, and is not itself a clip."""
     return _folders(config, _reader(config)) != [Path(config.path)]
 
 
 def written_convention(config: DataConfig) -> Convention | None:
-    """Return the convention in which the calibration is taken to be written; None for formats without such options."""
+    """Return the convention by which the calibration is read; None if the format takes no calibration."""
     if "calibration" not in _reader(config).options:
         return None
     path = Path(config.calibration or config.path)
@@ -103,10 +104,10 @@ def written_convention(config: DataConfig) -> Convention | None:
 
 
 def recognise(path: Path) -> str:
-    """Return the name of the format of a recording, by the names of its files.
+    """Return the name of the format of a recording, recognised by the names of its files.
 
     Raises:
-        FileNotFoundError: there is nothing at the path.
+        FileNotFoundError: the path does not exist.
         ValueError: no format is recognised, or several are.
     """
     path = Path(path)
@@ -132,7 +133,7 @@ def recognise(path: Path) -> str:
 
 
 def _holds_videos(path: Path) -> bool:
-    """Return whether a path is, or holds, a video, or folders of pictures."""
+    """Return whether a path is a video, or contains a video or a folder of images."""
     files = [path] if path.is_file() else list(path.iterdir())
     if any(file.suffix.lower() in _VIDEOS for file in files):
         return True
@@ -155,10 +156,10 @@ def _folders(config: DataConfig, entry: RecordingReader) -> list[Path]:
 
 
 def _arguments(config: DataConfig, entry: RecordingReader, path: Path) -> dict:
-    """The options that a reader takes.
+    """Return the arguments that a reader takes, by name.
 
     Raises:
-        ValueError: options were given that it does not take.
+        ValueError: the configuration has options that the reader does not take.
     """
     refusable = {name for option, names in _OPTIONS.items() if option not in entry.options for name in names}
     given = [field.name for field in fields(config) if getattr(config, field.name) is not None]

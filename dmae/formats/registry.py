@@ -11,15 +11,15 @@ from dmae.registry import Entry, Registry
 
 @dataclass(frozen=True)
 class RecordingReader(Entry):
-    """A function of the path of a recording, and of the options that it needs, that returns a `Clip`.
+    """A reader of recordings: a function that takes a path and the options that it needs, and returns a `Clip`.
 
-    For the options see `dmae.formats.reading`.
+    `dmae.formats.reading` lists the options.
 
     Attributes:
-        signs: Lists of patterns; a folder is recognised where all patterns of one of the lists are found in it.
+        signs: Lists of file patterns. A folder is recognised if it contains a match of every pattern of one list.
         file: Pattern of the names of files that are recognised.
-        general: Other formats contain such files too, so that this one is recognised only where no other is.
-        data_set: A path can hold clips in folders of their own.
+        general: Other formats contain these files too, so this format is recognised only if no other format is.
+        data_set: The path can be a data set: a folder that contains one folder per clip.
     """
 
     signs: list[list[str]] = field(default_factory=list)
@@ -30,11 +30,11 @@ class RecordingReader(Entry):
 
 @dataclass(frozen=True)
 class PoseReader(Entry):
-    """A function of the path of poses that returns a `dmae.formats.recordings.pose_files.PoseFile`.
+    """A reader of poses: a function that takes a path and returns a `dmae.formats.recordings.pose_files.PoseFile`.
 
     Attributes:
-        file: Pattern of the names of files that it reads; empty where it reads folders.
-        signs: Patterns; a folder is read where one of them is found in it.
+        file: Pattern of the names of files that it reads; empty if it reads folders.
+        signs: File patterns. The reader reads a folder if the folder contains a match of one of them.
     """
 
     file: str = ""
@@ -43,12 +43,13 @@ class PoseReader(Entry):
 
 @dataclass(frozen=True)
 class PoseWriter(Entry):
-    """A function of poses, the clip that they are of, and the path to write.
+    """A writer of poses: a function that takes poses, their clip, and the path to write.
 
     Attributes:
-        folder: It writes a folder.
-        skeleton: The only skeleton of the format.
-        fused: Of fused skeletons all joints are written by default, not only those of the first.
+        folder: The writer writes a folder, not a file.
+        skeleton: Name of the only skeleton that the format supports; None if it supports any.
+        fused: If the skeleton is fused from several, all joints are written by default. Otherwise only the joints of
+            the first skeleton are written.
     """
 
     folder: bool = False
@@ -58,10 +59,10 @@ class PoseWriter(Entry):
 
 @dataclass(frozen=True)
 class RecordingWriter(Entry):
-    """A function of a clip and the folder to write.
+    """A writer of recordings: a function that takes a clip and the folder to write.
 
     Attributes:
-        lacks: Options that the format does not hold, so that a reader has to be given them.
+        lacks: Options that the format cannot store, so that the user has to give them to the reader.
     """
 
     lacks: list[str] = field(default_factory=list)

@@ -1,7 +1,7 @@
 """The `.npy` dictionaries of the paper's released code: cameras, detections and truth of Shelf.
 
-They are pickles, which run whatever code they like when they are loaded as NumPy and pickle load them. Here
-`dmae.files.pickles` reads them, which runs nothing.
+They are pickles. A pickle can run any code when NumPy or `pickle` loads it. `dmae.files.pickles` reads them without
+running code.
 """
 
 from pathlib import Path
@@ -26,16 +26,16 @@ FPS = 25.0
 def read_released(path: Path, *, fps: float | None = None) -> Clip:
     """The dictionaries of the paper's code: camera_params.npy, *2d_detection_dict.npy, maybe *3d_eval*.npy.
 
-    Detections are of BODY_25, or of the paper's 21 joints where they were cut to those. Truth is of SHELF14, NaN where
-    an actor is not annotated.
+    Detections have the skeleton BODY_25, or the 21 joints of the paper if the file contains only those. The truth has
+    the skeleton SHELF14, with NaN where an actor is not annotated.
 
     Args:
         path: Folder of the files.
-        fps: Frames per second; by default those of the Shelf recording.
+        fps: Frames per second; by default 25, the rate of the Shelf recording.
 
     Raises:
         FileNotFoundError: cameras or detections are missing.
-        ValueError: a file is malformed, or asks for code.
+        ValueError: a file is malformed, or its pickle would run code.
     """
     rig = read_cameras(path / CAMERAS)
     file = _one(path, DETECTIONS)
@@ -54,7 +54,7 @@ def _one(folder: Path, pattern: str) -> Path | None:
 
 
 def read_cameras(path: Path) -> CameraRig:
-    """Return the cameras of `camera_params.npy`: world to camera, m; errors as in `read_npy`."""
+    """Return the cameras in `camera_params.npy`: cam_from_world, m; errors as in `read_npy`."""
     cameras = read_npy(path)
     if not isinstance(cameras, list):
         raise ValueError(f"{path}: expected a list of cameras, found {cameras!r:.60}")
@@ -77,7 +77,7 @@ def _detections(path: Path, rig: CameraRig) -> NumberedDetections:
     content = read_npy(path)
     if not isinstance(content, dict) or not content or not all(isinstance(view, dict) for view in content.values()):
         raise ValueError(f"{path}: expected detections by view and frame, found {content!r:.60}")
-    # They are fractions of the image, all cameras' of the same size in the code that reads them.
+    # Coordinates are fractions of the image. The released code assumes the same image size for all cameras.
     scale = np.array([*(rig.size[0] - 1), 1.0])
     views, joints = {}, None
     for name in sorted(map(str, content), key=natural):
@@ -122,7 +122,7 @@ def _truth(path: Path, numbers: list[int]) -> dict[int, np.ndarray]:
 
 
 def _actor(place: str, joints) -> np.ndarray:
-    """Return joints (14 or 15, 3), NaN where the actor is not annotated."""
+    """Return joints (14 or 15, 3) m; all NaN if the actor is not annotated."""
     try:
         found = np.asarray(joints, np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -15,9 +15,9 @@ from dmae.formats.registry import reader
 
 FPS = 25.0
 FIRST_FRAME = 300
-"""Number of the bundle's frame 0 in the recording as published."""
+"""Number in the published recording of the first frame of the release."""
 FLOOR_M = -0.08
-"""m; z of the recording's floor, by the feet that its cameras see and by the annotated ankles."""
+"""m; z of the floor, estimated from the feet in the images and from the annotated ankles."""
 _BODY25_TYPE = 4
 _TRUTH_JOINTS = 15
 _ACTORS = 4
@@ -27,8 +27,8 @@ _ACTORS = 4
 def read_shelf(path: Path) -> Clip:
     """The Shelf recording as 4DAssociation releases it: calibration.json, detection/<camera>.txt, maybe gt.txt.
 
-    Detections are assembled from joint candidates and part affinities. Truth has a row for each of the actors 0 to
-    3, NaN where an actor is not annotated.
+    Detections are assembled from joint candidates and part affinities. The truth contains the actors 0 to 3, with NaN
+    where an actor is not annotated.
 
     Raises:
         FileNotFoundError: the calibration, or the detections of one of its cameras, are missing.
@@ -62,7 +62,7 @@ def read_shelf(path: Path) -> Clip:
 
 
 class _Numbers:
-    """A text file as a stream of numbers; errors name file, line and position."""
+    """A text file read as a stream of numbers; errors name file, line and position."""
 
     def __init__(self, path: Path):
         self.path, self.place, self.position = path, "header", 0
@@ -96,7 +96,7 @@ class _Numbers:
         return self.values[start:end]
 
     def count(self, what: str, at_most: int = 1_000_000) -> int:
-        """Return the next number, a count."""
+        """Return the next number, which must be a whole number from 0 to `at_most`."""
         value = self.take(1, what).item()
         if value != int(value) or not 0 <= value <= at_most:
             self.position -= 1
@@ -104,7 +104,7 @@ class _Numbers:
         return int(value)
 
     def header(self, kind: int, what: str) -> int:
-        """Check the two numbers at the start of a file, and return the second, the number of frames."""
+        """Check the two numbers at the start of a file, its kind and its number of frames. Return the second."""
         found = self.count(what)
         if found != kind:
             self.position = 0
@@ -129,7 +129,7 @@ def _is_number(token: str) -> bool:
 
 
 def _read_detections(path: Path, size: np.ndarray) -> list[np.ndarray]:
-    """For each frame a (D, 25, 3) array of x, y in px and confidence."""
+    """Return a (D, 25, 3) array of x, y in px and confidence for each frame."""
     numbers = _Numbers(path)
     frames = numbers.header(_BODY25_TYPE, "skeleton type")
     scale = np.array([size[0] - 1, size[1] - 1, 1.0])
@@ -146,7 +146,7 @@ def _read_detections(path: Path, size: np.ndarray) -> list[np.ndarray]:
             affinities.append(numbers.take(counts[a] * counts[b], "affinities"))
         skeletons = assemble(counts, affinities)
         start = np.cumsum([0, *counts[:-1]])
-        # One row past the candidates, for joints without one: index -1 finds it.
+        # An extra last row of NaN for joints without a candidate: index -1 selects it.
         rows = np.concatenate([*candidates, np.full((3, 1), np.nan)], 1).T * scale
         found.append(rows[np.where(skeletons >= 0, skeletons + start, -1)])
     numbers.place = f"after frame {frames - 1}"

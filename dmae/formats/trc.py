@@ -1,4 +1,4 @@
-"""TRC, the text format of OpenSim for markers: y up, tab separated, an empty cell where a marker is absent."""
+"""TRC, OpenSim's text format for markers: y up, separated by tabs, an empty cell where a marker is absent."""
 
 import re
 from collections.abc import Iterator
@@ -27,21 +27,21 @@ from dmae.formats.motion_capture.source_table import (
 from dmae.formats.recordings.pose_files import PoseFile
 from dmae.formats.registry import pose_reader, pose_writer
 
-# Indices of our x, y, z in those of a TRC, and back: TRC (x, y, z) = world (y, z, x).
+# Indices that reorder axes from TRC to world, and from world to TRC: TRC (x, y, z) = world (y, z, x).
 _WORLD = (2, 0, 1)
 _TRC = (1, 2, 0)
 _SIDES = {"l_": "L", "r_": "R"}
 _ALIASES = {"Head": "head_top", "CHip": "mid_hip", "Hip": "mid_hip"}
-"""Markers of Pose2Sim that are not called like our joints."""
+"""Joints by the name of the marker, for Pose2Sim's markers with other names than `marker` gives."""
 _OPENSIM = {"head_top": "Head", "mid_hip": "CHip"}
 _OPENSIM_HALPE26 = _OPENSIM | {"mid_hip": "Hip"}
-"""Markers that Pose2Sim's models for OpenSim call otherwise than `marker` does; in those of Halpe the hip differs."""
+"""Markers by joint, if Pose2Sim's OpenSim models use another name than `marker`. Halpe's models differ in the hip."""
 _FIRST_ROW = 5
-"""Lines of the header; OpenSim's own files have an empty one after it."""
+"""Number of lines of the header. OpenSim's own files have an empty line after it."""
 
 
 def marker(joint: str) -> str:
-    """Return the name of a joint's marker, as in OpenPose: l_big_toe is LBigToe, mid_hip MidHip."""
+    """Return the name of the marker of a joint, as in OpenPose: l_big_toe is LBigToe, mid_hip is MidHip."""
     part, side, bare = "", joint[:2], joint
     if side in _SIDES:
         part, bare = _SIDES[side], joint[2:]
@@ -49,9 +49,9 @@ def marker(joint: str) -> str:
 
 
 def opensim_marker(joint: str, skeleton: Skeleton) -> str:
-    """Return the name of a joint's marker in Pose2Sim's models for OpenSim: mid_hip is CHip, or Hip in Halpe's.
+    """Return the name of the marker of a joint in Pose2Sim's models for OpenSim: mid_hip is CHip, or Hip in Halpe's.
 
-    Markers of skeletons of your own are called as their joints.
+    In your own skeleton, markers have the names of their joints.
     """
     if skeleton.defined:
         return joint
@@ -60,18 +60,18 @@ def opensim_marker(joint: str, skeleton: Skeleton) -> str:
 
 
 def read_trc(path: Path, skeleton: Skeleton | None = None) -> tuple[Poses3D, float]:
-    """Return the markers of a TRC, of one person, in our world, m, and the frame rate.
+    """Return the poses of one person from a TRC, in m and world axes, and the frame rate in frames/s.
 
-    `source` and `cov` are those of the files that `write_trc` writes next to it; without them all markers count as
-    measured, though some programs write interpolated ones.
+    `source` and `cov` come from the files that `write_trc` writes next to the TRC. Without these files, all markers
+    count as measured, although some programs write interpolated markers.
 
     Args:
-        skeleton: By default the one in the file next to it, or the smallest of this package that has all markers;
-            joints without a marker are absent.
+        skeleton: By default the one defined in the file next to the TRC, or else the smallest skeleton of this package
+            that has all markers. Joints without a marker are absent.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is malformed; the message names the line.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is malformed; the message names the line.
         KeyError: no skeleton has all markers.
     """
     path = Path(path)
@@ -106,7 +106,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def _header(path: Path, lines: list[str]) -> tuple[dict, list[str]]:
-    """Return rate and unit of lines 2 and 3, and marker names of line 4."""
+    """Return the header, with rate and unit, from lines 2 and 3, and the names of the markers from line 4."""
     header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     try:
         rate, unit = float(header["DataRate"]), LengthUnit(header["Units"].strip())
@@ -121,7 +121,7 @@ def _header(path: Path, lines: list[str]) -> tuple[dict, list[str]]:
 
 
 def _rows(path: Path, lines: list[str], markers: int) -> np.ndarray:
-    """(F, markers, 3) as written, NaN where a cell is empty."""
+    """Return the coordinates (F, markers, 3) in the axes and the unit of the file; NaN where a cell is empty."""
     rows = []
     for number, line in enumerate(lines[_FIRST_ROW:], _FIRST_ROW + 1):
         if not line.strip():
@@ -172,7 +172,7 @@ def _skeleton(path: Path, names: list[str]) -> Skeleton:
 
 @pose_reader("trc", file="*.trc")
 def read_trc_poses(path: Path) -> PoseFile:
-    """OpenSim's markers: one person, or the files `<name>_P1.trc` and on that `write_trc` wrote of several."""
+    """OpenSim's markers: one person, or the files `<name>_P1.trc`, ... that `write_trc` wrote for several persons."""
     path = Path(path)
     files = [path] if path.is_file() else _person_files(path)
     read = [read_trc(file) for file in files]
@@ -188,7 +188,7 @@ def read_trc_poses(path: Path) -> PoseFile:
 
 
 def _person_files(path: Path) -> list[Path]:
-    """Return the files of the persons of `path`, by number."""
+    """Return the files `<name>_P<number>.trc` of the persons, ordered by number."""
     numbered = {}
     for file in path.parent.glob("*.trc"):
         number = re.fullmatch(rf"{re.escape(path.stem)}_P(\d+)", file.stem)
@@ -208,16 +208,16 @@ def write_trc_poses(poses: Poses3D, clip: Clip, path: Path, *, unit: LengthUnit 
 def write_trc(
     poses: Poses3D, fps: float, path: Path, unit: LengthUnit = LengthUnit.m, first: int | None = None
 ) -> list[Path]:
-    """Write a file for each person, at the `person_paths`, to a micrometre.
+    """Write one TRC file per person, to a micrometre. `person_paths` gives their names.
 
-    A TRC cannot say that a joint is not measured, so a second file, `<name>.source.csv`, does: measured, denoised,
-    completed or absent for each frame and marker. A third, `<name>.covariance.csv`, has the covariances of the joints
-    in the axes and the unit of the TRC, where they are known. A fourth, `<name>.skeleton.yaml`, defines a skeleton that
-    is none of this package.
+    A TRC cannot state that a joint was not measured. A second file, `<name>.source.csv`, states it: measured, denoised,
+    completed or absent for each frame and marker. A third file, `<name>.covariance.csv`, contains the known covariances
+    of the joints, in the axes and the unit of the TRC. A fourth file, `<name>.skeleton.yaml`, defines the skeleton if
+    it is not one of this package.
 
     Args:
-        first: Number of the first frame in the recording, of which number 0 is at time 0; by default frames count from
-            1 on, at time 0.
+        first: Number of the first frame in the recording; frame 0 is at time 0 s. By default the first frame has
+            number 1 and time 0 s.
 
     Returns:
         The TRC files.
@@ -263,10 +263,10 @@ def _rows_of(xyz: np.ndarray, metre: float, fps: float, digits: int, number: int
 
 
 def _read_source(path: Path, xyz: np.ndarray, names: list[str], joints: list[int]) -> np.ndarray | None:
-    beside = source_table(path)
-    if not beside.is_file():
+    table = source_table(path)
+    if not table.is_file():
         return None
-    lines = [line.split(",") for line in read_text(beside).splitlines()]
+    lines = [line.split(",") for line in read_text(table).splitlines()]
     wrong = [
         len(lines) != len(xyz) + 1,
         not lines or lines[0][1:] != names,
@@ -274,13 +274,13 @@ def _read_source(path: Path, xyz: np.ndarray, names: list[str], joints: list[int
     ]
     if any(wrong):
         raise ValueError(
-            f"{beside}: expected {len(xyz)} frames of the markers of {path.name}; delete it if it is not its"
+            f"{table}: expected {len(xyz)} frames of the markers of {path.name}; delete it if it is not its"
         )
     source = np.zeros(xyz.shape[:-1], np.uint8)
     try:
         source[:, 0, joints] = [[Source[kind.upper()] for kind in line[1:]] for line in lines[1:]]
     except KeyError as error:
-        raise ValueError(f"{beside}: expected {[s.name.lower() for s in Source]}, found {error}") from None
+        raise ValueError(f"{table}: expected {[s.name.lower() for s in Source]}, found {error}") from None
     return source
 
 

@@ -13,11 +13,11 @@ from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
 from dmae.numerics.likely_error import without_unlikely
 
 _SUFFIXES = {"coco": ".json", "movement": ".nc"}
-"""Of files that are not called like their format."""
+"""Suffixes of files by format, where the suffix differs from the name of the format."""
 
 
 def export_path(path: Path, format: str) -> Path:
-    """Return the path that `write_poses` writes: with the suffix of the format, where it has none and is a file."""
+    """Return the path that `write_poses` writes. A file without a suffix gets the suffix of the format."""
     writer, path = pose_writer.find(format), Path(path)
     if writer.folder or path.suffix or writer.name not in pose_writer:
         return path
@@ -33,24 +33,25 @@ def write_poses(
     unit: LengthUnit = LengthUnit.m,
     keep_mm: float | None = None,
 ) -> Poses3D:
-    """Write the captured or completed poses of a clip, or its truth where it has none.
+    """Write the captured or completed poses of a clip, or its truth if it has no poses.
 
     Args:
-        clip: Has poses or truth.
-        path: File to write, see `export_path`; for some formats a folder, which must be empty or not exist.
+        clip: A clip with poses or truth.
+        path: File to write, see `export_path`. Some formats write a folder, which must be empty or not exist.
         format: Name of a pose writer, or `package.module:function`.
-        skeleton: Skeleton to write; by default that of the poses, of two fused the first unless the format has both.
-        unit: Unit of lengths, for formats that have one.
-        keep_mm: Leave out joints that are likely farther than this from the truth, by their covariances, see
-            `dmae.numerics.likely_error.without_unlikely`; by default none.
+        skeleton: Skeleton to write; by default the skeleton of the poses. If that is fused from several, it is the
+            first of them, unless the format writes all of them.
+        unit: Unit of lengths, for formats with a choice of units.
+        keep_mm: mm; leave out joints with a likely error above this, by their covariances, see
+            `dmae.numerics.likely_error.without_unlikely`. By default all joints are written.
 
     Returns:
         The poses on the skeleton that was written.
 
     Raises:
-        ValueError: there are neither poses nor truth, no such format, the format does not have the skeleton or units,
-            the folder is not empty, or `keep_mm` is not a positive number.
-        KeyError: there is no such skeleton.
+        ValueError: the clip has neither poses nor truth, the format is unknown or does not support the skeleton or
+            unit, the folder is not empty, or `keep_mm` is not a positive number.
+        KeyError: the skeleton is unknown.
     """
     writer, path = pose_writer.find(format), export_path(path, format)
     poses = exported_poses(clip)
@@ -66,29 +67,29 @@ def write_poses(
     if writer.folder:
         _check_folder(path, clip)
     if poses is clip.truth and clip.true_rig is not None:
-        # Truth is seen by the true cameras, not by those of a calibration in error.
+        # Project the truth with the true cameras: the calibration of the clip can have errors.
         clip = replace(clip, rig=clip.true_rig)
     if poses is clip.poses:
-        # Some writers project the poses of the clip.
+        # Some writers project the poses that the clip contains.
         clip = replace(clip, poses=kept)
     writer.function(written, clip, path, **options)
     return written
 
 
 def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
-    """Write the detections and cameras of a clip; as a clip, all of it.
+    """Write the detections and cameras of a clip. The format `clip` writes everything in the clip.
 
     Args:
         clip: Any clip.
-        path: Folder to write; except for clips it must be empty or not exist.
+        path: Folder to write. It must be empty or not exist, except for the format `clip`.
         format: Name of a recording writer, or `package.module:function`.
 
     Returns:
-        The options of `DataConfig` that a reader has to be given, as the format does not hold them, as commands take
-        them; empty where there are none.
+        The options of `DataConfig` that the format cannot store and that the user has to give when the recording is
+        read, as command-line arguments. The text is empty if there are none.
 
     Raises:
-        ValueError: there is no such format, the folder is not empty, or the format cannot hold the cameras.
+        ValueError: the format is unknown, the folder is not empty, or the format cannot store the cameras.
     """
     writer, path = recording_writer.find(format), Path(path)
     if writer.name != "clip":
@@ -100,7 +101,7 @@ def write_recording(clip: Clip, path: Path, format: str = "clip") -> str:
 
 
 def exported_poses(clip: Clip) -> Poses3D | None:
-    """Return the poses of a clip that `write_poses` writes: captured or completed ones, else the truth."""
+    """Return the poses that `write_poses` writes: the captured or completed poses, or else the truth."""
     return clip.truth if clip.poses is None else clip.poses
 
 
@@ -121,8 +122,9 @@ def _skeleton(writer: PoseWriter, poses: Poses3D, wanted: str | None) -> Skeleto
 
 
 def _check_folder(folder: Path, clip: Clip) -> None:
-    """Refuse a folder with files, which would be read as part of the new recording, and cameras that cannot be names
-    of folders in it.
+    """Raise ValueError if the folder contains files, or if the name of a camera cannot be the name of a folder.
+
+    A reader would take files that are already there for a part of the new recording.
     """
     check_vacant(folder, "a file for each frame")
     for name in clip.rig.names:

@@ -1,4 +1,4 @@
-"""Interpolation in the body: offsets between joints, in a frame that turns with the body, change least over time."""
+"""Interpolation in the frame of the body: offsets between joints change least in a frame that turns with the body."""
 
 from copy import copy
 
@@ -12,17 +12,18 @@ from dmae.numerics.interpolation import Interpolation, connect
 from dmae.numerics.robust import mean_known
 
 HEADING_SMOOTHING = 0.2
-"""s over which the heading is smoothed: hips are a narrow base to measure it from."""
+"""s; standard deviation of the weights that smooth the heading. Hips are close together, so their heading is noisy."""
 
 FARTHEST = 0.5
-"""m from where a joint is expected to its ray; a ray farther away is taken to be of another person."""
+"""m; largest distance from the expected position of a joint to its ray. A ray farther away probably shows another
+person."""
 _ALONG_RAY, _BONE_ERROR = 0.1, 0.08
-"""m; standard deviations of a joint's place along its ray, and of a measured bone length."""
+"""m; standard deviations of the position of a joint along its ray, and of a measured bone length."""
 _RELATIVE_TOLERANCE, _TOLERANCE = 0.25, 0.05
-"""A joint is not moved to its ray where its bone would be off by more than this share and this many metres, as in
-`dmae.reconstruction.pruning`."""
+"""A joint is not moved to its ray if the length of its bone would then differ by more than this share plus this number
+of metres, as in `dmae.reconstruction.pruning`."""
 _STEPS = 8
-"""Of Gauss-Newton."""
+"""Number of Gauss-Newton steps."""
 
 
 def interpolate(
@@ -32,19 +33,21 @@ def interpolate(
     through: Interpolation,
     rays: np.ndarray | None = None,
 ) -> "Bodies":
-    """Fill the gaps of (F, P, J, 3) wherever anything is known; `Bodies.filled` is the result.
+    """Return bodies with filled gaps; `Bodies.filled` contains the positions.
 
-    The frame is rotated about the vertical by the heading of hips and shoulders, smoothed; where a skeleton of your own
-    has none, in space by its torso. A hidden joint of the torso
-    is placed by its interpolated offsets from the torso joints that are measured, a hidden joint of a limb by its
-    offset from its parent. Both are then moved to meet what was measured before and after. Where the whole torso is
-    hidden its root is interpolated in the world.
+    The frame of the body is rotated about the vertical axis by the smoothed heading of hips and shoulders. If your own
+    skeleton has no hips and shoulders, the frame is rotated in space by the torso, see `body_rotations`. A hidden joint
+    of the torso is placed by its interpolated offsets from the measured joints of the torso. A hidden joint of a limb
+    is placed by its interpolated offset from its parent. Both are then shifted so that the path is continuous with the
+    measurements before and after the gap. Where the whole torso is hidden, its root is interpolated in the world.
 
     Args:
         xyz: (F, P, J, 3) m, world; NaN where hidden.
-        through: How offsets are interpolated over time.
-        rays: (F, P, J, 2, 3) on which hidden joints are known to be, see `Poses3D.rays`. Joints are moved there, and
-            the joints below them in the skeleton move along.
+        skeleton: Skeleton of the J joints.
+        fps: Frames per second.
+        through: Function that interpolates offsets over time.
+        rays: (F, P, J, 2, 3) rays on which hidden joints are, see `Poses3D.rays`. A joint with a ray is moved onto the
+            ray, and its hidden descendants in the skeleton move with it.
     """
     bodies = Bodies(xyz, skeleton, rays, body_rotations(xyz, skeleton, HEADING_SMOOTHING * fps))
     torso, parents = bodies.torso, bodies.parents
@@ -61,23 +64,24 @@ def interpolate(
             offset = offsets[attached.index(joint)]
             bodies.place(joint, bodies.filled[:, :, parent] + offset, None if joint in torso else parent)
         if np.isnan(bodies.filled[:, :, joint]).any():
-            # The root, or a joint never measured together with its parent.
+            # This joint is the root, or was never measured together with its parent.
             bodies.place(joint, through(bodies.filled[:, :, joint]))
     return bodies
 
 
 class Bodies:
-    """Bodies being filled joint by joint.
+    """Bodies that are filled joint by joint.
 
     Attributes:
-        xyz: (F, P, J, 3) m, world, as given; `filled` with the joints placed so far.
-        rays: As for `interpolate`.
-        world_from_body: (F, P, 3, 3)
+        xyz: (F, P, J, 3) m, world, as given.
+        filled: (F, P, J, 3) m, world, with the joints that were placed so far.
+        rays: As in `interpolate`.
+        world_from_body: (F, P, 3, 3) rotations.
         torso: Joints of the torso, parents first.
-        parents: (J,) parent of each joint, -1 for none. A root outside the torso, such as COCO's nose, has the root of
-            the torso for parent.
-        stretching: Joints with a bone that changes its length.
-        attached: Joints that have a parent, parents first.
+        parents: (J,) parent of each joint; -1 for none. The parent of a root outside the torso, such as COCO's nose, is
+            the first joint of the torso.
+        stretching: Joints with a bone of variable length.
+        attached: Joints with a parent, parents first.
     """
 
     def __init__(self, xyz: np.ndarray, skeleton: Skeleton, rays: np.ndarray | None, world_from_body: np.ndarray):
@@ -89,25 +93,28 @@ class Bodies:
         self.attached = [joint for joint in order if self.parents[joint] not in (-1, joint)]
 
     def copy(self) -> "Bodies":
-        """Return bodies that can be filled in another way."""
+        """Return a copy that can be filled independently."""
         other = copy(self)
         other.filled = self.filled.copy()
         return other
 
     def offsets(self, joints: list[int], anchors: list[int], through: Interpolation) -> np.ndarray:
-        """Return (F, P, n, 3) from anchors to joints, world, interpolated in the body over frames that have both."""
+        """Return the vectors (F, P, n, 3) m, world, from anchors to joints, interpolated in the frame of the body."""
         offsets = self.in_body(self.xyz[:, :, joints] - self.xyz[:, :, anchors])
         return self.in_world(through(offsets))
 
     def place(self, joint: int, estimate: np.ndarray, parent: int | None = None) -> None:
-        """Fill what is missing of a joint by an estimate (F, P, 3), moved to meet what was measured, and onto rays.
+        """Fill the missing positions of a joint by an estimate, shifted to meet the measurements, and moved onto rays.
 
-        With a parent the bone between them keeps its length.
+        Args:
+            joint: Index of the joint.
+            estimate: (F, P, 3) m, world.
+            parent: Index of the parent, if the bone between them has a constant length.
         """
         if not np.isnan(self.filled[:, :, joint]).any():
             return
         xyz = self.xyz[:, :, joint]
-        # An estimate that misses the samples on both sides of a gap misses the path within it by about as much.
+        # The error of the estimate inside a gap is about its error at the samples on both sides: subtract it.
         estimate = estimate + connect(xyz - estimate)
         if self.rays is not None:
             hidden = np.isnan(xyz[..., 0])
@@ -119,25 +126,34 @@ class Bodies:
                 bone = self.filled[frame, person, parent], lengths[person]
             moved = np.where(hidden[..., None], np.nan, np.zeros(3))
             moved[frame, person] = _onto_rays(start, ray, *bone) - start
-            # A joint does not jump back in the frame where its ray ends.
+            # Interpolate the displacement, so that a joint does not jump in the frame after its last ray.
             estimate = estimate + connect(moved)
         self.filled[:, :, joint] = np.where(np.isnan(self.filled[:, :, joint]), estimate, self.filled[:, :, joint])
 
     def in_body(self, vectors: np.ndarray) -> np.ndarray:
-        """Return vectors (F, P, n, 3) of the world in the frame of the body."""
+        """Return vectors (F, P, n, 3), given in the world, in the frame of the body."""
         return vectors @ self.world_from_body
 
     def in_world(self, vectors: np.ndarray) -> np.ndarray:
-        """Return vectors (F, P, n, 3) of the body's frame in the world."""
+        """Return vectors (F, P, n, 3), given in the frame of the body, in the world."""
         return vectors @ self.world_from_body.swapaxes(-1, -2)
 
 
 def _onto_rays(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """Return points (n, 3) moved onto their rays (n, 2, 3), to where their bones have about their usual length.
+    """Return points (n, 3) m, moved onto their rays to positions at which bones have about their usual lengths.
 
-    Along the ray the sum of two squared distances is minimised, in units of `_ALONG_RAY` and `_BONE_ERROR`: from the
-    point of the ray nearest to the estimate, and from the sphere about the parent (n, 3) of radius `length` (n,), m;
-    NaN where either is unknown. Points too far from their rays, or with bones too long or too short, are NaN.
+    The position on the ray minimises the sum of two squared distances: the distance from the point of the ray nearest
+    to the estimate, in units of `_ALONG_RAY`, and the distance from the sphere of radius `length` around the parent, in
+    units of `_BONE_ERROR`.
+
+    Args:
+        estimate: (n, 3) m, world.
+        rays: (n, 2, 3) origins and unit directions.
+        parent: (n, 3) m, world; NaN where unknown.
+        length: (n,) m; NaN where unknown.
+
+    Returns:
+        (n, 3) m; NaN for points too far from their rays, and for points with too long or too short bones.
     """
     placed = np.full(estimate.shape, np.nan)
     parent = np.broadcast_to(np.asarray(parent, np.float64), estimate.shape)
@@ -148,7 +164,7 @@ def _onto_rays(estimate: np.ndarray, rays: np.ndarray, parent: np.ndarray, lengt
 
 @compiled()
 def _place_on_rays(estimate, rays, parent, length, placed):
-    """Write the points of `_onto_rays` that are near enough; `placed` (n, 3) is filled with NaN by the caller."""
+    """Write the result of `_onto_rays` to `placed` (n, 3), which the caller has filled with NaN."""
     for i in range(len(estimate)):
         depth = 0.0
         for k in range(3):
@@ -161,7 +177,7 @@ def _place_on_rays(estimate, rays, parent, length, placed):
             towards += (point - parent[i, k]) * rays[i, 1, k]
         if not (depth > 0 and np.sqrt(away) < FARTHEST):
             continue
-        # Along the ray the bone's length is sqrt(before + 2 along towards + along^2).
+        # The length of the bone at distance `along` on the ray is sqrt(before + 2 along towards + along^2).
         along = 0.0
         for _ in range(_STEPS):
             current = max(np.sqrt(max(before + 2 * along * towards + along * along, 0.0)), 1e-6)

@@ -1,4 +1,4 @@
-"""Lengths of bones: the distances between joints that the body keeps rigid."""
+"""Lengths of bones: distances between connected joints."""
 
 from collections.abc import Sequence
 
@@ -10,14 +10,15 @@ from dmae.numerics.compiled import compiled
 from dmae.numerics.robust import median_over_frames
 
 Bones = Sequence[tuple[int, int]]
-"""Pairs of parent and joint, as `Skeleton.bones`."""
+"""Pairs of indices (parent, child), as in `Skeleton.bones`."""
 
 
 def bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
-    """Return the length of each bone at each time, (F, P, B) m; NaN where either end is unknown.
+    """Return the length of each bone in each frame, (F, P, B) m; NaN where one of its ends is unknown.
 
     Args:
         xyz: (F, P, J, 3) m.
+        bones: B pairs of indices (parent, child).
     """
     lengths = np.empty((*xyz.shape[:2], len(bones)))
     _lengths(np.asarray(xyz, np.float64), np.array(bones, np.int64).reshape(-1, 2), lengths)
@@ -26,7 +27,7 @@ def bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
 
 @compiled()
 def _lengths(xyz, bones, lengths):
-    """Write the length of each bone (B, 2) of (F, P, J, 3)."""
+    """Write the length of each of `bones` (B, 2) in `xyz` (F, P, J, 3) to `lengths` (F, P, B)."""
     frames, persons, count = lengths.shape
     for f in range(frames):
         for p in range(persons):
@@ -38,21 +39,23 @@ def _lengths(xyz, bones, lengths):
 
 
 def median_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
-    """Return each person's median length of each bone, (P, B) m; NaN where it was never measured.
+    """Return the median length of each bone of each person, (P, B) m; NaN if it was never measured.
 
     Args:
-        xyz: (F, P, J, 3) m, NaN where not measured.
+        xyz: (F, P, J, 3) m; NaN where not measured.
+        bones: B pairs of indices (parent, child).
     """
     return median_over_frames(bone_lengths(xyz, bones))
 
 
 def symmetric_bone_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Return each person's median length of each rigid bone of a skeleton, left and right pooled, (P, B) m.
+    """Return the median length of each rigid bone of each person, (P, B) m; NaN if neither side was measured.
 
-    NaN where neither side was measured.
+    The median is over the lengths of the bone and of the corresponding bone on the other side.
 
     Args:
-        xyz: (F, P, J, 3) m, NaN where not measured.
+        xyz: (F, P, J, 3) m; NaN where not measured.
+        skeleton: Skeleton with B rigid bones.
     """
     bones = skeleton.rigid_bones
     lengths = by_frames(lambda xyz: bone_lengths(xyz, bones), xyz)
@@ -64,7 +67,10 @@ def symmetric_bone_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 @compiled()
 def _pooled_medians(lengths, partner):
-    """Return medians (P, B) of what is not NaN in (F, P, B), of bones and their partners (B,); NaN of none."""
+    """Return medians (P, B) of the known lengths (F, P, B) of bones and of their mirror bones `partner` (B,).
+
+    NaN where no length is known.
+    """
     frames, persons, count = lengths.shape
     medians, known = np.full((persons, count), np.nan), np.empty(2 * frames)
     for p in range(persons):
@@ -81,10 +87,11 @@ def _pooled_medians(lengths, partner):
 
 
 def parent_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
-    """Return the length of the bone from each joint's parent, (F, P, J) m; NaN where unknown, and for roots.
+    """Return the length of the bone between each joint and its parent, (F, P, J) m; NaN where unknown, and for roots.
 
     Args:
         xyz: (F, P, J, 3) m.
+        bones: Pairs of indices (parent, child).
     """
     lengths = np.full(xyz.shape[:-1], np.nan)
     lengths[..., [joint for _, joint in bones]] = bone_lengths(xyz, bones)

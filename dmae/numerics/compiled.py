@@ -1,4 +1,4 @@
-"""Functions compiled to machine code, for inner loops that numpy cannot express."""
+"""Compile functions to machine code, for inner loops that numpy cannot express."""
 
 from collections.abc import Callable
 
@@ -8,13 +8,14 @@ import numba
 def compiled(fastmath: bool = False) -> Callable[[Callable], Callable]:
     """Return a decorator that compiles a function when it is first called.
 
-    The machine code is kept on disk, in the folder of the source or, if that is read-only, in the user's cache folder:
-    only the first call ever takes seconds. If neither can be written, each process compiles again.
+    The machine code is cached on disk, in the folder of the source or, if that is read-only, in the user's cache
+    folder. Only the first call on a machine takes seconds. If neither folder is writable, each process compiles again.
 
     Args:
-        fastmath: Let sums be reordered, so that several terms are added together; no value may be NaN or infinite.
+        fastmath: Whether sums may be reordered, so that several terms are added in one instruction. No value may be NaN
+            or infinite.
     """
-    # Checks for division by zero would keep loops from being vectorised.
+    # Checks for division by zero would prevent the vectorisation of loops.
     options = {"nogil": True, "error_model": "numpy"}
     if fastmath:
         options["fastmath"] = {"reassoc", "contract", "nsz", "arcp", "nnan", "ninf"}

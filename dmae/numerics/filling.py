@@ -1,4 +1,4 @@
-"""Poses with their gaps filled: an interpolated estimate, used where a person is present."""
+"""Fill the gaps of poses by interpolation, where the person is present."""
 
 from dataclasses import replace
 from math import prod
@@ -12,17 +12,17 @@ from dmae.numerics.gaps import neighbours
 from dmae.numerics.interpolation import Interpolation, local_parabola
 
 LONGEST_ABSENCE = 1.0
-"""s; a person without any measurement for longer has left, and is not filled."""
+"""s; a person without any measurement for longer than this has left, and its joints are not filled."""
 
 LONGEST_HOLD = 0.5
-"""s; how long a joint stays as first or last measured before its first and after its last measurement."""
+"""s; time before the first and after the last measurement of a joint in which the joint is filled."""
 
-_PATHS = 1 << 20
-"""Bytes of paths that are smoothed at a time, which takes some thirty times as many."""
+_BLOCK_BYTES = 1 << 20
+"""Bytes of paths that are smoothed at a time. Smoothing needs about thirty times this memory."""
 
 
 def present(poses: Poses3D, fps: float) -> np.ndarray:
-    """Return (F, P) True where a person is present: has a joint, or has none for at most `LONGEST_ABSENCE`."""
+    """Return (F, P) True where a person is present: it has a joint, or is in a gap of at most `LONGEST_ABSENCE`."""
     seen = (poses.source != Source.ABSENT).any(-1)
     before, after = neighbours(seen)
     inside = (before >= 0) & (after < len(seen))
@@ -30,16 +30,17 @@ def present(poses: Poses3D, fps: float) -> np.ndarray:
 
 
 def fill_world(poses: Poses3D, fps: float, through: Interpolation) -> Poses3D:
-    """Fill by interpolating each joint's path through the world.
+    """Return the poses with gaps filled by interpolating the path of each joint in the world.
 
-    A gap is filled, however long, while its person is `present`. Before its first and after its last measurement a
-    joint is held for `LONGEST_HOLD`. What is filled is `COMPLETED` and used no views. This holds for every method of
-    this module: coordinates that are not finite are absent; a joint never measured stays absent; poses without
-    persons or frames stay as they are.
+    A gap of a joint is filled, independent of its length, in frames in which its person is `present`. Before its first
+    and after its last measurement, a joint is filled for `LONGEST_HOLD`. Filled joints have the source `COMPLETED` and
+    0 views. The following is true for all methods of this module: coordinates that are not finite become absent, a
+    joint that was never measured stays absent, and poses without persons or frames do not change.
 
     Args:
+        poses: Poses in F frames.
         fps: Frames per second of the poses.
-        through: How (F, ..., 3) with gaps is interpolated, such as `dmae.numerics.interpolation.linear`.
+        through: Function that interpolates (F, ..., 3) with gaps, for example `dmae.numerics.interpolation.linear`.
 
     Raises:
         ValueError: fps is not positive.
@@ -49,10 +50,11 @@ def fill_world(poses: Poses3D, fps: float, through: Interpolation) -> Poses3D:
 
 
 def fill_body_frame(poses: Poses3D, fps: float, through: Interpolation, by_rays: bool = False) -> Poses3D:
-    """Fill by interpolating offsets between joints in a frame that turns with the body, see `dmae.numerics.body_frame`.
+    """Return the poses with gaps filled in the frame of the body, see `dmae.numerics.body_frame`.
 
     Args:
-        by_rays: Place joints that a single camera detected on the ray of that detection.
+        poses, fps, through: As in `fill_world`.
+        by_rays: Whether to place a joint that only one camera detected on the ray of that detection.
     """
     poses = without_infinite(poses, fps)
     rays = poses.rays if by_rays else None
@@ -61,18 +63,19 @@ def fill_body_frame(poses: Poses3D, fps: float, through: Interpolation, by_rays:
 
 
 def smooth(poses: Poses3D, fps: float, seconds: float, frames: slice = slice(None)) -> Poses3D:
-    """Smooth lightly and without delay: fit a parabola around each frame, with Gaussian weights.
+    """Return the poses smoothed without delay, by a parabola around each frame, fitted with Gaussian weights.
 
-    Motion at constant acceleration passes unchanged; absent joints stay absent and have no weight.
-    Measured joints become `DENOISED`; covariances stay as they were, now upper bounds.
+    Motion with constant acceleration does not change. Absent joints stay absent and have no weight. Measured joints
+    become `DENOISED`. Covariances do not change, so they are upper bounds afterwards.
 
     Args:
+        poses: Poses in F frames.
         fps: Frames per second of the poses.
-        seconds: Standard deviation of the weights; 0 leaves the poses as they are.
-        frames: Those that are smoothed and returned, by the frames around.
+        seconds: s; standard deviation of the weights; 0 for no smoothing.
+        frames: Frames to smooth and return. The frames around them are also used.
 
     Raises:
-        ValueError: a negative or infinite number of seconds.
+        ValueError: `seconds` is negative or infinite.
     """
     if not 0 <= seconds < np.inf:
         raise ValueError(f"smooth={seconds:g}: expected seconds, 0 (no smoothing) or more")
@@ -81,7 +84,7 @@ def smooth(poses: Poses3D, fps: float, seconds: float, frames: slice = slice(Non
         return poses
     smoothed = empty(poses.xyz.shape, np.float32)
     before, after = (xyz.reshape(len(xyz), prod(xyz.shape[1:-1]), 3) for xyz in (given.xyz, smoothed))
-    for columns, paths in column_blocks(before, _PATHS):
+    for columns, paths in column_blocks(before, _BLOCK_BYTES):
         paths = local_parabola(paths.astype(np.float64), seconds * fps, frames)
         for part in frame_blocks(after):
             after[part, columns] = paths[part]
@@ -93,7 +96,7 @@ def smooth(poses: Poses3D, fps: float, seconds: float, frames: slice = slice(Non
 
 
 def without_infinite(poses: Poses3D, fps: float) -> Poses3D:
-    """Return the poses without joints that are not finite.
+    """Return the poses with joints made absent if a coordinate is infinite.
 
     Raises:
         ValueError: fps is not positive.
@@ -104,7 +107,11 @@ def without_infinite(poses: Poses3D, fps: float) -> Poses3D:
 
 
 def take_estimate(poses: Poses3D, fps: float, estimate: np.ndarray) -> Poses3D:
-    """Use an estimate (F, P, J, 3) where a joint is absent, its person present, and a measurement close in time."""
+    """Return the poses with absent joints filled by an estimate (F, P, J, 3) m.
+
+    A joint is filled where its person is `present`, and where it is between two of its measurements or within
+    `LONGEST_HOLD` of one.
+    """
     observed = poses.source != Source.ABSENT
     before, after = neighbours(observed)
     inside = (before >= 0) & (after < len(observed))

@@ -1,4 +1,4 @@
-"""Gaps: where in time a sample was last, and is next, observed, and for how long it is not."""
+"""Gaps: the last and the next observed frame of samples, and the lengths of gaps."""
 
 from math import prod
 
@@ -8,7 +8,10 @@ from dmae.numerics.compiled import compiled
 
 
 def neighbours(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the last observed frame up to each (-1: none) and the first from it on (F: none), of (F, ...) bool."""
+    """Return the nearest observed frames before and after each frame, (F, ...) each, for `observed` (F, ...) bool.
+
+    A frame that is observed is returned itself. The frame before is -1 if there is none; the frame after is F.
+    """
     flat = np.ascontiguousarray(observed).reshape(len(observed), prod(observed.shape[1:]))
     before, after = _neighbours(flat)
     return before.reshape(observed.shape), after.reshape(observed.shape)
@@ -16,7 +19,7 @@ def neighbours(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @compiled()
 def _neighbours(observed):
-    """Return the last and the next observed frame of (F, n)."""
+    """Return the result of `neighbours` for `observed` (F, n)."""
     frames, columns = observed.shape
     before, after = np.empty((frames, columns), np.int64), np.empty((frames, columns), np.int64)
     for frame in range(frames):
@@ -35,6 +38,6 @@ def _neighbours(observed):
 
 
 def gap_lengths(observed: np.ndarray) -> np.ndarray:
-    """Return the length in frames of the gap around each entry of `observed` (F, ...); 0 where it is observed."""
+    """Return the length of the gap around each entry of `observed` (F, ...), frames; 0 where it is observed."""
     before, after = neighbours(observed)
     return np.where(observed, 0, after - before - 1)

@@ -1,4 +1,4 @@
-"""The heading of bodies: the direction in which they face, an angle about the vertical."""
+"""The heading of bodies: the direction that they face, as an angle about the vertical axis."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -7,14 +7,15 @@ from dmae.data.skeleton import Skeleton
 from dmae.numerics.interpolation import linear, local_parabola
 from dmae.numerics.robust import median_over_frames
 
-_FEWEST_POINTS, _LINE = 3, 0.02
-"""Points that tell a rotation, and their extent across the longest direction as a share of that, squared."""
+_MIN_POINTS, _MIN_EXTENT = 3, 0.02
+"""Smallest number of points that determine a rotation, and smallest squared extent of the points across their longest
+direction, as a share of the squared extent along it."""
 
 
 def body_heading(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Return the heading of bodies (..., J, 3) by their hips and shoulders, (...) rad; NaN where neither pair is known.
+    """Return the heading of bodies (..., J, 3) from hips and shoulders, (...) rad; NaN where neither pair is known.
 
-    The lines across hips and shoulders have equal weight, whatever their lengths.
+    The line between the hips and the line between the shoulders have equal weights, independent of their lengths.
     """
     left = np.zeros((*xyz.shape[:-2], 2))
     for part in ("hip", "shoulder"):
@@ -27,33 +28,38 @@ def body_heading(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 
 def smooth_heading(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.ndarray:
-    """Return the heading of bodies (F, P, J, 3) interpolated over time and smoothed, (F, P) rad, unwrapped; never NaN.
+    """Return the heading of bodies, interpolated over time and smoothed, (F, P) rad, unwrapped; never NaN.
 
-    It is midway between the heading of the hips and that of the shoulders. Where one of them is hidden, the other and
-    the interpolated twist between them stand for it. A body of which neither is ever known has heading 0.
+    The heading is midway between the heading of the hips and the heading of the shoulders. Where one of the two is
+    unknown, it is computed from the other and from the interpolated twist between them. If neither is known in any
+    frame, the heading is 0.
 
     Args:
-        frames: Standard deviation of the smoothing weights.
+        xyz: (F, P, J, 3) m; NaN where unknown.
+        skeleton: Skeleton of the J joints.
+        frames: Standard deviation of the smoothing weights, frames.
     """
     hips, shoulders = (_heading_of_pair(xyz, skeleton, joint) for joint in ("l_hip", "l_shoulder"))
     twist = np.angle(np.exp(1j * (hips - shoulders)))
     twist = np.nan_to_num(linear(twist[..., None])[..., 0])
     heading = np.where(np.isnan(shoulders), hips - twist / 2, shoulders + twist / 2)
-    # Interpolated as vectors: between two angles there are two ways round.
+    # Interpolate unit vectors instead of angles, because angles can be interpolated in two directions.
     direction = linear(np.stack([np.cos(heading), np.sin(heading)], -1))
     heading = np.unwrap(np.nan_to_num(np.arctan2(direction[..., 1], direction[..., 0])), axis=0)
     return local_parabola(heading[..., None], frames)[..., 0]
 
 
 def body_rotations(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.ndarray:
-    """Return how bodies (F, P, J, 3) are turned in the world, (F, P, 3, 3): by their heading, or by their torso.
+    """Return the rotations of bodies in the world, (F, P, 3, 3), from their heading or from their torso.
 
-    The second holds for skeletons of your own that name a torso, or have neither hips nor shoulders: the rotation that
-    brings the torso nearest to its usual shape, in the frames that show three of its joints or more (Kabsch 1976),
-    interpolated in the others. Where no frame does bodies are not turned.
+    The torso is used for your own skeletons, if they define a torso or have neither hips nor shoulders. The rotation is
+    then the one that brings the usual shape of the torso nearest to its joints (Kabsch 1976), in frames with at least
+    three known joints of the torso, and is interpolated in the others. Without any such frame it is the identity.
 
     Args:
-        frames: As for `smooth_heading`; torsos are smoothed a quarter of it.
+        xyz: (F, P, J, 3) m; NaN where unknown.
+        skeleton: Skeleton of the J joints.
+        frames: As in `smooth_heading`. Rotations of the torso are smoothed with a quarter of it.
     """
     pairs = [{f"l_{part}", f"r_{part}"} for part in ("hip", "shoulder")]
     if not skeleton.defined or (skeleton.torso is None and any(pair <= set(skeleton.joints) for pair in pairs)):
@@ -65,7 +71,7 @@ def body_rotations(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.nda
         if len(known):
             quaternion = np.full((len(xyz), 4), np.nan)
             quaternion[known] = Rotation.from_matrix(found[known]).as_quat()
-            # A quaternion and its negative are one rotation.
+            # A quaternion and its negative are the same rotation: choose signs that make neighbours similar.
             signs = np.sign((quaternion[known[1:]] * quaternion[known[:-1]]).sum(-1))
             quaternion[known[1:]] *= np.cumprod(np.where(signs == 0, 1, signs))[:, None]
             turned[:, person] = Rotation.from_quat(local_parabola(linear(quaternion), frames / 4)).as_matrix()
@@ -73,13 +79,13 @@ def body_rotations(xyz: np.ndarray, skeleton: Skeleton, frames: float) -> np.nda
 
 
 def _torso_rotations(points: np.ndarray) -> np.ndarray:
-    """Return the rotations (F, 3, 3) from the usual shape of n points (F, n, 3) to theirs; NaN where unknown."""
+    """Return the rotations (F, 3, 3) from the usual shape of n points to the points (F, n, 3); NaN where unknown."""
     known = ~np.isnan(points).any(-1)
-    if not len(points) or known.sum(1).max() < _FEWEST_POINTS:
+    if not len(points) or known.sum(1).max() < _MIN_POINTS:
         return np.full((len(points), 3, 3), np.nan)
     reference = points[known.sum(1).argmax()]
     found = _fitted(points, reference)
-    # Once more, with what is usual over all frames.
+    # Fit again, with the median shape over all frames.
     middle = np.where(known[..., None], points, 0).sum(1) / np.maximum(known.sum(1), 1)[:, None]
     shapes = np.einsum("fji,fnj->fni", found, points - middle[:, None])
     complete = known.sum(1) == known.any(0).sum()
@@ -88,7 +94,7 @@ def _torso_rotations(points: np.ndarray) -> np.ndarray:
 
 
 def _fitted(points: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return the rotations (F, 3, 3) that bring points (n, 3) nearest to others (F, n, 3); NaN where unknown."""
+    """Return the rotations (F, 3, 3) that bring `reference` (n, 3) nearest to `points` (F, n, 3); NaN where unknown."""
     both = (~np.isnan(points).any(-1) & ~np.isnan(reference).any(-1))[..., None]
     count = np.maximum(both.sum(1), 1)
     there, here = np.where(both, points, 0), np.where(both, reference, 0)
@@ -97,8 +103,8 @@ def _fitted(points: np.ndarray, reference: np.ndarray) -> np.ndarray:
     left, sizes, right = np.linalg.svd(np.einsum("fni,fnj->fij", there, here))
     sign = np.sign(np.linalg.det(left @ right))
     left[..., 2] *= sign[:, None]
-    sure = (both.sum((1, 2)) >= _FEWEST_POINTS) & (sizes[:, 1] > _LINE * sizes[:, 0])
-    return np.where(sure[:, None, None], left @ right, np.nan)
+    determined = (both.sum((1, 2)) >= _MIN_POINTS) & (sizes[:, 1] > _MIN_EXTENT * sizes[:, 0])
+    return np.where(determined[:, None, None], left @ right, np.nan)
 
 
 def rotation_z(angle: np.ndarray) -> np.ndarray:
@@ -115,9 +121,9 @@ def rotate_z(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _heading_of_pair(xyz: np.ndarray, skeleton: Skeleton, left_joint: str) -> np.ndarray:
-    """Return the heading (F, P) rad by the line from a joint's right-hand partner to it; NaN where unknown.
+    """Return the heading (F, P) rad from the line between a left joint and the same joint on the right.
 
-    In a fused skeleton the joint is that of the first part that has it.
+    NaN where unknown. In a fused skeleton, the joint of the first part that contains it is used.
     """
     for left, right in enumerate(skeleton.mirror):
         if skeleton.joints[left].rpartition(".")[2] == left_joint:

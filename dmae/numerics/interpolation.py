@@ -1,6 +1,6 @@
 """Interpolation and smoothing of samples over time.
 
-Values are (F, ..., C), one row a frame; a sample of which any component is NaN is missing.
+Values are (F, ..., C), one row per frame. A sample is missing if one of its C components is NaN.
 """
 
 from collections.abc import Callable
@@ -13,30 +13,33 @@ from dmae.numerics.compiled import compiled
 from dmae.numerics.gaps import neighbours
 
 Interpolation = Callable[[np.ndarray], np.ndarray]
-"""Fills the gaps of (F, ..., C) between samples; before the first and after the last sample it extrapolates."""
+"""Function that fills the gaps of values (F, ..., C): between samples, before the first and after the last sample."""
 
 
 def hold(values: np.ndarray) -> np.ndarray:
-    """Fill each gap with the sample before it; before the first sample, with the first."""
+    """Return values with each gap filled by the sample before it, and frames before the first sample by the first."""
     before, after = neighbours(~np.isnan(values).any(-1))
     return take_frames(values, np.where(before >= 0, before, after))
 
 
 def linear(values: np.ndarray) -> np.ndarray:
-    """Fill each gap with a straight line; hold the first and the last sample beyond them."""
+    """Return values with each gap filled by a straight line. The first and last sample fill the frames outside them."""
     flat = _columns(values)
     return _linear(flat, *neighbours(~np.isnan(flat).any(-1)), np.nan).reshape(values.shape)
 
 
 def connect(values: np.ndarray) -> np.ndarray:
-    """Return what `linear` does, and 0 where there is no sample at all."""
+    """Return the same as `linear`, but 0 instead of NaN where there is no sample in any frame."""
     flat = _columns(values)
     return _linear(flat, *neighbours(~np.isnan(flat).any(-1)), 0.0).reshape(values.shape)
 
 
 @compiled()
 def _linear(values, before, after, unknown):
-    """Return (F, n, C) with straight lines in gaps; `before` and `after` (F, n) are the samples on both sides."""
+    """Return values (F, n, C) with straight lines in gaps, between the samples at frames `before` and `after` (F, n).
+
+    Columns without any sample become `unknown`.
+    """
     frames, columns, components = values.shape
     filled = np.full(values.shape, unknown)
     for frame in range(frames):
@@ -56,14 +59,17 @@ def _linear(values, before, after, unknown):
 
 
 def pchip(values: np.ndarray) -> np.ndarray:
-    """Fill each gap with a monotone cubic (Fritsch & Butland 1984); hold the first and the last sample beyond them."""
+    """Return values with each gap filled by a monotone cubic (Fritsch & Butland 1984).
+
+    The first and last sample fill the frames outside them.
+    """
     flat = _columns(values)
     return _pchip(flat, *neighbours(~np.isnan(flat).any(-1))).reshape(values.shape)
 
 
 @compiled()
 def _pchip(values, before, after):
-    """Return (F, n, C) with monotone cubics in gaps; `before` and `after` (F, n) are the samples on both sides."""
+    """Return values (F, n, C) with monotone cubics in gaps; `before` and `after` as in `_linear`."""
     frames, columns, components = values.shape
     filled = np.full(values.shape, np.nan)
     times = np.empty(4, np.int64)
@@ -90,15 +96,15 @@ def _pchip(values, before, after):
 def surrounding_frames(
     before: np.ndarray, after: np.ndarray, frame: np.ndarray, column: np.ndarray, reach: int = 0
 ) -> np.ndarray:
-    """Return the frames of the two samples before and the two after each of n frames, (4, n).
+    """Return the frames of the two samples before and the two samples after each of n frames, (4, n).
 
     Args:
-        before: (F, C), and `after`, (F, C): `dmae.numerics.gaps.neighbours` of C columns of samples.
-        frame: (n,), and `column`, (n,): the frames to look around.
-        reach: Samples nearer than this many frames are skipped.
+        before, after: (F, C) results of `dmae.numerics.gaps.neighbours` for C columns of samples.
+        frame, column: (n,) frame and column of each of the n places.
+        reach: Frames; samples nearer than this are skipped.
 
     Returns:
-        Negative, or F or more, where there is no such sample.
+        (4, n) frames, in order; negative, or at least F, if there is no such sample.
     """
     frames = len(before)
 
@@ -113,29 +119,33 @@ def surrounding_frames(
 
 
 def take_samples(values: np.ndarray, times: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Return the samples (k, n, C) of values (F, columns, C) at frames (k, n); NaN where there is no such frame."""
+    """Return samples (k, n, C) of values (F, columns, C), at frames `times` (k, n) of columns `column` (n,).
+
+    NaN where there is no such frame.
+    """
     inside = (times >= 0) & (times < len(values))
     taken = values[np.where(inside, times, 0), column]
     return np.where(inside[..., None], taken, np.nan)
 
 
 def pchip_between(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the monotone cubic through four samples each, between the second and the third, (n, C).
+    """Return values (n, C) of monotone cubics, each through four samples, between the second and the third sample.
 
-    Slopes are harmonic means of those of the straight lines on both sides (Fritsch & Butland 1984). Where the first
-    or the fourth sample is missing the slope is that of a parabola through three, limited to stay monotone; with two
-    samples the cubic is a line.
+    The slope at a sample is the weighted harmonic mean of the slopes of the straight lines on both sides (Fritsch &
+    Butland 1984). If the first or the fourth sample is missing, the slope at its neighbour is the slope of a parabola
+    through three samples, limited so that the cubic stays monotone. With only two samples the cubic is a straight line.
 
     Args:
-        times: (4, n) increasing; values: (4, n, C), the first and the fourth NaN where there is none.
-        at: (n,)
+        times: (4, n) times of the samples, increasing.
+        values: (4, n, C) samples; the first and the fourth are NaN where missing.
+        at: (n,) times of the values to return.
     """
     return _pchip_between(np.ascontiguousarray(times), np.ascontiguousarray(values, np.float64), at)
 
 
 @compiled()
 def _pchip_between(times, values, at):
-    """Return the cubics at times (n,), (n, C)."""
+    """Return the result of `pchip_between`, (n, C)."""
     found = np.empty(values.shape[1:])
     for i in range(found.shape[0]):
         for k in range(found.shape[1]):
@@ -145,7 +155,7 @@ def _pchip_between(times, values, at):
 
 @compiled()
 def _cubic(times, before, start, end, after, at):
-    """Return the cubic of `pchip_between` for one component."""
+    """Return the value of a cubic of `pchip_between` for one component of one place."""
     h0, h1, h2 = float(times[1] - times[0]), float(times[2] - times[1]), float(times[3] - times[2])
     m0, m1, m2 = (start - before) / h0, (end - start) / h1, (after - end) / h2
     first = _end_slope(h1, m1, h2, m2) if np.isnan(before) else _slope(h0, m0, h1, m1)
@@ -156,17 +166,20 @@ def _cubic(times, before, start, end, after, at):
 
 @compiled()
 def _slope(h0, m0, h1, m1):
-    """Return the slope at a sample between lines of slopes m0 and m1 over times h0 and h1."""
+    """Return the slope at a sample between two lines, with slopes m0 and m1 and durations h0 and h1."""
     if not m0 * m1 > 0:
         return 0.0
     first, second = 2 * h1 + h0, h1 + 2 * h0
-    # Written without quotients of slopes, which may be close to zero.
+    # This form avoids division by a slope, which can be close to zero.
     return (first + second) * m0 * m1 / (first * m1 + second * m0)
 
 
 @compiled()
 def _end_slope(h0, m0, h1, m1):
-    """Return the slope at the outer end of a line of slope m0 with a neighbour of slope m1, or NaN."""
+    """Return the slope at the outer end of a line with slope m0 and duration h0, next to a line with m1 and h1.
+
+    m1 is NaN if there is no next line.
+    """
     if np.isnan(m1):
         return m0
     slope = ((2 * h0 + h1) * m0 - h0 * m1) / (h0 + h1)
@@ -176,7 +189,10 @@ def _end_slope(h0, m0, h1, m1):
 
 
 def take_frames(values: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Return values (F, ..., C) of other frames (F, ...); NaN where there is no such frame."""
+    """Return, for each entry of `frame` (F, ...), the value of that frame in values (F, ..., C).
+
+    NaN where there is no such frame.
+    """
     flat = _columns(values)
     at = np.ascontiguousarray(frame).reshape(len(frame), flat.shape[1])
     return _take_frames(flat, at).reshape(*frame.shape, values.shape[-1])
@@ -184,7 +200,7 @@ def take_frames(values: np.ndarray, frame: np.ndarray) -> np.ndarray:
 
 @compiled()
 def _take_frames(values, frame):
-    """Return values (F, n, C) of frames (m, n)."""
+    """Return the result of `take_frames`, (m, n, C), for values (F, n, C) and frames (m, n)."""
     taken = np.full((len(frame), values.shape[1], values.shape[2]), np.nan)
     for i in range(len(frame)):
         for column in range(values.shape[1]):
@@ -194,17 +210,18 @@ def _take_frames(values, frame):
 
 
 def _columns(values: np.ndarray) -> np.ndarray:
-    """Return (F, ..., C) as (F, n, C), float64 in rows."""
+    """Return values (F, ..., C) as a contiguous float64 array (F, n, C)."""
     flat = values.reshape(len(values), prod(values.shape[1:-1]), values.shape[-1])
     return np.ascontiguousarray(flat, np.float64)
 
 
 def local_parabola(values: np.ndarray, reach: float, frames: slice = slice(None)) -> np.ndarray:
-    """Smooth by weighted least squares; missing samples stay missing.
+    """Return values smoothed by a parabola around each frame, fitted with Gaussian weights; missing samples stay so.
 
     Args:
+        values: (F, ..., C) samples; NaN where missing.
         reach: Standard deviation of the weights, frames.
-        frames: Those that are smoothed and returned.
+        frames: Frames to smooth and return.
     """
     observed = ~np.isnan(values).any(-1)
     lag = np.arange(-int(np.ceil(3 * reach)), int(np.ceil(3 * reach)) + 1) / reach
@@ -217,6 +234,6 @@ def local_parabola(values: np.ndarray, reach: float, frames: slice = slice(None)
     left = np.stack([np.stack(moments[row : row + 3], -1) for row in range(3)], -2)
     right = np.stack([moment(known, power) for power in range(3)], -2)
     observed = observed[frames]
-    # One or two samples do not determine a parabola; the ridge selects the flattest.
+    # One or two samples do not determine a parabola. The small ridge selects the flattest one.
     left = left + np.diag([0, 1e-6, 1e-6]) + np.where(observed, 0, 1)[..., None, None] * np.eye(3)
     return np.where(observed[..., None], np.linalg.solve(left, right)[..., 0, :], np.nan)

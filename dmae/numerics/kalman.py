@@ -1,4 +1,4 @@
-"""A Kalman smoother: paths of joints from measurements of known covariance."""
+"""A Kalman smoother: paths of points from measurements with known covariance."""
 
 import numpy as np
 
@@ -11,19 +11,21 @@ _VELOCITY = 2.0
 def smooth_paths(
     xyz: np.ndarray, cov: np.ndarray, fps: float, acceleration_density: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate where points were at each time, with covariance, from all measurements before and after.
+    """Return the position of points in each frame, with its covariance, estimated from the measurements of all frames.
 
     Points move at constant velocity plus white noise of acceleration (Bar-Shalom, Li & Kirubarajan 2001, 6.2.2).
     This is the fixed-interval smoother of Rauch, Tung & Striebel (1965) in the form of Bierman (1973), which inverts
     only the covariance of innovations.
 
     Args:
-        xyz: (F, n, 3) m, NaN where not measured.
+        xyz: (F, n, 3) m; NaN where not measured.
         cov: (F, n, 3, 3) m^2, positive definite where measured.
+        fps: Frames per second.
         acceleration_density: (n,) spectral density of acceleration, m^2/s^3.
 
     Returns:
-        xyz: (F, n, 3) m and cov: (F, n, 3, 3) m^2; NaN for points never measured.
+        xyz: (F, n, 3) m; NaN for points that were never measured.
+        cov: (F, n, 3, 3) m^2; NaN for points that were never measured.
     """
     mean, spread = np.full(xyz.shape, np.nan), np.full(cov.shape, np.nan)
     ever = ~np.isnan(xyz).any(-1).all(0)
@@ -33,7 +35,10 @@ def smooth_paths(
 
 
 def _smooth(xyz: np.ndarray, cov: np.ndarray, dt: float, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Smooth points that are each measured at some time. States are position and velocity, (n, 6)."""
+    """Return the result of `smooth_paths` for points that are all measured in at least one frame.
+
+    States are position and velocity, (n, 6).
+    """
     frames, points = xyz.shape[:2]
     measured = ~np.isnan(xyz).any(-1)
     move = np.kron([[1, dt], [0, 1]], np.eye(3))
@@ -52,14 +57,14 @@ def _smooth(xyz: np.ndarray, cov: np.ndarray, dt: float, density: np.ndarray) ->
         weight[frame] = np.where(here[..., None], np.linalg.inv(innovation), 0)
         weighted[frame] = _times(weight[frame], np.where(here, xyz[frame] - state[:, :3], 0))
         state = state + _times(P[..., :3], weighted[frame])
-        # I - K H, K being the Kalman gain.
+        # I - K H, where K is the Kalman gain.
         update = np.tile(np.eye(6), (points, 1, 1))
         update[..., :3] -= P[..., :3] @ weight[frame]
         P = update @ P
         P = (P + P.swapaxes(-1, -2)) / 2
         states[frame], covs[frame], updates[frame] = state, P, update
 
-    # The adjoint of the state, and its covariance: what later measurements add.
+    # The adjoint of the state, and its covariance, contain the information of later measurements.
     adjoint, information = np.zeros((points, 6)), np.zeros((points, 6, 6))
     mean, spread = np.empty(xyz.shape), np.empty(cov.shape)
     for frame in range(frames - 1, -1, -1):

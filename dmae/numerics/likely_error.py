@@ -1,30 +1,30 @@
-"""Likely errors: how far a joint is from the truth more often than not, by its stated covariance."""
+"""Likely errors: the median distance of a joint from the truth according to its covariance."""
 
 import numpy as np
 
 from dmae.data.clip import Poses3D, Source
 
 MEDIAN_RADIUS = 1.5382
-"""Standard deviations of an isotropic Gaussian in three dimensions within which half of it lies."""
+"""Radius that contains half of an isotropic Gaussian in three dimensions, in standard deviations along an axis."""
 
 
 def likely_error(cov: np.ndarray) -> np.ndarray:
-    """Return the distance from the truth that covariances (..., 3, 3) m^2 state, (...) m; NaN where unknown.
+    """Return the median distance from the truth for covariances (..., 3, 3) m^2, (...) m; NaN where unknown.
 
-    It is the median for an isotropic covariance, and that of the isotropic one of equal trace for any other.
+    A covariance that is not isotropic is replaced by the isotropic covariance with the same trace.
     """
     variance = np.trace(cov.astype(np.float64), axis1=-2, axis2=-1) / 3
     return MEDIAN_RADIUS * np.sqrt(np.maximum(variance, 0))
 
 
 def without_unlikely(poses: Poses3D, keep_mm: float | None) -> Poses3D:
-    """Return poses without the joints that are likely farther than `keep_mm` mm from the truth.
+    """Return the poses with joints made absent if their likely error is above `keep_mm`, mm; None keeps all joints.
 
-    Joints of unknown covariance are left out where they were completed, as nothing says how good they are, and stay
-    where they were measured. None keeps all.
+    Completed joints with unknown covariance are also made absent, because their accuracy is unknown. Measured joints
+    with unknown covariance are kept.
 
     Raises:
-        ValueError: the limit is not a positive number.
+        ValueError: `keep_mm` is not a positive number.
     """
     if keep_mm is None:
         return poses

@@ -6,10 +6,15 @@ from dmae.data.clip import Poses3D
 
 
 def resample(poses: Poses3D, fps: float, to_fps: float) -> Poses3D:
-    """Return the same motion at another frame rate, by straight lines between neighbouring frames.
+    """Return the same motion at another frame rate, by linear interpolation between neighbouring frames.
 
-    A joint is known at a time if both frames around it have it, and takes the weaker source of the two. It has a ray if
-    both frames have one of the same camera. Covariances and numbers of views are dropped.
+    A joint is known at a time if it is known in both frames around that time. It gets the weaker of the two sources. It
+    has a ray if both frames have a ray from the same camera. Covariances and numbers of views are dropped.
+
+    Args:
+        poses: Poses at `fps`.
+        fps: Frames per second of `poses`.
+        to_fps: Frames per second of the result.
     """
     count = len(poses.xyz)
     time = np.arange(int((count - 1) / fps * to_fps + 1e-6) + 1) * (fps / to_fps)

@@ -1,4 +1,4 @@
-"""Means and medians of what is known."""
+"""Means and medians of known values."""
 
 from math import prod
 
@@ -8,28 +8,31 @@ from dmae.numerics.compiled import compiled
 
 
 def mean_known(values: np.ndarray, axis=0):
-    """Return the mean over what is not NaN; NaN, without a warning, where nothing is known."""
+    """Return the mean of the values that are not NaN; NaN, without a warning, where no value is known."""
     known = ~np.isnan(values)
     total, count = np.where(known, values, 0).sum(axis), known.sum(axis)
     return np.divide(total, count, out=np.full(np.shape(total), np.nan), where=count > 0)[()]
 
 
 def median_known(values: np.ndarray) -> np.ndarray:
-    """Return the median (..., C) of the known rows of (..., N, C); a row is known whole or not at all. NaN of none."""
+    """Return the median (..., C) over the rows of values (..., N, C) that are not NaN; NaN if no row is known.
+
+    A row must be known completely or not at all.
+    """
     *shape, rows, columns = values.shape
     flat = np.ascontiguousarray(values, np.float64).reshape(prod(shape), rows, columns)
     return _medians(flat.swapaxes(0, 1)).reshape(*shape, columns)
 
 
 def median_over_frames(values: np.ndarray) -> np.ndarray:
-    """Return the median (...) over frames of what is not NaN in (F, ...); NaN, without a warning, where nothing is."""
+    """Return the median (...) over frames of the values (F, ...) that are not NaN; NaN, without a warning, if none."""
     flat = np.ascontiguousarray(values, np.float64).reshape(len(values), prod(values.shape[1:]), 1)
     return _medians(flat).reshape(values.shape[1:])
 
 
 @compiled()
 def _medians(values):
-    """Return the medians (n, C) of what is not NaN in (N, n, C); NaN of none."""
+    """Return the medians (n, C) of the values (N, n, C) that are not NaN; NaN where no value is known."""
     rows, count, columns = values.shape
     medians, known = np.full((count, columns), np.nan), np.empty(rows)
     for i in range(count):

@@ -71,16 +71,15 @@ def propagate(closeness: np.ndarray, confirmed: np.ndarray) -> tuple[np.ndarray,
     if not tracks:
         return owner, primary
     total = np.nansum(closeness, -1)
+    ranks = [rows for rows in (np.flatnonzero(confirmed), np.flatnonzero(~confirmed)) if len(rows)]
     for view in range(views):
-        for rank in (confirmed, ~confirmed):
-            rows, columns = np.flatnonzero(rank), np.flatnonzero(owner[view] == NONE)
-            if not len(rows):
-                continue
-            gain = np.maximum(total[view][np.ix_(rows, columns)], 0)
-            for row, column in zip(*linear_sum_assignment(gain, maximize=True), strict=True):
-                if gain[row, column] > 0:
-                    owner[view, columns[column]] = rows[row]
-                    primary[view, rows[row]] = columns[column]
+        for rows in ranks:
+            columns = np.flatnonzero(owner[view] == NONE)
+            gain = np.maximum(total[view][rows[:, None], columns], 0)
+            row, column = linear_sum_assignment(gain, maximize=True)
+            near = gain[row, column] > 0
+            row, column = rows[row[near]], columns[column[near]]
+            owner[view, column], primary[view, row] = row, column
     left_over = (owner == NONE) & (total.max(1) > 0)
     owner[left_over] = total.argmax(1)[left_over]
     return owner, primary

@@ -155,11 +155,13 @@ def _propagate(
     view = np.arange(len(primary))[:, None]
     assigned = np.where(present[view, primary] & (primary != NONE)[..., None], primary[..., None], NONE)
     # A fragment or a duplicate supplies the joints that the primary detection lacks in this view, if they are near.
-    for v, d in np.argwhere(owner != NONE):
+    fragment = owner != NONE
+    matched = np.nonzero(primary != NONE)
+    fragment[matched[0], primary[matched]] = False
+    for v, d in np.argwhere(fragment):
         t = owner[v, d]
-        if d != primary[v, t]:
-            supplied = present[v, d] & (assigned[v, t] == NONE) & ~(closeness[v, t, d] <= 0)
-            assigned[v, t, supplied] = d
+        supplied = present[v, d] & (assigned[v, t] == NONE) & ~(closeness[v, t, d] <= 0)
+        assigned[v, t, supplied] = d
     return assigned.swapaxes(0, 1), owner
 
 

@@ -10,15 +10,15 @@ from dmae.data.clip import Clip, Poses3D, Source
 COMPLETED = "#e5262a"
 """Colour of completed joints, which no camera measured: red, as in the paper's figures."""
 PERSONS = ("#2f8fe8", "#f6b12f", "#46c47c", "#b07be8", "#27cbd8", "#f08cc0", "#b9b93c", "#8d9bac")
-"""Colours of persons, in turn."""
+"""Colours of persons, in the order of their indices. Further persons start again at the first colour."""
 _COLUMNS = 4
 
 
 def views_figure(clip: Clip, frame: int) -> Figure:
-    """Draw every view of one frame with `clip.poses` reprojected, then the world from the side and from above.
+    """Draw every view of one frame with `clip.poses` projected into it, then the world from the side and from above.
 
-    Measured joints have their person's colour, completed ones are red. Views without images are drawn on a grey
-    area of the image size.
+    Measured joints have the colour of their person. Completed joints are red. Views without images are drawn on a grey
+    area with the size of the image.
     """
     if clip.poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses to draw; capture it first")
@@ -52,7 +52,7 @@ def gaps_figure(scores: dict) -> Figure:
     """Draw the mean error of hidden joints by the length of the gap, with one panel for each number of views.
 
     Args:
-        scores: What `dmae.evaluation.evaluate.evaluate` returned, or its JSON.
+        scores: The result of `dmae.evaluation.evaluate.evaluate`, or its JSON.
     """
     results = [result for result in scores["results"] if any(gap["filled"] for gap in result["mean"]["gaps"])]
     views = list(dict.fromkeys(result["views"] for result in results)) or [0]

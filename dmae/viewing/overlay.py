@@ -167,7 +167,7 @@ class Overlay:
                 x += draw.textlength(text + "   ", letters)
 
     def _counts(self, frame: int, view: int) -> list[tuple[str, RGB]]:
-        """Return the counts of what is drawn in a view, with the colour of each."""
+        """Return the counts of detections and joints in a view as texts, each with its colour."""
         clip, words = self.clip, []
         if self.layers.detections:
             people = int(clip.detections.observed[frame, view].any(-1).sum())

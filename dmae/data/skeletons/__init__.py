@@ -1,1 +1,1 @@
-"""What is a skeleton? The type, definitions in files, and the size of bodies."""
+"""What is a skeleton? The type `Skeleton`, its definitions in files, and the size of bodies."""

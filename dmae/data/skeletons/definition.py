@@ -2,13 +2,13 @@
 
 name: hand
 size_m: 0.19                  # optional
-joints:                       # each with its parent; without one it is a root
+joints:                       # each with its parent; a joint without a parent is a root
   wrist:
   thumb_1: wrist
   thumb_2: thumb_1
 mirror: [[l_ear, r_ear]]      # optional: pairs of left and right
-torso: [wrist, thumb_1]       # optional: joints that keep their places relative to each other
-stretching: [thumb_2]         # optional: joints with a bone that changes its length
+torso: [wrist, thumb_1]       # optional: joints that do not move relative to each other
+stretching: [thumb_2]         # optional: joints with a bone of variable length
 """
 
 from difflib import get_close_matches
@@ -21,27 +21,27 @@ _KEYS = {"name", "joints", "mirror", "torso", "stretching", "size_m"}
 _MOST_JOINTS = 500
 _LONGEST_NAME = 60
 _SIZES = (1e-3, 100.0)
-"""m"""
+"""m; smallest and largest `size_m`."""
 
 
 def read_skeleton(path: Path) -> Skeleton:
-    """Read a skeleton from a YAML file as the module shows one.
+    """Return the skeleton that a YAML file defines. The docstring of this module shows the file.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: malformed YAML, a joint twice, an unknown parent, a circle of parents, or mirror pairs that do not
-            match; the message names the file and the joint.
+        FileNotFoundError: the file does not exist.
+        ValueError: the YAML is malformed, a joint occurs twice, a parent is unknown, parents form a circle, or mirror
+            pairs do not match; the message names the file and the joint.
     """
     path = Path(path)
     return define(read_yaml(path), str(path))
 
 
 def define(values: object, where: str) -> Skeleton:
-    """Return the skeleton that values as of the YAML file define.
+    """Return the skeleton that a dictionary defines.
 
     Args:
-        values: A dictionary with the keys that the module shows.
-        where: They are from, for messages.
+        values: A dictionary with the keys of the YAML file.
+        where: Origin of the values, for messages.
 
     Raises:
         ValueError: as `read_skeleton`.
@@ -53,8 +53,9 @@ def define(values: object, where: str) -> Skeleton:
 
 
 def encode(skeleton: Skeleton) -> str | dict:
-    """Return what `dmae.data.skeleton.decode_skeleton` makes a skeleton of: the name of one of this package, or a
-    definition as JSON.
+    """Return the name of a skeleton of this package, or the definition of another skeleton as a dictionary for JSON.
+
+    `dmae.data.skeleton.decode_skeleton` is the inverse.
     """
     if not skeleton.defined:
         return skeleton.name
@@ -100,7 +101,7 @@ def _define(values: object) -> Skeleton:
 
 
 def _pairs(values: object, names: list[str], parents: list[int]) -> tuple[tuple[int, int], ...]:
-    """Return the mirror pairs, left first; without any, those of joints named `l_*` and `r_*`."""
+    """Return the indices of mirror pairs, left first. If `values` is None, the joints `l_*` and `r_*` are pairs."""
     if values is None:
         both = [(name, f"r_{name[2:]}") for name in names if name.startswith("l_")]
         values = [list(pair) for pair in both if pair[1] in names]
@@ -121,7 +122,7 @@ def _pairs(values: object, names: list[str], parents: list[int]) -> tuple[tuple[
 
 
 def _joints(values: object, names: list[str], key: str) -> tuple[int, ...]:
-    """Return the indices of different joints."""
+    """Return the indices of the joints in a list; raise ValueError if one is unknown or occurs twice."""
     if not isinstance(values, list):
         raise ValueError(f"{key}: expected a list of joints, found {_short(values)}")
     for number, joint in enumerate(values):

@@ -1,8 +1,8 @@
-"""The size of bodies: worlds in which a body of any size is as large as a person.
+"""The size of bodies, and scaling of poses and cameras to the size of people.
 
-The lengths of configurations and methods are those of people. Bodies of other sizes are scaled to that size, and their
-poses are scaled back. Accelerations and durations are not scaled: animals of all sizes reach about the same
-accelerations.
+Lengths in configurations and methods are valid for people. Bodies of other sizes are scaled to the size of people, and
+the resulting poses are scaled back. Accelerations and durations are not scaled, because animals of all sizes have about
+the same accelerations.
 """
 
 from collections.abc import Callable
@@ -18,16 +18,16 @@ from dmae.files.mapped import by_frames
 
 Fill = Callable[[Poses3D, float], Poses3D]
 
-_USUAL = 0.8
-"""Quantile of the extents of poses that counts as size: bodies are bent, and rarely longer than they are."""
-_WHOLE = 0.6
-"""Smallest share of joints in a pose; extents of fewer joints are not informative."""
-_MOST = 400
-"""Frames that are measured, evenly spaced."""
+_SIZE_QUANTILE = 0.8
+"""Quantile of the extents of poses that is the size. Bodies are often bent; errors rarely make them longer."""
+_MIN_KNOWN_SHARE = 0.6
+"""Smallest share of known joints in a pose that is measured. The extent of fewer joints is not informative."""
+_MAX_MEASURED = 400
+"""Largest number of poses that are measured, evenly spaced."""
 
 
 def resized_poses(poses: Poses3D, factor: float) -> Poses3D:
-    """Return the poses of a world `factor` times as large."""
+    """Return the poses in a world that is `factor` times as large."""
 
     def resized(values: np.ndarray, by: float) -> np.ndarray:
         return by_frames(lambda values: (values.astype(np.float64) * by).astype(np.float32), values)
@@ -37,29 +37,31 @@ def resized_poses(poses: Poses3D, factor: float) -> Poses3D:
 
 
 def resized_rig(rig: CameraRig, factor: float) -> CameraRig:
-    """Return the cameras of a world `factor` times as large; they see the same."""
+    """Return the cameras in a world that is `factor` times as large. Their images do not change."""
     world = rig.cam_from_world.copy()
     world[:, :3, 3] *= factor
     return replace(rig, cam_from_world=world)
 
 
 def usual_size(xyz: np.ndarray) -> float | None:
-    """Return the usual distance, m, between the two joints farthest apart in bodies (..., J, 3). None if too few joints
-    are known, or all are at one place.
+    """Return the usual extent, m, of bodies (..., J, 3): the distance between the two joints farthest apart.
+
+    None if too few joints are known, or if all joints are at one place.
     """
     flat = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64)
     known = ~np.isnan(flat).any(-1)
-    flat = flat[known.sum(-1) >= max(2, _WHOLE * known.any(0).sum())]
-    flat = flat[np.unique(np.linspace(0, len(flat) - 1, _MOST).astype(int))] if len(flat) else flat
+    flat = flat[known.sum(-1) >= max(2, _MIN_KNOWN_SHARE * known.any(0).sum())]
+    flat = flat[np.unique(np.linspace(0, len(flat) - 1, _MAX_MEASURED).astype(int))] if len(flat) else flat
     extents = [extent(body) for body in flat]
-    size = float(np.quantile(extents, _USUAL)) if extents else 0.0
+    size = float(np.quantile(extents, _SIZE_QUANTILE)) if extents else 0.0
     return size if size > 0 else None
 
 
 def scale_of(poses: Poses3D) -> float:
-    """Return the size of bodies as a multiple of that of people: 1 for people, else as stated, or as measured.
+    """Return the size of bodies as a multiple of the size of people.
 
-    It is 1 where too few joints are known.
+    It is 1 for the skeletons of this package. For other skeletons it is the stated size, or else the measured size; 1
+    if too few joints are known.
     """
     skeleton = poses.skeleton
     if not skeleton.defined or skeleton.size_m is not None:
@@ -69,15 +71,15 @@ def scale_of(poses: Poses3D) -> float:
 
 
 def extent(body: np.ndarray) -> float:
-    """Return the distance between the two joints farthest apart of a body (J, 3), NaN where a joint is absent."""
+    """Return the distance, m, between the two joints farthest apart of a body (J, 3); absent joints are NaN."""
     distance = np.linalg.norm(body[:, None] - body[None], axis=-1)
     return float(np.nanmax(distance, initial=0.0))
 
 
 def for_any_size(fill: Fill) -> Fill:
-    """Return a function that fills poses of people, and does so for bodies of any size.
+    """Return a function that fills poses of bodies of any size, from one that fills poses of people.
 
-    Poses of other sizes are filled in a world in which they are as large as people. Measured joints do not change.
+    Bodies of other sizes are scaled to the size of people, filled, and scaled back. Measured joints do not change.
     """
 
     @wraps(fill)

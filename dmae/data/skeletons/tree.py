@@ -1,10 +1,10 @@
-"""The type: joints, in order, and the tree that connects them."""
+"""The type `Skeleton`: ordered joints, and the tree that connects them."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
 
 PERSON_M = 1.7
-"""m; the size of people, to which the lengths in configurations and methods refer."""
+"""m; the size of people. Lengths in configurations and methods are valid for this size."""
 _TORSO = {"mid_hip", "neck", "l_hip", "r_hip", "l_shoulder", "r_shoulder", "bottom_head"}
 
 
@@ -12,23 +12,24 @@ _TORSO = {"mid_hip", "neck", "l_hip", "r_hip", "l_shoulder", "r_shoulder", "bott
 class Skeleton:
     """An ordered set of named joints forming one or more trees.
 
-    In the skeletons of this package left and right joints are named `l_*` and `r_*`. The same name in two skeletons is
-    the same body part, though annotators and detectors may put the point a few centimetres apart (see
-    `dmae.data.skeleton_conversion`). `dmae.data.skeletons.definition` reads others from files.
+    In the skeletons of this package, left and right joints are named `l_*` and `r_*`. The same name in two skeletons
+    means the same body part, although the points of two annotators or detectors can differ by a few centimetres (see
+    `dmae.data.skeleton_conversion`). `dmae.data.skeletons.definition` reads other skeletons from files.
 
     Attributes:
-        name: Key in the registry, lower case; any name for a skeleton of your own.
+        name: Key in the registry, lower case; any name for your own skeleton.
         joints: J joint names, unique.
-        parents: (J,) index of each joint's parent; -1 at a root.
-        pairs: Indices of left joints and of their partners on the right; None for joints named `l_*` and `r_*`.
-        torso: Joints that keep their places relative to each other; None for hips, shoulders and neck, or, where a
-            skeleton has fewer than three of these, the roots and their children.
-        stretching: Joints with a bone from their parent that changes its length.
-        size_m: m; usual distance between the two joints farthest apart, None where it is to be measured. Two skeletons
-            that differ in nothing else are equal.
+        parents: (J,) index of the parent of each joint; -1 at a root.
+        pairs: Indices of left joints and of the corresponding right joints; None for a skeleton of this package, in
+            which joints named `l_*` and `r_*` correspond.
+        torso: Indices of joints that do not move relative to each other. None for hips, shoulders and neck or, if your
+            own skeleton has fewer than three of these, for the roots and their children.
+        stretching: Indices of joints for which the bone from the parent changes its length.
+        size_m: m; usual distance between the two joints farthest apart; None if it has to be measured. It is ignored
+            when skeletons are compared.
 
     Raises:
-        ValueError: names are not unique, or parents are not a tree.
+        ValueError: names are not unique, or parents form a circle or are invalid.
     """
 
     name: str
@@ -62,7 +63,7 @@ class Skeleton:
         """Return the indices of the named joints.
 
         Raises:
-            KeyError: no such joint; the message lists the joints of the skeleton.
+            KeyError: a joint is unknown; the message lists the joints of the skeleton.
         """
         unknown = [name for name in names if name not in self._index]
         if unknown:
@@ -75,12 +76,12 @@ class Skeleton:
 
     @property
     def defined(self) -> bool:
-        """Whether it was defined by a file, and is not a skeleton of this package."""
+        """Whether the skeleton was defined by the user, and is not a skeleton of this package."""
         return self.pairs is not None
 
     @cached_property
     def parts(self) -> tuple["Skeleton", ...]:
-        """The two skeletons of a fused one; otherwise only this one."""
+        """The two parts of a fused skeleton; for other skeletons, only the skeleton itself."""
         if "+" not in self.name:
             return (self,)
         names, found = self.name.split("+"), []
@@ -93,17 +94,17 @@ class Skeleton:
 
     @cached_property
     def bones(self) -> tuple[tuple[int, int], ...]:
-        """Index pairs (parent, child), one for each joint with a parent."""
+        """Pairs of indices (parent, child), one for each joint with a parent."""
         return tuple((parent, child) for child, parent in enumerate(self.parents) if parent >= 0)
 
     @cached_property
     def rigid_bones(self) -> tuple[tuple[int, int], ...]:
-        """The bones that keep their length."""
+        """The bones of constant length."""
         return tuple(bone for bone in self.bones if bone[1] not in self.stretching)
 
     @cached_property
     def mirror(self) -> tuple[int, ...]:
-        """(J,) index of each joint's partner of the other side; its own on the mid line."""
+        """(J,) index of the corresponding joint on the other side; the joint's own index on the mid line."""
         if self.pairs is None:
             return tuple(self._index.get(_swap_side(joint), i) for i, joint in enumerate(self.joints))
         partner = dict(self.pairs) | {right: left for left, right in self.pairs}
@@ -111,7 +112,7 @@ class Skeleton:
 
     @cached_property
     def left(self) -> tuple[int, ...]:
-        """Joints of the left side that have a partner on the right."""
+        """Indices of joints on the left side with a corresponding joint on the right."""
         if self.pairs is not None:
             return tuple(sorted(left for left, _ in self.pairs))
         names = [joint.rpartition(".")[2] for joint in self.joints]
@@ -119,7 +120,7 @@ class Skeleton:
 
     @cached_property
     def trunk(self) -> tuple[int, ...]:
-        """Joints that keep their places relative to each other, see `torso`."""
+        """Indices of joints that do not move relative to each other, see `torso`."""
         if self.torso is not None:
             return self.torso
         found = tuple(i for i, joint in enumerate(self.joints) if joint.rpartition(".")[2] in _TORSO)
@@ -130,7 +131,7 @@ class Skeleton:
 
     @property
     def scale(self) -> float:
-        """Size as a multiple of that of people; 1 where it is not known."""
+        """Size as a multiple of the size of people; 1 if unknown."""
         return 1.0 if self.size_m is None else self.size_m / PERSON_M
 
 
@@ -141,10 +142,10 @@ def _swap_side(joint: str) -> str:
 
 
 def fuse(first: Skeleton, second: Skeleton) -> Skeleton:
-    """Return both skeletons side by side, joints named `<skeleton>.<joint>`.
+    """Return a skeleton with the joints of both skeletons, named `<skeleton>.<joint>`.
 
-    The paper's pose fusion learns the target skeleton from the tokens of such a pair. The generator writes its truth in
-    `body25+shelf14`.
+    The paper's pose fusion learns the target skeleton from the tokens of a fused skeleton. The generator writes its
+    truth in `body25+shelf14`.
     """
     name = f"{first.name}+{second.name}"
     joints = tuple(f"{part.name}.{joint}" for part in (first, second) for joint in part.joints)

@@ -23,6 +23,8 @@ _LIMBS = [
     )
 ]
 _HEAD = BLAZEPOSE33.index("l_ear", "r_ear", "nose")
+_SAME_HEAD, _SMALLER = 0.25, 0.75
+"""Distance of two heads that are one, and size of a torso that is part of another body, relative to its torso."""
 _LIMB_WIDTH, _HEAD_RADIUS = 0.35, 0.3
 """Width of the limbs and radius of the head that are painted over, relative to the size of the torso."""
 _BLUR = 0.3
@@ -85,6 +87,12 @@ def same_torso(a: Person, b: Person, nearness: float = 0.4) -> bool:
     body, the network finds a smaller body with the same head.
     """
     return bool(min(_apart(a, b, TORSO), _apart(a, b, _EXCHANGED)) < nearness)
+
+
+def part_of(a: Person, b: Person) -> bool:
+    """Return whether a person is a part of a larger one, such as its arm: two people do not share a head."""
+    apart = np.hypot(*(a.xy[_HEAD].mean(0) - b.xy[_HEAD].mean(0)))
+    return bool(apart < _SAME_HEAD * b.torso_size and a.torso_size < _SMALLER * b.torso_size)
 
 
 def disagreement(a: Person, b: Person) -> float:

@@ -1,13 +1,14 @@
 """The people in the images of one camera: searched in windows, then followed in regions of their own."""
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dmae.detection.blazepose.candidates import find_candidates, same_region, windows_of
 from dmae.detection.blazepose.confidence import confidence
-from dmae.detection.blazepose.landmarks import Person, disagreement, find_person, same_torso
+from dmae.detection.blazepose.landmarks import Person, disagreement, find_person, part_of, same_torso
 from dmae.detection.blazepose.models import Network
 from dmae.detection.blazepose.regions import Region, pyramid_of
 from dmae.detection.registry import PoseDetectorConfig
@@ -49,6 +50,8 @@ _MEMORY = 0.9
 """Weight of the previous value in the running mean of the confidence, per image."""
 _STRAYED = 0.2
 """A followed person is given up if a second pass finds it farther away than this, relative to the torso."""
+_LOOK_BACK, _LOOK_BACK_BYTES = 25, 100e6
+"""Number of previous images in which a new person is searched, and largest memory that they take, bytes."""
 
 
 @dataclass(frozen=True)
@@ -66,17 +69,22 @@ class _Followed:
 class PeopleDetector:
     """Detector of the people in images that are given in order."""
 
-    def __init__(self, config: PoseDetectorConfig):
-        self._config = config
+    def __init__(self, config: PoseDetectorConfig, look_back: bool = False):
+        """Args: look_back: Whether a new person is also looked for in the images before, see `late`."""
+        self._config, self._look_back = config, look_back
         self._finder, self._joints = Network("pose_detection"), Network("pose_landmark_full")
         self._followed: list[_Followed] = []
         self._lost: list[tuple[Region, int]] = []
         self._number = 0
+        self._before: deque[tuple[list[np.ndarray], list[Person]]] = deque(maxlen=_LOOK_BACK)
+        self.late: list[tuple[int, Person]] = []
+        """People of earlier images that the last one led to, each with how many images before it."""
 
     def __call__(self, picture: np.ndarray) -> list[Person]:
         """Return the people of the next image (H, W, 3) uint8, RGB."""
         pyramid = pyramid_of(np.ascontiguousarray(picture))
         people, lost = self._follow(pyramid)
+        self._new: list[Person] = []
         waiting, self._lost = self._lost, [(region, _RETRIES) for region in lost]
         for region, tries in waiting:
             found = self._settled(pyramid, region, [each.person for each in people])
@@ -94,7 +102,27 @@ class PeopleDetector:
         self._search_crowds(pyramid, people)
         self._number += 1
         self._followed = people
-        return [each.person for each in people]
+        found = [each.person for each in people]
+        if self._look_back:
+            new = [person for person in found if any(person is each for each in self._new)]
+            self.late = [late for person in new for late in self._follow_back(person)]
+            while self._before and (len(self._before) + 1) * sum(level.nbytes for level in pyramid) > _LOOK_BACK_BYTES:
+                self._before.popleft()
+            self._before.append((pyramid, found))
+        return found
+
+    def _follow_back(self, person: Person) -> Iterator[tuple[int, Person]]:
+        """Find a new person in the images before, one after the other, until it is known or not there for sure."""
+        for ago, (pyramid, known) in enumerate(reversed(self._before), 1):
+            found = find_person(self._joints, pyramid, person.region)
+            if found.region is None or _known(found, known) or disagreement(found, person) > _JUMP:
+                return
+            found = self._confirmed(pyramid, found)
+            if found is None or _known(found, known):
+                return
+            known.append(found)
+            yield ago, found
+            person = found
 
     def _follow(self, pyramid: list[np.ndarray]) -> tuple[list[_Followed], list[Region]]:
         """Return the people of the previous image at their current places, and the regions of lost people."""
@@ -169,9 +197,13 @@ class PeopleDetector:
         """Add a person to others, unless they contain it at least as clearly; return whether there was a person."""
         if found is None:
             return False
+        if any(part_of(found, each.person) for each in people):
+            return True
+        people[:] = [each for each in people if not part_of(each.person, found)]
         same = [i for i, each in enumerate(people) if same_torso(found, each.person)]
         if not same:
             people.append(_Followed(found, clearness(found)))
+            self._new.append(found)
         elif len(same) == 1 and clearness(found) > clearness(people[same[0]].person) + _CLEARER:
             people[same[0]] = _Followed(found, clearness(found))
         return True
@@ -205,7 +237,7 @@ def clearness(person: Person) -> float:
 
 
 def _known(person: Person, others: Sequence[Person]) -> bool:
-    return any(same_torso(person, other) for other in others)
+    return any(same_torso(person, other) or part_of(person, other) for other in others)
 
 
 def _around(region: Region, share: float) -> Region:

@@ -29,9 +29,9 @@ def residual_tables(measured: Groups, completed: Groups, names: Sequence[str] = 
                        each.quantile(0.9))))  # fmt: skip
                 more = (f"{other.compared:,}" if other else "0", _pixels(other and other.mean))
                 rows.append(row + more if some_completed else row)
-        header = (name, "measured", "measured px", "median px", "90 % under")
+        header = (name, "measured", "mean px", "median px", "90 % under")
         if some_completed:
-            header += ("completed", "completed px")
+            header += ("completed", "completed mean px")
         if rows:
             tables.append(Table(f"By {name}", header, rows, bars=(2, 6) if some_completed else (2,)))
     return tables

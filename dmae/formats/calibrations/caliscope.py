@@ -1,5 +1,5 @@
-"""Calibration of Caliscope: TOML, one table per camera in `cameras`, or in older projects tables `cam_0`, `cam_1`,
-..."""
+"""Calibration of Caliscope: TOML with one table per camera in `cameras`; in older projects, tables `cam_0`, `cam_1`
+and so on."""
 
 from pathlib import Path
 
@@ -50,10 +50,12 @@ def _camera(entry: CameraTable) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras, rotations as matrices; a camera is numbered as its name says, or else in order.
+    """Write cameras to a file, with rotations as matrices.
+
+    The number of a camera is its name if that is a number, or else its index in the rig.
 
     Raises:
-        ValueError: distortion that the format cannot hold.
+        ValueError: the format cannot store the distortion.
     """
     require("a Caliscope calibration", rig, coefficients=8, fisheye=True)
     R, t = orthonormal(rig)
@@ -81,13 +83,13 @@ def write_cameras(rig: CameraRig, path: Path) -> None:
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """TOML tables cameras.0 and on with matrix, distortions, rotation (Caliscope).
 
-    Return cameras as the file writes them: world to camera, m, rotations as matrices or Rodrigues vectors.
+    Return the cameras of the file: cam_from_world, m. The file contains rotations as matrices or Rodrigues vectors.
 
-    A camera is called as its table, which is its number. Cameras that the project ignores are left out.
+    The name of a camera is the name of its table, a number. Cameras that the project ignores are left out.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is malformed; the message names camera and key.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is malformed; the message names camera and key.
     """
     entries = (CameraTable(path, name, table) for name, table in _tables(read_toml(path)).items())
     return make_rig(path, (_camera(entry) for entry in entries if entry.values.get("ignore") is not True), size)

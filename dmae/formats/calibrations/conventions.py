@@ -1,4 +1,4 @@
-"""Conventions of calibration files: unit, up axis and direction of extrinsics, and conversion to ours."""
+"""Conventions of calibration files: unit, up axis and direction of extrinsics, and conversion to our convention."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-# Commands list units and axes in their help, which loads nothing heavy.
+# The help of commands lists units and axes, and must not import heavy modules.
 if TYPE_CHECKING:
     from dmae.data.cameras import CameraRig
 
@@ -34,7 +34,7 @@ class LengthUnit(StrEnum):
 
 METRES = {LengthUnit.m: 1.0, LengthUnit.cm: 0.01, LengthUnit.mm: 0.001}
 
-# Right-handed, by the smallest rotation.
+# Right-handed rotations from each up axis to z up, by the smallest angle.
 _Z_UP = {
     UpDirection.x: np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0.0]]),
     UpDirection.y: np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]]),
@@ -46,7 +46,7 @@ _Z_UP = {
 
 @dataclass(frozen=True)
 class Convention:
-    """How a file writes its world and its extrinsics; ours is the default.
+    """The convention of a file for lengths, world axes and extrinsics. The default is our convention.
 
     Attributes:
         unit: Unit of lengths.
@@ -59,22 +59,22 @@ class Convention:
     inverse: bool = False
 
     def points(self, xyz: np.ndarray) -> np.ndarray:
-        """Convert points (..., 3) as the file writes them to our world, m."""
+        """Return points (..., 3), given in the convention of the file, in our world, m."""
         return METRES[self.unit] * np.asarray(xyz, np.float64) @ _Z_UP[self.up].T
 
     def written_points(self, xyz: np.ndarray) -> np.ndarray:
-        """Convert points (..., 3) m to what the file writes: the inverse of `points`."""
+        """Return points (..., 3), given in our world, m, in the convention of the file: the inverse of `points`."""
         return np.asarray(xyz, np.float64) @ _Z_UP[self.up] / METRES[self.unit]
 
     def rig(self, written: CameraRig) -> CameraRig:
-        """Convert cameras, with `cam_from_world` as the file writes it, to our world."""
+        """Return cameras, with `cam_from_world` given in the convention of the file, in our convention."""
         pose = np.linalg.inv(written.cam_from_world) if self.inverse else written.cam_from_world.copy()
         pose[:, :3, :3] = pose[:, :3, :3] @ _Z_UP[self.up].T
         pose[:, :3, 3] *= METRES[self.unit]
         return replace(written, cam_from_world=pose)
 
     def written_rig(self, rig: CameraRig) -> CameraRig:
-        """Convert cameras to what the file writes: the inverse of `rig`."""
+        """Return cameras, given in our convention, in the convention of the file: the inverse of `rig`."""
         pose = rig.cam_from_world.copy()
         pose[:, :3, :3] = pose[:, :3, :3] @ _Z_UP[self.up]
         pose[:, :3, 3] /= METRES[self.unit]

@@ -1,4 +1,4 @@
-"""Calibration of EasyMocap: `intri.yml` and `extri.yml` of OpenCV's FileStorage."""
+"""Calibration of EasyMocap: `intri.yml` and `extri.yml`, in the YAML dialect of OpenCV's FileStorage."""
 
 import re
 from pathlib import Path
@@ -14,20 +14,20 @@ from dmae.formats.calibrations.entries import CameraTable, ParsedCamera, make_ri
 from dmae.formats.calibrations.registry import calibration_format
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
-# EasyMocap itself writes six decimals, earlier versions of it three.
-_AGREE = 2e-3
+# EasyMocap writes six decimals; its earlier versions wrote three.
+_ROTATION_TOLERANCE = 2e-3
 _MOST_BYTES = 16 << 20
 
 
 def _read_storage(path: Path) -> dict:
-    """Return the top level of an OpenCV FileStorage: matrices as arrays, lists of texts, numbers.
+    """Return the top level of an OpenCV FileStorage: matrices as flat arrays, lists of texts, numbers.
 
-    OpenCV's own reader corrupts memory on files that are cut short.
+    OpenCV's own reader is not used, because it corrupts memory if a file is cut short.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file; EasyMocap keeps {INTRINSICS} and {EXTRINSICS} side by side")
     try:
-        # YAML proper has no colon in this line, and takes `01` for a number, which a camera's name is not.
+        # Standard YAML has no colon in this line. It would also read the name of a camera `01` as a number.
         text = re.sub(r"^\s*%YAML.*", "", read_text(path, _MOST_BYTES))
         content = parse_yaml(text, texts=True)
     except ValueError as error:
@@ -67,7 +67,7 @@ def _camera(folder: Path, name: str, intrinsics: dict, extrinsics: dict) -> Pars
     turned = outer.rodrigues(R) if R in extrinsics or rotation not in extrinsics else outer.rotation(rotation)
     if R in extrinsics and rotation in extrinsics:
         apart = np.abs(outer.numbers(rotation, 9).reshape(3, 3) - turned).max()
-        if apart > _AGREE:
+        if apart > _ROTATION_TOLERANCE:
             raise outer.error(
                 rotation, f"to be the matrix of {R}, which is its Rodrigues vector", f"one that is off by {apart:.1e}"
             )
@@ -87,10 +87,11 @@ def _camera(folder: Path, name: str, intrinsics: dict, extrinsics: dict) -> Pars
 def write_cameras(rig: CameraRig, path: Path) -> None:
     """Write `intri.yml` and `extri.yml` into a folder; rounded rotations become exact.
 
-    They are formatted by hand, as YAML libraries do not write the header and the matrices of OpenCV's dialect.
+    This module formats the text itself, because YAML libraries cannot write the header and matrices of OpenCV's
+    dialect.
 
     Raises:
-        ValueError: a lens or a camera name that the format cannot hold.
+        ValueError: the format cannot store a lens or the name of a camera.
     """
     require("an EasyMocap calibration", rig, coefficients=8)
     R, t = orthonormal(rig)
@@ -128,18 +129,19 @@ def _matrix(key: str, values: np.ndarray) -> str:
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """intri.yml and extri.yml (EasyMocap).
 
-    Return cameras as a pair of files writes them, world to camera: those that `extri.yml` names.
+    Return the cameras that `extri.yml` names: cam_from_world, in the unit of the files.
 
     Args:
-        path: One of `intri.yml` and `extri.yml`, or the folder of both.
+        path: One of `intri.yml` and `extri.yml`, or the folder that contains both.
+        size: Image width and height, px, if the files do not state them.
 
     Raises:
         FileNotFoundError: one of the files is missing.
-        ValueError: they are malformed or contradict each other; the message names camera and key.
+        ValueError: the files are malformed or contradict each other; the message names camera and key.
     """
     folder = path if path.is_dir() else path.parent
     intrinsics, extrinsics = (_read_storage(folder / name) for name in (INTRINSICS, EXTRINSICS))
-    # Intrinsics are often kept of more cameras than a recording was made with.
+    # `intri.yml` often contains more cameras than the recording.
     names = extrinsics.get("names", intrinsics.get("names"))
     if not isinstance(names, list):
         raise ValueError(f"{folder / EXTRINSICS}: expected names to be a list of cameras, found {names!r:.60}")

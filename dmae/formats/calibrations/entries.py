@@ -1,4 +1,4 @@
-"""What calibration files have in common: a table of numbers for each camera; errors name file, camera and key."""
+"""Read the numbers of each camera in a calibration file, with errors that name file, camera and key."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 
-# What CameraRig accepts of published rotations; here the error names the key.
+# CameraRig accepts the same rounding of published rotations. The error raised here names the key.
 _ROUNDING = 1e-3
 _LARGEST = 1e10
-"""Of any number: ten thousand kilometres in millimetres."""
+"""Largest absolute value of any number: ten thousand kilometres in millimetres."""
 
 
 class ParsedCamera(NamedTuple):
-    """One camera as a file writes it, its pose as [R | t]."""
+    """One camera in the convention of its file, with its pose as [R | t]."""
 
     name: str
     K: np.ndarray
@@ -25,7 +25,7 @@ class ParsedCamera(NamedTuple):
     R: np.ndarray
     t: np.ndarray
     size: np.ndarray | None
-    """Width and height, px; None where the file does not say."""
+    """Width and height, px; None if the file does not state them."""
     fisheye: bool = False
 
 
@@ -33,7 +33,7 @@ class ParsedCamera(NamedTuple):
 class CameraTable:
     """The values of one camera in a calibration file, by key.
 
-    Every method raises ValueError that names file, camera and key, what was expected and what was found.
+    Every method raises ValueError that names file, camera and key, the expected value and the value found.
     """
 
     path: Path
@@ -50,7 +50,7 @@ class CameraTable:
         return ValueError(f"{self.path}: camera {self.camera!r}: expected {key} {expected}, found {found}")
 
     def numbers(self, key: str, *counts: int) -> np.ndarray:
-        """Return the finite numbers of a key, flat; their number is one of `counts`."""
+        """Return the finite numbers of a key as a flat array. Their count must be one of `counts`."""
         wanted = f"of {' or '.join(map(str, counts))} numbers"
         if key not in self.values:
             raise self.error(key, wanted, f"no such key among {sorted(map(str, self.values))}")
@@ -80,13 +80,18 @@ class CameraTable:
             raise self.error(key, "of positive focal lengths", ", ".join(f"{length:g}" for length in lengths))
 
     def rotation(self, key: str, matrix: np.ndarray | None = None) -> np.ndarray:
-        """Return a rotation matrix (3, 3): `matrix`, where it was read from a larger array of `key`."""
+        """Return the checked rotation matrix (3, 3) of a key.
+
+        Args:
+            key: The key.
+            matrix: The matrix, if it is a part of a larger array of this key.
+        """
         R = self.numbers(key, 9).reshape(3, 3) if matrix is None else matrix
-        # Numbers of any size may stand there.
+        # The file can contain numbers that overflow.
         with np.errstate(all="ignore"):
-            error, turn = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
-        if not (error <= _ROUNDING and turn > 0):
-            found = f"a matrix with R R^T off by {error:.1e} and determinant {turn:+.3f}"
+            error, determinant = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
+        if not (error <= _ROUNDING and determinant > 0):
+            found = f"a matrix with R R^T off by {error:.1e} and determinant {determinant:+.3f}"
             raise self.error(key, "to be a right-handed rotation", found)
         return R
 
@@ -95,7 +100,7 @@ class CameraTable:
         return Rotation.from_rotvec(self.numbers(key, 3)).as_matrix()
 
     def size(self, *keys: str) -> np.ndarray:
-        """Return image width and height, px, of one key or of two."""
+        """Return image width and height, px, from one key or from two."""
         size = np.concatenate([self.numbers(key, 2 // len(keys)) for key in keys])
         if not ((size >= 1) & (size < 1e6) & (size == np.round(size))).all():
             raise self.error(", ".join(keys), "to be a positive whole width and height", size.tolist())
@@ -103,7 +108,7 @@ class CameraTable:
 
 
 class LacksSize(ValueError):
-    """Raised when a calibration file holds no image size and none is given; says by which option to give it."""
+    """Raised when a calibration file states no image size and none is given; names the option that gives it."""
 
     def __init__(self, what: str, option: str = "size"):
         super().__init__(f"{what}; give it as {option}=[width,height], px")
@@ -111,14 +116,16 @@ class LacksSize(ValueError):
 
 
 def make_rig(path: Path, cameras: Iterable[ParsedCamera], size: tuple[int, int] | None) -> CameraRig:
-    """Return the rig of the cameras of a file, with lengths and world as the file writes them.
+    """Return the rig of the cameras in a file, in the units and world axes of the file.
 
     Args:
-        size: Image width and height, px, of cameras without one in the file.
+        path: Path of the file, for messages.
+        cameras: The cameras in the file.
+        size: Image width and height, px, of cameras for which the file states no size.
 
     Raises:
-        LacksSize: a camera has no size.
-        ValueError: there are no cameras, two have the same name, or `size` contradicts the file.
+        LacksSize: the image size of a camera is unknown.
+        ValueError: there are no cameras, two cameras have the same name, or `size` contradicts the file.
     """
     cameras = list(cameras)
     if not cameras:
@@ -153,14 +160,17 @@ def make_rig(path: Path, cameras: Iterable[ParsedCamera], size: tuple[int, int] 
 
 
 def require(format: str, rig: CameraRig, *, coefficients: int, fisheye: bool = False, skew: bool = True) -> None:
-    """Check that a format can hold the lenses of a rig.
+    """Check that a format can store the lenses of a rig.
 
     Args:
-        coefficients: Number of OpenCV's distortion coefficients that it holds.
-        fisheye, skew: Whether it holds these.
+        format: Name of the format, for messages.
+        rig: The cameras.
+        coefficients: Number of OpenCV's distortion coefficients that the format stores.
+        fisheye: Whether the format stores fisheye lenses.
+        skew: Whether the format stores the skew of K.
 
     Raises:
-        ValueError: it cannot; the message names the camera and what would be lost.
+        ValueError: the format cannot store a lens; the message names the camera and the values that would be lost.
     """
     for view, name in enumerate(rig.names):
         lost = None
@@ -176,9 +186,9 @@ def require(format: str, rig: CameraRig, *, coefficients: int, fisheye: bool = F
 
 
 def orthonormal(rig: CameraRig) -> tuple[np.ndarray, np.ndarray]:
-    """Return exact rotations (V, 3, 3) nearest to those of a rig, and translations (V, 3) that keep the camera centres.
+    """Return the exact rotations (V, 3, 3) nearest to those of a rig, and translations (V, 3) m for the same centres.
 
-    Published rotation matrices are rounded; a Rodrigues vector is always exact.
+    Published rotation matrices are rounded. A Rodrigues vector can only describe an exact rotation.
     """
     R = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
     return R, -np.einsum("vij,vj->vi", R, rig.centers)

@@ -1,4 +1,4 @@
-"""Calibration files of any format: find, recognise, read and write them."""
+"""Find, recognise, read and write calibration files of any format."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,14 +13,14 @@ from dmae.formats.calibrations.registry import calibration_format
 
 @dataclass(frozen=True)
 class CalibrationSource:
-    """Where the calibration of a recording is, and what its file does not say; None for what is found there.
+    """Path of the calibration of a recording, and values that its file does not state.
 
     Attributes:
-        file: Calibration file, or folder of it.
-        size: Image width and height, px.
-        unit: Unit of lengths.
-        up: Axis that points up.
-        inverse: Whether extrinsics are world_from_cam.
+        file: Calibration file, or folder that contains it; None to search for it in the recording.
+        size: Image width and height, px; None if the file states it.
+        unit: Unit of lengths; None for the unit of the format.
+        up: Axis that points up; None for the axis of the format.
+        inverse: Whether extrinsics are world_from_cam; None for the convention of the format.
     """
 
     file: str | None = None
@@ -30,11 +30,11 @@ class CalibrationSource:
     inverse: bool | None = None
 
     def read(self, recording: Path, size: tuple[int, int] | None = None) -> CameraRig:
-        """Read the cameras of a recording; errors as in `read_calibration`.
+        """Return the cameras of a recording; errors as in `read_calibration`.
 
         Args:
-            recording: Folder in which the calibration is looked for, or a file in that folder.
-            size: Image width and height, px, where neither this nor the calibration has them.
+            recording: Folder to search for the calibration, or a file in that folder.
+            size: Image width and height, px, if neither `self.size` nor the calibration states it.
         """
         path = Path(self.file or (recording.parent if recording.is_file() else recording))
         try:
@@ -45,12 +45,12 @@ class CalibrationSource:
             raise LacksSize(error.what, "data.size") from None
 
     def convention(self, own: Convention) -> Convention:
-        """Return a convention with what is given here in its place."""
+        """Return the convention `own`, changed to the unit, up axis and direction that are given here."""
         return _convention(own, self.unit, self.up, self.inverse)
 
 
 FOUND = CalibrationSource()
-"""The calibration found in the folder of a recording."""
+"""The calibration in the folder of a recording, in the convention of its format."""
 
 
 def read_calibration(
@@ -64,16 +64,16 @@ def read_calibration(
     """Return the cameras of a calibration file in our convention: cam_from_world, m, z up.
 
     Args:
-        path: The file, recognised by its content; of EasyMocap one of the two, or their folder; or a folder in which
-            `find_calibration` finds the one calibration.
+        path: The file. Its content determines the format. For EasyMocap, one of its two files, or their folder. It can
+            also be a folder in which `find_calibration` finds one calibration.
         size: Image width and height, px, for files that do not state them.
-        unit: Unit of lengths; None for that of the format.
-        up: Axis that points up; None for that of the format.
-        inverse: Whether poses are written as world_from_cam; None for what is usual in the format.
+        unit: Unit of lengths; None for the unit of the format.
+        up: Axis that points up; None for the axis of the format.
+        inverse: Whether extrinsics are world_from_cam; None for the convention of the format.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: the file is malformed, of no known format, or lacks image sizes; the message names it, the
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is malformed, has no known format, or lacks image sizes; the message names the file, the
             camera and the key.
     """
     path = Path(path)
@@ -85,7 +85,7 @@ def read_calibration(
 def convention_of(
     path: Path, *, unit: LengthUnit | None = None, up: UpDirection | None = None, inverse: bool | None = None
 ) -> Convention:
-    """Return the convention in which `read_calibration` takes a file to be written."""
+    """Return the convention by which `read_calibration` reads a file; arguments as in `read_calibration`."""
     path = Path(path)
     format = calibration_format[recognise(find_calibration(path) if path.is_dir() else path)]
     return _convention(format.convention, unit, up, inverse)
@@ -100,14 +100,14 @@ def write_calibration(
     up: UpDirection | None = None,
     inverse: bool | None = None,
 ) -> None:
-    """Write cameras to a file, of EasyMocap to a folder; `unit`, `up` and `inverse` as in `read_calibration`.
+    """Write cameras to a file, or for EasyMocap to a folder; `unit`, `up` and `inverse` as in `read_calibration`.
 
-    Every format holds names and image sizes. Formats that write Rodrigues vectors, pose2sim and easymocap, make
-    rotations exact that a publication rounded, about the same camera centres.
+    Every format stores names and image sizes. The formats pose2sim and easymocap write Rodrigues vectors: rotations
+    that a publication rounded become exact, and camera centres do not change.
 
     Raises:
-        ValueError: there is no such format, or it cannot hold a lens: shelf has no distortion, voxelpose and panoptic
-            have five coefficients, voxelpose no skew, and only pose2sim has fisheyes.
+        ValueError: the format is unknown or cannot store a lens. shelf stores no distortion, voxelpose and panoptic
+            store five coefficients, voxelpose stores no skew, and only pose2sim and caliscope store fisheyes.
     """
     found = calibration_format.find(format)
     found.write(_convention(found.convention, unit, up, inverse).written_rig(rig), Path(path))
@@ -122,12 +122,12 @@ def recognise(path: Path) -> str:
     """Return the name of the format of a calibration file.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is of none of the formats, or too malformed to tell.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file has none of the known formats, or is malformed.
     """
     path = Path(path)
     start = read_text(path).lstrip()
-    # The YAML of OpenCV is read by its format alone.
+    # Only the module of its format parses OpenCV's dialect of YAML.
     syntax, content = "yaml", None
     if not start.startswith("%YAML") and path.suffix not in (".yml", ".yaml"):
         syntax = "json" if start.startswith("{") or path.suffix == ".json" else "toml"
@@ -140,14 +140,14 @@ def recognise(path: Path) -> str:
 
 
 def find_calibration(folder: Path) -> Path:
-    """Return the one calibration of the recording in a folder; of EasyMocap, its `intri.yml`.
+    """Return the only calibration file of the recording in a folder; for EasyMocap, its `intri.yml`.
 
-    Files called calibration are looked for in the folder and in its folders called calibration, and, where there are
-    none, in such folders next to it and next to its parent.
+    The patterns `files` of all formats are searched in the folder. If there is no match, the patterns `files_above` are
+    searched in its parent folder, and then in the folder above that.
 
     Raises:
-        FileNotFoundError: there is none; the message lists the patterns that were looked for.
-        ValueError: there are several; the message lists them.
+        FileNotFoundError: there is no calibration; the message lists the patterns.
+        ValueError: there are several calibrations; the message lists them.
     """
     folder = Path(folder)
     if not folder.is_dir():

@@ -30,12 +30,12 @@ def _camera(path: Path, number: int, values: dict) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras, with their pose as it is in `cam_from_world`.
+    """Write cameras to a file. The transforms in `cam_from_world` are not changed.
 
-    Panel and node are those of names like 00_12; other cameras become nodes of panel 0.
+    A name such as 00_12 gives panel and node. Cameras with other names become nodes of panel 0.
 
     Raises:
-        ValueError: a lens that the format cannot hold.
+        ValueError: the format cannot store a lens.
     """
     require("a Panoptic calibration", rig, coefficients=5)
     cameras = []
@@ -73,11 +73,11 @@ def _matches(content: object) -> bool:
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """JSON with a list of cameras (CMU Panoptic).
 
-    Return cameras as the file writes them: cm, y down, world to camera.
+    Return the cameras of the file: cam_from_world, cm, y down.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is malformed; the message names camera and key.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is malformed; the message names camera and key.
     """
     content = read_json(path)
     cameras = content.get("cameras") if isinstance(content, dict) else None

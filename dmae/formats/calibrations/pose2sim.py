@@ -1,4 +1,4 @@
-"""Calibration of Pose2Sim and anipose: TOML, one table per camera."""
+"""Calibration of Pose2Sim and anipose: TOML with one table per camera."""
 
 from pathlib import Path
 
@@ -31,17 +31,17 @@ def _camera(entry: CameraTable) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras, with their pose as it is in `cam_from_world`; rounded rotations become exact.
+    """Write cameras to a file. Rounded rotations in `cam_from_world` become exact.
 
     Raises:
-        ValueError: distortion that the format cannot hold.
+        ValueError: the format cannot store the distortion.
     """
     require("a Pose2Sim calibration", rig, coefficients=8, fisheye=True)
     R, t = orthonormal(rig)
     rotation = Rotation.from_matrix(R).as_rotvec()
     tables = {}
     for view, name in enumerate(rig.names):
-        # A camera may have any name, a table may not: `[metadata]` is no camera.
+        # A camera can have any name, but the table `[metadata]` is not a camera.
         tables[f"camera_{name}" if name == _METADATA else name] = {
             "name": name,
             "size": rig.size[view].astype(float).tolist(),
@@ -55,7 +55,7 @@ def write_cameras(rig: CameraRig, path: Path) -> None:
 
 
 def _coefficients(rig: CameraRig, view: int) -> np.ndarray:
-    """Return four coefficients where the others are zero; Pose2Sim itself writes no more."""
+    """Return the distortion coefficients of a view: 4 if the others are zero, as Pose2Sim writes, or else 5 or 8."""
     dist = np.pad(rig.dist[view], (0, 8 - rig.dist.shape[1]))
     return dist[: 4 if not dist[4:].any() else 5 if not dist[5:].any() else 8]
 
@@ -70,20 +70,20 @@ def _matches(content: dict) -> bool:
     matches=_matches,
     write=write_cameras,
     files=("*alib*.toml", "*alib*/*.toml"),
-    # Pose2Sim keeps one calibration for all trials of a session.
+    # In Pose2Sim, all trials of a session share one calibration.
     files_above=("*alib*/*.toml",),
 )
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """TOML tables with matrix, distortions, rotation (Pose2Sim, anipose).
 
-    Return cameras as the file writes them: world to camera, rotations as Rodrigues vectors.
+    Return the cameras of the file: cam_from_world, in the unit of the file. It contains rotations as Rodrigues vectors.
 
-    A camera without `name` is called as its table. Distortion is OpenCV's k1 k2 p1 p2 [k3
-    [k4 k5 k6]], or with `fisheye = true` k1 k2 k3 k4. `[metadata]` is not read.
+    A camera without `name` has the name of its table. Distortion is OpenCV's k1 k2 p1 p2 [k3 [k4 k5 k6]], or with
+    `fisheye = true` k1 k2 k3 k4. `[metadata]` is not read.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is malformed; the message names camera and key.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is malformed; the message names camera and key.
     """
     tables = {name: table for name, table in read_toml(path).items() if name != _METADATA}
     return make_rig(path, (_camera(CameraTable(path, name, table)) for name, table in tables.items()), size)

@@ -1,8 +1,8 @@
-"""The registry of calibration formats: each is a function under the decorator `calibration_format`.
+"""The registry of calibration formats. A format is a function with the decorator `calibration_format`.
 
-It takes a path and an image size for cameras without one, and returns a `CameraRig` as the file writes it. The first
-line of its docstring says what the file looks like, and the programs that write it; errors list it. To list formats
-imports them, as their settings hold functions.
+The function takes a path, and an image size for cameras without one. It returns a `CameraRig` in the convention of the
+file. The first line of its docstring describes the file and names the programs that write it; error messages show this
+line. Listing the formats imports their modules, because the settings of a format contain functions.
 """
 
 from collections.abc import Callable
@@ -20,11 +20,11 @@ class CalibrationFormat(Entry):
 
     Attributes:
         syntax: "json", "toml" or "yaml".
-        matches: Takes the content of a JSON or TOML file, and returns whether it is of this format.
-        write: Takes cameras as the file is to write them, and a path.
-        convention: How the format writes lengths, world and extrinsics.
-        files: Patterns of its files in the folder of a recording.
-        files_above: Patterns of its files in the two folders above.
+        matches: Function that takes the content of a JSON or TOML file and returns whether it has this format.
+        write: Function that takes cameras in the convention of the file, and a path to write.
+        convention: Convention of the format for lengths, world axes and extrinsics.
+        files: Patterns of its files, relative to the folder of a recording.
+        files_above: Patterns of its files, relative to each of the two folders above the recording.
     """
 
     syntax: str

@@ -19,10 +19,10 @@ def _camera(entry: CameraTable) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras.
+    """Write cameras to a file.
 
     Raises:
-        ValueError: a lens that the format cannot hold.
+        ValueError: the format cannot store a lens.
     """
     require("a 4DAssociation calibration", rig, coefficients=0)
     cameras = {
@@ -47,11 +47,11 @@ def _matches(content: object) -> bool:
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """JSON cameras with K, RT, imgSize (4DAssociation).
 
-    Return the cameras of the file: world to camera, m.
+    Return the cameras of the file: cam_from_world, m.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is malformed; the message names camera and key.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is malformed; the message names camera and key.
     """
     cameras = read_json(path)
     if not isinstance(cameras, dict) or not cameras:

@@ -30,12 +30,12 @@ def _camera(entry: CameraTable) -> ParsedCamera:
 
 
 def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras, with their pose as it is in `cam_from_world`.
+    """Write cameras to a file. The rotations in `cam_from_world` are not changed.
 
-    The additional key `size` is ignored by other programs.
+    Other programs ignore the additional key `size`.
 
     Raises:
-        ValueError: a lens that the format cannot hold.
+        ValueError: the format cannot store a lens.
     """
     require("a VoxelPose calibration", rig, coefficients=5, skew=False)
     cameras = {}
@@ -72,13 +72,14 @@ def _matches(content: object) -> bool:
 def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     """JSON cameras with R, T, fx (VoxelPose).
 
-    Return cameras as the file writes them, in mm. `T` is the camera's centre: x = R (X - T).
+    Return the cameras of the file: cam_from_world, mm. `T` is the centre of the camera: x = R (X - T).
 
-    The published files hold no image sizes (Shelf 1032 x 776, Campus 360 x 288), those of `write_cameras` do.
+    The published files contain no image sizes (Shelf 1032 x 776 px, Campus 360 x 288 px). Files from `write_cameras`
+    contain them.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is malformed, or it holds no sizes and `size` is None.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is malformed, or it contains no sizes and `size` is None.
     """
     cameras = read_json(path)
     if not isinstance(cameras, dict):

@@ -1,1 +1,1 @@
-"""What does a picture show? The persons in it: joints, what hides them, masks and boxes, from the images of ids."""
+"""What does an image show? Labels of the persons in it: joints, their occluders, masks and boxes."""

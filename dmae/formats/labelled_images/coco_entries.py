@@ -1,4 +1,4 @@
-"""Images, annotations and categories as COCO writes them."""
+"""Entries of a COCO file: images, annotations and categories."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -18,7 +18,7 @@ from dmae.formats.recordings.pixel_covariances import covariance_entry
 
 
 def image_entry(picture: Picture, number: int, file_name: str) -> dict:
-    """Return an image; beyond COCO's own it has `camera` and `frame`."""
+    """Return the entry of an image, with the additional keys `camera` and `frame`."""
     width, height = picture.size
     return {
         "id": number,
@@ -31,7 +31,7 @@ def image_entry(picture: Picture, number: int, file_name: str) -> dict:
 
 
 def annotation_entry(person: PersonLabel, number: int, image: int) -> dict:
-    """Return an annotation, to 0.001 px. See `docs/reference/exports.md` for what is beyond COCO's own."""
+    """Return the entry of an annotation, to 0.001 px. `docs/reference/exports.md` lists the additional keys."""
     box = [0, 0, 0, 0] if person.box is None else list(person.box)
     entry = {
         "id": number,
@@ -63,7 +63,7 @@ def annotation_entry(person: PersonLabel, number: int, image: int) -> dict:
 
 
 def keypoints(person: PersonLabel) -> list[float]:
-    """Return x, y, v of each joint, zeros where it is not in the image."""
+    """Return x and y in px and v of all joints in one list; zeros for joints that are not in the image."""
     labelled = person.flags > 0
     points = np.where(labelled[:, None], person.xy.astype(np.float64), 0).round(3)
     return [
@@ -72,7 +72,7 @@ def keypoints(person: PersonLabel) -> list[float]:
 
 
 def category_entry(skeleton: Skeleton) -> dict:
-    """Return the category of persons of a skeleton."""
+    """Return the entry of the category `person`, with the joints and bones of a skeleton."""
     return {
         "id": 1,
         "name": "person",
@@ -83,14 +83,14 @@ def category_entry(skeleton: Skeleton) -> dict:
 
 
 def clip_entry(clip: Clip) -> dict:
-    """Return what a file says of a clip: `objects` are the names that `hidden_by` counts where `visibility` is 3."""
+    """Return the `info` entry of a clip. `hidden_by` is an index of `objects` where `visibility` is 3."""
     return {"fps": clip.fps, "objects": list(clip.occlusion.objects) if clip.occlusion else []}
 
 
 def write_json(path: Path, info: dict, skeleton: Skeleton, pictures: Iterable[Picture], folder: str = "") -> None:
-    """Write pictures and their persons as one JSON, one picture in memory at a time.
+    """Write pictures and their persons as one JSON file, with one picture in memory at a time.
 
-    Files of pictures are `folder` + `<camera>/<frame>.jpg`.
+    The `file_name` of an image is `folder` + `<camera>/<frame>.jpg`.
     """
     with TemporaryFile(prefix="dmae-") as annotations:
         write_atomic(Path(path), _pieces(info, skeleton, pictures, folder, annotations))
@@ -99,7 +99,7 @@ def write_json(path: Path, info: dict, skeleton: Skeleton, pictures: Iterable[Pi
 def _pieces(
     info: dict, skeleton: Skeleton, pictures: Iterable[Picture], folder: str, annotations: BinaryIO
 ) -> Iterator[bytes]:
-    """Yield the JSON of pictures; annotations, which follow the images in it, are kept in a file until then."""
+    """Yield the JSON in pieces. Annotations follow all images, so they are first written to a temporary file."""
     yield f'{{"info": {json.dumps(info)}, "images": ['.encode()
     labelled = 0
     for number, picture in enumerate(pictures, 1):

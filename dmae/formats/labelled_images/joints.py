@@ -1,4 +1,4 @@
-"""How each view of a clip shows the joints of poses: where, whether visible, and what hides them."""
+"""Labels of the joints in each view of a clip: position, visibility and occluder."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from dmae.formats.recordings.pixel_covariances import pixel_covariances
 
 @dataclass(frozen=True)
 class JointLabels:
-    """Joints in the images of V views, F frames, P persons, J joints.
+    """Labels of J joints of P persons in V views and F frames.
 
     Attributes:
         skeleton: J joints.
@@ -21,10 +21,10 @@ class JointLabels:
         xy: (F, V, P, J, 2) px.
         flags: (F, V, P, J) COCO's v: 2 visible, 1 in the image but hidden or not measured, 0 not in the image.
         sources: (F, P, J) `Source` of the poses.
-        cause: (F, V, P, J) `Visibility`; None where nothing is known of it.
-        occluder: (F, V, P, J) index of what hides a joint, as `OcclusionLabels.occluder`; None where `cause` is.
-        cov: (F, V, P, J, 3) px^2, xx, xy and yy of the covariance of `xy`; None where nothing is known of it.
-        true: Whether the poses are the truth of the clip, so that its images of ids show the same persons.
+        cause: (F, V, P, J) `Visibility`; None if unknown for all joints.
+        occluder: (F, V, P, J) index of the occluder, as in `OcclusionLabels.occluder`; None if `cause` is None.
+        cov: (F, V, P, J, 3) px^2, xx, xy and yy of the covariance of `xy`; None if unknown for all joints.
+        true: Whether the poses are the truth of the clip. Only then do its images of ids show the same persons.
     """
 
     skeleton: Skeleton
@@ -39,16 +39,16 @@ class JointLabels:
 
 
 def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
-    """Return how the cameras of a clip see poses.
+    """Return the labels of the joints of poses in each view of a clip.
 
-    A joint in the image is visible if the labels of a simulated clip say so of the truth, or if a joint of other poses
-    was measured; it is hidden if it is occluded or completed. A joint derived from others is as visible as the least
-    visible of them, and hidden by what hides that one.
+    For the truth of a simulated clip, its occlusion labels state which joints in the image are visible. For other
+    poses, completed joints count as hidden and the others as visible. A joint that is derived from several joints has
+    the visibility and the occluder of the least visible of them.
 
     Args:
-        clip: Truth is seen by its `true_rig` where it has one, other poses by `rig`.
+        clip: The clip. Its `true_rig`, if it has one, projects the truth; its `rig` projects other poses.
         poses: The truth of the clip, or other poses of its frames.
-        skeleton: J joints to return.
+        skeleton: Skeleton of the labels, with J joints.
     """
     true = poses is clip.truth
     rig = clip.true_rig if true and clip.true_rig is not None else clip.rig
@@ -76,8 +76,8 @@ def _converted_causes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return cause and occluder of one view, (F, P, J) each, for the joints of another skeleton.
 
-    The ranks of joints by visibility, 1 for the least visible, take the place of `views`, of which `convert` returns
-    the least of the joints that a joint is derived from.
+    This uses `convert`: for a derived joint it returns the smallest `views` of the joints that it is derived from. Here
+    `views` are replaced by the ranks of the joints by visibility, with 1 for the least visible.
     """
     order = np.argsort(-visibility.astype(int), -1, kind="stable")
     ranks = np.empty(order.shape, np.uint8)

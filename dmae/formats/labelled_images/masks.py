@@ -1,4 +1,4 @@
-"""Masks of persons: COCO's run lengths, and boxes."""
+"""Masks of persons as COCO's run lengths, and boxes."""
 
 from typing import TypedDict
 
@@ -9,12 +9,12 @@ Box = tuple[float, float, float, float]
 
 
 class RunLengths(TypedDict):
-    """A mask as COCO writes it, uncompressed: `pycocotools.mask.frPyObjects` takes it."""
+    """A mask as COCO's uncompressed run lengths. `pycocotools.mask.frPyObjects` reads it."""
 
     size: list[int]
     """Height and width, px."""
     counts: list[int]
-    """Lengths of the runs of pixels outside, inside, outside, ... the mask, down the columns."""
+    """Lengths of the runs of pixels outside, inside, outside, ... the mask, counted down each column."""
 
 
 def encode_mask(mask: np.ndarray) -> RunLengths:
@@ -32,7 +32,7 @@ def decode_mask(runs: RunLengths) -> np.ndarray:
 
 
 def mask_box(mask: np.ndarray) -> Box | None:
-    """Return the box around the pixels of a mask (H, W), as COCO counts them; None where there are none."""
+    """Return the box around the pixels of a mask (H, W), with whole pixels as in COCO; None if the mask is empty."""
     columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
     if not len(columns):
         return None
@@ -41,7 +41,7 @@ def mask_box(mask: np.ndarray) -> Box | None:
 
 
 def joints_box(xy: np.ndarray, labelled: np.ndarray) -> Box | None:
-    """Return the box around the labelled joints (J,) of xy (J, 2) px; None where no joint is labelled."""
+    """Return the box around the points xy (J, 2) px where `labelled` (J,) is True; None if no joint is labelled."""
     if not labelled.any():
         return None
     points = np.asarray(xy[labelled], np.float64).round(3)

@@ -1,4 +1,4 @@
-"""The pictures of a clip with the persons that each shows, one at a time."""
+"""The pictures of a clip, one per camera and frame, with the labels of the persons in each."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,30 +14,30 @@ from dmae.formats.labelled_images.joints import JointLabels
 from dmae.formats.labelled_images.masks import Box, RunLengths, encode_mask, joints_box, mask_box
 
 SHOWN = ("rgb", "ids", "amodal")
-"""Kinds of images that pictures and the labels of their persons are made of."""
+"""Kinds of images that pictures, and the labels of their persons, are made from."""
 
 
 @dataclass(frozen=True)
 class PersonLabel:
-    """A person in a picture. J joints.
+    """The labels of a person in a picture, with J joints.
 
     Attributes:
         person: Index in the poses of the clip.
         xy: (J, 2) px.
         flags: (J,) COCO's v: 2 visible, 1 in the image but hidden or not measured, 0 not in the image.
-        box: Around the visible pixels, or where these are not known, or there are none, around the joints in the image;
-            None where neither is there.
-        mask: Visible pixels; None where there is no image of ids.
-        visible_pixels: Number of visible pixels; None where there is no image of ids.
-        amodal_pixels: Number of pixels if nothing else were there; None where unknown.
-        amodal_mask: Pixels if nothing else were there; None where there is no image of them.
-        amodal_box: Around these.
-        xyz: (J, 3) m, world, None of detections.
-        sources: (J,) `Source`, None of detections.
-        cov: (J, 3) px^2, xx, xy and yy of the covariance of `xy`; None where unknown.
-        scores: (J,) confidences, of detections alone.
-        cause: (J,) `Visibility`, None where unknown.
-        occluder: (J,) index of the person or object in front, -1 for none.
+        box: Box around the visible pixels. If there are none or they are unknown, box around the joints in the image;
+            None if there are no joints in the image either.
+        mask: Mask of the visible pixels; None without an image of ids.
+        visible_pixels: Number of visible pixels; None without an image of ids.
+        amodal_pixels: Number of pixels that would show the person if nothing else were there; None if unknown.
+        amodal_mask: Mask of these pixels; None without an image of them.
+        amodal_box: Box around these pixels; None without an image of them.
+        xyz: (J, 3) m, world; None for detections.
+        sources: (J,) `Source`; None for detections.
+        cov: (J, 3) px^2, xx, xy and yy of the covariance of `xy`; None if unknown.
+        scores: (J,) confidences; only for detections.
+        cause: (J,) `Visibility`; None if unknown.
+        occluder: (J,) index of the person or object in front; -1 for none, None if unknown.
     """
 
     person: int
@@ -58,12 +58,12 @@ class PersonLabel:
 
     @property
     def shown(self) -> bool:
-        """Whether the picture shows any of the person: a pixel, or where these are not counted, a joint."""
+        """Whether a pixel of the person is visible or, if pixels are not counted, a joint."""
         return bool((self.flags == 2).any()) if self.visible_pixels is None else self.visible_pixels > 0
 
     @property
     def area(self) -> float:
-        """Number of visible pixels, or where these are not counted, the area of the box."""
+        """Number of visible pixels or, if pixels are not counted, the area of the box, px^2."""
         if self.visible_pixels is not None:
             return self.visible_pixels
         return 0.0 if self.box is None else round(self.box[2] * self.box[3], 3)
@@ -71,16 +71,16 @@ class PersonLabel:
 
 @dataclass(frozen=True)
 class Picture:
-    """One camera's picture of one frame.
+    """The picture of one frame by one camera.
 
     Attributes:
         camera: Name of the camera.
-        view: Its index in the rig.
-        frame: Index in the clip.
+        view: Index of the camera in the rig.
+        frame: Index of the frame in the clip.
         number: Number of the frame in the recording.
         size: Width and height, px.
-        persons: Persons that are labelled in it.
-        rgb: (H, W, 3) uint8; None where there is none, or it was not asked for.
+        persons: Labels of the persons in the picture.
+        rgb: (H, W, 3) uint8; None if there is no colour image, or if it was not requested.
     """
 
     camera: str
@@ -93,11 +93,11 @@ class Picture:
 
     @property
     def path(self) -> str:
-        """`<camera>/<frame>`, where a file of the picture goes, without suffix."""
+        """Relative path of a file of the picture, `<camera>/<frame>`, without suffix."""
         return f"{file_part(self.camera)}/{self.number:06d}"
 
     def encoded(self, suffix: str) -> bytes:
-        """Return `rgb` as a file of a suffix: `jpg` (quality 95) or `png`."""
+        """Return `rgb` encoded as `jpg` (quality 95) or `png`."""
         quality = {"jpg": [cv2.IMWRITE_JPEG_QUALITY, 95], "png": [cv2.IMWRITE_PNG_COMPRESSION, 1]}[suffix]
         written, data = cv2.imencode(f".{suffix}", cv2.cvtColor(self.rgb, cv2.COLOR_RGB2BGR), quality)
         if not written:
@@ -106,21 +106,21 @@ class Picture:
 
 
 def file_part(name: str) -> str:
-    """Return a name as part of a path, whatever is in it: all but letters, digits, - and _ become %XX."""
+    """Return a name as a safe part of a path: all characters except letters, digits, - and _ become %XX."""
     return quote(name, safe="").replace(".", "%2E").replace("~", "%7E") or "%"
 
 
 def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, rgb: bool = True) -> Iterator[Picture]:
-    """Yield the pictures of a clip, view by view, one frame in `every`; one is in memory at a time.
+    """Yield the pictures of a clip, view by view. One picture is in memory at a time.
 
     Args:
-        clip: With or without images.
-        labels: Of all its frames and views.
-        every: 2 for every other frame.
-        rgb: Whether colour is read, where the clip has it.
+        clip: A clip with or without images.
+        labels: Labels of the joints in all its frames and views.
+        every: Yield one frame in this number; 2 for every second frame.
+        rgb: Whether to read colour images, if the clip has any.
 
     Raises:
-        ValueError: an image is of another size than its camera's.
+        ValueError: an image has another size than its camera.
         FileNotFoundError: an image is missing.
     """
     frames = range(0, len(clip), every)
@@ -151,14 +151,14 @@ def array_pictures(
     sources: np.ndarray | None = None,
     first: int = 0,
 ) -> list[Picture]:
-    """Return pictures without colour or masks, frame by frame, of people who have a labelled joint.
+    """Return pictures without colour or masks, frame by frame, with all people that have a labelled joint.
 
     Args:
         rig: V cameras.
         xy: (F, V, D, J, 2) px.
         flags: (F, V, D, J) COCO's v.
         scores: (F, V, D, J) confidences.
-        sources: (F, D, J) `Source`; D are then persons.
+        sources: (F, D, J) `Source`. The D detections are then persons with the same index in all frames.
         first: Number of the first frame.
     """
 
@@ -181,7 +181,7 @@ def array_pictures(
 
 
 def _kinds(clip: Clip, labels: JointLabels, rgb: bool) -> set[str]:
-    """Return the kinds of images to read: those of ids are of true persons."""
+    """Return the kinds of images to read. Images of ids and whole persons are only read if the poses are the truth."""
     wanted = ({"rgb"} if rgb else set()) | ({"ids", "amodal"} if labels.true else set())
     return wanted & set(clip.images.kinds if clip.images else ())
 
@@ -196,16 +196,16 @@ def label_persons(
     *,
     masks: bool = True,
 ) -> list[PersonLabel]:
-    """Return the persons who have a joint or a pixel in one picture.
+    """Return the labels of the persons with a joint or a pixel in one picture.
 
     Args:
-        clip: Its counts of pixels are used.
-        labels: Of all frames and views of the clip.
+        clip: The clip, with its counts of pixels.
+        labels: Labels of the joints in all frames and views of the clip.
         frame, view: Indices of the picture.
         ids: (H, W) image of ids, if there is one: 1 + p is person p.
-        amodal: (H, W) of bits, if there is such an image: bit p is 1 where person p would be if nothing else were
-            there.
-        masks: Whether run lengths of masks are made; boxes and counts of pixels are in any case.
+        amodal: (H, W) image of whole persons, if there is one: bit p is 1 at pixels that would show person p if
+            nothing else were there.
+        masks: Whether to make run lengths of masks. Boxes and counts of pixels are always made.
     """
     persons = range(labels.flags.shape[2])
     shown = None if ids is None else np.bincount(ids.ravel(), minlength=1 + len(persons))
@@ -229,7 +229,7 @@ def label_persons(
 def _pixels(
     ids: np.ndarray | None, shown: np.ndarray | None, amodal: np.ndarray | None, person: int, masks: bool
 ) -> dict:
-    """Return what images of ids and of whole persons say of one person."""
+    """Return the fields of `PersonLabel` of one person that images of ids and of whole persons give."""
     found = {}
     if ids is not None:
         mask = ids == 1 + person

@@ -1,1 +1,1 @@
-"""Files that programs for biomechanics and animation read: C3D, BVH, GLB."""
+"""Formats of programs for biomechanics and animation: C3D, BVH, GLB."""

@@ -1,6 +1,6 @@
-"""BVH, Biovision's text format of joint angles: y up, facing z in the rest pose, a file for each person.
+"""BVH, Biovision's text format of joint angles: y up, facing z in the rest pose, one file per person.
 
-A BVH cannot say that a joint is absent or was not measured, so a table next to each file does
+A BVH cannot state that a joint is absent or was not measured. A table next to each file states it
 (`dmae.formats.motion_capture.source_table`).
 """
 
@@ -21,9 +21,9 @@ from dmae.formats.motion_capture.source_table import person_paths, write_source_
 from dmae.formats.registry import pose_writer
 
 Y_UP = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
-"""From our world to one with y up, in which a person who faces our x faces z."""
-_END = 0.05
-"""m; length of the bone that is drawn beyond a last joint, which the format asks for."""
+"""Rotation from our world to a world with y up. A person that faces x in our world faces z there."""
+_END_LENGTH = 0.05
+"""m; length of the bone after the last joint of a limb. The format requires such a bone."""
 _ORDER = "ZXY"
 
 
@@ -52,7 +52,7 @@ def _hierarchy(motion: JointRotations, metre: float) -> list[str]:
             write(child, depth + 1)
         if not children:
             length = max(float(np.linalg.norm(offsets[joint])), 1e-9)
-            end = offsets[joint] / length * _END / metre
+            end = offsets[joint] / length * _END_LENGTH / metre
             lines.extend([f"{inner}End Site", f"{inner}{{", f"{inner}\tOFFSET {_numbers(end)}", f"{inner}}}"])
         lines.append(f"{indent}}}")
 
@@ -67,7 +67,7 @@ def _motion(motion: JointRotations, fps: float, metre: float) -> Iterator[str]:
         turned = Y_UP @ motion.rotations[part] @ Y_UP.T
         angles = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_euler(_ORDER, degrees=True, suppress_warnings=True)
         angles = angles.reshape(len(turned), -1, 3)
-        # Angles go on from those of the frame before.
+        # Unwrap angles so that they continue those of the frame before.
         before = angles[:0] if last is None else last[None]
         angles = np.unwrap(np.concatenate([before, angles]), period=360, axis=0)[len(before) :]
         last = angles[-1]
@@ -78,7 +78,7 @@ def _motion(motion: JointRotations, fps: float, metre: float) -> Iterator[str]:
 
 
 def _depth_first(parents: tuple[int, ...]) -> list[int]:
-    """Return the joints in the order in which a BVH lists them: each followed by all below it."""
+    """Return the joints in the order of a BVH: each joint is followed by all its descendants."""
     order: list[int] = []
 
     def visit(joint: int) -> None:

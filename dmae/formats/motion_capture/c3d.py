@@ -13,23 +13,22 @@ from dmae.formats.registry import pose_writer
 from dmae.formats.trc import marker
 
 _ABSENT, _MODELLED = -1.0, 0.0
-"""Residuals that the format reserves: of a point that is not valid, and of one that was not measured."""
+"""Residuals that the format reserves for a point that is not valid, and for a point that was not measured."""
 
-_MOST_FRAMES, _PART = 65535, 50_000
-"""Frames of a file: the format counts them by 16 bits."""
+_MOST_FRAMES, _PART_FRAMES = 65535, 50_000
+"""Largest number of frames in a file, which the format stores in 16 bits, and number of frames per file above it."""
 
 
 @pose_writer("c3d")
 def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> None:
     """C3D of biomechanics: all persons in one file, with the standard error of each joint as its residual.
 
-    The residual of a measured joint is its standard error, rounded up to whole mm from 1 to 127, and 1 where it is
-    unknown; 0 where a joint was completed, as the format has it for points that were not measured; -1 where it is
-    absent. Markers of several persons are called
-    `P1:LShoulder`.
+    The residual of a measured joint is its standard error, rounded up to whole mm from 1 to 127; it is 1 if the error
+    is unknown. The residual of a completed joint is 0, the format's value for points that were not measured. The
+    residual of an absent joint is -1. If there are several persons, markers have names such as `P1:LShoulder`.
 
-    The format counts frames up to 65535: poses of more go into files of 50,000 frames, `<name>_000000.c3d`,
-    `<name>_050000.c3d` and on, named after their first frame.
+    A file contains at most 65535 frames. Longer recordings are written to files of 50,000 frames, named after their
+    first frame: `<name>_000000.c3d`, `<name>_050000.c3d` and so on.
 
     Raises:
         ValueError: ezc3d is not installed.
@@ -42,15 +41,15 @@ def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> None:
     if frames <= _MOST_FRAMES:
         _write(poses, clip.fps, path)
         return
-    for start in range(0, frames, _PART):
+    for start in range(0, frames, _PART_FRAMES):
         part = path.with_name(f"{path.stem}_{start:06d}{path.suffix}")
-        _write(poses.select(slice(start, start + _PART)), clip.fps, part)
+        _write(poses.select(slice(start, start + _PART_FRAMES)), clip.fps, part)
         release(poses.xyz, poses.cov, poses.rays)
         trim()
 
 
 def _write(poses: Poses3D, fps: float, path: Path) -> None:
-    """Write poses of few enough frames."""
+    """Write one file of at most `_MOST_FRAMES` frames."""
     import ezc3d
 
     frames, persons, joints = poses.source.shape
@@ -76,8 +75,8 @@ def _write(poses: Poses3D, fps: float, path: Path) -> None:
 
 
 def _residuals(cov: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """Return the residuals of joints with covariances (F, P, J, 3, 3) and sources (F, P, J)."""
+    """Return the residuals (F, P, J), mm, of joints with covariances (F, P, J, 3, 3) m^2 and sources (F, P, J)."""
     variance = np.trace(cov.astype(np.float64), axis1=-2, axis2=-1) / 3
-    # The format holds residuals as whole numbers of a byte.
+    # The format stores a residual as a whole number in one byte.
     error = np.clip(np.ceil(np.nan_to_num(1000 * np.sqrt(variance)) - 1e-3), 1, 127)
     return np.select([source == Source.ABSENT, source == Source.COMPLETED], [_ABSENT, _MODELLED], error)

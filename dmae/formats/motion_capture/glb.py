@@ -1,8 +1,8 @@
 """GLB, the binary file of glTF 2.0: animated skeletons that Blender, game engines and browsers open.
 
 Each person is a skin with a T-pose that faces z, y up, and a mesh of bones. A red octahedron marks each joint that no
-camera measured in that frame; an absent person has size 0. The file is assembled here, because no known library writes
-animated skins.
+camera measured in the frame. A person that is absent has scale 0. This module assembles the file itself, because no
+known library writes animated skins.
 """
 
 import json
@@ -19,10 +19,10 @@ from dmae.formats.motion_capture.source_table import person_paths, write_source_
 from dmae.formats.registry import pose_writer
 
 _COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0.34, 0.29), (0.09, 0.75, 0.81))
-"""Of persons; none is red."""
+"""RGB colours of persons. None is red, because red marks joints that were not measured."""
 _RED = (0.84, 0.15, 0.16)
 _THICKNESS, _MARKER = 0.12, 0.045
-"""Of a bone, as a share of its length; and of a red marker, m."""
+"""Thickness of a bone as a share of its length, and size of a red marker in m."""
 _FLOAT, _BYTE, _SHORT = 5126, 5121, 5123
 _VERTICES, _INDICES = 34962, 34963
 _CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
@@ -44,14 +44,14 @@ def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
 
 
 class _File:
-    """A glTF file that is being put together: its JSON and its one buffer."""
+    """The content of a glTF file under construction: its JSON and its only buffer."""
 
     def __init__(self, times: np.ndarray):
         self.json = {"asset": {"version": "2.0", "generator": "dmae-synth"}, "scene": 0, "scenes": [{"nodes": []}]}
         self.json |= {name: [] for name in ("nodes", "meshes", "materials", "skins", "accessors", "bufferViews")}
         self.animation = {"name": "motion", "channels": [], "samplers": []}
         self.buffer = bytearray()
-        # A sampler needs a sample, and the least and greatest time.
+        # A sampler needs at least one sample, and the smallest and largest time.
         self.times = self.accessor(times.astype(np.float32), "SCALAR", bounds=True) if len(times) else None
 
     def add(self, kind: str, **fields) -> int:
@@ -70,10 +70,13 @@ class _File:
         return self.add("accessors", bufferView=view, componentType=component, count=len(array), type=type, **limits)
 
     def mesh(self, name: str, points: np.ndarray, faces: np.ndarray, colour, joints: np.ndarray | None = None) -> int:
-        """Add a mesh of points (n, 3) and faces (m, 3), each point bound to one joint of a skin if those are given."""
+        """Add a mesh of points (n, 3) and faces (m, 3), and return its index.
+
+        If `joints` (n,) are given, each point moves with one joint of a skin.
+        """
         material = {"baseColorFactor": [*colour, 1], "metallicFactor": 0, "roughnessFactor": 0.8}
         primitive = {"material": self.add("materials", name=name, pbrMetallicRoughness=material)}
-        # Faces are flat, so that no two share a point.
+        # Faces have flat shading, so each face has its own copies of its points.
         flat = points[faces].astype(np.float32)
         normals = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
@@ -98,7 +101,7 @@ class _File:
         self.animation["channels"].append({"sampler": len(self.animation["samplers"]) - 1, "target": target})
 
     def data(self) -> bytes:
-        """Return the file: a header, the JSON, the buffer, each of a multiple of four bytes."""
+        """Return the bytes of the file: header, JSON, buffer. The length of each is a multiple of four bytes."""
         content = {name: part for name, part in self.json.items() if part != []}
         if self.animation["channels"]:
             content["animations"] = [self.animation]
@@ -142,7 +145,7 @@ def _add_person(file: _File, motion: JointRotations, source: np.ndarray, name: s
 
 
 def _continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Return the quaternions (F, 4) with signs such that neighbours are near each other."""
+    """Return the quaternions (F, 4) with signs chosen so that consecutive quaternions are close to each other."""
     flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
     return quaternions * np.concatenate([[1.0], np.cumprod(np.where(flips == 0, 1, flips))])[: len(quaternions), None]
 
@@ -156,7 +159,7 @@ def _rest_positions(offsets: np.ndarray, parents: tuple[int, ...]) -> np.ndarray
 
 
 def _bones(rest: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return an octahedron for each bone: points (6B, 3), faces (8B, 3), and the joint that each point moves with."""
+    """Return one octahedron per bone: points (6B, 3), faces (8B, 3), and the joint (6B,) that moves each point."""
     points, faces, joints = np.empty((0, 3)), np.empty((0, 3), int), np.empty(0, int)
     for joint, parent in enumerate(parents):
         if parent < 0:

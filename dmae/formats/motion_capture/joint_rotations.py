@@ -1,8 +1,8 @@
-"""Joint rotations on a rest pose: the motion of one person as animation programs want it.
+"""Joint rotations relative to a rest pose: the representation of motion in animation programs.
 
-Joints are a tree of nodes with fixed offsets from their parents. A node with several children takes the rotation that
-brings its children nearest to where they are (Kabsch 1976); one with a single child takes the smallest rotation from
-its parent's that points at the child, so that limbs do not twist.
+Joints are a tree of nodes with fixed offsets from their parents. A node with several children has the rotation that
+brings its children nearest to their measured positions (Kabsch 1976). A node with one child has the rotation of its
+parent, turned by the smallest angle that points the bone at the child, so that limbs do not twist.
 """
 
 from dataclasses import dataclass
@@ -18,24 +18,24 @@ from dmae.numerics.heading import rotate_z, smooth_heading
 from dmae.numerics.interpolation import linear, pchip
 
 _LIMBS = {"elbow": (0, 1, 0), "wrist": (0, 1, 0), "knee": (0, 0, -1), "ankle": (0, 0, -1)}
-"""Directions of limbs in the rest pose, a T-pose that faces x: of the left side, y is outwards."""
-_SMOOTHED = 0.4
-"""s; standard deviation of the weights by which the heading is smoothed."""
-_AROUND, _FRAMES = 10.0, 4096
-"""s around a part of a long recording by which it is filled, and frames in a part."""
+"""Directions of limbs in the rest pose, a T-pose that faces x, for the left side. y points outwards."""
+_HEADING_SMOOTHING = 0.4
+"""s; standard deviation of the Gaussian weights that smooth the heading."""
+_MARGIN, _PART_FRAMES = 10.0, 4096
+"""Long recordings are filled in parts: seconds before and after a part that are also used, and frames in a part."""
 
 
 @dataclass(frozen=True)
 class JointRotations:
-    """The motion of one person, J joints in an order in which parents come first.
+    """The motion of one person. Its J joints are ordered so that parents come before children.
 
     Attributes:
-        joints: Names.
-        parents: (J,) index of the parent; -1 for the only root, which is the first.
-        offsets: (J, 3) m from the parent in the rest pose, a T-pose that faces x with z up; zero for the root.
-        root: (F, 3) m, world.
-        rotations: (F, J, 3, 3) from the axes of each joint to those of its parent, of the root to the world.
-        order: (J,) index of each joint in the skeleton that the poses had.
+        joints: Names of the joints.
+        parents: (J,) index of the parent; -1 for the root. The only root is the first joint.
+        offsets: (J, 3) m from the parent, in the rest pose: a T-pose that faces x, z up. Zero for the root.
+        root: (F, 3) position of the root, m, world.
+        rotations: (F, J, 3, 3) from the axes of each joint to the axes of its parent; for the root, to the world.
+        order: (J,) index of each joint in the skeleton of the poses.
     """
 
     joints: tuple[str, ...]
@@ -47,7 +47,7 @@ class JointRotations:
 
     @property
     def xyz(self) -> np.ndarray:
-        """(F, J, 3) m, world: where the joints are."""
+        """(F, J, 3) positions of the joints, m, world."""
         turned, xyz = self.rotations.copy(), np.repeat(self.root[:, None], len(self.joints), 1)
         for joint, parent in enumerate(self.parents):
             if parent >= 0:
@@ -59,16 +59,16 @@ class JointRotations:
 def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
     """Return the motion of one person as rotations. Bones have their median lengths.
 
-    Joints that are absent in some frames are interpolated, and held before the first and after the last; joints that
-    are never known are left out.
+    Joints that are absent in some frames are interpolated. Before the first and after the last known frame they do not
+    move. Joints that are absent in all frames are left out.
 
     Args:
-        poses: F frames.
+        poses: Poses in F frames.
         fps: Frames per second.
         person: Index of the person.
 
     Raises:
-        ValueError: the person is never there, or its root joint is never known.
+        ValueError: the person, or its root joint, is absent in all frames.
     """
     skeleton = poses.skeleton
     one = Poses3D(skeleton, *(by_frames(lambda all: all[:, [person]], each) for each in (poses.xyz, poses.source)))
@@ -81,13 +81,13 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
         )
     order, parents = _tree(skeleton.parents, known, root)
     xyz, heading = empty((len(one.xyz), len(order), 3), np.float64), np.empty(len(one.xyz))
-    reach = ceil(_AROUND * fps)
-    step = max(_FRAMES, 2 * reach)
+    reach = ceil(_MARGIN * fps)
+    step = max(_PART_FRAMES, 2 * reach)
     for start in range(0, len(xyz), step):
         part, around = slice(start, start + step), slice(max(start - reach, 0), start + step + reach)
         inside, given = slice(start - around.start, start - around.start + step), one.select(around)
         xyz[part] = fill_body_frame(given, fps, pchip).xyz[inside, 0][:, order]
-        heading[part] = smooth_heading(given.xyz.astype(np.float64), skeleton, _SMOOTHED * fps)[inside, 0]
+        heading[part] = smooth_heading(given.xyz.astype(np.float64), skeleton, _HEADING_SMOOTHING * fps)[inside, 0]
     for joint, path in column_blocks(xyz):
         xyz[:, joint] = linear(path)
     names = tuple(skeleton.joints[joint] for joint in order)
@@ -97,7 +97,7 @@ def joint_rotations(poses: Poses3D, fps: float, person: int) -> JointRotations:
 
 
 def _tree(parents: tuple[int, ...], known: np.ndarray, root: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the known joints, parents first, and the index in them of each one's nearest known ancestor."""
+    """Return the known joints, parents first, and for each the index, in this order, of its nearest known ancestor."""
     ancestors = {}
     for joint in np.flatnonzero(known).tolist():
         above = parents[joint]
@@ -113,18 +113,18 @@ def _tree(parents: tuple[int, ...], known: np.ndarray, root: int) -> tuple[tuple
 def _rest(
     measured: np.ndarray, xyz: np.ndarray, names: tuple[str, ...], parents: tuple[int, ...], heading: np.ndarray
 ) -> np.ndarray:
-    """(J, 3) offsets in the rest pose, m.
+    """Return offsets (J, 3) from the parents in the rest pose, m.
 
-    Limbs point as in a T-pose. Other offsets are those of the person on average, in the axes of the parent.
+    Limbs point as in a T-pose. Other offsets have the mean direction relative to the heading of the person.
 
     Args:
-        measured: (F, 1, J, 3) m, NaN where absent.
+        measured: (F, 1, J, 3) m; NaN where absent.
         xyz: (F, J, 3) m, without gaps.
         heading: (F,) rad.
     """
     bones = [(parent, joint) for joint, parent in enumerate(parents) if parent >= 0]
     known = by_frames(lambda measured: bone_lengths(measured, bones)[:, 0], measured)
-    # A bone with ends that were never known together has the length of the interpolated ones.
+    # If both ends of a bone are never known in the same frame, its length comes from the interpolated joints.
     known = np.where(np.isnan(known).all(0), bone_lengths(xyz[:, None], bones)[:, 0], known)
     lengths = np.r_[0, np.nanmedian(known, 0)]
     offsets = np.zeros((len(names), 3))
@@ -139,7 +139,7 @@ def _rest(
 
 
 def _rotations(xyz: np.ndarray, offsets: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    """(F, J, 3, 3) rotations to the axes of the parent, given positions (F, J, 3) and offsets (J, 3)."""
+    """Return rotations (F, J, 3, 3) from each joint to its parent, given positions (F, J, 3) and offsets (J, 3), m."""
     in_world, local = np.empty((len(xyz), len(parents), 3, 3)), np.empty((len(xyz), len(parents), 3, 3))
     for joint, parent in enumerate(parents):
         children = [child for child, above in enumerate(parents) if above == joint]
@@ -156,10 +156,10 @@ def _rotations(xyz: np.ndarray, offsets: np.ndarray, parents: tuple[int, ...]) -
 
 
 def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(F, 3, 3) smallest rotations that turn vectors (F, 3) towards others (F, 3)."""
+    """Return the smallest rotations (F, 3, 3) that turn vectors `start` (F, 3) towards vectors `end` (F, 3)."""
     start, end = (part / np.maximum(np.linalg.norm(part, axis=-1, keepdims=True), 1e-9) for part in (start, end))
     axis, cosine = np.cross(start, end), (start * end).sum(-1)
-    # Opposite directions: half a turn about any axis across.
+    # For opposite directions: half a turn about any perpendicular axis.
     across = np.cross(start, np.eye(3)[np.abs(start).argmin(-1)])
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
     half = 2 * across[:, :, None] * across[:, None] - np.eye(3)
@@ -170,7 +170,7 @@ def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 def _kabsch(offsets: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """(F, 3, 3) rotations that bring offsets (n, 3) nearest to vectors (F, n, 3)."""
+    """Return the rotations (F, 3, 3) that bring offsets (n, 3) nearest to vectors (F, n, 3) (Kabsch 1976)."""
     left, _, right = np.linalg.svd(found.swapaxes(-1, -2) @ offsets)
     sign = np.linalg.det(left @ right)
     left[..., -1] *= sign[..., None]

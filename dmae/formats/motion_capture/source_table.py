@@ -1,4 +1,4 @@
-"""Tables of the source and of the covariance of each joint, for files in formats that have no place for them."""
+"""Tables of the source and the covariance of each joint, for formats that cannot store them."""
 
 from collections.abc import Sequence
 from itertools import chain
@@ -19,8 +19,8 @@ def write_source_table(path: Path, names: Sequence[str], source: np.ndarray, fir
     """Write `<name>.source.csv`: measured, denoised, completed or absent, one row per frame, one column per joint.
 
     Args:
-        path: The file that the table is about.
-        names: J names of joints, as in that file.
+        path: The pose file that the table belongs to.
+        names: J names of joints, as in the pose file.
         source: (F, J) `Source`.
         first: Number of the first frame.
     """
@@ -30,17 +30,17 @@ def write_source_table(path: Path, names: Sequence[str], source: np.ndarray, fir
 
 
 def source_table(path: Path) -> Path:
-    """Return the path of the table about a file."""
+    """Return the path of the table of sources of a pose file."""
     return Path(path).with_suffix(".source.csv")
 
 
 def write_covariance_table(path: Path, names: Sequence[str], cov: np.ndarray, first: int = 1) -> None:
-    """Write `<name>.covariance.csv`: six columns a joint, xx to zz, in the axes and the unit of the file, squared.
+    """Write `<name>.covariance.csv`: six columns per joint, xx to zz, in the axes and the squared unit of the file.
 
-    Without any covariance no table is written, and one of earlier poses is removed.
+    If no covariance is known, no table is written, and a table of earlier poses is removed.
 
     Args:
-        cov: (F, J, 3, 3); NaN, an empty cell, where unknown.
+        cov: (F, J, 3, 3); NaN where unknown, which becomes an empty cell.
         path, names, first: As in `write_source_table`.
     """
     if all(np.isnan(cov[part]).all() for part in frame_blocks(cov)):
@@ -58,35 +58,40 @@ def write_covariance_table(path: Path, names: Sequence[str], cov: np.ndarray, fi
 
 
 def read_covariance_table(path: Path, frames: int, joints: int) -> np.ndarray | None:
-    """Return what `write_covariance_table` wrote about a file, (F, J, 3, 3); None where there is no table.
+    """Return the covariances (F, J, 3, 3) that `write_covariance_table` wrote; None if there is no table.
+
+    Args:
+        path: The pose file that the table belongs to.
+        frames: F, number of frames in the pose file.
+        joints: J, number of joints in the pose file.
 
     Raises:
-        ValueError: it is malformed, or of other frames or joints.
+        ValueError: the table is malformed, or has other numbers of frames or joints.
     """
-    beside = covariance_table(path)
-    if not beside.is_file():
+    table = covariance_table(path)
+    if not table.is_file():
         return None
-    lines = [line.split(",") for line in read_text(beside).splitlines()[1:]]
+    lines = [line.split(",") for line in read_text(table).splitlines()[1:]]
     if len(lines) != frames or any(len(line) != 1 + len(_AXES) * joints for line in lines):
         raise ValueError(
-            f"{beside}: expected {frames} frames of {joints} markers as in {path.name}; delete it if it is not its"
+            f"{table}: expected {frames} frames of {joints} markers as in {path.name}; delete it if it is not its"
         )
     try:
         values = np.array([[float(cell) if cell.strip() else np.nan for cell in line[1:]] for line in lines])
     except ValueError as error:
-        raise ValueError(f"{beside}: expected numbers, {error}") from None
+        raise ValueError(f"{table}: expected numbers, {error}") from None
     cov = np.empty((frames, joints, 3, 3))
     cov[..., _ROWS, _COLUMNS] = cov[..., _COLUMNS, _ROWS] = values.reshape(frames, joints, len(_AXES))
     return cov
 
 
 def covariance_table(path: Path) -> Path:
-    """Return the path of the table of covariances about a file."""
+    """Return the path of the table of covariances of a pose file."""
     return Path(path).with_suffix(".covariance.csv")
 
 
 def person_paths(path: Path, persons: int) -> list[Path]:
-    """Return the files of several persons, `<name>_P1.<suffix>` and on; of a single one the path itself."""
+    """Return one path per person: `<name>_P1.<suffix>` and so on, or only `path` if there is one person."""
     path = Path(path)
     if persons == 1:
         return [path]

@@ -1,4 +1,4 @@
-"""Pictures of a recording, a folder for each camera, as those of its clip."""
+"""Use folders of image files, one folder per camera, as the images of a clip."""
 
 import re
 from dataclasses import replace
@@ -11,15 +11,16 @@ from dmae.formats.recordings.camera_matching import match_cameras, natural
 
 
 def with_pictures(clip: Clip, folder: Path) -> Clip:
-    """Return the clip with images from a folder, which has one folder per camera, as its colour images.
+    """Return the clip with the image files of a folder as its colour images. The folder contains one folder per camera.
 
-    Folders match cameras as detections do. Where a picture has the number of the clip's first frame in its name, at the
-    same place in every folder, it is that frame; otherwise the first picture is frame 0, or the clip's first where
-    there are too few for that. A note says so, and where pictures have another size than the calibration says.
+    Folders are matched to cameras by `match_cameras`, like detections. A file is the first frame of the clip if its
+    name ends with the number of that frame, and if it has the same position in every folder. Otherwise the first file
+    is frame 0 or, if there are too few files for this, the first frame of the clip; a note states the assumption.
+    Another note says if images have another size than in the calibration.
 
     Raises:
-        FileNotFoundError: there are no folders of pictures in the folder.
-        ValueError: a camera has no pictures, or too few, or one is damaged.
+        FileNotFoundError: the folder contains no folders of images.
+        ValueError: a camera has no images or too few of them, or an image is damaged.
     """
     folders = sorted(
         (each for each in Path(folder).glob("*") if each.is_dir() and picture_files(each)),
@@ -41,7 +42,7 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
             parent = each[0].parent
             raise ValueError(f"{parent}: expected {len(clip)} pictures or more as of the detections, found {len(each)}")
     first, least = clip.provenance.get("first_frame", 0), min(map(len, files))
-    places = {_place(each, first) for each in files}
+    places = {_index_of_number(each, first) for each in files}
     start = places.pop() if len(places) == 1 else None
     if start is None or least < start + len(clip):
         start = first if least >= first + len(clip) else 0
@@ -53,7 +54,7 @@ def with_pictures(clip: Clip, folder: Path) -> Clip:
     )
 
 
-def _place(files: tuple[Path, ...], number: int) -> int | None:
-    """Return the place of the picture that has a number at the end of its name."""
+def _index_of_number(files: tuple[Path, ...], number: int) -> int | None:
+    """Return the index of the file with this number as the last number in its name; None if there is none."""
     numbers = [re.findall(r"\d+", file.stem) for file in files]
     return next((place for place, found in enumerate(numbers) if found and int(found[-1]) == number), None)

@@ -1,4 +1,4 @@
-"""Videos of a recording as the pictures of its clip."""
+"""Use videos, one per camera, as the images of a clip."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,12 +14,13 @@ _ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 def with_videos(clip: Clip, folder: Path) -> Clip:
     """Return the clip with the videos of a folder, one per camera, as its colour images.
 
-    Videos match cameras as detections do. Frame n of a video, from 0 on, is the frame of detections of that number.
-    Where the videos are too short for that, and long enough for the clip, their first frame is that of the clip, which
-    a note says. Pictures of another size than the calibration says are stretched where they are drawn; a note says so.
+    Videos are matched to cameras by `match_cameras`, like detections. Frame n of a video, counted from 0, is frame
+    number n of the detections. If the videos are too short for this but long enough for the clip, their first frame is
+    the first frame of the clip. If a video has another image size than the calibration, its images are stretched when
+    they are drawn. A note in `provenance["notes"]` reports each of these cases.
 
     Raises:
-        FileNotFoundError: there are no videos in the folder.
+        FileNotFoundError: the folder contains no videos.
         ValueError: a camera has no video, or a video is damaged or has too few frames.
     """
     files = sorted(

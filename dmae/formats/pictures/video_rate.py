@@ -7,7 +7,7 @@ from dmae.files.videos import open_video
 
 
 def video_rate(folder: Path) -> float | None:
-    """Return the frames per second of the first video of a folder that states them; None where none does."""
+    """Return the frames per second of the first video in a folder that states its rate; None if no video does."""
     for path in sorted(folder.glob("*")):
         try:
             with open_video(path) as video:

@@ -1,1 +1,1 @@
-"""What formats share: numbered detections, matching of cameras, selection of frames and views, files of poses."""
+"""Code that formats share: numbered detections, matching of cameras, selection of frames and views, pose files."""

@@ -1,4 +1,4 @@
-"""Match cameras of detections to calibrated cameras, by name, number or order."""
+"""Match the cameras of detections to calibrated cameras, by name, number or order."""
 
 import re
 from collections.abc import Sequence
@@ -12,24 +12,25 @@ _OPTIONS = "data.calibration=... or data.detections=..."
 def match_cameras(
     names: Sequence[str], rig: CameraRig, path: Path, what: str = "detections", options: str = _OPTIONS
 ) -> tuple[list[int], str | None]:
-    """Match the cameras of detections to those of a rig.
+    """Match the cameras of detections to the cameras of a rig.
 
-    Cameras match by name, ignoring case and punctuation; or by the last number in it; or, where there are no numbers,
-    in order. The rig may have more cameras only if they match by name.
+    Cameras are matched by name, ignoring case and punctuation; or else by the last number in the name; or else, if
+    names have no numbers, by order. The rig may contain further cameras only if the cameras match by name.
 
     Args:
-        names: Of the cameras of the detections.
+        names: Names of the cameras of the detections.
         rig: Calibrated cameras.
-        path: Of the recording, for messages.
-        what: What the cameras with these names hold, for messages.
-        options: That name other files, for messages.
+        path: Path of the recording, for messages.
+        what: The data of the cameras with these names, "detections" for example, for messages.
+        options: Options by which the user can give other files, for messages.
 
     Returns:
-        index: Into the rig, one for each name.
-        note: How cameras were matched if not by name, and which calibrated cameras are left out.
+        index: Index of a camera in the rig, one for each name.
+        note: How cameras were matched if not by name, and the calibrated cameras that are left out; None if neither
+            applies.
 
     Raises:
-        ValueError: they do not match; the message has both lists.
+        ValueError: the cameras do not match; the message lists both.
     """
     calibrated, found = [_plain(name) for name in rig.names], [_plain(name) for name in names]
     both = f"{what} of {', '.join(names)} and calibration of {', '.join(rig.names)}"
@@ -67,7 +68,7 @@ def _number(name: str) -> int | None:
 
 
 def natural(name: str) -> list:
-    """Return a key for sorting that puts cam2 before cam10."""
+    """Return a sort key by which cam2 comes before cam10."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
 
 
@@ -80,7 +81,7 @@ def frame_number(path: Path, stem: str) -> int:
     """Return the last number in the name of a file.
 
     Raises:
-        ValueError: there is none.
+        ValueError: the name contains no number.
     """
     number = _number(stem)
     if number is None:

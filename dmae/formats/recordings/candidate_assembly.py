@@ -1,4 +1,4 @@
-"""2D skeletons from joint candidates and part affinities."""
+"""Assemble 2D skeletons from joint candidates and part affinities."""
 
 from collections.abc import Sequence
 from itertools import chain
@@ -10,13 +10,14 @@ BODY25_LINKS = (
     (6, 7), (5, 18), (1, 0), (0, 15), (0, 16), (15, 17), (16, 18), (14, 19), (19, 20), (14, 21), (11, 22), (22, 23),
     (11, 24),
 )  # fmt: skip
-"""Joint pairs of BODY_25 that OpenPose gives a part affinity field, in its order.
+"""Joint pairs of BODY_25 with a part affinity field in OpenPose, in OpenPose's order.
 
-Shoulder to ear, (2, 17) and (5, 18), close loops: they hold a head to its body when the nose is hidden.
+The pairs of shoulder and ear, (2, 17) and (5, 18), close loops: they connect the head to the body if the nose is
+hidden.
 """
 
 _MIN_AFFINITY = 0.05
-"""Below this an affinity field supports no link: OpenPose's own threshold."""
+"""Links with a smaller affinity are ignored. This is OpenPose's own threshold."""
 
 
 def assemble(
@@ -24,18 +25,18 @@ def assemble(
 ) -> np.ndarray:
     """Join the candidates of one image into skeletons.
 
-    Kruskal's algorithm on the graph of candidates: links are taken from the strongest down, and each
-    joins two parts of a skeleton unless the parts hold the same joint twice. Loops are welcome, order
-    of joints is of no consequence, and what hangs together in part only is kept as it is.
+    This is Kruskal's algorithm on the graph of candidates. It takes links from the strongest to the weakest. Each link
+    joins two parts of a skeleton, unless both parts contain the same joint. Links may form loops, the order of joints
+    does not matter, and incomplete skeletons are kept.
 
     Args:
-        counts: J numbers of candidates.
-        affinities: An (n_a, n_b) array of affinities in [0, 1] for each of `links`.
+        counts: Numbers of candidates of the J joints.
+        affinities: One (n_a, n_b) array of affinities in [0, 1] for each of `links`.
         links: Pairs (a, b) of joints.
 
     Returns:
-        (D, J) index of each skeleton's candidate, -1 where it has none; a candidate without links is a
-        skeleton of its own. Skeletons with more joints come first.
+        (D, J) index of the candidate for each joint of each skeleton; -1 if there is none. A candidate without links
+        is a skeleton of one joint. Skeletons with more joints come first.
     """
     first = np.concatenate([[0], np.cumsum(counts)]).astype(int)
     total = int(first[-1])
@@ -63,7 +64,7 @@ def assemble(
 
 
 def _strong_links(first: np.ndarray, affinities: Sequence[np.ndarray], links: Sequence[tuple[int, int]]):
-    """Pairs of candidates, numbered through all joints, strongest affinity first."""
+    """Return pairs of candidates, strongest affinity first. Candidates are numbered across all joints."""
     flat = np.concatenate([affinity.ravel() for affinity in affinities])
     strong = np.flatnonzero(flat > _MIN_AFFINITY)
     strong = strong[np.argsort(-flat[strong], kind="stable")]

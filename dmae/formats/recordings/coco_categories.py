@@ -1,4 +1,4 @@
-"""Names of joints in COCO's categories, and the skeletons that they belong to."""
+"""Names of joints in COCO's categories, and the skeletons with these joints."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ _SIDES = {"l_": "left_", "r_": "right_"}
 
 
 def joint_names(skeleton: Skeleton) -> list[str]:
-    """Return the joints as COCO calls them: left_eye."""
+    """Return the names of joints as COCO writes them, left_eye for example."""
     names = []
     for joint in skeleton.joints:
         part, dot, bare = joint.rpartition(".")
@@ -18,7 +18,7 @@ def joint_names(skeleton: Skeleton) -> list[str]:
 
 
 def category_joints(file: Path, categories) -> list[str] | None:
-    """Return the names of the joints of the one category that has any; None if none has."""
+    """Return the names of the joints from the only category with keypoints; None if no category has keypoints."""
     if not isinstance(categories, list) or not all(isinstance(category, dict) for category in categories):
         raise ValueError(f"{file}: expected a list of categories, found {categories!r:.60}")
     named = [category["keypoints"] for category in categories if category.get("keypoints")]
@@ -28,15 +28,15 @@ def category_joints(file: Path, categories) -> list[str] | None:
 
 
 def recognise_skeleton(path: Path, names: list[str] | None, joints: int | None) -> Skeleton:
-    """Return the skeleton of the joints that a category names, or else of as many joints.
+    """Return the skeleton with the joints that a category names, or else the default for a number of joints.
 
     Args:
-        path: Of the annotations, for messages.
-        names: Of the joints, as `category_joints` returns them.
-        joints: Number of joints of the annotations; None where there are none.
+        path: Path of the annotations, for messages.
+        names: Names of the joints, as `category_joints` returns them.
+        joints: Number of joints in the annotations; None if there are no annotations.
 
     Raises:
-        ValueError: there is no such skeleton.
+        ValueError: no skeleton has these joints.
     """
     for skeleton in SKELETONS.values():
         if names and names in (joint_names(skeleton), list(skeleton.joints)):

@@ -1,4 +1,4 @@
-"""Confidences of detected joints: 0 says that a joint is absent, and what is no confidence is noted."""
+"""Check confidences of detected joints: 0 means that a joint is absent, and impossible confidences are counted."""
 
 from dataclasses import dataclass
 
@@ -7,21 +7,22 @@ import numpy as np
 
 @dataclass
 class Confidences:
-    """Makes joints without a positive confidence absent, and counts those with a confidence that none can be.
+    """Makes joints without a positive confidence absent, and counts joints with an impossible confidence.
 
     Attributes:
-        odd: Number of joints with a place, and a confidence that is negative or null.
-        first: Place of the first of them.
+        odd: Number of joints with x and y, but with a negative or null confidence.
+        first: File and field of the first of these joints.
     """
 
     odd: int = 0
     first: str = ""
 
     def clean(self, place: str, joints: np.ndarray) -> np.ndarray:
-        """Return joints (..., 3), x, y and confidence, NaN where the confidence is not positive.
+        """Return joints (..., 3), x, y and confidence; NaN where the confidence is not positive.
 
         Args:
-            place: File and field, for the note.
+            place: File and field of the joints, for the note.
+            joints: (..., 3) x, y and confidence as the file states them.
         """
         confidence = joints[..., 2]
         odd = np.isfinite(joints[..., :2]).all(-1) & ((confidence < 0) | np.isnan(confidence))
@@ -32,7 +33,7 @@ class Confidences:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A note on what was made absent; none where all confidences were sound."""
+        """A note on the joints that were made absent; empty if all confidences were possible."""
         if not self.odd:
             return ()
         joints = (

@@ -1,4 +1,4 @@
-"""Which recording is read, and what its files do not say."""
+"""Options of a recording: its path, and the values that its files do not state."""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,4 @@
-"""Files that name their joints, with or without bones: their skeleton, and their detections."""
+"""Skeleton and detections of files that contain the names of joints, with or without bones."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -22,11 +22,11 @@ class NamedDetections:
     """Detections in the file of one camera, with the names of their joints.
 
     Attributes:
-        names: Of the J joints.
+        names: Names of the J joints.
         people: (F, D, J, 3) x and y in px, confidence; NaN where absent.
-        frames: (F,) numbers of the frames; by default from 0.
-        edges: Pairs of indices of joints that are connected, the parent first.
-        skeleton: The skeleton that the file names.
+        frames: (F,) numbers of the frames; by default they count from 0.
+        edges: Pairs of indices of connected joints, the parent first.
+        skeleton: The skeleton that the file names; None if it names none.
     """
 
     names: Sequence[str]
@@ -39,17 +39,18 @@ class NamedDetections:
 def named_detections(
     files: Mapping[str, Path], read: Callable[[Path], NamedDetections], wanted: Skeleton | None
 ) -> NumberedDetections:
-    """Return the detections of all cameras, in one skeleton (`named_skeleton`).
+    """Return the detections of all cameras on one skeleton, which `named_skeleton` finds.
 
-    A joint without coordinates or confidence is absent; so is a person without joints.
+    A joint without coordinates or confidence is absent. A person without joints is also absent.
 
     Args:
-        files: The file of each camera.
-        read: Reads a file.
-        wanted: The skeleton that is asked for.
+        files: The file of each camera, by name of the camera.
+        read: Function that reads one file.
+        wanted: The skeleton that the user requested; None if there was no request.
 
     Raises:
-        ValueError: coordinates are impossible, or the joints are not those of the skeleton or of the other cameras.
+        ValueError: coordinates are impossible, or the joints differ from the joints of the skeleton or of the other
+            cameras.
     """
     views: dict[str, dict[int, np.ndarray]] = {}
     first: list[str] = []
@@ -75,24 +76,24 @@ def named_detections(
 def named_skeleton(
     names: Sequence[str], edges: Sequence[tuple[int, int]], wanted: Skeleton | None, path: Path
 ) -> tuple[Skeleton, list[int], tuple[str, ...]]:
-    """Return the skeleton of joints in a file, and where the file has each.
+    """Return a skeleton for the joints in a file, and the index of each of its joints in the file.
 
-    Without a skeleton that is asked for, it is one of this package with the same joints, or else made of the names, the
-    edges, and left and right in the names.
+    Without a requested skeleton, it is a skeleton of this package with the same joints. If there is none, a new
+    skeleton is defined by the names, the edges, and left and right in the names.
 
     Args:
-        names: Of the joints in the file.
-        edges: Pairs of indices of joints that are connected, the parent first.
-        wanted: The skeleton that is asked for; all its joints have to be in the file.
-        path: Of the file, for messages.
+        names: Names of the joints in the file.
+        edges: Pairs of indices of connected joints, the parent first.
+        wanted: The requested skeleton. All its joints have to be in the file.
+        path: Path of the file, for messages.
 
     Returns:
-        skeleton: J joints.
-        index: (J,) into `names`.
+        skeleton: The skeleton, with J joints.
+        index: (J,) indices into `names`.
         notes: Decisions that can be wrong.
 
     Raises:
-        ValueError: a joint occurs twice or missing; the message has the joints of both.
+        ValueError: a joint occurs twice or is missing; the message lists the joints.
     """
     plain = [_plain(name) for name in names]
     if len(set(plain)) < len(plain) or not names:
@@ -110,22 +111,22 @@ def named_skeleton(
         others = [name for number, name in enumerate(names) if number not in index]
         notes = (f"joints that {skeleton.name} lacks are left out: {', '.join(others)}",) if others else ()
         return skeleton, index, notes
-    return _made(names, edges, path)
+    return _new_skeleton(names, edges, path)
 
 
-def _made(
+def _new_skeleton(
     names: Sequence[str], edges: Sequence[tuple[int, int]], path: Path
 ) -> tuple[Skeleton, list[int], tuple[str, ...]]:
     joints = [_REFUSED.sub("_", name).strip() for name in names]
     parents: dict[str, str | None] = dict.fromkeys(joints)
     notes = []
     for parent, child in edges:
-        if parents[joints[child]] is None and not _above(joints[child], joints[parent], parents):
+        if parents[joints[child]] is None and not _is_ancestor(joints[child], joints[parent], parents):
             parents[joints[child]] = joints[parent]
         else:
             notes.append(f"the edge from {joints[parent]} to {joints[child]} is left out, as bones make a tree")
     pairs = [[name, other] for name in joints if (other := _other_side(name)) in joints]
-    fitting = [pair for pair in pairs if _fits(pair, pairs, parents)]
+    fitting = [pair for pair in pairs if _can_be_mirrored(pair, pairs, parents)]
     skeleton = define({"name": "tracked", "joints": parents, "mirror": fitting}, str(path))
     sides = ", ".join(f"{left} and {right}" for left, right in fitting)
     notes.append(
@@ -136,22 +137,22 @@ def _made(
     return skeleton, list(range(len(joints))), tuple(notes)
 
 
-def _above(ancestor: str, joint: str | None, parents: dict[str, str | None]) -> bool:
+def _is_ancestor(ancestor: str, joint: str | None, parents: dict[str, str | None]) -> bool:
     while joint is not None and joint != ancestor:
         joint = parents[joint]
     return joint is not None
 
 
-def _fits(pair: list[str], pairs: list[list[str]], parents: dict[str, str | None]) -> bool:
-    """Return whether a pair hangs, as do all above it, from one joint or from a pair."""
+def _can_be_mirrored(pair: list[str], pairs: list[list[str]], parents: dict[str, str | None]) -> bool:
+    """Return whether a pair of joints can be mirrored: their parents are one joint, or a pair that can be mirrored."""
     above = [parents[joint] for joint in pair]
     if above[0] == above[1]:
         return True
-    return above in pairs and _fits(above, pairs, parents)
+    return above in pairs and _can_be_mirrored(above, pairs, parents)
 
 
 def _other_side(name: str) -> str | None:
-    """Return the name of the partner on the right of a joint on the left; None for others."""
+    """Return the name of the joint on the right that corresponds to a joint on the left; None for other joints."""
     found = _SIDE.search(name)
     if not found:
         return None

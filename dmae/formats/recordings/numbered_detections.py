@@ -1,4 +1,4 @@
-"""Detections of several cameras by the frame numbers and camera names of their files, and the clip made of them."""
+"""Detections of several cameras by camera name and frame number, and their conversion to a clip."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,23 +12,26 @@ from dmae.formats.calibrations.files import CalibrationSource
 from dmae.formats.recordings.camera_matching import match_cameras
 
 _MAX_SPAN = 20
-"""Frames that a recording may span for each frame with a file; more, and the numbers do not count frames."""
+"""Largest number of frames between the first and last number of a recording, per frame with a file.
 
-_CELLS, _CELLS_EACH = 250_000, 50
-"""Places for people in all frames: the first number, or the second number for each person."""
+If it is larger, the numbers in the names of files are probably not frame numbers.
+"""
+
+_MAX_CELLS, _MAX_CELLS_EACH = 250_000, 50
+"""Largest number of people times frames in an array: the first number, or the second number per detected person."""
 
 
 @dataclass(frozen=True)
 class NumberedDetections:
-    """Detections of several cameras, as their files have them.
+    """Detections of several cameras, as read from their files.
 
     Attributes:
         skeleton: J joints.
         views: By camera and frame number, detections (D, J, 3): x, y px, confidence; NaN where absent.
-        fps: Frames per second, None where the files do not hold it.
-        unreadable: By camera, errors of the files that could not be read.
-        notes: Decisions made in reading that can be wrong.
-        sizes: By camera, image width and height, px, where the files hold them.
+        fps: Frames per second; None if the files do not state it.
+        unreadable: By camera, error messages of the files that could not be read.
+        notes: Decisions of the reader that can be wrong.
+        sizes: By camera, image width and height, px, if the files state them.
     """
 
     skeleton: Skeleton
@@ -40,7 +43,7 @@ class NumberedDetections:
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """Image size of all cameras, None where they differ or the files do not hold them."""
+        """Image width and height of all cameras, px; None if they differ or the files do not state them."""
         sizes = set(self.sizes.values())
         return sizes.pop() if len(sizes) == 1 and set(self.sizes) == set(self.views) else None
 
@@ -53,21 +56,22 @@ def to_clip(
     truth: dict[int, np.ndarray] | None = None,
     truth_skeleton: Skeleton | None = None,
 ) -> Clip:
-    """Return detections and cameras as a clip from the first to the last frame that any camera has.
+    """Return detections and cameras as a clip, from the first to the last frame that any camera has.
 
-    Frames are aligned by number; where a camera lacks one, its detections are absent. Missing frames are counted in
-    `provenance["notes"]`, which has the other notes too.
+    Frames are aligned by number. If a camera lacks a frame, its detections in that frame are absent.
+    `provenance["notes"]` contains the number of missing frames and all other notes.
 
     Args:
         found: The detections.
-        rig: The cameras, and maybe more: those without detections are left out.
+        rig: The cameras. Cameras without detections are left out.
         fps: Frames per second.
-        path: Of the recording, for the clip's id and for messages.
-        truth: By frame number, (P, K, 3) m; P is the same in all.
-        truth_skeleton: K joints.
+        path: Path of the recording, for the id of the clip and for messages.
+        truth: By frame number, (P, K, 3) m; P is the same in all frames.
+        truth_skeleton: Skeleton of the truth, with K joints.
 
     Raises:
-        ValueError: cameras do not fit together, nothing could be read, or the numbers do not count frames.
+        ValueError: cameras of detections and calibration do not match, nothing could be read, or the numbers in the
+            names of files are not frame numbers.
     """
     index, how = match_cameras(list(found.views), rig, path)
     numbers = [number for view in found.views.values() for number in view]
@@ -113,25 +117,25 @@ def with_cameras(
     truth: dict[int, np.ndarray] | None = None,
     truth_skeleton: Skeleton | None = None,
 ) -> Clip:
-    """Read the calibration of a recording, and return its clip.
+    """Return the clip of a recording, from its detections and the calibration that this function reads.
 
     Args:
         found: The detections.
-        path: Of the recording.
-        calibration: Where the calibration is.
-        fps: Frames per second; None for those of the files.
+        path: Path of the recording.
+        calibration: Path of the calibration, and the values that its file does not state.
+        fps: Frames per second; None for the rate that the files state.
         truth, truth_skeleton: As in `to_clip`.
 
     Raises:
         FileNotFoundError: there is no calibration.
-        ValueError: as `to_clip`, the calibration is malformed, or the frame rate is unknown.
+        ValueError: as `to_clip`, or the calibration is malformed, or the frame rate is unknown.
     """
     rig = calibration.read(path, found.size)
     return to_clip(found, rig, known_rate(fps, found, path), path, truth, truth_skeleton)
 
 
 def known_rate(fps: float | None, found: NumberedDetections, path: Path) -> float:
-    """Return the frame rate that was given, else that of the files; ValueError where both are unknown."""
+    """Return the given frame rate, or else the rate that the files state; raise ValueError if both are unknown."""
     fps = fps or found.fps
     if fps is None:
         raise ValueError(f"{path}: no file states the frame rate; give data.fps=...")
@@ -139,10 +143,10 @@ def known_rate(fps: float | None, found: NumberedDetections, path: Path) -> floa
 
 
 def _stack(views: list[dict[int, np.ndarray]], first: int, frames: int, joints: int) -> np.ndarray:
-    """(F, V, D, J, 3)."""
+    """Return the detections of all views as one array (F, V, D, J, 3): x, y px, confidence; NaN where absent."""
     counts = [len(found) for view in views for found in view.values()]
     most = max(counts, default=0)
-    _check_crowd("detections in one frame", frames * len(views) * most, most, sum(counts))
+    _check_array_size("detections in one frame", frames * len(views) * most, most, sum(counts))
     values = np.full((frames, len(views), most, joints, 3), np.nan)
     for v, view in enumerate(views):
         for number, found in view.items():
@@ -154,7 +158,7 @@ def _stack(views: list[dict[int, np.ndarray]], first: int, frames: int, joints: 
 def _truth(truth: dict[int, np.ndarray], skeleton: Skeleton, first: int, frames: int) -> Poses3D:
     counts = [len(found) for found in truth.values()]
     persons = max(counts, default=0)
-    _check_crowd("true persons", frames * persons, persons, sum(counts))
+    _check_array_size("true persons", frames * persons, persons, sum(counts))
     xyz = np.full((frames, persons, len(skeleton), 3), np.nan)
     for number, found in truth.items():
         if first <= number < first + frames:
@@ -162,9 +166,9 @@ def _truth(truth: dict[int, np.ndarray], skeleton: Skeleton, first: int, frames:
     return Poses3D(skeleton, xyz)
 
 
-def _check_crowd(what: str, cells: int, most: int, total: int) -> None:
-    """Refuse one frame of many people among frames of few, for all of which memory would be taken."""
-    if cells > max(_CELLS, _CELLS_EACH * total):
+def _check_array_size(what: str, cells: int, most: int, total: int) -> None:
+    """Raise ValueError if the array would be too large because one frame contains far more people than the others."""
+    if cells > max(_MAX_CELLS, _MAX_CELLS_EACH * total):
         raise ValueError(f"found {most} {what}, and {total} in all frames, which span too many")
 
 

@@ -1,4 +1,4 @@
-"""Covariances of joints as cameras see them: what files of pixels can carry of the uncertainty of poses."""
+"""Covariances of projected joints, px^2: the uncertainty of poses for files that contain pixel coordinates."""
 
 import numpy as np
 
@@ -9,9 +9,9 @@ _STEP_M = 1e-4
 
 
 def pixel_covariances(poses: Poses3D, rig: CameraRig) -> np.ndarray | None:
-    """Return the covariance (F, V, P, J, 3) px^2 of reprojected joints: xx, xy, yy, to first order.
+    """Return the covariances (F, V, P, J, 3) px^2 of projected joints, to first order: xx, xy, yy.
 
-    NaN where it is unknown; None where it is unknown of all joints.
+    NaN where unknown. None if the covariances of all joints are unknown.
     """
     if not np.isfinite(poses.cov).any():
         return None
@@ -25,6 +25,6 @@ def pixel_covariances(poses: Poses3D, rig: CameraRig) -> np.ndarray | None:
 
 
 def covariance_entry(covariance: np.ndarray) -> list[list[float] | None]:
-    """Return covariances (J, 3) px^2 for JSON, to 0.0001; None where one is not known."""
+    """Return covariances (J, 3) px^2 as lists for JSON, rounded to 0.0001; None for joints where unknown."""
     known = np.isfinite(covariance).all(-1)
     return [row if there else None for row, there in zip(covariance.round(4).tolist(), known, strict=True)]

@@ -1,4 +1,4 @@
-"""Poses in files: made here or elsewhere, in any format that has a reader."""
+"""Read pose files, of this package or of other programs, in any format with a pose reader."""
 
 import re
 from dataclasses import dataclass
@@ -10,17 +10,17 @@ from dmae.data.store import MANIFEST, clip_folders
 from dmae.formats.registry import PoseReader, pose_reader
 
 _PERSON = re.compile(r"_P\d+$")
-"""End of the names of files that hold one of several persons."""
+"""End of the names of files that contain one of several persons."""
 
 
 @dataclass(frozen=True)
 class PoseFile:
-    """The content of a file, or folder, of poses.
+    """The content of a pose file or of a folder of poses.
 
     Attributes:
         poses: (F, P, J, 3) m, world.
-        fps: Frames per second; None where the file does not say.
-        clip: Id of the clip that the poses are of; None where the file does not say.
+        fps: Frames per second; None if the file does not state it.
+        clip: Id of the clip of these poses; None if the file does not state it.
     """
 
     poses: Poses3D
@@ -29,10 +29,10 @@ class PoseFile:
 
 
 def read_poses(path: Path) -> PoseFile:
-    """Read the poses of one clip, in the format that the name, or what the folder holds, shows.
+    """Read the poses of one clip. The format is recognised by the name of the file, or by the files in the folder.
 
     Raises:
-        FileNotFoundError: there is nothing at the path.
+        FileNotFoundError: the path does not exist.
         ValueError: no format is recognised, or the file is malformed.
     """
     path = Path(path)
@@ -48,16 +48,16 @@ def read_poses(path: Path) -> PoseFile:
 
 
 def pose_paths(path: Path) -> dict[str, Path] | None:
-    """Return the paths of the poses of several clips, by id: `<id>.npz`, `<id>.trc`, `<id>/` and so on.
+    """Return the paths of the poses of several clips, by clip id: `<id>.npz`, `<id>.trc`, `<id>/` and so on.
 
     Args:
-        path: A folder of them, or a data set of clips.
+        path: A folder of pose files, or a data set of clips.
 
     Returns:
-        None where the path holds the poses of one clip.
+        Paths by clip id; None if the path contains the poses of only one clip.
 
     Raises:
-        FileNotFoundError: there is nothing at the path, or the folder holds no poses.
+        FileNotFoundError: the path does not exist, or the folder contains no poses.
         ValueError: a clip has poses in two files.
     """
     path = Path(path)
@@ -73,7 +73,7 @@ def pose_paths(path: Path) -> dict[str, Path] | None:
             continue
         name = item.name
         if item.is_file():
-            # The persons of a clip are in files of their own, which are read as one.
+            # Each person of a clip can have its own file. These files are read together.
             name = _PERSON.sub("", item.stem)
             item = item.with_stem(name)
         if found.setdefault(name, item) != item:
@@ -91,5 +91,5 @@ def _reader(path: Path) -> PoseReader | None:
 
 
 def _expected() -> str:
-    """Return the formats that are read, for messages."""
+    """Return a list of the pose formats as text, for messages."""
     return " or ".join(each.file or f"a folder of {each.signs[0]}" for each in pose_reader.values())

@@ -12,10 +12,14 @@ from dmae.data.labels import NOT_DETECTED, DetectionLabels
 
 
 def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) -> list[int] | None:
-    """Return the frames by which each of the named cameras started late, from a list in their order or as name:frames.
+    """Return the number of frames by which each camera started late.
+
+    Args:
+        offsets: One number per camera in the order of `names`, or entries `name:frames`. None returns None.
+        names: Names of the cameras.
 
     Raises:
-        ValueError: an entry is neither, or names no camera, or one twice.
+        ValueError: an entry is malformed, names an unknown camera, or names a camera for the second time.
     """
     if offsets is None or all(isinstance(each, int) for each in offsets):
         return None if offsets is None else list(offsets)
@@ -34,10 +38,10 @@ def offsets_of_all(offsets: Sequence[int | str] | None, names: Sequence[str]) ->
 def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:
     """Return the clip with the detections of each camera moved later by `offsets` (V,) frames; None moves nothing.
 
-    Detections that would come from outside the clip are absent. Images, which cannot be moved, are left out.
+    Detections are absent in frames for which the clip contains none. Images cannot be moved, so they are removed.
 
     Raises:
-        ValueError: there is not one offset for each camera.
+        ValueError: the number of offsets is not the number of cameras.
     """
     if offsets is None or not any(offsets):
         return clip
@@ -69,7 +73,7 @@ def shift_views(clip: Clip, offsets: list[int] | None) -> Clip:
 
 
 def select_frames(clip: Clip, frames: list[int] | None) -> Clip:
-    """Return the clip of the frames [first, end); None selects all.
+    """Return the clip with only the frames [first, end); None selects all.
 
     Raises:
         ValueError: the clip lacks some of the frames.
@@ -86,12 +90,13 @@ def select_frames(clip: Clip, frames: list[int] | None) -> Clip:
 
 
 def select_views(clip: Clip, cameras: Sequence[int | str] | None) -> Clip:
-    """Return the clip of some cameras, by name or counted from 0; None selects all.
+    """Return the clip with only some cameras, given by name or by index from 0; None selects all.
 
-    A whole number counts cameras, unless one has it as its name and all of `cameras` are names.
+    A whole number is an index. It is a name only if each of `cameras` is the name of a camera and at least one of them
+    is given as text.
 
     Raises:
-        ValueError: the clip lacks one of the cameras, or one is named twice.
+        ValueError: the clip lacks one of the cameras, or one is given twice.
     """
     if cameras is None:
         return clip
@@ -110,7 +115,7 @@ def select_views(clip: Clip, cameras: Sequence[int | str] | None) -> Clip:
 
 
 def camera_subsets(clip: Clip, sizes: Sequence[int]) -> list[list[int]]:
-    """Return all subsets of a clip's cameras of each size; without sizes, all cameras.
+    """Return all subsets of the cameras of a clip with these sizes; without sizes, only the set of all cameras.
 
     Raises:
         ValueError: there are not enough cameras, or a size is less than two.

@@ -1,1 +1,1 @@
-"""Recordings of programs that track people with other libraries: Caliscope, FreeMoCap, MMPose."""
+"""Formats of programs that detect people or animals in videos: DeepLabCut, SLEAP, MMPose, MediaPipe and others."""

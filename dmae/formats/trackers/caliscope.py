@@ -1,4 +1,4 @@
-"""Caliscope: recordings of a project with the points that its trackers found, a CSV for all cameras."""
+"""Caliscope: recordings of a project, with the points of a tracker in one CSV file for all cameras."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from dmae.formats.recordings.numbered_detections import NumberedDetections, with
 from dmae.formats.registry import reader
 
 _TRACKERS = {"HALPE26": HALPE26, "COCO_WHOLEBODY": COCO17, "HOLISTIC": BLAZEPOSE33, "POSE": BLAZEPOSE33}
-"""Skeletons by a part of the tracker's name; further points, as of hands and face, have further numbers."""
+"""Skeletons by a part of the name of the tracker. Points of hands and face have larger numbers than body points."""
 _POINTS = "xy_*.csv"
 _CALIBRATION_TARGETS = ("CHARUCO", "ARUCO", "CHESSBOARD")
 _MOST_ROWS = 50_000_000
@@ -33,10 +33,11 @@ def read_caliscope(
 
     Args:
         path: The project, a recording in it, or the folder of a tracker.
-        calibration: Where its calibration is, and what that does not say; older projects have it in `config.toml`.
-        detections: The CSV; by default found in `path`.
-        fps: Frames per second; by default those of the times in the CSV.
-        skeleton: Skeleton of the points; by default that of the tracker.
+        calibration: Path of the calibration, and the values that its file does not state. Older projects have the
+            calibration in `config.toml`.
+        detections: The CSV file; by default found in `path`.
+        fps: Frames per second; by default computed from the times in the CSV file.
+        skeleton: Skeleton of the points; by default the skeleton of the tracker.
 
     Raises:
         FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
@@ -45,13 +46,13 @@ def read_caliscope(
 
 
 def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read the points of a CSV: one person a camera, without confidences, which count as 1.
+    """Read the points of a CSV file: one person per camera. The file has no confidences; they become 1.
 
-    Frames are numbered by `sync_index`, at which all cameras show the same moment.
+    The frame number is `sync_index`. Rows of all cameras with the same `sync_index` show the same moment.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: there are several, it is malformed, or its tracker is not known.
+        ValueError: there are several files, the file is malformed, or its tracker is unknown.
     """
     file = _file(Path(path))
     skeleton = skeleton or _skeleton(file)
@@ -108,7 +109,7 @@ def _skeleton(file: Path) -> Skeleton:
 
 
 def _rows(file: Path) -> tuple[list[str], np.ndarray]:
-    """Return the names of the columns and the numbers (n, columns), NaN where a cell is empty."""
+    """Return the names of the columns, and the values (n, columns); NaN where a cell is empty."""
     header, *lines = read_text(file).splitlines() or [""]
     names = [name.strip() for name in header.split(",")]
     if len(lines) > _MOST_ROWS:
@@ -128,7 +129,7 @@ def _rows(file: Path) -> tuple[list[str], np.ndarray]:
 
 
 def _rate(header: Sequence[str], rows: np.ndarray) -> float | None:
-    """Return the frames per second by the times of the first camera's frames; None where there are no times."""
+    """Return the frames per second, from the first time of each frame in the file; None if there are no times."""
     if "frame_time" not in header:
         return None
     index, time = rows[:, header.index("sync_index")], rows[:, header.index("frame_time")]

@@ -1,4 +1,4 @@
-"""DeepLabCut: what it found in the video of each camera, CSV or HDF5, of one animal or of several."""
+"""DeepLabCut: detections in the video of each camera, CSV or HDF5, of one animal or of several."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ _HEADS = ["scorer", "individuals", "bodyparts", "coords"]
 _COORDS = ("x", "y", "likelihood")
 
 Labels = list[tuple[str, ...]]
-"""Of each column: individual, body part, coordinate."""
+"""Labels of the columns of a table: individual, body part and coordinate of each column."""
 
 
 @reader("deeplabcut", signs=[["*DLC*.h5"], ["*DLC*.csv"]])
@@ -37,9 +37,9 @@ def read_deeplabcut(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: Folder of the files; by default `path`.
-        fps: Frames per second, which the files do not hold.
+        fps: Frames per second. The files do not state it.
         skeleton: As in `read_detections`.
 
     Raises:
@@ -49,17 +49,20 @@ def read_deeplabcut(
 
 
 def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read a file for each camera. The name of the file has that of the camera before `DLC`.
+    """Read one file per camera. The name of the file starts with the name of the camera, followed by `DLC`.
 
-    Of a camera with both, the .h5 is read. A joint without coordinates is absent; so is an animal without joints.
+    If a camera has an .h5 and a .csv file, the .h5 file is read. A joint without coordinates is absent. An animal
+    without joints is also absent.
 
     Args:
-        skeleton: By default known by the names of the joints, or made of them, see
+        path: Folder of the files.
+        skeleton: By default a skeleton for the names of the joints, see
             `dmae.formats.recordings.named_joints.named_skeleton`.
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: a file is malformed, a camera has several, or the joints are not those of the skeleton.
+        ValueError: a file is malformed, a camera has several files with the same suffix, or the joints are not the
+            joints of the skeleton.
     """
     return named_detections(_files(Path(path)), _read, skeleton)
 
@@ -114,7 +117,7 @@ def _read_csv(file: Path) -> tuple[Labels, np.ndarray, np.ndarray]:
 
 
 def _read_table(file: Path) -> tuple[Labels, np.ndarray, np.ndarray]:
-    """As `_read_csv`, of a table that pandas wrote, in either of its formats."""
+    """Return the same as `_read_csv`, from an HDF5 file that pandas wrote in either of its two formats."""
     with open_hdf5(file, _WHAT) as table:
         if f"{_KEY}/table" in table:
             rows = table.array(f"{_KEY}/table")
@@ -133,7 +136,7 @@ def _stored_values(table: Hdf5) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pickled_labels(file: Path, table: Hdf5) -> Labels:
-    """Return the labels of the columns of a table, which pandas keeps as a pickle; nothing in it is run."""
+    """Return the labels of the columns in pandas' `table` format, which stores them as a pickle. No code is run."""
     pickle = table.attribute("non_index_axes", _KEY)
     try:
         ((_, labels),) = pickled_values(pickle.encode() if isinstance(pickle, str) else b"")
@@ -144,7 +147,7 @@ def _pickled_labels(file: Path, table: Hdf5) -> Labels:
 
 
 def _stored_labels(file: Path, table: Hdf5) -> Labels:
-    """Return the labels of the columns, which pandas keeps as levels and indices into them."""
+    """Return the labels of the columns in pandas' `fixed` format, which stores levels and indices into the levels."""
     parts = []
     for level in range(1, 4 if f"{_KEY}/block0_items_level3" in table else 3):
         names = table.texts(f"{_KEY}/block0_items_level{level}")
@@ -158,12 +161,12 @@ def _stored_labels(file: Path, table: Hdf5) -> Labels:
 
 
 def _with_individuals(labels: Labels) -> Labels:
-    """Return labels with an individual each; files of a single animal name none."""
+    """Return labels with an individual in each. Files of a single animal name no individual; it becomes ""."""
     return [("", *label) if len(label) == 2 else label for label in labels]
 
 
 def _numbers(file: Path, index: np.ndarray) -> np.ndarray:
-    """Return frame numbers; ValueError unless they are different whole ones."""
+    """Return the frame numbers (F,); raise ValueError if they are not different whole numbers."""
     fine = index.ndim == 1 and index.dtype.kind in "fiu" and np.isfinite(index).all()
     if not fine or not len(index) or ((index < 0) | (index > 1e9) | (index != np.round(index))).any():
         raise ValueError(f"{file}: expected a row for each frame, by its number")
@@ -173,7 +176,7 @@ def _numbers(file: Path, index: np.ndarray) -> np.ndarray:
 
 
 def _arranged(file: Path, labels: Labels, values: np.ndarray) -> tuple[list[str], np.ndarray]:
-    """Return the names of J joints, and the animals (F, D, J, 3), NaN where an animal lacks a joint."""
+    """Return the names of J joints, and the animals (F, D, J, 3): x, y in px and likelihood; NaN where absent."""
     wrong = [label for label in labels if len(label) != 3 or not all(isinstance(part, str) for part in label)]
     if wrong or not labels or any(label[2] not in _COORDS for label in labels):
         raise ValueError(f"{file}: expected columns x, y and likelihood of each joint, found {(wrong or labels)[:4]}")

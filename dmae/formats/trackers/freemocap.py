@@ -1,4 +1,4 @@
-"""FreeMoCap: a recording's folder, with what MediaPipe found in its synchronised videos."""
+"""FreeMoCap: the folder of a recording, with detections by MediaPipe in its synchronised videos."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,15 +31,15 @@ def read_freemocap(
 ) -> Clip:
     """A FreeMoCap recording: <name>_camera_calibration.toml and output_data/raw_data/*2dData*_pixelXY.npy.
 
-    Lengths of its calibration are in mm, and the world is that of the first camera, y down, unless `unit` and `up` say
-    otherwise. Cameras of the points are those of the calibration, in its order.
+    Lengths in its calibration are in mm, and its world axes are those of the first camera, y down, unless `unit` and
+    `up` are given. The array of points contains the cameras of the calibration in the same order.
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: The array of points; by default found in `path`.
-        fps: Frames per second; by default those of the synchronised videos.
-        skeleton: Skeleton of the first points; by default MediaPipe's body.
+        fps: Frames per second; by default the rate of the synchronised videos.
+        skeleton: Skeleton of the first points; by default MediaPipe's 33 body landmarks.
 
     Raises:
         FileNotFoundError: the points or the calibration are missing.
@@ -53,13 +53,13 @@ def read_freemocap(
 
 
 def read_detections(path: Path, cameras: tuple[str, ...], skeleton: Skeleton = BLAZEPOSE33) -> NumberedDetections:
-    """Read the points (cameras, frames, points, 2 or 3): x, y in px and, in older recordings, a confidence.
+    """Read an array of points (cameras, frames, points, 2 or 3): x, y in px and, in older recordings, a confidence.
 
-    Of all points the first are used, as many as the skeleton has joints; without a confidence it is 1.
+    The first J points are used for the J joints of the skeleton. Without a confidence in the file, it is 1.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: there are several, or its array has another shape.
+        ValueError: there are several files, or the array has another shape.
     """
     file = _file(Path(path))
     values = read_npy(file)

@@ -1,4 +1,4 @@
-"""MediaPipe: the pose landmarks of each camera in one JSON file, as its results are saved."""
+"""MediaPipe: pose landmarks, saved as one JSON file per camera."""
 
 from pathlib import Path
 
@@ -18,8 +18,8 @@ from dmae.formats.registry import reader
 _FOLDER = "mediapipe"
 _LANDMARKS = ("landmarks", "poseLandmarks", "pose_landmarks", "landmark")
 _NUMBERS = ("frame", "frame_id", "frame_index")
-_MOST_IMAGES = 100.0
-"""Images by which a landmark may lie outside of its image."""
+_MOST_IMAGE_SIZES = 100.0
+"""Largest absolute x and y of a landmark, as a multiple of the image size: landmarks can be outside the image."""
 
 
 @reader("mediapipe", signs=[["mediapipe/*.json"]])
@@ -35,10 +35,10 @@ def read_mediapipe(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: Folder of the files, or one file; by default `mediapipe` in `path`.
-        fps: Frames per second, which the files do not hold.
-        skeleton: Must be that of the 33 landmarks.
+        fps: Frames per second. The files do not state it.
+        skeleton: Must be the skeleton of the 33 landmarks.
 
     Raises:
         FileNotFoundError: there are no such files, or no calibration.
@@ -52,18 +52,19 @@ def read_mediapipe(
 
 
 def read_detections(path: Path, rig: CameraRig) -> NumberedDetections:
-    """Read a file for each camera: a list of frames, each with its people.
+    """Read one file per camera. A file contains a list of frames, each with its people.
 
-    A frame is null, a person, a list of people, or has them as `landmarks`, `poseLandmarks` or `pose_landmarks`, and
-    may have a number, `frame`. A person is a list of 33 landmarks, each with x and y from 0 to 1 across the image and
-    `visibility`, without which it is 1.
+    A frame is null, a person, a list of people, or an object. An object contains the people as `landmarks`,
+    `poseLandmarks` or `pose_landmarks`, and can contain the number of the frame as `frame`. A person is a list of 33
+    landmarks. A landmark has x and y, from 0 to 1 across the image, and `visibility`, which is 1 by default.
 
     Args:
-        rig: Cameras, the sizes of which x and y are shares of.
+        path: Folder of the files, or one file.
+        rig: The cameras. Their image sizes convert x and y to px.
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: a file is malformed, or is of no camera of the rig.
+        ValueError: a file is malformed, or its name matches no camera of the rig.
     """
     path = Path(path)
     files = [path] if path.is_file() else sorted(path.glob("*.json"), key=lambda file: natural(file.name))
@@ -82,7 +83,7 @@ def read_detections(path: Path, rig: CameraRig) -> NumberedDetections:
 
 
 def _frames(file: Path) -> dict[int, tuple[str, list]]:
-    """Return, by frame number, the place of the frame in the file, and its people."""
+    """Return the frames by number: the position of each frame in the file, for messages, and its people."""
     content = read_json(file)
     content = content["frames"] if isinstance(content, dict) and "frames" in content else content
     if not isinstance(content, list):
@@ -99,7 +100,7 @@ def _frames(file: Path) -> dict[int, tuple[str, list]]:
 
 
 def _inner(found: object) -> object:
-    """Return the landmarks in an object that holds them, however deep; None where it has none."""
+    """Return the landmarks from up to three nested objects; None if there are none."""
     for _ in range(3):
         if isinstance(found, dict) and not {"x", "y"} <= set(found):
             found = next((found[name] for name in _LANDMARKS if name in found), None)
@@ -107,7 +108,7 @@ def _inner(found: object) -> object:
 
 
 def _people(found: object) -> list:
-    """Return the people of a frame, of which there may be one that is no list of people."""
+    """Return the people of a frame, which is a list of people or only one person."""
     if not found:
         return []
     if isinstance(found, list) and isinstance(_inner(found[0]), list):
@@ -116,7 +117,7 @@ def _people(found: object) -> list:
 
 
 def _person(place: str, person: object, size: np.ndarray, confidences: Confidences) -> np.ndarray:
-    """(33, 3) x and y in px, confidence."""
+    """Return the landmarks of a person, (33, 3): x and y in px, confidence; NaN where absent."""
     count = len(BLAZEPOSE33)
     if not isinstance(person, list) or len(person) != count:
         what = f"{len(person)} of them" if isinstance(person, list) else f"{person!r:.40}"
@@ -125,8 +126,8 @@ def _person(place: str, person: object, size: np.ndarray, confidences: Confidenc
         rows = np.array([[each["x"], each["y"], each.get("visibility", 1.0)] for each in person], np.float64)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise ValueError(f"{place}: expected landmarks with x, y and visibility, found {person[0]!r:.60}") from None
-    check_numbers(f"{place}: x and y, shares of the image", rows[:, :2], _MOST_IMAGES)
+    check_numbers(f"{place}: x and y, shares of the image", rows[:, :2], _MOST_IMAGE_SIZES)
     check_numbers(f"{place}: visibility", rows[:, 2], MOST_SCORE)
-    # The middle of the first pixel is at 0.
+    # In our convention, 0 is the centre of the first pixel.
     rows[:, :2] = rows[:, :2] * size - 0.5
     return confidences.clean(place, rows)

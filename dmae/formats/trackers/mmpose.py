@@ -1,7 +1,6 @@
-"""MMPose and RTMPose: the predictions of each camera in one file, JSON or pickle.
+"""MMPose and RTMPose: predictions, saved as one JSON or pickle file per camera.
 
-Pickles run whatever code they like when they are loaded as Python loads them. Here `dmae.files.pickles` reads them,
-which runs nothing.
+A pickle can run any code when Python loads it. `dmae.files.pickles` reads pickles without running code.
 """
 
 from pathlib import Path
@@ -24,7 +23,7 @@ from dmae.formats.registry import reader
 _PICKLES = (".pkl", ".pickle")
 _FOLDERS = ("predictions", "")
 _WHOLE_BODY = 133
-"""Points of COCO-WholeBody, of which the first are COCO's."""
+"""Number of points in COCO-WholeBody. Its first 17 points are the joints of COCO."""
 
 
 @reader("mmpose", signs=[["predictions/*.json"], ["predictions/*.pkl"], ["*.pkl"], ["*.pickle"]])
@@ -40,9 +39,9 @@ def read_mmpose(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: Folder of the files; by default `predictions` in `path`, or `path`.
-        fps: Frames per second, which the files do not hold.
+        fps: Frames per second. The files do not state it.
         skeleton: As in `read_detections`.
 
     Raises:
@@ -52,17 +51,19 @@ def read_mmpose(
 
 
 def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read a file for each camera: a list of frames, each with its people.
+    """Read one file per camera. A file contains a list of frames, each with its people.
 
-    A frame is a list of people, or has them as `instances` or `predictions` and may have a number, `frame_id`. A person
-    has `keypoints`, x, y of each joint and maybe the confidence, or that as `keypoint_scores`.
+    A frame is a list of people, or an object. An object contains the people as `instances` or `predictions`, and can
+    contain the number of the frame as `frame_id`. A person has `keypoints`: x and y in px, and the confidence of each
+    joint, unless the confidences are in `keypoint_scores`.
 
     Args:
-        skeleton: By default known by the number of joints.
+        path: Folder of the files, or one file.
+        skeleton: By default the number of joints determines it.
 
     Raises:
         FileNotFoundError: there are no such files.
-        ValueError: a file is malformed or asks for code; people have other numbers of joints than a skeleton known.
+        ValueError: a file is malformed, a pickle would run code, or no known skeleton has the number of joints.
     """
     files = _files(Path(path))
     confidences, joints = Confidences(), None
@@ -118,7 +119,7 @@ def _files(path: Path) -> list[Path]:
 
 
 def _frames(file: Path) -> dict[int, tuple[str, list]]:
-    """Return, by frame number, the place of the frame in the file, and its people."""
+    """Return the frames by number: the position of each frame in the file, for messages, and its people."""
     if file.suffix in _PICKLES:
         try:
             content = pickled_values(read_bytes(file))
@@ -139,7 +140,7 @@ def _frames(file: Path) -> dict[int, tuple[str, list]]:
         if isinstance(frame, dict):
             number = frame.get("frame_id", frame.get("frame_index", position))
             people = next((frame[name] for name in ("instances", "predictions", "people") if name in frame), None)
-        # An inferencer's result is a list of images, each a list of people.
+        # The result of MMPose's inferencer is a list of images, each of which is a list of people.
         if isinstance(people, list) and len(people) == 1 and isinstance(people[0], list):
             people = people[0]
         number = int(number) if isinstance(number, str) and number.isdecimal() and len(number) < 12 else number
@@ -152,7 +153,7 @@ def _frames(file: Path) -> dict[int, tuple[str, list]]:
 
 
 def _person(place: str, person, confidences: Confidences) -> np.ndarray:
-    """(J, 3) x, y and confidence."""
+    """Return the joints of a person, (J, 3): x and y in px, confidence; NaN where absent."""
     values = person if isinstance(person, dict) else {}
     keypoints, scores = values.get("keypoints"), values.get("keypoint_scores")
     try:

@@ -1,17 +1,17 @@
-"""movement: netCDF files of its data sets of poses, 2D of each camera, and 3D.
+"""movement: netCDF files of its data sets of poses, in 2D for each camera, or in 3D.
 
-For F frames, P individuals and J keypoints a data set of poses in 3D holds:
+For F frames, P individuals and J keypoints a data set of poses in 3D contains:
 
 | Variable | Axes | What it is |
 |---|---|---|
-| `position` | time, space, keypoints, individuals | places, m, world z up; NaN where absent |
+| `position` | time, space, keypoints, individuals | positions, m, world z up; NaN where absent |
 | `confidence` | time, keypoints, individuals | 1 where measured, 0 where completed, NaN where absent |
 | `source` | time, keypoints, individuals | 0 absent, 1 measured, 2 denoised (measured, then moved), 3 completed |
 | `standard_error` | time, keypoints, individuals | m, along an axis; NaN where unknown |
 
-Coordinates are `time` in s, `space` x, y, z, `keypoints` and `individuals` by name. Attributes are `fps`, `time_unit`,
-`source_software`, `ds_type` and `skeleton`, its name or, of one of your own, its definition as JSON. movement reads the
-first two variables.
+Coordinates are `time` in s, `space` x, y, z, and the names of `keypoints` and `individuals`. Attributes are `fps`,
+`time_unit`, `source_software`, `ds_type` and `skeleton`: its name, or the definition of your own skeleton as JSON.
+movement itself reads the first two variables.
 """
 
 import json
@@ -52,9 +52,9 @@ def read_movement(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: Folder of the files; by default `path`.
-        fps: Frames per second; by default those of the files.
+        fps: Frames per second; by default the rate that the files state.
         skeleton: As in `read_detections`.
 
     Raises:
@@ -64,10 +64,11 @@ def read_movement(
 
 
 def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read a file for each camera, of the same name. Keypoints without a confidence count as 1.
+    """Read one file per camera, with the name of the camera. A missing confidence of a keypoint becomes 1.
 
     Args:
-        skeleton: By default the one that the files name, or known by their keypoints, or made of them, see
+        path: Folder of the files.
+        skeleton: By default the skeleton that the files name, or else a skeleton for their keypoints, see
             `dmae.formats.recordings.named_joints.named_skeleton`.
 
     Raises:
@@ -83,10 +84,10 @@ def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDet
     def read(file: Path) -> NamedDetections:
         with open_hdf5(file, _WHAT) as data_set:
             names, position, confidence, _, rate = _read(file, data_set, ["x", "y"])
-            said = _said_skeleton(file, data_set)
+            stated = _stated_skeleton(file, data_set)
         rates.add(rate)
         score = np.where(np.isnan(confidence), 1.0, confidence)
-        return NamedDetections(names, np.concatenate([position, score[..., None]], -1), skeleton=said)
+        return NamedDetections(names, np.concatenate([position, score[..., None]], -1), skeleton=stated)
 
     found = named_detections({file.stem: file for file in files}, read, skeleton)
     return replace(found, fps=rates.pop() if len(rates) == 1 else None)
@@ -98,11 +99,11 @@ def read_movement_poses(path: Path) -> PoseFile:
     path = Path(path)
     with open_hdf5(path, _WHAT) as data_set:
         names, position, _, source, rate = _read(path, data_set, ["x", "y", "z"])
-        skeleton, index, _ = named_skeleton(names, [], _said_skeleton(path, data_set), path)
+        skeleton, index, _ = named_skeleton(names, [], _stated_skeleton(path, data_set), path)
     check_numbers(f"{path}: position", position, MOST_METRES)
     xyz = np.where(np.isfinite(position).all(-1, keepdims=True), position, np.nan)[:, :, index]
     try:
-        poses = Poses3D(skeleton, xyz, None if source is None else _whole(source)[:, :, index])
+        poses = Poses3D(skeleton, xyz, None if source is None else _as_uint8(source)[:, :, index])
         poses.check_numbers()
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -120,7 +121,7 @@ def write_movement(poses: Poses3D, clip: Clip, path: Path) -> None:
 
 
 def movement_data_set(poses: Poses3D, fps: float):
-    """Return poses as the xarray data set that the module describes.
+    """Return poses as an xarray data set, which the docstring of this module describes.
 
     Raises:
         ValueError: xarray or h5netcdf is not installed.
@@ -199,22 +200,22 @@ def _in_order(path: Path, data_set: Hdf5, name: str, axes: tuple[str, ...]) -> n
 
 
 def _rate(path: Path, data_set: Hdf5) -> float | None:
-    """Return frames per second, by the attribute; None where time counts frames."""
+    """Return the attribute `fps`, frames per second; None if there is none, because time then counts frames."""
     rate = data_set.attribute("fps")
     return None if rate is None or isinstance(rate, str) else check_rate(f"{path}: fps", rate)
 
 
-def _said_skeleton(path: Path, data_set: Hdf5) -> Skeleton | None:
-    said = data_set.attribute("skeleton")
-    if not isinstance(said, str):
+def _stated_skeleton(path: Path, data_set: Hdf5) -> Skeleton | None:
+    stated = data_set.attribute("skeleton")
+    if not isinstance(stated, str):
         return None
     try:
-        return decode_skeleton(parse_json(said) if said.startswith("{") else said, "skeleton")
+        return decode_skeleton(parse_json(stated) if stated.startswith("{") else stated, "skeleton")
     except (ValueError, KeyError) as error:
         raise ValueError(f"{path}: {error.args[0] if error.args else error}") from None
 
 
-def _whole(source: np.ndarray) -> np.ndarray:
-    """Return sources as whole numbers; others become one that is refused."""
+def _as_uint8(source: np.ndarray) -> np.ndarray:
+    """Return sources as uint8. Values that are not whole numbers from 0 to 255 become 255, which is refused later."""
     fine = np.isfinite(source) & (source == np.round(source)) & (source >= 0) & (source <= 255)
     return np.where(fine, source, 255).astype(np.uint8)

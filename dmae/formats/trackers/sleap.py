@@ -1,4 +1,4 @@
-"""SLEAP: an analysis file for the video of each camera."""
+"""SLEAP: one analysis file for the video of each camera."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ _WHAT = "an analysis file of SLEAP"
 _SUFFIX = ".analysis.h5"
 _AXES = ("frame", "track", "node", "xy")
 _MATLAB = ("track", "xy", "node", "frame")
-"""Axes of `tracks` in files that do not say."""
+"""Axes of `tracks` in files that do not state them."""
 
 
 @reader("sleap", signs=[["*.analysis.h5"]])
@@ -34,9 +34,9 @@ def read_sleap(
 
     Args:
         path: The recording.
-        calibration: Where its calibration is, and what that does not say.
+        calibration: Path of the calibration, and the values that its file does not state.
         detections: Folder of the files; by default `path`.
-        fps: Frames per second, which the files do not hold.
+        fps: Frames per second. The files do not state it.
         skeleton: As in `read_detections`.
 
     Raises:
@@ -46,12 +46,13 @@ def read_sleap(
 
 
 def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read a file for each camera, of the same name.
+    """Read one file per camera, with the name of the camera.
 
-    Scores of points are confidences; points that people placed have none, and count as 1.
+    The score of a point is its confidence. Points that people placed have no score; their confidence is 1.
 
     Args:
-        skeleton: By default known by the names of the nodes, or made of them and the edges, see
+        path: Folder of the files.
+        skeleton: By default a skeleton for the names of the nodes and the edges, see
             `dmae.formats.recordings.named_joints.named_skeleton`.
 
     Raises:

@@ -43,6 +43,39 @@ def measure_distances(projections, focal, scale, xy, xyz, distances):
 
 
 @compiled()
+def measure_pairs(projections, focal, xy, xyz, detection, pairs, distance, exchanged):
+    """Write distances of detected pairs from where they are expected, and from where their partners are, in metres.
+
+    Args:
+        projections: (V, 3, 4) pinhole projection matrices.
+        focal: (V,) px.
+        xy: (F, V, D, J, 2) px; NaN where absent.
+        xyz: (F, P, J, 3) m; NaN where unknown.
+        detection: (F, P, V, n) index of the detection of each pair; negative for none.
+        pairs: (n, 2) indices of the left and the right joint.
+        distance, exchanged: (F, P, V, n, 2), written; NaN where either is absent.
+    """
+    frames, persons, views, count = detection.shape
+    for f in range(frames):
+        for p in range(persons):
+            for v in range(views):
+                for n in range(count):
+                    d = detection[f, p, v, n]
+                    for side in range(2):
+                        x, y, depth = project(projections[v], xyz[f, p, pairs[n, side]])
+                        # The left joint's place is compared with both detected joints, so is the right one's.
+                        for shown in range(2):
+                            found = np.nan
+                            if d >= 0:
+                                dx, dy = x - xy[f, v, d, pairs[n, shown], 0], y - xy[f, v, d, pairs[n, shown], 1]
+                                found = np.sqrt(dx * dx + dy * dy) * depth / focal[v]
+                            if side == shown:
+                                distance[f, p, v, n, shown] = found
+                            else:
+                                exchanged[f, p, v, n, shown] = found
+
+
+@compiled()
 def nearest_detections(projections, focal, xy, paths, most, assigned):
     """Write, for joints with a path, the detection nearest to it that is nearest to no other person, or -1.
 

@@ -13,7 +13,7 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import release
 from dmae.reconstruction.association import NONE
-from dmae.reconstruction.compiled.reprojection import judge_sides
+from dmae.reconstruction.compiled.reprojection import judge_sides, measure_pairs
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 
@@ -107,15 +107,12 @@ def find_exchanged(
     left, right = (assigned[..., pairs[:, side]] for side in (0, 1))
     detection = np.where(left == NONE, right, left)
     detection = np.where((right != NONE) & (right != detection), NONE, detection)
-    pixels, depth = evidence.rig.project(expected)
-    scale = depth / np.sqrt(evidence.rig.K[:, 0, 0] * evidence.rig.K[:, 1, 1])[:, None, None]
-    pixels, scale = (each.swapaxes(1, 2)[:, :, :, pairs] for each in (pixels, scale))
-    frame, view = np.arange(frames.start, frames.stop)[:, None, None, None], np.arange(len(evidence.rig))[:, None]
-    shown = np.stack([evidence.xy[frame, view, detection, pairs[:, side]] for side in (0, 1)], -2)
-    shown = np.where((detection == NONE)[..., None, None], np.nan, shown)
-    distance = np.linalg.norm(shown - pixels, axis=-1) * scale
-    other = np.linalg.norm(shown - pixels[..., ::-1, :], axis=-1) * scale[..., ::-1]
-    wrong = _is_exchanged(distance, other, sides)
+    rig, found = evidence.rig, np.empty((2, *detection.shape, 2))
+    focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
+    measure_pairs(
+        rig.projections, focal, evidence.xy[frames], np.asarray(expected, np.float64), detection, pairs, *found
+    )
+    wrong = _is_exchanged(*found, sides)
     observing = (assigned != NONE).any(-1).sum(2)[:, :, None, None]
     return wrong & (2 * wrong.sum(2, keepdims=True) <= observing), detection
 

@@ -15,7 +15,7 @@ from synth.datasets.exporters.selection import ClipTask, Selection, write_lines
 
 @exporter("coco")
 def export_coco(selection: Selection, out: Path) -> dict[str, Counter]:
-    """COCO keypoints with masks as run lengths, boxes, and what hides each joint."""
+    """COCO keypoints with masks as run lengths, boxes, and the occluder of each joint."""
     found = {split: Counter() for split in selection.splits}
     tasks: dict[str, list[ClipTask]] = {split: [] for split in selection.splits}
     for task, counts in selection.each_clip(_write_clip, out):
@@ -29,7 +29,7 @@ def export_coco(selection: Selection, out: Path) -> dict[str, Counter]:
 
 
 def _write_clip(task: ClipTask) -> Counter:
-    """Write the pictures of a clip, and entries numbered from 1."""
+    """Write the images of a clip, and the entries of its images and annotations with ids from 1 on. Return counts."""
     clip, counts = task.load(), Counter(clips=1)
     images, annotations = [], []
     physical = PhysicalEntries(task.folder, clip.rig)
@@ -45,7 +45,7 @@ def _write_clip(task: ClipTask) -> Counter:
 
 
 def _join(file: TextIO, tasks: list[ClipTask], category: dict) -> None:
-    """Write the entries of all clips as one JSON, numbered through; one line of one clip is in memory at a time."""
+    """Write the entries of all clips as one JSON with new ids. Only one entry is in memory at a time."""
     info = {"clips": {task.name: read_json(task.part("clip")) for task in tasks}}
     file.write(f'{{"info": {json.dumps(info)}, "categories": {json.dumps([category])}')
     images_before = [0]

@@ -1,4 +1,4 @@
-"""Export data sets: choose clips, check them, and write them whole in another program's layout."""
+"""Export data sets: choose clips, check them, and write them in the layout of another program."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ FORMAT = 1
 SUMMARY = "export.json"
 CARD = "README.md"
 ONE_SPLIT = "train"
-"""The split that all clips are in where no splits are given."""
+"""The split of all clips if no splits are given."""
 
 
 def export(
@@ -35,25 +35,26 @@ def export(
     workers: int = 1,
     damaged: bool = False,
 ) -> dict:
-    """Write a data set in the layout of another program, whole or not at all.
+    """Write a data set in the layout of another program, completely or not at all.
 
     Args:
         data: The data set, or a clip.
-        out: Folder to write; it does not exist yet, or is empty.
+        out: Folder to write. It must not exist yet, or be empty.
         format: Name of an exporter, or `package.module:function`.
         splits: File that `synth.datasets.splits.write_splits` wrote; by default all clips are in the split `train`.
-        skeleton: Skeleton to write; by default the format's.
-        every: 2 for every other frame.
+        skeleton: Skeleton to write; by default the default skeleton of the format.
+        every: Export one frame in this number; 2 for every second frame.
         pictures: File format of images.
-        workers: Processes; -1 for one per core.
-        damaged: Whether to export even if files are missing or not as they were written.
+        workers: Number of processes; -1 for one per core.
+        damaged: Whether to export even if files are missing or have changed since they were written.
 
     Returns:
-        The content of `export.json`: what was written.
+        The content of `export.json`, a summary of the export.
 
     Raises:
-        FileNotFoundError: there is no such data set, or file of splits.
-        ValueError: `out` is not empty, clips have no truth, no pictures or different skeletons, or splits do not fit.
+        FileNotFoundError: the data set or the file of splits does not exist.
+        ValueError: `out` is not empty, clips have no truth, no images or different skeletons, the splits do not match
+            the clips, or an option is invalid.
     """
     data, out = Path(data), Path(out)
     entry = exporter.find(format)
@@ -130,7 +131,7 @@ def _summary(entry: Exporter, selection: Selection, found: dict[str, Counter], c
 
 
 def card(summary: dict) -> str:
-    """Return the page about an export, in Markdown."""
+    """Return the text of the README of an export, in Markdown."""
     splits = summary["splits"]
     columns = ("clips", "pictures", "persons", "hidden", "masks", "amodal_masks")
     total = {key: sum(each.get(key, 0) for each in splits.values()) for key in columns}

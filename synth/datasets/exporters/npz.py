@@ -1,4 +1,4 @@
-"""Numpy: one `.npz` a clip with its cameras, truth, labels and detections, for programs without this package."""
+"""NumPy: one `.npz` per clip with its cameras, truth and labels, for programs without this package."""
 
 from collections import Counter
 from dataclasses import fields
@@ -26,7 +26,7 @@ def export_npz(selection: Selection, out: Path) -> dict[str, Counter]:
 def _write_clip(task: ClipTask) -> Counter:
     clip, counts = task.load(), Counter(clips=1)
     for _ in task.pictures(clip, counts) if clip.images is not None else ():
-        # Pictures are counted for the card, and not written.
+        # Pictures are only counted for the README of the export, not written.
         pass
     frames = slice(None, None, task.every)
     labels = joint_labels(clip, clip.truth, task.skeleton)
@@ -49,9 +49,9 @@ def _write_clip(task: ClipTask) -> Counter:
 
 
 def physical_arrays(folder: Path, every: int = 1) -> dict[str, np.ndarray]:
-    """Return the physical labels of a clip, of one frame in `every`: `contacts.*`, `forces.*`, `surface.*`.
+    """Return arrays of the physical labels of a clip, for one frame in `every`: `contacts.*`, `forces.*`, `surface.*`.
 
-    Frames of contacts keep their numbers in the clip. There are no arrays where the clip has no such labels.
+    Frame numbers of contacts are those of the clip. The result is empty if the clip has no physical labels.
     """
     labels = load_physical_labels(folder) if (folder / FILE).is_file() else PhysicalLabels()
     found = {}

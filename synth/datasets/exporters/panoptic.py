@@ -1,4 +1,4 @@
-"""CMU Panoptic Studio: a folder a sequence, with calibration, poses and pictures."""
+"""CMU Panoptic Studio: one folder per sequence, with calibration, poses and images."""
 
 import re
 from collections import Counter
@@ -28,7 +28,7 @@ def export_panoptic(selection: Selection, out: Path) -> dict[str, Counter]:
 
 
 def _write_clip(task: ClipTask) -> Counter:
-    """Write one sequence. Cameras that are not named <panel>_<node> become nodes of panel 0, as in the calibration."""
+    """Write one sequence, and return counts. Cameras without a name <panel>_<node> become nodes of panel 0."""
     clip, counts = task.load(), Counter(clips=1)
     names = [name if re.fullmatch(r"\d\d_\d\d", name) else f"00_{view:02}" for view, name in enumerate(clip.rig.names)]
     folder = task.out / task.split / file_part(task.name)

@@ -1,4 +1,4 @@
-"""Labels that only physics has, as entries of a person in a picture: contacts, what carries them, surface points."""
+"""Physical labels as entries of a person in a picture: contacts, ground reaction, and points on the surface."""
 
 from pathlib import Path
 
@@ -14,15 +14,15 @@ KEYS = (
     "contacts", "weight", "ground_reaction", "centre_of_pressure", "residual", "surface_keypoints",
     "surface_visibility", "surface_hidden_by",
 )  # fmt: skip
-"""Keys of an entry, of which each kind of labels has some."""
+"""Keys of an entry. Each kind of physical labels has some of them."""
 
 
 class PhysicalEntries:
-    """The entries of one clip; empty ones where the clip has no such labels.
+    """The entries of one clip. Entries are empty if the clip has no physical labels.
 
     Args:
-        folder: Of the clip.
-        rig: Its true cameras.
+        folder: Folder of the clip.
+        rig: True cameras of the clip.
     """
 
     def __init__(self, folder: Path, rig: CameraRig):
@@ -32,7 +32,7 @@ class PhysicalEntries:
         self._persons = None if contacts is None else contacts.persons
 
     def of(self, picture: Picture, person: PersonLabel) -> dict:
-        """Return the entry of a person in a picture: those of `KEYS` that are known."""
+        """Return the entry of a person in a picture, with the known keys of `KEYS`."""
         found = {}
         if self._labels.contacts is not None:
             found["contacts"] = self._contacts(picture.frame, person.person)
@@ -48,7 +48,7 @@ class PhysicalEntries:
         return found
 
     def _contacts(self, frame: int, person: int) -> list[dict]:
-        """Return the contacts of a person in a frame; forces are on the person."""
+        """Return the contacts of a person in a frame, with the forces that act on the person."""
         contacts, found = self._labels.contacts, []
         first, last = np.searchsorted(contacts.frame, (frame, frame + 1))
         for number in range(first, last):
@@ -83,5 +83,5 @@ class PhysicalEntries:
 
 
 def _known(values: np.ndarray, digits: int) -> list[float] | None:
-    """Return numbers, rounded; None where there are none, as JSON has no NaN."""
+    """Return rounded numbers as a list; None if one is NaN, because JSON has no NaN."""
     return None if np.isnan(values).any() else [round(value, digits) for value in values.tolist()]

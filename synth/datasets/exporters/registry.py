@@ -1,7 +1,7 @@
 """The registry of exporters of data sets.
 
-An exporter is a function under the decorator `exporter` in a module of this package. It takes a `Selection` of clips
-and the folder to write, and returns what it wrote, by split.
+An exporter is a function with the decorator `exporter` in a module of this package. It takes a `Selection` of clips and
+the folder to write. It returns counts of what it wrote, by split.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from dmae.registry import Entry, Registry
 
 @dataclass(frozen=True)
 class Exporter(Entry):
-    """A function of a `Selection` and the folder to write.
+    """An exporter: a function that takes a `Selection` and the folder to write, and returns counts by split.
 
     Attributes:
-        pictures: Whether it needs images of colour.
-        skeleton: Skeleton that is written where none is asked for.
-        only: Whether the format has no other skeleton.
-        validation: Whether the format's readers insist on a split for validation.
+        pictures: Whether it needs colour images.
+        skeleton: Default skeleton.
+        only: Whether the format supports only this skeleton.
+        validation: Whether readers of the format require splits for training and validation.
     """
 
     pictures: bool = True

@@ -1,4 +1,4 @@
-"""The clips that are exported, and the parts that processes make of them."""
+"""The clips that are exported, and the tasks and files of the processes that export them."""
 
 import json
 from collections import Counter
@@ -17,7 +17,7 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 
 PARTS = ".parts"
-"""Folder of what processes hand on, in the folder that is written; removed in the end."""
+"""Folder of temporary files of the processes, in the folder of the export. It is removed at the end."""
 
 
 class PictureFormat(Enum):
@@ -30,15 +30,15 @@ class PictureFormat(Enum):
 
 @dataclass(frozen=True)
 class ClipTask:
-    """A clip to export, in a process of its own.
+    """The task to export one clip, for one process.
 
     Attributes:
-        folder: Of the clip.
-        name: Of the clip in the data set.
-        split: Its split.
-        skeleton: J joints to write.
-        every: 2 for every other frame.
-        suffix: Of pictures, `jpg` or `png`.
+        folder: Folder of the clip.
+        name: Name of the clip in the data set.
+        split: Split of the clip.
+        skeleton: Skeleton to write, with J joints.
+        every: Export one frame in this number; 2 for every second frame.
+        suffix: Suffix of image files, `jpg` or `png`.
         out: Folder of the export.
     """
 
@@ -51,12 +51,15 @@ class ClipTask:
     out: Path
 
     def load(self) -> Clip:
-        """Return the clip with its true cameras, which its pictures are of."""
+        """Return the clip with its true cameras, which made its images, as `rig`."""
         clip = load_clip(self.folder)
         return clip if clip.true_rig is None else replace(clip, rig=clip.true_rig, true_rig=None)
 
     def pictures(self, clip: Clip, counts: Counter) -> Iterator[Picture]:
-        """Yield the pictures of the clip with the persons that they show, and count what there is."""
+        """Yield the pictures of the clip with the persons that they show.
+
+        `counts` is increased by the numbers of pictures, persons shown, persons hidden, masks and amodal masks.
+        """
         labels = joint_labels(clip, clip.truth, self.skeleton)
         for picture in read_pictures(clip, labels, every=self.every):
             shown = [person for person in picture.persons if person.shown]
@@ -72,7 +75,7 @@ class ClipTask:
         return f"{file_part(self.name)}/{picture.path}"
 
     def write(self, picture: Picture, folder: str) -> str:
-        """Write a picture into `<folder>/<split>`; return its path in there."""
+        """Write a picture into `<folder>/<split>`, and return its path relative to that folder."""
         name = f"{self.file_name(picture)}.{self.suffix}"
         path = self.out / folder / self.split / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -80,14 +83,14 @@ class ClipTask:
         return name
 
     def part(self, suffix: str) -> Path:
-        """Return the file in which the process hands on what it made of the clip."""
+        """Return the path of a temporary file with results of the process for this clip."""
         path = self.out / PARTS / f"{file_part(self.split)}.{file_part(self.name)}.{suffix}"
         path.parent.mkdir(exist_ok=True)
         return path
 
 
 class Written(NamedTuple):
-    """What came of a clip."""
+    """The result of exporting a clip: its task, and counts of what was written."""
 
     task: ClipTask
     counts: Counter
@@ -99,11 +102,11 @@ class Selection:
 
     Attributes:
         data: The data set.
-        splits: Names of clips by name of split.
-        skeleton: J joints to write.
-        every: 2 for every other frame.
+        splits: Names of clips, by name of the split.
+        skeleton: Skeleton to write, with J joints.
+        every: Export one frame in this number; 2 for every second frame.
         pictures: File format of images.
-        workers: Processes; -1 for one per core.
+        workers: Number of processes; -1 for one per core.
     """
 
     data: Path
@@ -114,7 +117,7 @@ class Selection:
     workers: int = 1
 
     def each_clip(self, function: Callable[[ClipTask], Counter], out: Path) -> Iterator[Written]:
-        """Yield what `function` made of each clip, split by split, in the order of the clips."""
+        """Yield the result of `function` for each clip, split by split, in the order of the clips."""
         how = {"skeleton": self.skeleton, "every": self.every, "suffix": self.pictures.value, "out": out}
         tasks = [
             ClipTask(self.data / name, name, split, **how) for split, names in self.splits.items() for name in names
@@ -125,11 +128,11 @@ class Selection:
 
 
 def write_lines(path: Path, lines: list[dict]) -> None:
-    """Write JSON, one object per line."""
+    """Write a file of JSON objects, one per line."""
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 
 def world_joints(person: PersonLabel) -> list[list[float] | None]:
-    """Return the joints in the world, m, to 0.1 mm; None where absent, which JSON has no NaN for."""
+    """Return the joints in the world, m, to 0.1 mm; None where absent, because JSON has no NaN."""
     known = [[round(value, 4) for value in joint] for joint in person.xyz.tolist()]
     return [None if joint[0] != joint[0] else joint for joint in known]

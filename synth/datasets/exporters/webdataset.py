@@ -1,4 +1,4 @@
-"""WebDataset: tar shards of pictures and their labels, in an order that is read from one end to the other."""
+"""WebDataset: tar shards of images and their labels, which are read sequentially."""
 
 import io
 import json
@@ -14,7 +14,7 @@ from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection, world_joints
 
 SHARD_BYTES = 10**9
-"""A new shard begins after so much; a clip's pictures stay together."""
+"""A new shard begins after this number of bytes. All images of a clip are in the same shard."""
 
 
 @exporter("webdataset")
@@ -68,7 +68,7 @@ def _write_clip(task: ClipTask) -> Counter:
 
 
 def camera_entry(rig: CameraRig, view: int) -> dict:
-    """Return name, size and calibration of a camera, as `CameraRig` has them."""
+    """Return name, size and calibration of a camera, with the fields of `CameraRig`."""
     return {
         "name": rig.names[view],
         "size": rig.size[view].tolist(),

@@ -1,4 +1,4 @@
-"""YOLO pose, as Ultralytics reads it: `data.yaml`, `images/<split>/`, and one text file per image in
+"""YOLO pose in the layout of Ultralytics: `data.yaml`, `images/<split>/`, and one text file per image in
 `labels/<split>/`."""
 
 from collections import Counter
@@ -11,7 +11,7 @@ from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import ClipTask, Selection
 
 _KEYS = {"train": "train", "validation": "val", "test": "test"}
-"""Names of splits in `data.yaml`."""
+"""Keys of splits in `data.yaml`."""
 
 
 @exporter("yolo", validation=True)
@@ -39,13 +39,14 @@ def _write_clip(task: ClipTask) -> Counter:
 
 
 def _line(person: PersonLabel, picture: Picture) -> str:
-    """Return class, middle, width and height of the box, and x, y, v of each joint.
+    """Return the line of a person: class, centre, width and height of the box, and x, y, v of each joint.
 
-    Fractions count from the picture's corner, pixels from the middle of the first.
+    Positions are fractions of the image, from its corner. Pixel (0, 0) of our convention is the centre of the first
+    pixel.
     """
     width, height = picture.size
     x, y, box_width, box_height = person.box
-    # The box of joints begins at the middle of a pixel.
+    # A box around joints is in pixel coordinates, so its origin is the centre of a pixel.
     half = 0 if person.visible_pixels else 0.5
     values = [(x + half + box_width / 2) / width, (y + half + box_height / 2) / height]
     values += [box_width / width, box_height / height]

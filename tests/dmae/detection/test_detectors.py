@@ -3,11 +3,13 @@
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from dmae.data.skeleton import BLAZEPOSE33, BODY25, COCO17
 from dmae.data.skeleton_conversion import convert_detections
+from dmae.detection.blazepose.people import PeopleDetector
 from dmae.detection.pictures import find_cameras
 from dmae.detection.pipeline import detect_people, make_detector, to_detections
 from dmae.detection.registry import PoseDetectorConfig
@@ -42,6 +44,58 @@ def test_a_person_is_followed_and_an_empty_picture_is_empty(picture):
     second, _ = detector(picture)
     assert np.nanmedian(np.linalg.norm(second - first, axis=-1)) < 10
     assert len(detector(np.zeros_like(picture))[0]) == 0
+
+
+class _SeesLate(PeopleDetector):
+    """Searches for nobody in the first two pictures."""
+
+    def _search(self, *args):
+        if self._number >= 2:
+            super()._search(*args)
+
+
+@real
+def test_a_person_found_late_is_found_in_the_pictures_before(picture):
+    detector = _SeesLate(PoseDetectorConfig(windows=[1.0]), look_back=True)
+    empty = np.zeros_like(picture)
+    assert [detector(each) for each in (empty, picture)] == [[], []] and not detector.late
+    (person,) = detector(picture)
+    ((ago, before),) = detector.late
+    assert ago == 1 and np.abs(before.xy - person.xy).mean() < 10
+    assert len(detector(picture)) == 1 and not detector.late
+
+
+class _Late:
+    """Finds a person at (0, 0) in each picture, and one in the picture before that was there."""
+
+    skeleton = COCO17
+
+    def __init__(self, config: PoseDetectorConfig):
+        self.pictures = 0
+
+    def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self.pictures += 1
+        return np.zeros((1, 17, 2)), np.ones((1, 17))
+
+    def found_late(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        return [(1, np.full((1, 17, 2), self.pictures), np.ones((1, 17)))] if self.pictures > 1 else []
+
+
+def late_detector(config: PoseDetectorConfig) -> _Late:
+    return _Late(config)
+
+
+def test_people_found_late_are_added_to_the_picture_that_they_are_in(tmp_path: Path):
+    pictures = tmp_path / "videos/cam"
+    pictures.mkdir(parents=True)
+    for number in range(4):
+        cv2.imwrite(str(pictures / f"{number}.png"), np.zeros((8, 8, 3), np.uint8))
+    (pictures / "2.png").write_bytes(b"unreadable")
+    (camera,) = find_cameras(tmp_path / "videos")
+    found = detect_people([camera], PoseDetectorConfig(name=f"{__name__}:late_detector"), tmp_path / "pieces")
+    people = found["cam"].people
+    assert people[2] is None
+    assert [each[:, 0, 0].tolist() for each in people if each is not None] == [[0, 2], [0, 3], [0]]
 
 
 @real

@@ -1,11 +1,13 @@
 """Regions, windows, candidates and torsos, without any network."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dmae.data.skeleton import BLAZEPOSE33
 from dmae.detection.blazepose.candidates import _is_cut, _merged, anchors, same_region, windows_of
-from dmae.detection.blazepose.landmarks import TORSO, Person, disagreement, painted_over, same_torso
+from dmae.detection.blazepose.landmarks import TORSO, Person, disagreement, painted_over, part_of, same_torso
 from dmae.detection.blazepose.regions import Region, pyramid_of
 from dmae.detection.blazepose.torso import corrected_torso
 
@@ -77,6 +79,18 @@ def test_duplicates_are_told_by_torsos():
     assert not same_torso(person(0), person(60))
     assert same_region(person(0).region, person(10).region)
     assert not same_region(person(0).region, person(60).region)
+
+
+def test_a_small_body_with_the_head_of_a_larger_one_is_a_part_of_it():
+    whole = person(0)
+    head = whole.xy[BLAZEPOSE33.index("nose")[0]]
+
+    def shrunk(factor: float, by: float = 0) -> Person:
+        return replace(whole, xy=head + factor * (whole.xy - head) + (by, 0))
+
+    assert part_of(shrunk(0.5), whole) and not part_of(whole, shrunk(0.5))
+    assert not part_of(shrunk(0.9), whole)
+    assert not part_of(shrunk(0.5, by=whole.torso_size / 2), whole)
 
 
 def test_exchanged_sides_are_the_same_torso_but_disagree():

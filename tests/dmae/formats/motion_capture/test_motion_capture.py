@@ -163,7 +163,7 @@ def test_more_frames_than_a_c3d_counts_go_into_several(clip, tmp_path, monkeypat
     ezc3d = pytest.importorskip("ezc3d")
     write_poses(clip, tmp_path / "walk.c3d", "c3d")
     monkeypatch.setattr(c3d, "_MOST_FRAMES", 20)
-    monkeypatch.setattr(c3d, "_PART", 12)
+    monkeypatch.setattr(c3d, "_PART_FRAMES", 12)
     write_poses(clip, tmp_path / "parts" / "walk.c3d", "c3d")
     parts = [ezc3d.c3d(str(path))["data"] for path in sorted((tmp_path / "parts").iterdir())]
     assert [path.name for path in sorted((tmp_path / "parts").iterdir())] == [
