@@ -47,7 +47,7 @@ class PictureDetector(Protocol):
     """Finds the people in the images of one camera.
 
     A detector may also have a method `found_late()`, which is called after each image. It returns people in earlier
-    images that this one led to: how many images before, xy (D, J, 2) and score (D, J).
+    images that were found by means of this image: the number of images before, xy (D, J, 2) and score (D, J).
 
     Attributes:
         skeleton: J joints.

@@ -70,7 +70,7 @@ class PeopleDetector:
     """Detector of the people in images that are given in order."""
 
     def __init__(self, config: PoseDetectorConfig, look_back: bool = False):
-        """Args: look_back: Whether a new person is also looked for in the images before, see `late`."""
+        """Args: look_back: Whether a new person is also searched in previous images, see `late`."""
         self._config, self._look_back = config, look_back
         self._finder, self._joints = Network("pose_detection"), Network("pose_landmark_full")
         self._followed: list[_Followed] = []
@@ -78,7 +78,7 @@ class PeopleDetector:
         self._number = 0
         self._before: deque[tuple[list[np.ndarray], list[Person]]] = deque(maxlen=_LOOK_BACK)
         self.late: list[tuple[int, Person]] = []
-        """People of earlier images that the last one led to, each with how many images before it."""
+        """People in earlier images that were found by the last image, each with the number of images before it."""
 
     def __call__(self, picture: np.ndarray) -> list[Person]:
         """Return the people of the next image (H, W, 3) uint8, RGB."""
@@ -112,7 +112,7 @@ class PeopleDetector:
         return found
 
     def _follow_back(self, person: Person) -> Iterator[tuple[int, Person]]:
-        """Find a new person in the images before, one after the other, until it is known or not there for sure."""
+        """Follow a new person back through the previous images, until it is known there or not found with certainty."""
         for ago, (pyramid, known) in enumerate(reversed(self._before), 1):
             found = find_person(self._joints, pyramid, person.region)
             if found.region is None or _known(found, known) or disagreement(found, person) > _JUMP:

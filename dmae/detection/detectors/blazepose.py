@@ -29,7 +29,7 @@ class BlazePose:
         return self._joints_of(self._people(picture))
 
     def found_late(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """See `PictureDetector`: people who were first found in the last image, in those before it."""
+        """Return people that were first found in the last image, in the images before it; see `PictureDetector`."""
         return [(ago, *self._joints_of([person])) for ago, person in self._people.late]
 
     def _joints_of(self, people: list[Person]) -> tuple[np.ndarray, np.ndarray]:
