@@ -11,8 +11,10 @@ from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.triangulation import Points
 
 _OFFSET = 0.7
-"""Sigmas of the detections; a larger constant offset between a camera and the points is not noise. Offsets are up to 0.3
-for the people of Shelf, and 0.85 and 1.06 in Pose2Sim's demonstration, with cameras that are 5 to 8 cm off."""
+"""Sigmas of the detections; a larger constant offset between a camera and the points is not noise.
+
+Offsets are up to 0.3 for the people of Shelf, and 0.85 and 1.06 in Pose2Sim's demonstration, with cameras that are 5 to
+8 cm off."""
 _MIN_FRAMES = 25
 """Smallest number of frames in which a camera sees a person, for the estimate of a constant offset."""
 
