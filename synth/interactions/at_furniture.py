@@ -12,7 +12,7 @@ from synth.rooms.props import PlacedProp, prop_size
 _HAND = 0.012
 """Height of a resting palm above a board, m."""
 _LOW, _OUT = 0.15, (-0.1, 1.0, 0.35)
-"""Shoulders less than this above a table, m, and the direction of elbows that then keeps them clear of its edge."""
+"""Height of shoulders above a table, m, below which elbows point outward, and that direction, clear of the edge."""
 
 
 @interaction(persons=(3, 6))
@@ -34,7 +34,7 @@ def counter(cast: Cast, *, rng: np.random.Generator) -> Script:
         at = np.array((side * (reach + rng.uniform(0, 0.05)), across))
         start = np.array((*(at @ turn), facing + rng.normal(0, 0.1)))
         if staff and number == 0:
-            # Only sideways: the counter is an obstacle.
+            # The person moves only sideways, because the counter is an obstacle.
             end = np.array((*((at - (0.04, 0.35)) @ turn), facing))
             path = approach(cast, start, end, begin=0.3 * seconds[-1], speed=0.4)
             path[:, 2] = facing

@@ -21,18 +21,18 @@ _STRETCH = 0.94
 
 
 def seated(body: Body) -> float:
-    """Height of the hips in sitting on a stool, m."""
+    """Return the hip height in sitting on a stool, m."""
     return float(prop_size(STOOL).reach[2]) + _CLOTH + trunk_sections(body, np.zeros(1))[0, 2]
 
 
 def arm_length(body: Body) -> float:
-    """Distance from the shoulder to the palm of a straight arm, m."""
+    """Return the distance from the shoulder to the palm of a straight arm, m."""
     lengths = sum(float(np.linalg.norm(body.offsets[SEGMENTS.index(f"l_{part}")])) for part in ("forearm", "hand"))
     return lengths + float(PALM[1]) * body.stature * body.arms
 
 
 def thickness(body: Body) -> float:
-    """Half the greatest depth of the trunk, at the belly or at the chest, m."""
+    """Return half the greatest depth of the trunk, at the belly or at the chest, m."""
     return float(trunk_sections(body, np.array((0.105, 0.21)))[:, 2].max())
 
 
@@ -62,13 +62,13 @@ def on_trunk(body: Body, height: float, angle: float, press: float) -> tuple[str
 
 
 def nearest_reached(points: np.ndarray, bodies: Sequence[Body], shoulders: Sequence[np.ndarray]) -> np.ndarray:
-    """Return points (F, 3) moved as little as makes a palm of each person reach them, m, by alternating projections.
+    """Return points (F, 3), m, moved as little as necessary for a palm of each person to reach them.
 
-    Where no point is in reach of all, it lies between them.
+    Alternating projections find them. If no point is in reach of all people, the result is between them.
 
     Args:
         points: (F, 3) m.
-        bodies: Of the people.
+        bodies: Bodies of the people.
         shoulders: (F, 3) m of each person, the shoulder of the arm.
     """
     for _ in range(_PROJECTIONS):
@@ -80,10 +80,10 @@ def nearest_reached(points: np.ndarray, bodies: Sequence[Body], shoulders: Seque
 
 
 def within_reach(bodies: Sequence[Body], away: Sequence[float]) -> tuple[float, float]:
-    """Least and greatest height at which all people, standing upright, reach a palm, m.
+    """Return the least and greatest height at which the palms of all people can be, standing upright, m.
 
-    The palm is a horizontal distance `away`, m, from each person's shoulder. The least exceeds the greatest where there
-    is no such height.
+    The palm is a horizontal distance `away`, m, from each person's shoulder. If there is no such height, the
+    least exceeds the greatest.
     """
     low, high = 0.0, np.inf
     for body, far in zip(bodies, away, strict=True):

@@ -49,7 +49,7 @@ def pass_box(cast: Cast, *, rng: np.random.Generator) -> Script:
 
 
 def holding_place(bodies: Sequence[Body]) -> tuple[list[float], float]:
-    """Distance of the box ahead of each of two people's hips as they pass it on, and its height, m."""
+    """Return the distance of the box ahead of each of two people's hips as they pass it on, and its height, m."""
     arms = [arm_length(body) for body in bodies]
     # The nearer the box, the larger its range of heights: people of different stature pass it close by.
     for share in (0.66, 0.58, 0.50, 0.44):
@@ -63,7 +63,7 @@ def holding_place(bodies: Sequence[Body]) -> tuple[list[float], float]:
 def hand_over(
     cast: Cast, people: tuple[int, int], paths: Sequence[np.ndarray], taken: float
 ) -> tuple[Load, Callable[[Poses], list[Reach]]]:
-    """A box that the first of two people holds at the start of the clip and the second takes.
+    """Return a box that the first of two people holds at the start of the clip and the second takes.
 
     Args:
         cast: All people.

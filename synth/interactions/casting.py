@@ -1,4 +1,4 @@
-"""From a script and a motion source to one motion for each person."""
+"""Draw one motion for each person from a script and a motion source."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,13 +19,13 @@ from synth.people.body import Body
 from synth.people.segments import SEGMENTS
 
 _DRAWS = 4
-"""Stretches of recordings that are drawn for one that fits a role."""
+"""Greatest number of stretches of recordings that are drawn to find one that fits a role."""
 _WALKING, _STEADY = (0.5, 2.2), 0.85
 """Least and greatest speed of a walk, m/s, and the least share of the time at such a speed."""
 _PROCEDURAL_WALK = (0.65, 1.6)
 """Least and greatest speed of procedural walks for a role, m/s."""
 _UPRIGHT = 0.8
-"""Least vertical component of the chest's axis for a trunk that fits on other legs."""
+"""Least vertical component of the chest's axis for a trunk that can be combined with other legs."""
 _HEAD, _CHEST = (SEGMENTS.index(name) for name in ("head", "chest"))
 
 
@@ -42,9 +42,9 @@ def draw_motions(
     """Draw the motions of all people of a clip, at the size of their bodies.
 
     Args:
-        config: Where motion comes from.
+        config: The motion source.
         interaction: What people do together.
-        bodies: Of P people, bystanders last.
+        bodies: Bodies of P people, bystanders last.
         frames, fps: Length and frame rate of the clip.
         radius: Greatest distance of hips from the middle, m.
         seed, clip: Seed of the data set and number of the clip.
@@ -59,7 +59,7 @@ def draw_motions(
     taking_part = len(bodies) - interaction.bystanders
     cast = Cast(tuple(bodies[:taking_part]), np.arange(frames) / fps, fps, radius)
     script = find_interaction(interaction.kind).function(cast, rng=generator(seed, clip, Stream.INTERACTION))
-    # With a stream of their own: bystanders do not change those who take part.
+    # Bystanders have a stream of their own, so that they do not change the people who take part.
     apart = generator(seed, clip, Stream.MOTION).spawn(1)[0]
     bystanders = [_at_size(config, body, seconds=frames / fps, fps=fps, rng=apart) for body in bodies[taking_part:]]
     return cast_roles(script, cast, config, rng=rng) + bystanders, script
@@ -69,15 +69,15 @@ def cast_roles(script: Script, cast: Cast, config: MotionConfig, *, rng: np.rand
     """Draw a motion for each role of a script and let it follow the role.
 
     A role that walks takes a walk of the motion source, bent along the path. If none of a few draws is a walk, and for
-    all other roles, the legs follow the path step by step below the trunk, arms and head of a motion of the source that
-    is upright throughout, or else of a procedural person who stands.
+    all other roles, the legs follow the path step by step. The trunk, arms and head then come from a motion of the
+    source that is upright throughout, or else from a procedural person who stands.
 
     Recordings of two people together are played unchanged where the script asks for that.
 
     Args:
         script: The roles, around the origin.
         cast: The people.
-        config: Where motion comes from.
+        config: The motion source.
         rng: Draws motions and steps.
 
     Returns:
@@ -100,7 +100,7 @@ def cast_roles(script: Script, cast: Cast, config: MotionConfig, *, rng: np.rand
 
 
 def _at_size(config: MotionConfig, body: Body, *, seconds: float, fps: float, rng: np.random.Generator) -> Motion:
-    """A motion of the body's size; an adult's is played faster for a child, who has shorter steps."""
+    """Return a motion of the body's size. It is played faster for a child, because children make shorter steps."""
     # All stools have one height, so that short people sit higher relative to their legs.
     seat = seated(body) / body.hip_height
     motion = load_motion(config, seconds=seconds * body.tempo, fps=fps / body.tempo, rng=rng, seated=seat)
@@ -108,7 +108,7 @@ def _at_size(config: MotionConfig, body: Body, *, seconds: float, fps: float, rn
 
 
 def _recorded_pair(cast: Cast, config: MotionConfig, *, rng: np.random.Generator) -> list[Motion] | None:
-    """The same stretch of a take and of its partner, around the origin; None if no take has a partner."""
+    """Return the same stretch of a take and of its partner, around the origin; None if no take has a partner."""
     if config.kind == PROCEDURAL:
         return None
     pairs = [(path, other) for path in takes(config) if (other := partner(path))]
@@ -141,7 +141,7 @@ def _together(pair: tuple[Motion, ...]) -> list[Motion]:
 
 
 def _draw(role: Role, body: Body, cast: Cast, config: MotionConfig, *, rng: np.random.Generator) -> tuple[Motion, bool]:
-    """The first of a few motions at the body's size that fits the role, or the last, and whether it fits."""
+    """Return the first of a few motions at the body's size that fits the role, or the last, and whether it fits."""
     span = {"seconds": len(cast.seconds) / cast.fps, "fps": cast.fps, "rng": rng}
     length = np.linalg.norm(np.diff(role.path[:, :2], axis=0), axis=1).sum()
     speed = float(np.clip(length / max(cast.seconds[-1], 1e-9) * body.tempo, *_PROCEDURAL_WALK))
@@ -164,7 +164,7 @@ def _draw(role: Role, body: Body, cast: Cast, config: MotionConfig, *, rng: np.r
 
 
 def _is_walk(base: Motion) -> bool:
-    """Whether a motion is a forward walk throughout."""
+    """Return whether a motion is a forward walk throughout."""
     if len(base) < 4:
         return False
     _, along, direction = course(base)

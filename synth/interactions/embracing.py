@@ -14,11 +14,11 @@ from synth.people.segments import SEGMENTS
 
 
 class _Way(NamedTuple):
-    """A way of an arm in a hug.
+    """The path of an arm in a hug.
 
     Attributes:
-        via: Where the palm is on the way, in the frame of the other's chest as fractions of stature, y towards the side
-            of the arm.
+        via: Position of the palm before the arms close, in the frame of the other's chest as fractions of stature, y
+            towards the side of the arm.
         elbow: Direction of the elbow.
         heights: Least and greatest height of the palm on the back, as `on_trunk` takes it.
         angles: Least and greatest angle of the palm from the spine, rad.
@@ -30,7 +30,7 @@ class _Way(NamedTuple):
     angles: tuple[float, float]
 
 
-# Nearer to the spine, a hand over the shoulder lies on the neck.
+# Nearer to the spine, a hand over the shoulder would be on the neck.
 _OVER = _Way((0.03, 0.16, 0.20), (0.0, 1.0, -0.1), (0.215, 0.245), (0.65, 1.0))
 """Over the other's shoulder."""
 _ROUND = _Way((0.04, 0.19, 0.16), (0.0, 1.0, -0.1), (0.195, 0.230), (0.3, 0.7))
@@ -38,9 +38,9 @@ _ROUND = _Way((0.04, 0.19, 0.16), (0.0, 1.0, -0.1), (0.195, 0.230), (0.3, 0.7))
 _BELOW = _Way((0.04, 0.20, -0.01), (-0.2, 1.0, -0.8), (0.13, 0.18), (0.1, 0.6))
 """Below the other's arm."""
 _HIGH = 0.18
-"""Greatest height of an embrace above one's own shoulder, m; smaller people embrace at the height of their shoulder."""
+"""Greatest height of a palm above the person's own shoulder, m; if exceeded, palms stay at or below the shoulder."""
 _SIDES = {"r": 1, "l": -1}
-"""Side of the other person on which an arm is: one's right arm is on the other's left, +1."""
+"""Side of the other person on which an arm is: a person's right arm is on the other's left, +1."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class _Arm:
 
     Attributes:
         person, side: The person and the arm.
-        way: Its way.
+        way: The path of the arm.
         height, angle: Of the palm on the other's back, as `on_trunk` takes them.
         press: How far the palm presses into the back, m.
         begin: Time at which the arm comes up, s.
-        pats: Times a second that the hand pats the back; 0 if it rests.
+        pats: Rate at which the hand pats the back, 1/s; 0 if it rests.
     """
 
     person: int
@@ -87,7 +87,7 @@ def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
             person, other, sign = arm.person, 1 - arm.person, _SIDES[arm.side]
             body = cast.bodies[other]
             size = body.stature * np.array((max(1.0, body.girth), sign, 1))
-            # Arms open on the way, and close once the other is between them.
+            # Arms are open at first, and close once the other person is between them.
             closed = (minimum_jerk((seconds - 0.95 * when) / closing) - minimum_jerk((seconds - parting) / 0.5))[
                 :, None
             ]
@@ -124,7 +124,8 @@ def hug(cast: Cast, *, rng: np.random.Generator) -> Script:
 
 def _arm(cast: Cast, person: int, side: str, mirror: int, when: float, *, rng: np.random.Generator) -> _Arm:
     taller = cast.bodies[person].stature - cast.bodies[1 - person].stature
-    # The taller person reaches round the other's arms, the smaller below; of equals each has one arm over, one below.
+    # The taller person reaches round the other's arms, the smaller person below them. Two people of about the same
+    # stature each have one arm over and one below.
     way = (_OVER if _SIDES[side] == mirror else _BELOW) if abs(taller) < 0.07 else _ROUND if taller > 0 else _BELOW
     return _Arm(
         person,
@@ -162,7 +163,7 @@ def huddle(cast: Cast, *, rng: np.random.Generator) -> Script:
     def embrace(poses: Poses) -> list[Reach]:
         reaches = []
         for person in range(count):
-            # The next person of the ring is on one's right; of two arms on a back the left arm lies lower.
+            # The next person of the ring is on the right. Of two arms on a back, the left arm is lower.
             for hand, (side, other, sign) in enumerate((("r", person + 1, 1), ("l", person - 1, -1))):
                 other %= count
                 at = heights[person, hand], sign * (np.pi - angles[person, hand]), press[person, hand]

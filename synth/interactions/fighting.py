@@ -12,26 +12,26 @@ from synth.interactions.script import Cast, Poses, Reach, Role, Script
 
 _SIGN = {"l": 1.0, "r": -1.0}
 _APART, _NEAR = (1.6, 1.8), (1.06, 1.14)
-"""Distance between the hips in circling, and when a blow of the left lands, as shares of an arm's length."""
+"""Distances between the hips in circling, and when a blow of the left hand lands, as shares of an arm's length."""
 _BEHIND, _HIGH = 0.14, 0.10
-"""How much nearer a blow of the right is struck from, and one at the face, as a share of an arm's length."""
+"""Reduction of the distance for blows of the right hand, and for blows at the face, as shares of an arm's length."""
 _KNUCKLES = 0.028
 """Distance of a fist's knuckles beyond the point that a palm reaches, as a fraction of stature."""
 _AIMS = {"face": 0.25, "chest": 0.35, "belly": 0.25, "beside": 0.15}
 """Targets of blows, and their frequency; `beside` misses the face."""
 _GUARD = (0.155, 0.055, 0.15)
-"""Where fists are held, in the frame of the chest, y outward, as fractions of stature."""
+"""Position of fists in the guard, in the frame of the chest, y outward, as fractions of stature."""
 _OPEN = {"face": (0.12, 0.12, 0.03), "chest": (0.10, 0.15, 0.19), "belly": (0.12, 0.13, 0.20)}
-"""Where fists are as a blow at the face, chest or belly lands."""
+"""Position of the fists of the person who is hit, as a blow at the face, chest or belly lands."""
 _LEAST = 0.71
-"""Least distance between the hips, m: nearer, feet and knees meet."""
+"""Least distance between the hips, m; at smaller distances feet and knees collide."""
 _LEAN, _RECOIL = 0.36, 0.16
 """Greatest lean into a blow, and away from one, rad."""
 
 
 @dataclass(frozen=True)
 class _Blow:
-    """A blow: when it lands, s, by which person and hand, at what; `aside` from the middle, and depth `press`, m."""
+    """A blow: time `at` which it lands, s, person, hand (`side`), target (`aim`), offset `aside`, depth `press`, m."""
 
     at: float
     person: int
@@ -49,7 +49,7 @@ def fight(cast: Cast, *, rng: np.random.Generator) -> Script:
     yaw = rng.uniform(0, 2 * np.pi) + rng.choice((-1, 1)) * rng.uniform(0.1, 0.3) * seconds
     blows = _blows(seconds[-1], rng=rng)
     far, close = rng.uniform(*_APART) * np.mean(arms), rng.uniform(*_NEAR)
-    # Nearest at each blow, within reach of the arm that strikes: the right shoulder is behind the left one.
+    # The distance is least at each blow, within reach of the striking arm: the right shoulder is behind the left one.
     apart = np.full(len(seconds), far)
     for blow in blows:
         near = (close - max(_BEHIND * (blow.side == "r"), _HIGH * (blow.aim == "face"))) * arms[blow.person]
@@ -97,12 +97,12 @@ def _blows(last: float, *, rng: np.random.Generator) -> list[_Blow]:
 
 
 def _hand(cast: Cast, poses: Poses, person: int, side: str, blows: list[_Blow]) -> Reach:
-    """Return where a fist is: at the guard, and at what its blows are aimed at."""
+    """Return the reach of a fist: to its guard, and to the targets of its blows."""
     body, size, sign = cast.bodies[person], cast.bodies[person].stature, _SIGN[side]
     guard = _guard(poses, person, sign, _GUARD, size)
     for blow in blows:
         if blow.person != person and blow.aim != "beside":
-            # Too late: the hands are where the blow is not.
+            # The hands of the person who is hit leave the target open.
             open_ = during(cast.seconds, blow.at - 0.12, blow.at + 0.12, 0.22)[:, None]
             guard += open_ * (_guard(poses, person, sign, _OPEN[blow.aim], size) - guard)
     shoulder = poses.point(person, "chest", (0, 0.1 * sign * size, 0.137 * size))
@@ -122,7 +122,7 @@ def _hand(cast: Cast, poses: Poses, person: int, side: str, blows: list[_Blow]) 
 
 
 def _guard(poses: Poses, person: int, sign: float, place: tuple[float, float, float], size: float) -> np.ndarray:
-    """Return the palm of a fist that is held at a place before the chest, (F, 3) m."""
+    """Return the palm of a fist that is held at a place in front of the chest, (F, 3) m."""
     ahead, outward, up = (size * each for each in place)
     return poses.point(person, "chest", (ahead, sign * outward, up))
 

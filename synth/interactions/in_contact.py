@@ -37,7 +37,7 @@ def handshake(cast: Cast, *, rng: np.random.Generator) -> Script:
             Reach(person, "r", share, middle, np.tile(normal, (len(share), 1))) for person, normal in enumerate(normals)
         ]
         for person in np.flatnonzero(warm):
-            # The outside of the arm that the other person holds out.
+            # The left hand goes to the outside of the arm that the other person holds out.
             size, body = cast.bodies[1 - person].stature, cast.bodies[1 - person]
             arm = 0.5 * (middle + poses.origins[:, 1 - person, SEGMENTS.index("r_upper_arm")])
             side = normals[1 - person] * -1.0

@@ -22,7 +22,7 @@ def crossing(cast: Cast, *, rng: np.random.Generator) -> Script:
     """People walk through the middle, from all sides, at about the same time."""
     count = len(cast.bodies)
     first, side = rng.uniform(0, 2 * np.pi), rng.choice((-1, 1))
-    # One just after the other, so that no two are in the middle at the same time.
+    # People arrive one just after the other, so that no two are in the middle at the same time.
     order = (rng.permutation(count) - (count - 1) / 2) * min(0.4, 0.3 * cast.seconds[-1] / count)
     roles = []
     for person in range(count):
@@ -41,7 +41,7 @@ def walking_together(cast: Cast, *, rng: np.random.Generator) -> Script:
     rows = 1 if count < 4 else 2
     within = replace(cast, radius=max(0.5, cast.radius - 0.5 * (rows - 1)))
     way = _through(within, rng.uniform(0, 2 * np.pi), rng.uniform(0.8, 1.2), rng.choice((-1, 1)))
-    # Centre the path, which keeps its farthest point near the middle.
+    # Centre the path, so that its farthest point is near the middle.
     way[:, :2] -= (way[:, :2].min(0) + way[:, :2].max(0)) / 2
     ahead = np.stack([np.cos(way[:, 2]), np.sin(way[:, 2])], 1)
     left = np.stack([-ahead[:, 1], ahead[:, 0]], 1)
@@ -121,9 +121,9 @@ def circle_talk(cast: Cast, *, rng: np.random.Generator) -> Script:
 
 
 def _through(cast: Cast, heading: float, speed: float, side: float, late: float = 0.0) -> np.ndarray:
-    """(F, 3) path through the origin at half time, or later by `late`, s.
+    """Return a (F, 3) path that passes the origin at half time, or later by `late`, s.
 
-    It is slower, and bent towards a `side`, as far as it takes to stay within the radius.
+    It is slower, and bent towards a `side`, as far as necessary to stay within the radius.
     """
     farthest = cast.seconds[-1] / 2 + abs(late)
     speed = max(min(speed, cast.radius / max(farthest, 1e-9)), _SLOWEST)

@@ -27,12 +27,12 @@ _HEAD, _CHEST, _SPINE = (SEGMENTS.index(name) for name in ("head", "chest", "spi
 
 
 def follow(base: Motion, role: Role, body: Body, *, bend: bool, rng: np.random.Generator) -> Motion:
-    """A motion along a role's path.
+    """Return a motion along a role's path.
 
     Args:
         base: The motion, at the body's size.
         role: The role.
-        body: The person's.
+        body: The person's body.
         bend: Whether the motion is a walk, and is bent along the path; otherwise new legs step along it.
         rng: Draws the steps.
     """
@@ -40,13 +40,13 @@ def follow(base: Motion, role: Role, body: Body, *, bend: bool, rng: np.random.G
 
 
 def heading(rotations: np.ndarray, fps: float) -> np.ndarray:
-    """(F,) smoothed and continuous heading of a pelvis, from segments (F, 16, 3, 3), rad."""
+    """Return the (F,) smoothed and continuous heading of a pelvis, from segments (F, 16, 3, 3), rad."""
     forward = gaussian_filter1d(rotations[:, 0, :2, 0], 0.4 * fps, axis=0, mode="nearest")
     return np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
 
 
 def course(base: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The path of a walk without sway (F, 2), m, the distance walked (F,), m, and the direction (F,), rad."""
+    """Return the path of a walk without sway (F, 2), m, the distance walked (F,), m, and the direction (F,), rad."""
     way = gaussian_filter1d(base.root[:, :2], 0.3 * base.fps, axis=0, mode="nearest")
     # The filter slows down at the ends: continue there at the rate from further in.
     edge = min(round(0.9 * base.fps), (len(base) - 1) // 2)
@@ -60,7 +60,7 @@ def course(base: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _along(base: Motion, path: np.ndarray, body: Body) -> Motion:
-    """A walk bent along a path (F, 3), with the middle of the path at half time, at the nearest pace possible."""
+    """Return a walk bent along a path (F, 3), with the path's middle at half time, at the nearest pace possible."""
     way, along, direction = course(base)
     half = len(base) // 2
     step = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
@@ -80,7 +80,7 @@ def _along(base: Motion, path: np.ndarray, body: Body) -> Motion:
 
 
 def _over_steps(base: Motion, role: Role, body: Body, *, rng: np.random.Generator) -> Motion:
-    """Trunk, arms and head of a motion over legs that step along the role's path."""
+    """Return the trunk, arms and head of a motion over legs that step along the role's path."""
     footsteps = step_along(body, role.path, base.fps, rng=rng, hips=role.hips, ahead=role.ahead)
     turn = about("z", role.path[:, 2] - heading(base.rotations, base.fps))
     rotations = turn[:, None] @ base.rotations
@@ -108,7 +108,7 @@ def _bend(rotations: np.ndarray, role: Role, fps: float) -> None:
 
 
 def look_at(motion: Motion, person: int, gaze: np.ndarray, heads: np.ndarray) -> Motion:
-    """Turn the head of a person towards the people that the gaze (F,) names; heads (F, P, 3), m."""
+    """Return a motion with the head turned to the people that the gaze (F,) names; heads (F, P, 3), m."""
     frames = np.arange(len(motion))
     sight = heads[frames, np.maximum(gaze, 0)] - heads[:, person]
     chest = motion.rotations[:, _CHEST]
@@ -126,7 +126,7 @@ def look_at(motion: Motion, person: int, gaze: np.ndarray, heads: np.ndarray) ->
 
 
 def reach_for(motion: Motion, body: Body, reach: Reach) -> Motion:
-    """The motion with a reach of an arm, blended over the arm's own motion."""
+    """Return the motion with a reach of an arm, blended over the arm's own motion."""
     poses = poses_of((body,), [motion])
     segments = _ARMS[reach.side]
     chest, shoulder = motion.rotations[:, _CHEST], poses.origins[:, 0, segments[0]]

@@ -1,8 +1,8 @@
-"""The registry of interactions: a function under the decorator `interaction` in a module of this package is one.
+"""The registry of interactions. Each function with the decorator `interaction` in a module of this package is one.
 
-It takes a `Cast`, and `rng` by keyword, and returns the `Script` (`synth.interactions.script`). The choices of
-`interaction=`, its help, and the tests over all interactions follow. An interaction of your own,
-`interaction.kind=package.module:function`, is a function under the same decorator.
+An interaction takes a `Cast`, and `rng` by keyword, and returns the `Script` (`synth.interactions.script`). The choices
+of `interaction=`, their help, and the tests of all interactions come from this registry. Your own interaction,
+`interaction.kind=package.module:function`, is a function with the same decorator.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from dmae.registry import Entry, Registry
 
 NO_INTERACTION = "none"
-"""The choice of no interaction: each person follows a motion of their own."""
+"""The kind without interaction: each person follows an independent motion."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,11 @@ class InteractionConfig:
         """Return the least and greatest number of people who take part.
 
         Args:
-            asked: The least and greatest number that the user asks for, if so.
-            usual: The same where none is asked for; an interaction may take none of these numbers.
+            asked: The least and greatest number that the user asks for; None if there is no such request.
+            usual: The default for people without an interaction.
 
         Raises:
-            ValueError: the interaction takes none of the numbers that are asked for; the message says which it takes.
+            ValueError: the interaction takes none of the requested numbers; the message lists what it takes.
         """
         if not self.together:
             return tuple(asked or usual)

@@ -33,7 +33,7 @@ class Cast:
 
 @dataclass(frozen=True)
 class Role:
-    """One person's part.
+    """The part of one person.
 
     Attributes:
         path: (F, 3) x, y of the hips, m, and heading, rad, around the origin.
@@ -66,7 +66,7 @@ class Reach:
         palm: (F, 3) target of the skin of the palm, m.
         normal: (F, 3) direction that the palm faces at the target.
         elbow: Direction of the elbow in the chest's frame, y outward.
-        straight: Whether the wrist stays straight; otherwise it bends so that the palm lies on what it touches.
+        straight: Whether the wrist stays straight; otherwise it bends so that the palm lies on the touched surface.
     """
 
     person: int
@@ -91,17 +91,17 @@ class Poses:
     rotations: np.ndarray
 
     def point(self, person: int, segment: str, at: tuple[float, float, float]) -> np.ndarray:
-        """(F, 3) world position of a point `at` of a segment's frame, m."""
+        """Return the (F, 3) world position of a point `at` of a segment's frame, m."""
         index = SEGMENTS.index(segment)
         return self.origins[:, person, index] + self.rotations[:, person, index] @ np.array(at)
 
     def axis(self, person: int, segment: str, along: tuple[float, float, float]) -> np.ndarray:
-        """(F, 3) world direction of the direction `along` of a segment's frame."""
+        """Return the (F, 3) world direction of the direction `along` of a segment's frame."""
         return self.rotations[:, person, SEGMENTS.index(segment)] @ np.array(along)
 
 
 def poses_of(bodies: tuple[Body, ...], motions: list[Motion]) -> Poses:
-    """The poses of P bodies in their motions."""
+    """Return the poses of P bodies in their motions."""
     origins = [
         segment_origins(body, motion.root, motion.rotations) for body, motion in zip(bodies, motions, strict=True)
     ]
@@ -110,7 +110,7 @@ def poses_of(bodies: tuple[Body, ...], motions: list[Motion]) -> Poses:
 
 @dataclass(frozen=True)
 class Grip:
-    """Both hands of a person hold an object from `begin` to `end`, s, at `height` above its middle, m."""
+    """A grip: both hands of a person hold an object from `begin` to `end`, s, at `height` above its middle, m."""
 
     person: int
     begin: float
@@ -141,7 +141,7 @@ class Script:
 
     Attributes:
         roles: One for each person.
-        clearance: Greatest distance that people keep between their hips, m; None for the scene's.
+        clearance: Greatest distance that people keep between their hips, m; None for the clearance of the scene.
         furniture: The props that it needs.
         loads: The objects that are carried.
         paired: Whether recordings of two people together, if there are any, are played unchanged.

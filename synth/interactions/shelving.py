@@ -14,7 +14,7 @@ from synth.rooms.props import PlacedProp, prop_size
 _NEAR = (0.28, 0.55)
 """Distance from the hips of a person at work to the shelf's surface, m."""
 _AWAY = (0.9, 1.7)
-"""The same distance of a person who has yet to come, m."""
+"""The same distance of a person who has not arrived yet, m."""
 _BACK = 0.85
 """The same distance of a person with a box, m."""
 _ASIDE = 0.55
@@ -22,7 +22,7 @@ _ASIDE = 0.55
 _PAUSE, _MOVE = (0.2, 2.0), 1.2
 """Time between two movements, and duration of one, s."""
 _ROUND = 3.0
-"""Time for which hands stay at one point, and eyes on one target, s."""
+"""Time for which the hands stay at one point, and the gaze at one target, s."""
 _FACING = np.radians(65)
 """Greatest angle of a trunk away from the shelf, rad."""
 _PASSING = 0.5
@@ -43,7 +43,7 @@ def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
     last, first = max(seconds[-1], 1e-9), rng.uniform(0, 2 * np.pi)
     passing, rounds = rng.random() < _PASSING, max(1, round(last / _ROUND))
     giver, taken, quick = count - 1, rng.uniform(0.4, 0.6) * last, min(1.2, 0.25 * last)
-    # Side by side where they meet, as seen from the shelf.
+    # The two people are side by side where they meet, as seen from the shelf.
     middle, meeting = first - np.pi / count, during(seconds, taken - 0.5, taken + 0.9, quick)
     paths, gazes, free, gaps = [], [], [], []
     for person in range(count):
@@ -62,7 +62,7 @@ def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
         gaze = looked_at[np.minimum((seconds / last * rounds).astype(int), rounds - 1)]
         free.append(np.clip(2 * here - 1, 0, 1))
         if passing and person in (0, giver):
-            # The box needs space: the person with it keeps back.
+            # The box needs space: the person who holds it stays farther from the shelf.
             gives = person == giver
             back = minimum_jerk((seconds - taken + 0.5 + quick) / quick)
             back = 1 - minimum_jerk((seconds - taken - 0.9) / quick) if gives else back
@@ -114,12 +114,12 @@ def shelving(cast: Cast, *, rng: np.random.Generator) -> Script:
 
 
 def _moves(last: float, *, rng: np.random.Generator) -> np.ndarray:
-    """(K,) times before `last`, s, at which a person moves to another place or heading."""
+    """Return (K,) times before `last`, s, at which a person moves to another place or heading."""
     steps = rng.uniform(*_PAUSE, int(last / (_PAUSE[0] + _MOVE)) + 2) + _MOVE
     times = np.cumsum(steps) - rng.uniform() * steps[0]
     return times[times < last]
 
 
 def _held(values: np.ndarray, moves: np.ndarray, seconds: np.ndarray) -> np.ndarray:
-    """(F,) K + 1 values in turn, each held until the next of K moves, s."""
+    """Return a curve (F,) through K + 1 values in turn, each held until the next of K moves, s."""
     return values[0] + (np.diff(values) * minimum_jerk((seconds[:, None] - moves) / _MOVE)).sum(1)

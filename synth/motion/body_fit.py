@@ -11,7 +11,7 @@ from synth.people.body import Body, segment_origins
 from synth.people.capsules import capsules
 
 _FLIGHT = 1.0
-"""Window in which even a jump touches the floor, s."""
+"""Window that is longer than the flight of a jump, so that it always contains floor contact, s."""
 _TREAD = np.array((SOLE[0], (0.070, 0, SOLE[0, 2])))
 """(2, 3) heel and ball of a foot in its own frame, fractions of stature."""
 
@@ -19,9 +19,9 @@ _TREAD = np.array((SOLE[0], (0.070, 0, SOLE[0, 2])))
 def fit_to_body(motion: Motion, body: Body) -> Motion:
     """Scale a motion to a body and put the body on the floor.
 
-    Steps lengthen with the legs. The height of the floor follows the lower foot, or any other part that is lower,
-    smoothed over a second, so that a jump leaves the floor and a stance does not. Feet count from heel to ball; toes,
-    which bend, may be lower.
+    The step length scales with the leg length. The floor height follows the lower foot, or any other body part that is
+    lower. It is smoothed over one second, so that the feet leave the floor in a jump but not in a stance. Feet count
+    from heel to ball; toes bend and may be lower.
     """
     root = motion.root * (body.hip_height / motion.hip_height)
     segments, ends, radii = capsules(body)

@@ -14,13 +14,13 @@ FEET = (SEGMENTS.index("l_foot"), SEGMENTS.index("r_foot"))
 _STILL = ((0.03, 0.35), (0.06, 0.20))
 """Greatest height, m, and greatest speed, m/s, of the heel or tip of a foot that stands; either pair suffices."""
 _BORNE = (0.04, 0.8)
-"""The same for the slower foot where neither stands by `_STILL`."""
+"""The same limits for the slower foot while no foot stands according to `_STILL`."""
 _BRIEF = 0.08
 """Contacts, and interruptions of contacts, that last no longer than this are ignored, s."""
 _STRETCH = 0.999
-"""Length of a straight leg as a fraction of its bones."""
+"""Greatest length of a leg as a fraction of the total length of its bones."""
 _CLEAR = 0.04
-"""Height of a swinging foot while neither stands, or while it is flat next to one that does, m."""
+"""Least height of a swinging foot while no foot stands, or while it is flat and the other foot stands, m."""
 SOLE = np.array(((-0.038, 0, -ANKLE_HEIGHT), (0.106, 0, -ANKLE_HEIGHT)))
 """(2, 3) heel, and the tip over which a foot rolls forward, in the foot's frame, fractions of stature; as in `legs`."""
 
@@ -48,8 +48,8 @@ def foot_contacts(
         root: (F, 3) mid hip, m.
         rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
         fps: Frames per second.
-        turn: Rate at which the motion has been bent, rad/s; feet may slip as much as this makes them.
-        recorded: Whether the motion was recorded. Recorded people may change feet faster than frames follow.
+        turn: Rate at which the motion has been bent, rad/s; the slip of feet that this causes is allowed.
+        recorded: Whether the motion was recorded. Recorded people may shift their weight between frames.
 
     Returns:
         (F, 2) True where the left and the right foot stand.
@@ -61,19 +61,19 @@ def foot_contacts(
     bent = turn * np.stack([-from_root[..., 1], from_root[..., 0]], -1)
     speed = np.linalg.norm(np.diff(sole[..., :2], axis=0) * fps - (bent[1:] + bent[:-1]) / 2, axis=-1)
     height = np.maximum(sole[1:, ..., 2], sole[:-1, ..., 2])
-    # Between each frame and the next.
+    # Contacts in each interval between two frames.
     holds = np.any([(height < low) & (speed < slow) for low, slow in _STILL], axis=0).any(2)
     brief = np.ones((1 + round(_BRIEF * fps), 1), bool)
     # A clip is assumed to continue as it begins and ends.
     padded = np.pad(holds, ((len(brief), len(brief)), (0, 0)), mode="edge")
     holds = binary_opening(binary_closing(padded, brief), brief)[len(brief) : -len(brief)]
-    # A body with a foot near the floor stands on the one that moves least.
+    # If no foot stands but one is near the floor, the slower foot counts as standing.
     low, slow = _BORNE
     least = np.where(height < low, speed, np.inf).min(2)
     slowest = np.isfinite(least) & (least == least.min(1, keepdims=True))
     holds |= ~holds.any(1, keepdims=True) & (least < slow) & slowest
     if recorded:
-        # A single interval without contact between two contacts is no flight: the slower foot holds.
+        # A single interval without contact between two contacts is not a flight: the slower foot counts as standing.
         held = np.pad(holds.any(1, keepdims=True), ((1, 1), (0, 0)))
         holds |= held[:-2] & ~held[1:-1] & held[2:] & slowest
     return np.pad(holds, ((1, 0), (0, 0))) | np.pad(holds, ((0, 1), (0, 0)))
@@ -108,10 +108,10 @@ def lock_feet(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Remove foot skate: hold standing feet in place and keep all feet above the floor.
 
-    While a foot stands, it keeps its heading, and the part of its sole that bears weight keeps its place; the swing
-    makes up for the difference. Where the tip or the heel would be below the floor, as in recordings, where toes bend,
-    the foot is turned about its ankle and, if that is not enough, raised. Thigh and shin reach for the ankle by the law
-    of cosines, the knee on the side where it was. The hips sink where the legs are too short.
+    While a foot stands, its heading and the part of its sole that bears weight stay fixed; the swing phase makes up for
+    the difference. The tip or the heel may be below the floor in recordings, because toes bend. The foot is then turned
+    about its ankle and, if that is not enough, raised. Thigh and shin are solved by the law of cosines to reach the
+    ankle, with the knee on its original side. The hips sink where the legs are too short.
 
     Args:
         body: The body.
@@ -119,11 +119,11 @@ def lock_feet(
         rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`.
         standing: (F, 2) True where the left and the right foot stand.
         fps: Frames per second.
-        recorded: Whether the motion was recorded, and may have leaps.
+        recorded: Whether the motion was recorded and may contain leaps.
 
     Returns:
-        root: (F, 3) with other heights, m.
-        rotations: (F, 16, 3, 3) with other thighs, shins and feet.
+        root: (F, 3) mid hip with corrected heights, m.
+        rotations: (F, 16, 3, 3) with corrected thighs, shins and feet.
     """
     root, rotations = root.copy(), rotations.copy()
     origins = segment_origins(body, root, rotations)
@@ -142,7 +142,7 @@ def lock_feet(
         swings = ~standing[:, side]
         least = np.where(swings, np.where(flat | ~standing.any(1), _CLEAR, height.clip(0, _CLEAR)), 0)
         rise = np.maximum(_eased(-height[:, None], standing[:, side])[:, 0], least - height)
-        # A leap leaves the floor, and meets it, abruptly.
+        # In a leap, feet leave and meet the floor abruptly.
         sharp = np.where(recorded & ~standing.any(1), least - height, -height)
         smooth = np.maximum(gaussian_filter1d(rise, 0.025 * fps, mode="nearest"), sharp)
         ankles[:, side, 2] += np.where(swings, smooth, rise)
@@ -188,7 +188,7 @@ def _on_floor(feet: np.ndarray, ankles: np.ndarray) -> np.ndarray:
 
     Args:
         feet: Orientations.
-        ankles: (F,) height of the ankles, in statures.
+        ankles: (F,) height of the ankles above the floor, as a fraction of stature.
     """
     down = np.arcsin(np.clip(-feet[:, 2, 0], -1, 1))
     least, most = (
@@ -205,13 +205,13 @@ def _on_floor(feet: np.ndarray, ankles: np.ndarray) -> np.ndarray:
 def _reach(
     hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray, thigh: np.ndarray, shin: np.ndarray, shin_length: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return thigh and shin orientations (F, 3, 3) that lead from hip to ankle (F, 3), the knee on its old side."""
+    """Return thigh and shin orientations (F, 3, 3) that join hip and ankle (F, 3), the knee on its original side."""
     bone, reach = knee - hip, ankle - hip
     thigh_length = np.linalg.norm(bone, axis=1, keepdims=True)
     distance = np.linalg.norm(reach, axis=1, keepdims=True)
     along = reach / distance
     distance = np.clip(distance, abs(thigh_length - shin_length) + 0.01, _STRETCH * (thigh_length + shin_length))
-    # The knee of a straight leg has no side; it bends to the front.
+    # The knee of a straight leg has no defined side; it bends forward.
     side = bone - (bone * along).sum(1, keepdims=True) * along + 0.05 * thigh[:, :, 0]
     side -= (side * along).sum(1, keepdims=True) * along
     side /= np.linalg.norm(side, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The floor of a recording: find and level it, and lay soles flat on it."""
+"""Find the floor of a recording, level it, and lay the soles flat on it."""
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -11,19 +11,20 @@ _STANDING_SPEED = 0.15
 _STANDING_TIME = 0.1
 """Least time for which a foot stands to show where the floor is, s."""
 _LEVEL = 0.12
-"""Greatest height of standing feet over the lowest ones that is due to the tilt and noise of a floor, m; those above
-stand on something else."""
+"""Greatest height of standing feet over the lowest standing feet that the tilt and noise of a floor explain, m; feet
+above this height stand on something else."""
 _LOWEST = 0.05
-"""Share of the standing feet, at least two, that the lowest level has; fewer are errors of recording."""
+"""Least share of the standing feet that form the lowest level, and at least two feet; fewer are recording errors."""
 
 
 def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np.ndarray, float]:
     """Fit the floor of a recording.
 
-    Recorded floors lie up to 7 cm from zero and tilt by up to 2 cm a metre, which is calibration error, not a slope.
-    The floor is fitted robustly as the plane `ankle_height` below the ankles, wherever an ankle stood for 0.1 s as the
-    lower of the two. Only the lowest level counts: feet that stand higher are on steps, platforms or bars. A prior of
-    one degree limits the tilt, which a person who stays on one spot does not determine.
+    Recorded floors are up to 7 cm away from zero height and tilt by up to 2 cm per metre. This is a calibration error,
+    not a slope. The floor is fitted robustly as the plane at `ankle_height` below the standing ankles. An ankle stands
+    if it stays in place for at least 0.1 s and is at most 5 cm above the lower ankle. Only the lowest level counts,
+    because feet that stand higher are on steps, platforms or bars. A prior of one degree limits the tilt: the data do
+    not determine it if a person stays on one spot.
 
     Args:
         ankles: (F, 2, 3) m, z roughly up.
@@ -31,7 +32,7 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
         ankle_height: Height of an ankle above its flat foot, m.
 
     Returns:
-        (3, 3) rotation that levels the floor, and the height to subtract after it, m.
+        (3, 3) rotation that levels the floor, and the height to subtract after the rotation, m.
     """
     speed = np.linalg.norm(np.gradient(ankles, 1 / fps, axis=0), axis=2) if len(ankles) > 1 else np.zeros((1, 2))
     standing = (speed < _STANDING_SPEED) & (ankles[..., 2] < ankles[..., 2].min(1, keepdims=True) + 0.05)
@@ -49,7 +50,7 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
 
     def residuals(plane: np.ndarray) -> np.ndarray:
         misses = spots[:, 2] - plane[0] - (spots - centre)[:, :2] @ plane[1:]
-        # Each in units of its expected size: 1 cm, 1 degree.
+        # Each residual is in units of its expected size: 1 cm or 1 degree.
         return np.concatenate([misses / 0.01, plane[1:] / np.radians(1)])
 
     height, *slope = least_squares(residuals, (np.median(spots[:, 2]), 0, 0), loss="soft_l1").x
@@ -58,20 +59,21 @@ def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np
 
 
 def _on_lowest_level(heights: np.ndarray) -> np.ndarray:
-    """Return which of the heights (K,) of standing ankles are on the lowest level that enough of them share."""
+    """Return which heights (K,) of standing ankles are on the lowest level that enough ankles share, (K,) bool."""
     ordered = np.sort(heights)
     enough = min(max(2, _LOWEST * len(ordered)), len(ordered))
     shared = np.searchsorted(ordered, ordered + _LEVEL, side="right") - np.arange(len(ordered)) >= enough
-    # Far apart, no two share a level: the lowest stands for itself.
+    # If no two heights share a level, the lowest height alone is the level.
     lowest = ordered[shared.argmax()] if shared.any() else ordered[0]
     return (heights >= lowest) & (heights <= lowest + _LEVEL)
 
 
 def flatten_soles(feet: np.ndarray, heights: np.ndarray, ankle_height: float) -> np.ndarray:
-    """Turn feet about their length so that soles near the floor lie flat on it.
+    """Return feet turned about their length so that soles near the floor are flat on it.
 
-    Ankles of CMU's skeletons cannot tilt sideways, so that soles lean with the shins, by 35 degrees in a wide stance.
-    Up to 2 cm above the height of a standing ankle the sole is levelled, from 12 cm it is left as it is.
+    The ankles of CMU's skeletons cannot tilt sideways, so soles lean with the shins, by 35 degrees in a wide stance.
+    A sole is fully levelled if its ankle is at most 2 cm above the height of a standing ankle. The correction fades out
+    up to 12 cm.
 
     Args:
         feet: (F, 3, 3) orientations, world.
@@ -82,6 +84,6 @@ def flatten_soles(feet: np.ndarray, heights: np.ndarray, ankle_height: float) ->
         (F, 3, 3) orientations.
     """
     lean = np.arctan2(feet[:, 2, 1], feet[:, 2, 2])
-    # The sideways lean of a foot that stands on its toes is not defined.
+    # The sideways lean is undefined for a foot that stands on its toes.
     share = np.hypot(feet[:, 2, 1], feet[:, 2, 2]) * np.clip((ankle_height + 0.12 - heights) / 0.10, 0, 1)
     return feet @ about("x", -share * np.clip(lean, -np.radians(35), np.radians(35)))

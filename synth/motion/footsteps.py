@@ -1,7 +1,8 @@
-"""Legs that follow any path: steps forward, sideways and around, starts, stops, and sitting.
+"""Legs that follow any path: steps forward, sideways and in turns, with starts, stops and sitting.
 
-Where `synth.motion.procedural.gait` has published kinematics of a steady walk, this has a rule: the feet step in turn
-to where the body will be while they bear it, and stay if they stand there already.
+`synth.motion.procedural.gait` uses the published kinematics of a steady walk. This module uses a rule instead: the feet
+step in turn, each to the place where the body will be while that foot bears the weight. A foot that is already there
+does not step.
 """
 
 from dataclasses import dataclass
@@ -28,8 +29,8 @@ _ROLL_OFF, _STRIKE = np.radians(40), np.radians(18)
 _HEEL, _BALL = -0.037, 0.085
 """Points over which soles roll, ahead of the ankle, fractions of stature."""
 _EASE, _RESTING, _HANGING = 0.985, 0.80, 0.68
-"""Length of the straightest leg that stands, of the straightest that rests on the floor before a seat, and of one that
-hangs from a seat, as fractions of its bones."""
+"""Greatest length of a standing leg, greatest length of a leg that rests on the floor in front of a seat, and length of
+a leg that hangs from a seat, as fractions of the total length of its bones."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ def _footsteps(
     count = int(np.ceil(seconds[-1] / (2 * _PERIOD))) + 3
     lifts = (2 * np.arange(count) - 2 + phase % 2) * _PERIOD
     lands = lifts + _SWING * _PERIOD
-    # Positions of the foot before its first step and after each.
+    # Positions of the foot before its first step and after each step.
     middles = np.concatenate([lands[:1] - 2 * _PERIOD, lands]) + stance / 2
     holds = _at(path, seconds, middles)
     heading = holds[:, 2]
@@ -143,7 +144,7 @@ def _footsteps(
     stepping = (length > 0) | (start[:, 2] != end[:, 2])
     place = start + minimum_jerk(share)[:, None] * (end - start)
     forward = ((end - start)[:, :2] * np.stack([np.cos(place[:, 2]), np.sin(place[:, 2])], 1)).sum(1)
-    # The heel rises before the foot does. The foot meets the floor with the heel and is then laid down.
+    # The heel rises before the foot does. The foot meets the floor with the heel first and then rolls flat.
     following = np.minimum(k + 1, count - 1)
     next_forward = _ahead(holds, following)
     rising = np.clip((seconds - lands[k]) / stance, 0, 1)

@@ -1,4 +1,4 @@
-"""Arms and legs that reach a point: two bones and a hinge between them."""
+"""Inverse kinematics of arms and legs: two bones with a hinge between them."""
 
 import numpy as np
 
@@ -9,9 +9,9 @@ from synth.people.segments import SEGMENTS
 PALM = np.array((0.0, 0.050, -0.013))
 """(3,) point on the skin of the left palm, with normal -z, in the hand's frame; fractions of stature."""
 _WRIST = 1.0
-"""Greatest bend of a wrist by which a palm comes to lie on what it touches, rad."""
+"""Greatest bend of the wrist to lay the palm on the touched surface, rad."""
 _BENT, _STRAIGHT = 0.35, 0.995
-"""Least and greatest distance that a limb spans, as fractions of both bones."""
+"""Least and greatest distance between the ends of a limb, as fractions of the total length of its two bones."""
 
 
 def two_bone_ik(start: np.ndarray, end: np.ndarray, lengths: tuple[float, float], side: np.ndarray) -> np.ndarray:
@@ -19,9 +19,9 @@ def two_bone_ik(start: np.ndarray, end: np.ndarray, lengths: tuple[float, float]
 
     Args:
         start: (F, 3) root of the limb, m.
-        end: (F, 3) target of the tip, m. Towards a target out of reach the limb points.
-        lengths: Of both bones, m.
-        side: (F, 3) direction to which the middle joint bends; not along the limb.
+        end: (F, 3) target of the tip, m. If the target is out of reach, the limb points towards it.
+        lengths: Lengths of both bones, m.
+        side: (F, 3) direction in which the middle joint bends; not parallel to the limb.
 
     Returns:
         (F, 2, 3) middle joint and tip, m.
@@ -49,7 +49,7 @@ def reach_with_arm(
     *,
     straight: bool = False,
 ) -> np.ndarray:
-    """Return an arm that puts its palm at a point. The wrist bends so that the palm lies on what it touches.
+    """Return the orientations of an arm with its palm at a point. The wrist bends so that the palm lies flat there.
 
     Args:
         body: The body.
@@ -58,8 +58,8 @@ def reach_with_arm(
         shoulder: (F, 3) shoulder of that side, m.
         palm: (F, 3) target of the skin of the palm, m.
         normal: (F, 3) direction in which the palm faces, as far as the direction of the forearm allows.
-        elbow: Direction to which the elbow bends, in the chest's frame, y outward; not towards the palm.
-        straight: Whether the wrist stays straight, as that of a fist that hits.
+        elbow: Direction in which the elbow bends, in the chest's frame, y outward; not towards the palm.
+        straight: Whether the wrist stays straight, as in a punch.
 
     Returns:
         (F, 3, 3, 3) orientations of upper arm, forearm and hand.
@@ -83,15 +83,15 @@ def reach_with_arm(
 
 
 def _flexed(forearm: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Return hands (F, 3, 3), bent at the wrist from forearms (F, 3, 3) so that the palm, -z, faces a direction."""
+    """Return hands (F, 3, 3), bent at the wrist from forearms (F, 3, 3) so that the palm, -z, faces `normal`."""
     ahead, back = (-(normal * forearm[:, :, axis]).sum(1) for axis in (1, 2))
     return forearm @ about("x", np.clip(np.arctan2(-ahead, np.maximum(back, 1e-6)), -_WRIST, _WRIST))
 
 
 def _with_palm(along: np.ndarray, normal: np.ndarray, sign: float) -> np.ndarray:
-    """Return hands (F, 3, 3) along a direction (F, 3), with palms that face another as nearly as possible."""
+    """Return hands (F, 3, 3) along `along` (F, 3), with palms that face `normal` (F, 3) as closely as possible."""
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     up = (normal * along).sum(1, keepdims=True) * along - normal
-    # The palm of a hand that points where the palm should face is turned down.
+    # If the hand points in the direction that the palm should face, the palm is turned down.
     up = np.where(np.linalg.norm(up, axis=1, keepdims=True) < 1e-3, np.array((0.0, 0.0, 1.0)) + 1e-3, up)
     return aligned(along, np.cross(sign * along, up), (0, sign, 0))

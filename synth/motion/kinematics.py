@@ -11,8 +11,8 @@ from dmae.numerics.interpolation import local_parabola
 SMOOTHING = 0.04
 """Standard deviation of the Gaussian weights with which a parabola is fitted to each joint, s.
 
-It halves the power at 6 Hz, where gait laboratories cut off too: Winter, Biomechanics and Motor Control (4th ed.), ch.
-3."""
+It halves the power at 6 Hz, a usual cut-off frequency of gait laboratories: Winter, Biomechanics and Motor Control
+(4th ed.), ch. 3."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Quantity:
     """A quantity measured on a person, the same for the left and the right side where there are two.
 
     Attributes:
-        name: Unique label, for people to read.
+        name: Unique label for reports.
         unit: Unit of its values.
         span: Least and greatest value that a figure shows.
         log: Whether the figure has a logarithmic axis.
@@ -84,9 +84,9 @@ QUANTITIES = tuple(quantity for group in GROUPS.values() for quantity in group)
 
 
 def kinematics(xyz: np.ndarray, fps: float) -> dict[str, np.ndarray]:
-    """Return every one of `QUANTITIES` in every frame.
+    """Return all `QUANTITIES` in every frame.
 
-    Angles are between lines from joint to joint, so that they mean the same for any skeleton. Angles of hips and arms
+    Angles are between lines from joint to joint, so they mean the same for any skeleton. Angles of hips and arms
     are relative to the trunk (mid hip to neck) and the line through both hips or shoulders. "From hips" is relative to
     the mid hip, in axes that turn about the vertical with the hips.
 
@@ -95,8 +95,8 @@ def kinematics(xyz: np.ndarray, fps: float) -> dict[str, np.ndarray]:
         fps: Frames per second. Speeds are central differences of smoothed positions; see `SMOOTHING`.
 
     Returns:
-        By name of the quantity, (F,) or, of quantities with two sides, (F, 2), in its unit; NaN where joints are
-        unknown.
+        The values of each quantity by its name, in its unit: (F,), or (F, 2) for quantities with two sides. NaN where
+        joints are unknown.
     """
     xyz = local_parabola(np.asarray(xyz, np.float64), SMOOTHING * fps)
     hip, knee, ankle, toe, heel, shoulder, elbow, wrist, ear = (
@@ -111,7 +111,7 @@ def kinematics(xyz: np.ndarray, fps: float) -> dict[str, np.ndarray]:
     values |= _trunk(up, _unit(hip[:, 0] - hip[:, 1]), level, _axes(shoulder, vertical), nose - ear.mean(1))
 
     sole = np.stack([toe, heel], axis=2)
-    # A body on the floor stands on something, if only on a heel or a toe about which the rest turns.
+    # The slowest sole point is the support: a heel or a toe may stay in place while the rest turns about it.
     slide = np.linalg.norm(_speed(sole, fps)[..., :2], axis=-1).min((1, 2))
     values |= {
         "hip height, legs": 100 * middle[:, 2] / _length(hip, knee, ankle),
@@ -124,13 +124,13 @@ def kinematics(xyz: np.ndarray, fps: float) -> dict[str, np.ndarray]:
         values[f"{name}, speed"] = np.abs(_speed(values[name], fps))
         values[f"{name}, acceleration"] = np.abs(_acceleration(values[name], fps))
     # In axes that turn about the vertical with the hips.
-    beside = np.stack([_dot(wrist - middle[:, None], axis[:, None]) for axis in level], axis=-1)
+    wrist_from_hips = np.stack([_dot(wrist - middle[:, None], axis[:, None]) for axis in level], axis=-1)
     values |= {
         "hips along floor, speed": np.linalg.norm(_speed(middle, fps)[:, :2], axis=-1),
         "hips up and down, speed": np.abs(_speed(middle, fps)[:, 2]),
         "pelvis turning, speed": _turning(level[1], fps),
         "ankle, speed": np.linalg.norm(_speed(ankle, fps), axis=-1),
-        "wrist from hips, speed": np.linalg.norm(_speed(beside, fps), axis=-1),
+        "wrist from hips, speed": np.linalg.norm(_speed(wrist_from_hips, fps), axis=-1),
     }
     joints = {"hips": middle, "head": ear.mean(1), "knee": knee, "ankle": ankle, "wrist": wrist}
     for name, joint in joints.items():
@@ -175,7 +175,7 @@ def _trunk(up, across, level, shoulders, face) -> dict[str, np.ndarray]:
 
 
 def _axes(pair: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the axes to the front, to the left and up, (F, 3) each, of left and right joints (F, 2, 3)."""
+    """Return the forward, left and up axes, (F, 3) each, from pairs of left and right joints (F, 2, 3)."""
     forward = _unit(np.cross(pair[:, 0] - pair[:, 1], up))
     return forward, np.cross(up, forward), np.broadcast_to(up, forward.shape)
 
@@ -203,13 +203,13 @@ def _between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _length(*joints: np.ndarray) -> float:
-    """Return the median length of a chain of joints (F, 2, 3), m; NaN where nothing is known."""
+    """Return the median length of a chain of joints (F, 2, 3), m; NaN if no length is known."""
     lengths = sum(np.linalg.norm(b - a, axis=-1) for a, b in pairwise(joints))
     return float(np.median(known)) if (known := lengths[lengths > 0]).size else np.nan
 
 
 def _speed(values: np.ndarray, fps: float) -> np.ndarray:
-    """Return the change per second between the frame before and the one after; NaN in the first and the last frame."""
+    """Return central differences per second; NaN in the first and the last frame."""
     speed = np.full_like(values, np.nan)
     speed[1:-1] = (values[2:] - values[:-2]) * fps / 2
     return speed

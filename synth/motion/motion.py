@@ -1,4 +1,4 @@
-"""Motion of one person on the canonical body segments, whatever its source."""
+"""The motion of one person on the canonical body segments, recorded or procedural."""
 
 from dataclasses import dataclass
 
@@ -11,20 +11,20 @@ from synth.people.segments import SEGMENTS
 class Motion:
     """Motion of one person, independent of the person's proportions.
 
-    In the canonical pose every rotation is the identity. It is a T-pose that faces +x, with left +y and up +z: arms
-    straight out along +y and -y, palms down, feet flat and pointing forward. From it elbows bend forward, as hinges
-    about z, and knees backward, about y.
+    In the canonical pose every rotation is the identity. The pose is a T-pose that faces +x, with +y to the left and
+    +z up. The arms point straight out along +y and -y, the palms face down, and the feet are flat and point forward.
+    From this pose, elbows bend forward as hinges about z, and knees bend backward as hinges about y.
 
     Attributes:
-        name: Source, for people to read: file stem and frame range, or the procedural recipe.
+        name: Human-readable source: file stem and frame range, or the procedural recipe.
         fps: Frames per second.
         root: (F, 3) mid point of the hip joints, m, world z up, floor at z = 0.
         rotations: (F, 16, 3, 3) world orientation of each of `SEGMENTS`, world from segment.
-        hip_height: Height of the hip joints above the soles when the source's body stands straight, m. A body of other
-            proportions scales `root` by the ratio of the two.
+        hip_height: Height of the hip joints above the soles when the source's body stands straight, m. For a body with
+            other proportions, `root` is scaled by the ratio of both hip heights.
         seats: Frames in which the person begins to sit on a stool.
-        actions: Frames in which actions begin, with their names; without any the motion is one action, `name`.
-        first: Frame of a recording with which it begins, by which takes of people recorded together are aligned.
+        actions: First frame and name of each action. If empty, the whole motion is one action, named `name`.
+        first: Frame of the recording at which this motion begins. It aligns takes of people recorded together.
     """
 
     name: str

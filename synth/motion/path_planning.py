@@ -12,7 +12,7 @@ _ROUNDS = 24
 _SETTLED = 0.005
 """Smallest lack of clearance that causes a sidestep, m."""
 _HEAD_ON = 0.02
-"""Distance at which paths count as the same, so that it does not say to which side to step, m."""
+"""Distance below which two paths count as the same, so that it does not determine the side of the sidestep, m."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class FloorPath:
 
     @staticmethod
     def bent(distance: np.ndarray, curvature: np.ndarray) -> "FloorPath":
-        """Start at the origin along +x and turn by `curvature` (K,), rad/m, left if positive."""
+        """Return a path that starts at the origin along +x and turns by `curvature` (K,), rad/m, left if positive."""
         step = np.diff(distance, prepend=distance[0])
         heading = np.cumsum(curvature * step)
         xy = np.cumsum(np.stack([np.cos(heading), np.sin(heading)], 1) * step[:, None], axis=0)
@@ -42,14 +42,14 @@ class FloorPath:
         return np.interp(distance, self.distance, self.heading)
 
     def at(self, distance: np.ndarray, left: np.ndarray | float) -> np.ndarray:
-        """Return places (..., 2), m, at distances along the line and `left` of it, m."""
+        """Return positions (..., 2), m, at distances (...) along the line and at offsets `left` of it, m."""
         heading = self.heading_at(distance)
         along = np.stack([np.interp(distance, self.distance, self.xy[:, i]) for i in range(2)], axis=-1)
         return along + np.stack([-np.sin(heading), np.cos(heading)], axis=-1) * np.asarray(left)[..., None]
 
 
 def redirect(motion: Motion, start: tuple[float, float], yaw: float, turn: float) -> Motion:
-    """Start a motion elsewhere, in another direction, and bend it along a curve.
+    """Return a motion with another start and direction, bent along a curve.
 
     Args:
         motion: The motion, on the floor.
@@ -77,15 +77,15 @@ def _turns(motion: Motion, yaw: float, turn: float) -> np.ndarray:
 def avoid_collisions(paths: np.ndarray, fps: float, *, clearance: float, obstacles: np.ndarray) -> np.ndarray:
     """Return sidesteps that keep people apart from each other and from obstacles.
 
-    Wherever two paths come closer than the clearance, each person makes up half of what is missing, sideways to the
-    direction in which they pass each other, beginning a second before. One sidestep may cause another; a few rounds
-    settle most.
+    Where two paths come closer than the clearance, each person steps aside by half of the missing distance, sideways
+    to the direction in which they pass each other. The sidestep begins one second before. One sidestep may cause
+    another, so the paths are checked again; a few rounds resolve most conflicts.
 
     Args:
         paths: (F, P, 2) mid hips, m.
         fps: Frames per second.
         clearance: Least distance between the mid hips of two people, m.
-        obstacles: (K, 3) x, y and radius, m. Half the clearance is kept from each.
+        obstacles: (K, 3) x, y and radius, m. Paths keep half the clearance from the edge of each.
 
     Returns:
         (F, P, 2) shift of each path, m.
@@ -116,9 +116,9 @@ def avoid_collisions(paths: np.ndarray, fps: float, *, clearance: float, obstacl
 
 
 def _sidestep(apart: np.ndarray, fps: float, clearance: float) -> np.ndarray | None:
-    """Return a smooth shift, (F, 2) m, that lengthens `apart` (F, 2) to the clearance where it is shortest, m.
+    """Return a smooth shift, (F, 2) m, that lengthens the shortest vector of `apart`, (F, 2) m, to the clearance.
 
-    None if the clearance is kept already.
+    None if the clearance is already kept.
     """
     distance = np.linalg.norm(apart, axis=1)
     nearest = int(distance.argmin())
@@ -127,7 +127,7 @@ def _sidestep(apart: np.ndarray, fps: float, clearance: float) -> np.ndarray | N
         return None
     away = apart[nearest]
     if distance[nearest] < _HEAD_ON:
-        # Head-on, both step to the right. If neither moves, any direction will do.
+        # If paths meet head-on, both people step to the right. If neither moves, any direction works.
         passing = np.gradient(apart, axis=0)[nearest] if len(apart) > 1 else np.zeros(2)
         away = np.array((passing[1], -passing[0])) if passing.any() else np.array((1.0, 0.0))
     close = np.flatnonzero(distance < clearance)

@@ -18,10 +18,10 @@ from synth.motion.soundness import correct_rate, repair
 from synth.people.body import ANKLE_HEIGHT, LEG_LENGTH
 from synth.people.segments import SEGMENTS
 
-# Files have x to the left, y up, z forward; ours is x forward, y left, z up.
+# Files have x to the left, y up and z forward. The canonical axes are x forward, y left and z up.
 _CANONICAL_FROM_FILE = UPRIGHT["y"]
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "CMU units": 0.0254 / 0.45, "inches": 0.0254}
-"""Metres per unit. CMU's Acclaim files count inches times 0.45, as their `:units` say."""
+"""Metres per unit. Lengths in CMU's Acclaim files are inches times 0.45, as stated in their `:units`."""
 _LEGS = (0.55, 1.15)
 """Least and greatest length of thigh and shin together, m, from a ten-year-old to a tall adult; only one unit fits."""
 ANKLE_OF_LEG = ANKLE_HEIGHT / LEG_LENGTH
@@ -32,13 +32,14 @@ _RATES = (5.0, 1000.0)
 _FASTEST = 12.5
 """Greatest speed of a runner, m/s: in Usain Bolt's record of 2009 the fastest 10 m took 0.81 s."""
 _LIMBS = {"upper_arm": "forearm", "forearm": "wrist", "hand": "knuckle", "thigh": "shin", "shin": "foot"}
-"""The joint at the end of each segment that has two sides."""
+"""For each limb segment, the joint at its end."""
 
 
 def retarget_take(recording: SkeletonRecording, options: ReadOptions) -> Motion:
-    """Retarget a recording with the rate, the names of joints, the unit and the axes that the user gives.
+    """Retarget a recording with the rate, the joint names, the unit and the axes of the user's options.
 
-    Without a rate a stated one is corrected by what is known of the take, or by how fast it falls.
+    If the options have no rate, the stated rate is corrected: from known facts about the take, or from the speed of
+    falls in it.
 
     Raises:
         ValueError: as `retarget` and `synth.motion.readers.joint_names.renamed`.
@@ -57,18 +58,19 @@ def retarget(
 ) -> Motion:
     """Retarget a recorded skeleton's motion to the canonical segments, on a level floor.
 
-    Segments turn with the joints that drive them, R(t) = W G(t) G_rest^-1 A: G is the orientation of the joint, G_rest
-    that in the T-pose; A takes the canonical axes to the recorded limb in the T-pose (along the bone, which may be
-    splayed or bent); W takes the file's axes to ours. The canonical pose is the identity whatever pose a file has at
-    rest. The x axis of an upper arm points to the side to which the elbow bends, so that elbows are hinges about z as
-    knees are about y. A forearm turns about its length with its hand.
+    Each segment turns with the joint that drives it, R(t) = W G(t) G_rest^-1 A. G is the orientation of the joint, and
+    G_rest is its orientation in the T-pose. A rotates the canonical axes to the recorded limb in the T-pose (along the
+    bone, which may be splayed or bent). W rotates the file's axes to the canonical axes. In the canonical pose the
+    rotations are the identity, whatever the rest pose of the file. The x axis of an upper arm points in the direction
+    in which the elbow bends, so that elbows are hinges about z and knees are hinges about y. A forearm turns about its
+    length together with the hand.
 
-    The synthetic T-pose with which some files begin is left out, with the frames that blend out of it.
+    Some files begin with a synthetic T-pose. It is left out, together with the frames that blend it into the motion.
 
     Args:
-        recording: x to the left, y up, z forward when its root does not turn, unless its joints are mapped.
-        unit: Metres per unit of the recording, where the length of its legs does not show it; see `unit_of`.
-        up: Axis of its world that points up, `x`, `y` or `z`, where its skeleton does not show it.
+        recording: With an unrotated root, x is left, y up and z forward, except if its joints are mapped.
+        unit: Metres per unit of the recording, if its leg length does not determine the unit; see `unit_of`.
+        up: Axis of its world that points up, `x`, `y` or `z`, if its skeleton does not determine the axis.
         from_motion: Whether the recording was made from a `Motion`, so that floor, soles and forearms need no repair.
 
     Raises:
@@ -107,13 +109,14 @@ def retarget(
 def put_on_floor(motion: Motion, ankles: np.ndarray, path: Path, *, lies: bool = False) -> Motion:
     """Put a motion on a level floor at z = 0, lay soles near the floor flat on it, and repair frames that jump.
 
-    The floor is placed so that ankles stand as high as those of an adult with these legs, whatever the file's feet.
+    The ankles determine the floor height: they stand as high above it as the ankles of an adult with the same leg
+    length. The feet of the file are not used.
 
     Args:
         motion: Motion with z up and any floor.
         ankles: (F, 2, 3) of left and right foot in the same world, m.
         path: File that it was read from, for messages.
-        lies: Whether a person who is not upright is known to lie.
+        lies: Whether a body that is not upright is known to belong to a lying person.
 
     Raises:
         ValueError: the motion is too fast for a person, or the body lies along an axis, as with axes in another order;
@@ -131,7 +134,7 @@ def put_on_floor(motion: Motion, ankles: np.ndarray, path: Path, *, lies: bool =
 
 
 def check_rate(fps: float, path: Path) -> None:
-    """Raise ValueError if people are not recorded at this frame rate."""
+    """Raise ValueError if a frame rate is implausible for recordings of people."""
     if not _RATES[0] <= fps <= _RATES[1]:
         raise ValueError(
             f"{path}: expected {_RATES[0]:g} to {_RATES[1]:g} frames a second, found {fps:.4g}; give motion.fps=<rate>"
@@ -139,15 +142,15 @@ def check_rate(fps: float, path: Path) -> None:
 
 
 def unit_of(leg: float, path: Path, unit: float | None) -> tuple[str, float]:
-    """Return name and metres of the unit of length.
+    """Return the name of the unit of length and its size in metres.
 
     Args:
         leg: Length of thigh and shin together, mean of both legs, in the file's unit.
         path: The file, for messages.
-        unit: Metres per unit if given.
+        unit: Metres per unit; None to find the unit from `leg`.
 
     Raises:
-        ValueError: no unit makes it the length of a human leg, and none is given.
+        ValueError: no unit gives `leg` the length of a human leg, and `unit` is None.
     """
     if unit:
         return f"units of {unit:.4g} m", unit
@@ -162,7 +165,7 @@ def unit_of(leg: float, path: Path, unit: float | None) -> tuple[str, float]:
 
 
 def _limb_lengths(recording: SkeletonRecording, positions: np.ndarray, joint: dict[str, int]) -> dict[str, float]:
-    """Return the length of each limb segment, in the file's unit; ValueError if one has none."""
+    """Return the length of each limb segment, in the file's unit. Raise ValueError if one has no length."""
     lengths = {}
     for start, end in ((f"{side}_{part}", f"{side}_{end}") for side in "lr" for part, end in _LIMBS.items()):
         if end not in joint:
@@ -180,8 +183,8 @@ def _limb_lengths(recording: SkeletonRecording, positions: np.ndarray, joint: di
 def _segments(
     dialect: Dialect, joint: dict[str, int], positions: np.ndarray, orientations: np.ndarray, from_motion: bool
 ) -> np.ndarray:
-    """Return the orientations (F, 16, 3, 3) of the canonical segments, on the file's floor."""
-    # W G(t) G_rest^-1 W^-1: in our axes, and the identity in the T-pose.
+    """Return the orientations (F, 16, 3, 3) of the canonical segments, before the floor is levelled."""
+    # W G(t) G_rest^-1 W^-1: the rotation since the T-pose, in canonical axes.
     since_rest = {
         part: _CANONICAL_FROM_FILE @ orientations[:, joint[part]] @ dialect.rest_of(part).T @ _CANONICAL_FROM_FILE.T
         for part in SEGMENTS
@@ -205,12 +208,12 @@ def _segments(
 
 
 def _elbow_angle(dialect: Dialect, arm: np.ndarray, forearm: np.ndarray) -> float:
-    """Return the angle above forward to which an elbow bends in the T-pose, rad.
+    """Return the angle above the forward direction at which an elbow bends in the T-pose, rad.
 
     Args:
-        dialect: Where it states none, the angle is the median of the frames in which the elbow is bent.
-        arm: (F, 3, 3) orientations of the upper arm since the T-pose.
-        forearm: (F, 3) along the forearm.
+        dialect: Its elbow angle is used; if it has none, the median over the frames with a bent elbow.
+        arm: (F, 3, 3) rotations of the upper arm since the T-pose.
+        forearm: (F, 3) vectors along the forearm, in canonical axes.
     """
     if dialect.elbow is not None:
         return np.radians(dialect.elbow)
@@ -235,7 +238,7 @@ def _check_speed(motion: Motion, path: Path) -> None:
 
 
 def _check_axes(motion: Motion, path: Path, lies: bool) -> None:
-    """Raise ValueError if the body is hardly ever upright but mostly along another axis, unless it is known to lie."""
+    """Raise ValueError if the body is rarely upright but mostly along another axis, unless it is known to lie."""
     chest = motion.rotations[:, SEGMENTS.index("chest"), :, 2]
     along = (np.abs(chest) > np.cos(np.radians(40))).mean(0)
     if not lies and (chest[:, 2] > 0.3).mean() < 0.2 and along.max() > 0.8:

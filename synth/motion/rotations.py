@@ -8,7 +8,7 @@ UPRIGHT = {
     "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
     "z": np.eye(3),
 }
-"""(3, 3) rotations from a world in which this axis points up to one in which z does."""
+"""For each axis that may point up in a source world, the (3, 3) rotation from that world to a world with z up."""
 
 
 def about(axis: str, angle: np.ndarray | float) -> np.ndarray:
@@ -18,7 +18,7 @@ def about(axis: str, angle: np.ndarray | float) -> np.ndarray:
 
 
 def aligned(along: np.ndarray, forward: np.ndarray, axis: tuple[float, float, float]) -> np.ndarray:
-    """Return rotations that take `axis` along one direction, and x as near as possible to another.
+    """Return rotations that turn `axis` to one direction, and x as close as possible to another direction.
 
     Args:
         along: (F, 3) directions of any length.

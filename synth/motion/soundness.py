@@ -1,4 +1,4 @@
-"""Faults of recordings: joints that jump are bridged or cut out, and rates that gravity contradicts are halved."""
+"""Repair recordings: bridge or cut out frames in which joints jump, and halve rates that contradict gravity."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,47 +13,49 @@ from synth.people.body import Body, segment_origins
 from synth.people.segments import SEGMENTS
 
 _JUMP, _ACCELERATION = 0.15, 400.0
-"""A joint jumps if its step from one frame to the next differs from the steps around it by more than this distance, m,
-or by more than this acceleration, m/s^2, explains; the feet of kicks reach about 300."""
+"""A joint jumps if its step from one frame to the next differs from the median of the steps around it by more than
+this distance, m, and by more than this acceleration explains, m/s^2; feet reach about 300 in kicks."""
 _LONGEST = 0.25
 """Longest fault that is bridged, s, as for gaps of recordings."""
 _FASTEST = 8.0
-"""Greatest mean speed of a joint over a bridge, m/s; beyond it frames belong to different places."""
+"""Greatest mean speed of a joint over a bridge, m/s; people do not move faster."""
 _FROZEN = 1e-6
-"""Greatest change of a frozen frame, m or as a part of a rotation matrix; the noise of cameras is larger."""
+"""Greatest change between frozen frames, m or per element of a rotation matrix; camera noise is larger."""
 _SHORTEST = 1.0
-"""Least length of what is left of a take after cutting, s."""
+"""Least length of the part of a take that is left after cutting, s."""
 _JOINTS = [
     SEGMENTS.index(name) for name in ("pelvis", "head", *(f"{s}_{n}" for s in "lr" for n in ("hand", "shin", "foot")))
 ]
 _GRAVITY = 9.81
 """m/s^2."""
 _STATED = (119.0, 121.0)
-"""Rates, frames a second, that conversions state whatever the true one is."""
+"""Range around 120 frames/s, the rate that conversions often state, even if the true rate is another."""
 _FLIGHT = 0.2
 """Least length of a flight at the stated rate, s."""
 _CLEAR = 0.06
 """Height of the soles above which feet are off the floor, m."""
 _HALF = (2.8, 5.7)
-"""Fall, in units of gravity, that shows half the stated rate, which makes it four times as fast. At true rates it was
-0.8 to 1.2 in flights, and below 0.2 of people on platforms and bars."""
+"""Range of accelerations of a fall, in units of gravity, that shows that the true rate is half the stated rate: the
+stated rate makes them four times as large. At true rates they were 0.8 to 1.2 in flights, and below 0.2 for people on
+platforms and bars."""
 _ODD = 0.1
-"""Greatest deviation of a flight from a parabola, as a share of its height."""
+"""Greatest standard deviation of a flight from a parabola, as a share of the height that it spans."""
 
 
 def repair(motion: Motion, path: Path) -> Motion:
     """Return a motion without frames in which joints jump.
 
-    A fault is a jump, or jumps less than 0.25 s apart, with the adjacent frozen frames. Up to 0.25 s long it is
-    bridged by slerp and straight lines, if people can move that fast; others are cut out, and the longest stretch
-    between them is left. The name says what was done; `first` counts on. A single step at no more than 8 m/s stays.
+    A fault is one jump, or several jumps less than 0.25 s apart, together with the adjacent frozen frames. A fault of
+    up to 0.25 s is bridged by slerp and straight lines, if people can move that fast. Other faults are cut out, and
+    the longest stretch between them is returned. The name lists the changes; `first` is the new first frame. A single
+    step at no more than 8 m/s is not changed.
 
     Args:
         motion: A whole take.
         path: The file, for messages.
 
     Raises:
-        ValueError: less than a second is left of a longer take.
+        ValueError: a take of more than one second has less than one second left.
     """
     if len(motion) < 3:
         return motion
@@ -111,7 +113,7 @@ def _faults(motion: Motion, joints: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _bridge(motion: Motion, before: int, after: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return roots (n, 3) and rotations (n, 16, 3, 3) of the frames between two others."""
+    """Return roots (n, 3) and rotations (n, 16, 3, 3) of the n frames between `before` and `after`."""
     share = np.arange(1, after - before) / (after - before)
     first, last = motion.rotations[before], motion.rotations[after]
     turn = Rotation.from_matrix(first.swapaxes(-1, -2) @ last).as_rotvec()
@@ -121,7 +123,7 @@ def _bridge(motion: Motion, before: int, after: int) -> tuple[np.ndarray, np.nda
 
 
 def correct_rate(motion: Motion) -> Motion:
-    """Return a motion at half its rate if that is a stated 120 with which people in the air would fall too fast."""
+    """Return a motion at half its rate if the stated rate is 120 and people in the air would fall too fast at it."""
     if not _STATED[0] < motion.fps < _STATED[1]:
         return motion
     falls = _falls(motion)
@@ -132,7 +134,7 @@ def correct_rate(motion: Motion) -> Motion:
 
 
 def _falls(motion: Motion) -> list[float]:
-    """Return the acceleration of the body's mass in each flight, in units of gravity."""
+    """Return the downward acceleration of the body (segment origins weighted by mass) in each flight, in g."""
     body = Body(1.70)
     root = motion.root * body.hip_height / motion.hip_height
     origins = segment_origins(body, root, motion.rotations)

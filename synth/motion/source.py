@@ -25,9 +25,9 @@ _TURN_TIME = 0.3
 _FARTHEST = 10_000.0
 """Greatest coordinate of a take, m."""
 PROCEDURAL = "procedural"
-"""The choice of motion that is made, not read from files."""
+"""The kind of motion that is generated, not read from files."""
 RECORDED = "recorded"
-"""The choice of recorded motion of all formats."""
+"""The kind of recorded motion of any format."""
 
 
 class UpAxis(Enum):
@@ -89,14 +89,14 @@ def load_motion(
 ) -> Motion:
     """Draw a stretch of motion.
 
-    For recorded motion, a take is drawn from `takes(config)`, each as likely, and a start in it (`cut`).
+    For recorded motion, a take of `takes(config)` is drawn with equal probability, and a start within it (see `cut`).
 
     Args:
         config: The source.
         seconds: Length, s.
         fps: Frames per second.
         rng: Draws everything.
-        seated: For procedural motion, height of the hips in sitting on a stool as a fraction of that in standing.
+        seated: For procedural motion, hip height when sitting on a stool, as a fraction of the standing hip height.
 
     Returns:
         round(seconds * fps) frames, anywhere on the floor; `place` moves them.
@@ -117,10 +117,10 @@ def load_motion(
 def draw_takes(
     config: MotionConfig, choices: Sequence[tuple[Path, ...]], *, rng: np.random.Generator
 ) -> tuple[Motion, ...]:
-    """Draw one of some takes, or of pairs of takes, each as likely. What cannot be read is left out with a warning.
+    """Draw a take, or a pair of takes, with equal probability. Takes that cannot be read are left out with a warning.
 
     Raises:
-        ValueError: the only one, or each of several, is malformed.
+        ValueError: none of the choices can be read.
     """
     left = list(choices)
     while True:
@@ -140,7 +140,7 @@ def draw_takes(
 
 
 def takes(config: MotionConfig) -> list[Path]:
-    """Return the files that recorded motion is drawn from, sorted.
+    """Return the files from which recorded motion is drawn: sorted, or in the order of a list.
 
     Raises:
         ValueError: no path is given, or the kind is procedural.
@@ -167,7 +167,7 @@ def read_take(
 
     Args:
         path: A file of a format that has a reader.
-        fps: Frame rate in place of the one that the file states, and of what is known about the CMU database.
+        fps: Frame rate that replaces the stated rate and the known corrections for the CMU database.
         unit, up, mapping: As in `MotionConfig`.
 
     Returns:
@@ -204,13 +204,14 @@ def _read_take(
 def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
     """Cut a stretch of a take and resample it: rotations by slerp, positions linearly.
 
-    A take that is too short is played back and forth, and comes to rest within 0.3 s of its ends so that it reverses
-    smoothly. People then walk backwards at times, which bodies can; a loop would make them jump, and a hold freeze.
+    A take that is too short is played back and forth. It comes to rest within 0.3 s of its ends, so that it reverses
+    smoothly. People then sometimes walk backwards, which is physically possible. A loop would make them jump, and a
+    repeated last frame would make them freeze.
 
     Args:
         take: The take.
-        start: Where to begin: a share, 0 to 1, of the possible starts, from the first to the last from which the take
-            is long enough. A take that is too short may start anywhere, in either direction.
+        start: Position of the start, 0 to 1: 0 is the first frame, 1 is the last start from which the take is long
+            enough. A take that is too short may start anywhere, in either direction.
         seconds: Length, s.
         fps: Frames per second.
     """
@@ -225,7 +226,7 @@ def cut(take: Motion, *, start: float, seconds: float, fps: float) -> Motion:
         period = length + ease
         phase = (times + start * 2 * period) % (2 * period)
         phase = np.minimum(phase, 2 * period - phase)
-        # Constant acceleration from rest over `ease`, and likewise to rest; exact at both ends.
+        # Constant acceleration from rest over `ease`, and constant deceleration to rest; exact at both ends.
         rising, falling = phase**2 / (2 * ease), length - (period - phase) ** 2 / (2 * ease)
         times = np.where(phase < ease, rising, np.where(phase > length, falling, phase - ease / 2))
         name = f"{take.name} to and fro from {times[0]:.2f} s"
@@ -252,8 +253,8 @@ def place(motion: Motion, xy: tuple[float, float], yaw: float, leader: Motion | 
         motion: The motion to move.
         xy: Target of the mean of the root, m, world.
         yaw: Target of the mean heading of the pelvis (the direction of the mean of its x axis), rad from +x to +y.
-        leader: Another motion: its mean root and heading are placed there instead; `motion` moves along with it as its
-            partner.
+        leader: Another motion. Its mean root and heading are moved to the target instead, and `motion` moves with it as
+            its partner.
     """
     leader = leader or motion
     facing = leader.rotations[:, 0, :2, 0].mean(0)

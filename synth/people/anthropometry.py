@@ -12,11 +12,12 @@ _STATURE = (1.75, 0.12, 0.065)
 """Stature of adults, m: mean of men, difference of the mean of women, standard deviation. ANSUR II (Gordon et al.,
 NATICK/TR-15/007, 2014) found 1.756, 0.127, and 0.069 for men and 0.064 for women."""
 _INDEX = (24.0, 1.0, 3.0)
-"""Body mass index of adults, kg/m^2, likewise; worldwide means (NCD-RisC, Lancet 387, 2016). It is independent of
-stature, so that mass and stature correlate by 0.5, as among soldiers."""
+"""Body mass index of adults, kg/m^2: mean of men, difference of the mean of women, standard deviation; worldwide means
+(NCD-RisC, Lancet 387, 2016). It is independent of stature, so that mass and stature correlate with 0.5, as among
+soldiers."""
 _LENGTH = 0.02
-"""Relative standard deviation of leg and arm lengths at a given stature. Crotch heights of ANSUR II have 2.8 %, some of
-which is error of measurement."""
+"""Relative standard deviation of leg and arm lengths at a given stature. For crotch heights in ANSUR II it is 2.8 %,
+which includes measurement errors."""
 _LIMITS = ((1.48, 2.02), (18.0, 33.0), (0.95, 1.05), (0.95, 1.05))
 """Bounds of adults' stature, m, body mass index, kg/m^2, relative leg length and relative arm length."""
 
@@ -53,7 +54,7 @@ def body_at(
 
     Args:
         feminine: 0 for men and boys, 1 for women and girls.
-        age: Years, from 4; from 18 on an adult's.
+        age: Years, from 4; adult proportions from 18 on.
         stature, index, legs, arms: Deviations of the stature, of the body mass index, and of the lengths of legs and
             arms at this stature. They are clipped to the range of the population.
 

@@ -1,4 +1,4 @@
-"""Pieces of cloth between two segments, which turn by a share of the joint between them."""
+"""Pieces of cloth between two segments, which follow a share of the rotation of the joint between them."""
 
 import mujoco
 import numpy as np

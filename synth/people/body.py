@@ -12,7 +12,7 @@ SIDES = {"l": 1.0, "r": -1.0}
 
 # Origin of each segment in its parent's frame, as fractions of stature, in the canonical T-pose; left side only.
 # Lengths after Drillis & Contini (1966), as in Winter, Biomechanics and Motor Control (4th ed., fig. 4.1);
-# joint centres lie inside the breadths given there.
+# joint centres are inside the breadths given there.
 _OFFSETS = {
     "pelvis": (0.0, 0.0, 0.0),
     "spine": (-0.008, 0.0, 0.055),
@@ -37,14 +37,14 @@ HALF_HIP_WIDTH = _OFFSETS["thigh"][1]
 """Distance of each hip joint from the mid hip as a fraction of stature."""
 _TRUNK = sum(_OFFSETS[name][2] for name in ("spine", "chest", "head"))
 HEAD_HEIGHT = 0.155
-"""Height of the crown above the joint of the head as a fraction of stature; Winter's figure gives that of the chin."""
+"""Height of the crown above the joint of the head as a fraction of stature; Winter's figure gives the chin's height."""
 
 ADULT_AGE = 18.0
 """Age from which proportions are an adult's, years."""
 # Children by age, relative to adults of the same stature; means of boys and girls. Heads after circumferences
 # (Roche et al., Pediatrics 79, 1987) and faces, which grow for longer than skulls (Farkas et al., Cleft Palate-
 # Craniofacial Journal 29, 1992); legs after sitting heights (Snyder et al., UM-HSRI-77-17, 1977; Hawkes et al., Journal
-# of Pediatrics, 2020); cross-sections of limbs and trunk such that they hold the rest of the mass.
+# of Pediatrics, 2020); cross-sections of limbs and trunk are such that they contain the rest of the mass.
 _AGES = (4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, ADULT_AGE)
 _HEADS = (1.45, 1.31, 1.205, 1.135, 1.06, 1.01, 1.0, 1.0)
 _LEGS = (0.921, 0.951, 0.972, 0.992, 1.008, 1.014, 1.006, 1.0)
@@ -54,9 +54,9 @@ _PUBERTY = (9.0, 16.0)
 CHILD_FIGURE = 0.5
 """Build of children, as `Body.figure`: shoulders half way between those of men and of women."""
 _HEAD_LOSS = 0.0114
-"""Share of the mass that the head loses each year until `_HEAD_LOST` (Jensen, Journal of Biomechanics 19, 1986)."""
+"""Yearly decrease of the head's share of the mass until `_HEAD_LOST` (Jensen, Journal of Biomechanics 19, 1986)."""
 _HEAD_LOST = 15.0
-"""Age until which the share of the head in the mass falls, years."""
+"""Age until which the head's share of the mass decreases, years."""
 _ADULT_HIPS = 0.897
 """Height of the hips of adults, m, mean of men and women of average stature."""
 
@@ -89,7 +89,7 @@ class Body:
         stature: Standing height, m.
         mass: kg; relative to the stature it determines the girth of limbs and trunk.
         feminine: Build of shoulders, waist and hips, from 0 masculine to 1 feminine.
-        legs: Length of the legs relative to the average at this stature; the trunk takes up the rest.
+        legs: Length of the legs relative to the average at this stature; the trunk makes up the difference.
         arms: Length of the arms relative to the average at this stature.
         age: Years; below 18 proportions are those of children.
     """
@@ -115,26 +115,26 @@ class Body:
 
     @property
     def figure(self) -> float:
-        """Build of shoulders, waist and hips: 0 a man's, 1 a woman's; those of boys and girls lie between."""
+        """Build of shoulders, waist and hips: 0 for men, 1 for women, and between them for boys and girls."""
         grown = float(np.interp(self.age, _PUBERTY, (0, 1)))
         return self.feminine * grown + CHILD_FIGURE * (1 - grown)
 
     @property
     def head(self) -> float:
-        """Size of the head relative to an adult's of the same stature."""
+        """Size of the head relative to an adult of the same stature."""
         return float(np.interp(self.age, _AGES, _HEADS))
 
     @property
     def leg(self) -> float:
-        """Length of the legs relative to an average adult's of the same stature."""
+        """Length of the legs relative to an average adult of the same stature."""
         return self.legs * float(np.interp(self.age, _AGES, _LEGS))
 
     @property
     def tempo(self) -> float:
         """Speed of movements relative to an adult's, 1 for adults.
 
-        The duration of a stride, and so the speed, goes with the root of the legs' length (Hof, Gait & Posture 4,
-        1996).
+        The duration of a stride, and therefore the speed, is proportional to the square root of the leg length (Hof,
+        Gait & Posture 4, 1996).
         """
         return float(np.sqrt(_ADULT_HIPS / self.hip_height)) if self.age < ADULT_AGE else 1.0
 

@@ -1,4 +1,4 @@
-"""The solid parts of a body: capsules in which mass and contacts are, beneath the visible surfaces."""
+"""The solid parts of a body: capsules with mass and contacts, beneath the visible surfaces."""
 
 import numpy as np
 

@@ -13,10 +13,10 @@ _PALM = [(-0.004, 0, 0, 0.0155, 0.0115), (0.015, 0.002, 0, 0.021, 0.0105), (0.04
 _FINGERS = [(0.0165, 0.038), (0.006, 0.046), (-0.0045, 0.042), (-0.0145, 0.033)]
 """Position across the palm, and length, from the index finger."""
 _KNUCKLES, _FIRST = 0.050, 0.5
-"""Where fingers begin along the hand, and the share of a finger before its middle joint."""
+"""Position along the hand at which fingers begin, and the share of a finger before its middle joint."""
 _THIN, _TIP = 0.0056, 0.0045
 """Half widths of a finger at its beginning and its tip."""
-# Of each finger, degrees below the palm's plane before and after the middle joint.
+# For each finger, degrees below the palm's plane before and after the middle joint.
 _BENDS = {
     "relaxed": ((8, 22), (11, 30), (13, 34), (15, 38)),
     "open": ((0, 4), (0, 5), (0, 5), (0, 5)),
@@ -25,7 +25,7 @@ _BENDS = {
     "point": ((4, 8), (80, 188), (82, 190), (84, 190)),
 }
 _SPREAD = {"open": 0.35}
-"""By how much farther apart fingers are at their tips than at the knuckles."""
+"""Relative increase of the distance between fingers from the knuckles to the tips; 0.1 for other shapes."""
 _THUMBS = {
     "relaxed": ((0.014, 0.0), (0.027, -0.008), (0.029, -0.018)),
     "open": ((0.014, 0.0), (0.034, -0.004), (0.046, -0.006)),
@@ -63,7 +63,7 @@ def hand(body: Body, shape: str, axes: np.ndarray) -> Mesh:
 
 
 def _bone(start: np.ndarray, end: np.ndarray, widths: np.ndarray, axes: np.ndarray, number: int) -> Mesh:
-    """Return a round bar between two points (3,) in the hand's axes; the second of a finger closes both ends."""
+    """Return a round bar between two points (3,) in the hand's axes; bars after the first have closed ends."""
     along = (end - start) / np.linalg.norm(end - start)
     across = np.array((1.0, 0, 0)) - along[0] * along
     across /= np.linalg.norm(across)

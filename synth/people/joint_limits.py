@@ -1,4 +1,4 @@
-"""Limits of joint rotations, and how motion is brought within them."""
+"""Limits of joint rotations, and the correction of motion that exceeds them."""
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
@@ -9,9 +9,10 @@ from synth.people.segments import PARENTS, SEGMENTS
 
 # Degrees about x, y and z of the parent's axes, on the left side. Active ranges of adults, after the American Academy
 # of Orthopaedic Surgeons, "Joint Motion: Method of Measuring and Recording" (1965), and Boone and Azen, J. Bone Joint
-# Surg. 61-A (1979); wider where squats bear on a joint, for dancers' and fighters' hips and feet, and because a spine
-# of two joints stands for one of many, and recorded skeletons split rotations otherwise. The twist of an upper arm
-# has no bounds: raised to the front or to the side, the same arm overhead differs by half a turn (Codman's paradox).
+# Surg. 61-A (1979); ranges are wider for joints that squats load, and for the hips and feet of dancers and fighters.
+# They are also wider because a spine of two joints stands for one of many, and because recorded skeletons split
+# rotations differently. The twist of an upper arm has no bounds: the same overhead pose differs by half a turn between
+# an arm raised to the front and one raised to the side (Codman's paradox).
 _RANGES = {
     "pelvis": ((-360, 360), (-360, 360), (-360, 360)),
     "spine": ((-40, 40), (-40, 75), (-45, 45)),
@@ -30,8 +31,8 @@ ORDER = np.stack([0 * _TWIST, 1 + _TWIST, 1 + (_TWIST + 1) % 3, 1 + (_TWIST + 2)
 """(4, 16) components of each segment's quaternion: real, about its length, and the two that follow in cyclic order."""
 
 _FASTEST = 25.0
-"""Greatest speed of a joint from frame to frame, rad/s. In sound takes of CMU's runs, jumps, punches, salsa and kicks,
-trunks and legs stay below 21, except in one frame of a flying kick."""
+"""Greatest speed of a joint from frame to frame, rad/s. In takes of CMU's runs, jumps, punches, salsa and kicks without
+faults, trunks and legs stay below 21, except in one frame of a flying kick."""
 _EASE = 0.12
 """Time before and after a jump of a joint over which its rotation is smoothed, s."""
 
@@ -46,11 +47,10 @@ def _sines() -> np.ndarray:
 
 
 LEAST, GREATEST = _sines()
-"""(3, 16) of what `swing_twist` gives, of each segment in its parent."""
 LEAST[:, 0], GREATEST[:, 0] = -2, 2
 """(3, 16) least and greatest values of what `swing_twist` returns, for each segment in its parent."""
 WIDEST = np.radians([min(np.abs(_RANGES[name]).max() + 15, 179) for _, name in _PARTS])
-"""(16,) greatest rotation of each joint from the T-pose under any push, about any axis, rad; not the pelvis."""
+"""(16,) greatest rotation of each joint from the T-pose under any push, about any axis, rad; unused for the pelvis."""
 
 
 def swing_twist(w: np.ndarray, twist: np.ndarray, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -60,8 +60,8 @@ def swing_twist(w: np.ndarray, twist: np.ndarray, one: np.ndarray, other: np.nda
         w, twist, one, other: Components of the rotation's quaternion in the order of `ORDER`.
 
     Returns:
-        cosine, sine: Of half the twist, with the sign of the quaternion.
-        turns: (3, ...) sine of half the twist, and those of half the swing about the other two axes.
+        cosine, sine: Cosine and sine of half the twist, with the sign of the quaternion.
+        turns: (3, ...) sine of half the twist, and sines of half the swing about the other two axes.
     """
     length = np.hypot(w, twist) + 1e-12
     cosine, sine = w / length, twist / length
@@ -70,9 +70,9 @@ def swing_twist(w: np.ndarray, twist: np.ndarray, one: np.ndarray, other: np.nda
 
 
 def limit_joints(rotations: np.ndarray, fps: float | None = None) -> tuple[np.ndarray, float]:
-    """Bring a motion within the limits of the joints; segments below a joint that stops move with it.
+    """Return a motion within the limits of the joints. Segments below a limited joint move with it.
 
-    A joint of a recording may still turn faster than people's do, if the take jumps, or if another limit stops it in
+    A joint of a recording may still turn faster than human joints do, if the take jumps, or if another limit applies in
     the next frame (large rotations reach the same pose in several ways). Its rotation is then smoothed, within limits.
 
     Args:
@@ -86,24 +86,24 @@ def limit_joints(rotations: np.ndarray, fps: float | None = None) -> tuple[np.nd
     relative = rotations.copy()
     relative[..., 1:, :, :] = np.swapaxes(rotations[..., PARENTS[1:], :, :], -1, -2) @ rotations[..., 1:, :, :]
     quats = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(*relative.shape[:-2], 4)
-    turned, far = _stopped(quats)
+    turned, far = _limited(quats)
     relative[far], quats[far] = turned.as_matrix(), turned.as_quat(scalar_first=True)
-    torn = _torn(quats, fps) if fps else np.zeros_like(far)
-    if not far.any() and not torn.any():
+    jumping = _find_jumps(quats, fps) if fps else np.zeros_like(far)
+    if not far.any() and not jumping.any():
         return rotations, 0.0
-    if torn.any():
-        quats = _smoothed(quats, torn, fps)
-        turned, farther = _stopped(quats)
+    if jumping.any():
+        quats = _smoothed(quats, jumping, fps)
+        turned, farther = _limited(quats)
         quats[farther] = turned.as_quat(scalar_first=True)
-        relative[torn] = Rotation.from_quat(quats[torn], scalar_first=True).as_matrix()
+        relative[jumping] = Rotation.from_quat(quats[jumping], scalar_first=True).as_matrix()
     repaired = relative.copy()
     for segment, parent in enumerate(PARENTS[1:], start=1):
         repaired[..., segment, :, :] = repaired[..., parent, :, :] @ relative[..., segment, :, :]
     return repaired, float(far[..., 1:].mean())
 
 
-def _stopped(quats: np.ndarray) -> tuple[Rotation, np.ndarray]:
-    """Return the limited rotations of those of `quats` (F, ..., 16, 4) beyond limits, and their mask (F, ..., 16)."""
+def _limited(quats: np.ndarray) -> tuple[Rotation, np.ndarray]:
+    """Return limited rotations for all `quats` (F, ..., 16, 4) beyond the limits, and their mask (F, ..., 16)."""
     each = np.arange(len(SEGMENTS))
     cosine, sine, turns = swing_twist(*(quats[..., each, order] for order in ORDER))
     least, greatest = (limit.reshape(3, *[1] * (quats.ndim - 2), -1) for limit in (LEAST, GREATEST))
@@ -121,8 +121,8 @@ def _stopped(quats: np.ndarray) -> tuple[Rotation, np.ndarray]:
     return turned, far
 
 
-def _torn(quats: np.ndarray, fps: float) -> np.ndarray:
-    """Return where (F, ..., 16) joints with rotations (F, ..., 16, 4) jump, or are near a jump in time."""
+def _find_jumps(quats: np.ndarray, fps: float) -> np.ndarray:
+    """Return the mask (F, ..., 16) of joints, with rotations (F, ..., 16, 4), that jump or are near a jump in time."""
     turn = 2 * np.arccos(np.abs((quats[1:] * quats[:-1]).sum(-1)).clip(0, 1))
     jumps = np.zeros(quats.shape[:-1], bool)
     jumps[1:] = turn * fps > _FASTEST
@@ -130,11 +130,11 @@ def _torn(quats: np.ndarray, fps: float) -> np.ndarray:
     return maximum_filter1d(jumps, 1 + 2 * round(_EASE * fps), axis=0)
 
 
-def _smoothed(quats: np.ndarray, torn: np.ndarray, fps: float) -> np.ndarray:
-    """Return rotations (F, ..., 16, 4), smoothed where they are torn (F, ..., 16), less towards where they are not."""
+def _smoothed(quats: np.ndarray, jumping: np.ndarray, fps: float) -> np.ndarray:
+    """Return rotations (F, ..., 16, 4), smoothed where a mask (F, ..., 16) is true, and less towards its edges."""
     flips = np.where((quats[1:] * quats[:-1]).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     quats = np.concatenate([quats[:1], quats[1:] * np.cumprod(flips, axis=0)])
     blur = {"sigma": _EASE / 2 * fps, "axis": 0, "mode": "nearest"}
-    share = np.where(torn, gaussian_filter1d(torn.astype(float), **blur), 0.0)[..., None]
+    share = np.where(jumping, gaussian_filter1d(jumping.astype(float), **blur), 0.0)[..., None]
     quats = quats + share * (gaussian_filter1d(quats, **blur) - quats)
     return quats / np.linalg.norm(quats, axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Landmarks: where annotators and detectors place each joint on a body."""
+"""Landmarks: the points on a body where annotators and detectors place each joint."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -17,10 +17,10 @@ class _Landmark(NamedTuple):
 
     Attributes:
         segment: Segment that it moves with.
-        joint: Segment; the offset begins at its origin in the T-pose.
-        x, y, z: Offset, fractions of stature; from the head, it is scaled by the size of the head.
-        radius: Depth in the limb, with clothes, from three quarters of the directions that see it, fractions of
-            stature; girth widens it. It is 0 for points on the skin of the head, which the head itself hides.
+        joint: Segment; the offset is relative to its origin in the T-pose.
+        x, y, z: Offset, fractions of stature; an offset from the head is also scaled by the size of the head.
+        radius: Depth in the limb, with clothes, for three quarters of the directions from which it is seen, fractions
+            of stature; it scales with girth. It is 0 for points on the skin of the head, which the head itself hides.
     """
 
     segment: str
@@ -31,8 +31,8 @@ class _Landmark(NamedTuple):
     radius: float = 0.0
 
 
-# The eyes are 0.936 of stature above the floor and the chin 0.870 (Winter, fig. 4.1). Hips as OpenPose finds them lie
-# a little above and outside the joint's centre; Shelf's annotators put hips 40 to 78 mm, and shoulders 21 to 38 mm,
+# The eyes are 0.936 of stature above the floor and the chin 0.870 (Winter, fig. 4.1). OpenPose's hips are
+# slightly above and outside the joint's centre; Shelf's annotators put hips 40 to 78 mm, and shoulders 21 to 38 mm,
 # below those of OpenPose.
 _LIMBS = {
     "elbow": _Landmark("forearm", "forearm", 0, 0, 0, 0.037),
@@ -61,7 +61,7 @@ _SHELF14 = _LIMBS | {
     "top_head": _Landmark("head", "head", 0.0714, 0, 0.0829),
 }
 _HEADS = ("bottom_head", "top_head")
-# From MPII's annotators, and so in BODY_25B and Halpe: the crown, and where the neck meets the head.
+# As annotated in MPII, and therefore in BODY_25B and Halpe: the crown, and the point where the neck meets the head.
 _CROWN = {"head_top": _Landmark("head", "head", 0.005, 0, HEAD_HEIGHT)}
 # BlazePose's: corners of the eyes and of the mouth, and knuckles.
 _FACE_AND_HANDS = {
@@ -78,7 +78,7 @@ _PLACES = {
     "halpe26": _BODY25 | _CROWN,
     "blazepose33": _BODY25 | _FACE_AND_HANDS,
 }
-"""Landmarks of skeletons with joints in other places than those of the same name in BODY_25."""
+"""Landmarks of skeletons that place joints differently from the joints of the same name in BODY_25."""
 _SKIN = 0.025
 """Depth through which a joint on the skin still counts as seen, m."""
 
@@ -94,8 +94,8 @@ def landmarks(body: Body, skeleton: Skeleton = SKELETON) -> tuple[np.ndarray, np
     Returns:
         segments: (J,) index into `SEGMENTS` of the segment that each joint moves with.
         points: (J, 3) position of the joint in that segment's frame, m.
-        depth: (J,) distance before the joint at which a ray may first meet the body and still count as seeing the
-            joint, m: through the limb in which it lies, or through little more than skin.
+        depth: (J,) greatest distance before the joint at which a ray may first meet the body and still count as seeing
+            the joint, m: the depth of the joint in its limb, or little more than skin.
     """
     at = dict(zip(SEGMENTS, segment_origins(body, np.zeros((1, 3)), np.tile(np.eye(3), (1, 16, 1, 1)))[0], strict=True))
     segments, places, depth = [], [], []
@@ -123,7 +123,7 @@ def _size(body: Body, landmark: _Landmark) -> float:
 
 
 def _sided(name: str, side: str) -> list[str]:
-    """Return the segments meant by a name without a side: one on a side or the mid line, both from the mid line."""
+    """Return the segments for a name without its side: the one on `side` or the mid line; both if `side` is empty."""
     if name in SEGMENTS:
         return [name]
     return [f"{one}_{name}" for one in ([side] if side else SIDES)]

@@ -19,10 +19,10 @@ class Mesh:
         vertices: (N, 3) m.
         uv: (N, 2) texture coordinates, 1 per repeat.
         faces: (T, 3) vertex indices, counter-clockwise seen from outside.
-        swept: (N, 4) number of the surface of a vertex, and its position when swept, for shading that does not change
-            as the mesh moves.
-        share: How much of the rotation of its segment's joint the mesh takes part in: 1 with the segment, less for
-            a piece of cloth between the segment and its parent.
+        swept: (N, 4) number of each vertex's surface, and the vertex's position when swept. Shading is computed from
+            them, so that it does not change as the mesh moves.
+        share: Share of the rotation of its segment's joint that the mesh follows: 1 for all of it, less for a piece of
+            cloth between the segment and its parent.
     """
 
     vertices: np.ndarray
@@ -33,21 +33,21 @@ class Mesh:
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """(N, 3) unit normals, outward. Vertices of a surface in the same place share one, so that no seam shows."""
+        """(N, 3) unit normals, outward. Vertices of a surface in the same place share one: no seam is visible."""
         places, place = np.unique(np.round(self.swept, 6), axis=0, return_inverse=True)
         return trimesh.Trimesh(places[:, 1:], place[self.faces], process=False).vertex_normals[place]
 
     def moved(self, offset) -> "Mesh":
-        """Move the mesh by (3,) m."""
+        """Return the mesh moved by an offset (3,), m."""
         return replace(self, vertices=self.vertices + offset)
 
     def pushed(self, offsets: np.ndarray) -> "Mesh":
-        """Move each vertex by its own offset, (N, 3) m, and its shading with it."""
+        """Return the mesh with each vertex moved by its own offset, (N, 3) m; the shading follows."""
         swept = self.swept + np.concatenate([np.zeros((len(offsets), 1)), offsets], axis=1)
         return replace(self, vertices=self.vertices + offsets, swept=swept)
 
     def scaled(self, factor: float) -> "Mesh":
-        """Scale the mesh about the origin."""
+        """Return the mesh scaled about the origin."""
         return replace(self, vertices=self.vertices * factor)
 
 
@@ -74,19 +74,19 @@ def loft(
     phase: float = 0.0,
     repeats: int | None = None,
 ) -> Mesh:
-    """Sweep an ellipse along an axis.
+    """Return the surface that an ellipse sweeps along an axis.
 
     Args:
         stations: (S, 5) rows of t, p, q, a, b, m: position along the axis, centre and half widths of the ellipse across
             it; smooth and monotone in between (PCHIP).
         axes: (3, 3) columns are the directions of p, q and t.
         ends: Bulge of the first and the last ellipse into a cap, relative to its smaller half width; 0 closes it flat,
-            as a hem; None leaves it open, where another surface carries on.
-        rings: Ellipses along the axis, without caps.
-        sides: Vertices around.
+            as a hem; None leaves it open, where another surface continues.
+        rings: Number of ellipses along the axis, without caps.
+        sides: Number of vertices around the axis.
         squareness: Exponent of the superellipse, 2 for an ellipse.
         phase: Texture coordinate along the axis at t = 0.
-        repeats: Repeats of the texture around; by default as many as fit.
+        repeats: Number of texture repeats around the axis; by default as many as fit.
     """
     t = stations[:, 0]
     grid = np.linspace(t[0], t[-1], rings)
@@ -111,7 +111,7 @@ def _cap(end: np.ndarray, bulge: float | None, direction: int) -> np.ndarray:
     if bulge is None:
         return np.empty((0, 5))
     angle = np.radians((32.0, 60.0, 80.0, 90.0))
-    # A ring just inside a flat rim keeps the rim's shading crisp; a pole of no size would make empty triangles.
+    # A ring just inside a flat rim keeps the rim's shading sharp; a pole of zero size would make empty triangles.
     shrink = np.maximum(np.cos(angle), 1e-3) if bulge else np.array([0.97, 1e-3])
     cap = np.repeat(end[None], len(shrink), axis=0)
     if bulge:
@@ -129,7 +129,7 @@ def _surface(points: np.ndarray, uv: np.ndarray, *, inverted: bool) -> Mesh:
     faces = faces[:, ::-1] if inverted else faces
     one, two, three = vertices[faces.T]
     (ax, ay, az), (bx, by, bz) = (two - one).T, (three - one).T
-    # Written out because numpy's cross and norm take longer than all the rest.
+    # Written out because numpy's cross and norm take longer than the rest of this function.
     double_area = np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2)
     swept = np.concatenate([np.zeros((len(vertices), 1)), vertices], axis=1)
     return Mesh(vertices, uv.reshape(-1, 2), faces[double_area > 2e-10], swept)

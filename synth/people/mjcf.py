@@ -16,7 +16,7 @@ MOST_PERSONS = 30
 """Greatest number of people: contact filters are bits of a signed 32-bit number, one per person."""
 
 _CLOTH = 0.012
-"""Distance before the solid parts at which contact begins, m."""
+"""Distance from the solid parts at which contact begins, m."""
 _ARMS = ("forearm", "hand")
 _TORSO = ("pelvis", "spine", "chest", "head", "thigh")
 HIDDEN_GROUP = 3
@@ -24,7 +24,7 @@ HIDDEN_GROUP = 3
 
 
 def geom_parts(model: mujoco.MjModel) -> np.ndarray:
-    """Return the part of the body of each geom, (ngeom,) uint8: 1 + its index in `SEGMENTS`, 0 if of no person."""
+    """Return the body part of each geom, (ngeom,) uint8: 1 + its index in `SEGMENTS`, 0 if it is not of a person."""
     parts = np.zeros(model.nbody, np.uint8)
     for body in range(model.nbody):
         owner, _, segment = model.body(body).name.partition("/")
@@ -46,7 +46,7 @@ def add_person(
         body: Proportions.
         looks: Colours and clothes.
         position: (3,) of the mid point of the hip joints, m.
-        rng: Draws the texture of the cloth. None leaves out what only images need, and the sites of joints,
+        rng: Draws the texture of the cloth. None leaves out all that only images need, and the sites of joints,
             `person<p>/<skeleton>.<joint>` for every known skeleton.
     """
     prefix = f"person{person}/"
@@ -99,18 +99,18 @@ def _add_capsules(bodies: list, prefix: str, person: int, body: Body, hands: tup
             contype=1 << person,
             conaffinity=(2**31 - 1) & ~(1 << person),
             friction=[0.9 if foot else 0.3, 0.005, 0.0001],
-            # Stiff enough for a kick to overlap by less than 40 mm. Contact begins before the solid parts overlap.
+            # Stiff enough that a kick overlaps by less than 40 mm. Contact begins before the solid parts overlap.
             solref=[0.006, 1.0],
             solimp=[0.95, 0.99, 0.002, 0.5, 2.0],
             margin=0.0 if foot else _CLOTH,
-            # Neither drawn nor hit by rays; the surfaces around it are.
+            # The capsule is neither drawn nor hit by rays; the surfaces around it are.
             group=HIDDEN_GROUP,
             rgba=[0, 0, 0, 0],
         )
 
 
 def _add_touch(spec: mujoco.MjSpec, prefix: str) -> None:
-    """Let forearms and hands touch trunk, head, thighs and those of the other side."""
+    """Let forearms and hands touch the trunk, the head, the thighs, and the other forearm and hand."""
     solids = capsule_names()
     for i, one in enumerate(solids):
         for other in solids[:i]:

@@ -64,8 +64,8 @@ _ALONG = {
     "forward": np.array([(0, 0, 1), (0, 1, 0), (1, 0, 0)]).T,
 }
 _BEND, _PIECES, _OVER = 0.030, 5, 0.006
-"""The trunk bends from this far below to this far above each of its joints, in this number of pieces, which overlap by
-this: fractions of stature."""
+"""The trunk bends from `_BEND` below to `_BEND` above each of its joints, in `_PIECES` pieces that overlap by `_OVER`.
+Lengths are fractions of stature."""
 _BELT = (0.060, 0.076)
 """Heights of both edges of the belt of a tucked shirt above the hip joints, fractions of stature."""
 _CLOTH = 0.005
@@ -110,7 +110,7 @@ def _limb(body: Body, looks: PersonLooks, segment: str, side: str, name: str) ->
 
 
 def _cloth(stations: np.ndarray, stop: float, *, loose: bool) -> np.ndarray:
-    """Return a limb's stations down to a hem, with cloth; loose cloth narrows only half as much as the limb."""
+    """Return a limb's stations down to a hem, with cloth; loose cloth narrows only about half as much as the limb."""
     grid = np.linspace(stations[0, 0], stop, 10)
     clothed = np.stack([grid, *(np.interp(grid, stations[:, 0], column) for column in stations[:, 1:].T)], -1)
     clothed[:, 3:] += _CLOTH
@@ -168,13 +168,13 @@ def _trunk(body: Body, looks: PersonLooks) -> Iterator[SurfacePart]:
     around = max(1, round(2 * np.pi * float(breadth.max()) / TILE))
 
     def piece(segment: str, start: float, stop: float, cloth, ends=(None, None), share: float = 1.0) -> Mesh:
-        """Return the trunk between two heights with cloth of a thickness by height, (height, m) in pairs."""
+        """Return the trunk between two heights with cloth on it: pairs of a height and a thickness, m."""
         z, x = heights[SEGMENTS.index(segment)]
         rows = np.linspace(start, stop, max(3, round(80 * (stop - start)))) * body.stature
         rows = np.stack([rows, *(np.interp(rows, up, column) for column in dense[:, 1:].T)], -1)
         rows[:, 3:] += np.interp(rows[:, 0] / body.stature, *np.array(cloth).T)[:, None]
         if 0 < share < 1:
-            # Edges lie below the adjacent pieces.
+            # The edges are below the surface of the adjacent pieces.
             rows[:, 3:] -= 0.001 * np.linspace(-1, 1, len(rows))[:, None] ** 8
         rows -= np.array((z, x, 0, 0, 0))
         rings = max(3, round(50 * (stop - start)))
@@ -210,7 +210,7 @@ def _trunk(body: Body, looks: PersonLooks) -> Iterator[SurfacePart]:
 
 
 def _bust(body: Body, points: np.ndarray, origin: float) -> np.ndarray:
-    """Return the shift (N, 3), m, by a bust of points (N, 3) on a chest with its origin `origin` above the hips, m."""
+    """Return the shift of points (N, 3) by a bust, (N, 3) m; the chest's origin is `origin` above the hips, m."""
     size = body.stature * body.girth**0.8
     up = (points[:, 2] - 0.222 * body.stature * body.trunk + origin) / (0.036 * size)
     aside = (np.abs(points[:, 1]) - 0.036 * body.stature) / (0.028 * size)

@@ -22,7 +22,7 @@ from synth.people.body import Body
 from synth.people.clothing import PersonLooks
 
 _SLOTS = 512
-"""Number of cached files, of half a megabyte each. A person has one of them, which the next person in it overwrites."""
+"""Number of cached files, of half a megabyte each. Each person is assigned to one file and overwrites what is there."""
 _DIGEST = hashlib.sha256().digest_size
 
 
@@ -36,7 +36,7 @@ class Surface(NamedTuple):
         faces: (T, 3) vertex indices, counter-clockwise seen from outside.
         normals: (N, 3) float32, unit; None without shading.
         uv: (N, 2) float32 texture coordinates, 1 per repeat; None without shading.
-        share: (1,) how much of the rotation of the segment's joint it takes part in, see `mesh.Mesh`.
+        share: (1,) share of the rotation of the segment's joint that it follows, see `mesh.Mesh`.
     """
 
     segment: str
@@ -49,7 +49,7 @@ class Surface(NamedTuple):
 
 
 def surfaces(body: Body, looks: PersonLooks, *, shaded: bool) -> list[Surface]:
-    """Return the surfaces of a person, `synth.people.shape.parts`, from the cache where they have been made before.
+    """Return the surfaces of a person, `synth.people.shape.parts`, from the cache if they were made before.
 
     The cache is the folder DMAE_CACHE, else `dmae-synth` in XDG_CACHE_HOME or `~/.cache`. There is none if DMAE_CACHE
     is empty or the folder cannot be written. If the code or the libraries changed, or a file is damaged, surfaces are
@@ -115,14 +115,14 @@ def _cached(key: bytes, make: Callable[[], list[Surface]]) -> list[Surface]:
             if values is not None
         }
     )
-    # A full or read-only disk only costs time.
+    # If the disk is full or read-only, the surfaces are computed again next time.
     with suppress(OSError):
         write_atomic(path, key + hashlib.sha256(data).digest() + data, lasting=False)
     return made
 
 
 def _unpack(key: bytes, data: bytes) -> list[Surface]:
-    """Return the surfaces in a file's bytes; ValueError if they are another person's, or damaged."""
+    """Return the surfaces in a file's bytes. Raise ValueError if they belong to another person, or are damaged."""
     digest, packed = data[len(key) : len(key) + _DIGEST], data[len(key) + _DIGEST :]
     if data[: len(key)] != key or hashlib.sha256(packed).digest() != digest:
         raise ValueError("the file holds another surface, or is damaged")

@@ -15,7 +15,7 @@ from synth.people.segments import SEGMENTS
 
 FORMAT = 1
 FILE = "state.safetensors"
-"""The file of a clip's folder that holds the state."""
+"""The file in a clip's folder that contains the state."""
 _JOINTS = len(SEGMENTS)
 
 
@@ -31,14 +31,14 @@ class BodyState:
             balance, and contacts bear only part of their weight. Then the torques at the joints, N m, each in the axes
             of its segment; that of the pelvis acts from outside, too.
         shapes: The proportions of each person.
-        actions: (F, P) int16 index into `action_names`: what each person does.
-        action_names: Names of actions; of an interaction its name, of recordings the take and its time.
-        contact_frame: (C,) int32 frame of each contact of a person with anything that presses, sorted.
-        contact_between: (C, 2) int16 index into `contact_names` of what touches.
+        actions: (F, P) int16 action of each person, as index into `action_names`.
+        action_names: Names of actions. For an interaction it is its name, for a recording the take and its time.
+        contact_frame: (C,) int32 frame of each contact of a person in which a force acts, sorted.
+        contact_between: (C, 2) int16 index into `contact_names` of the two parts that touch.
         contact_names: `person<p>/<segment>`, or names of objects.
         contact_point: (C, 3) float32 m, world.
-        contact_force: (C, 3) float32 N, world, that the first exerts on the second. Standing feet are also held by a
-            force that is no contact: see `synth.physics.controller`.
+        contact_force: (C, 3) float32 N, world, that the first part exerts on the second. Standing feet are also held by
+            a force that is no contact: see `synth.physics.controller`.
         contact_depth: (C,) float32 m, overlap; below 0 where only cloth touches.
     """
 
@@ -76,7 +76,7 @@ class BodyState:
 
 
 def save_state(state: BodyState, folder: Path) -> None:
-    """Write a state into the folder of its clip, whole or not at all."""
+    """Write a state into the folder of its clip, atomically."""
     values = {name: getattr(state, name) for name in BodyState.__dataclass_fields__}
     arrays = {name: np.ascontiguousarray(value) for name, value in values.items() if isinstance(value, np.ndarray)}
     words = {
@@ -86,7 +86,7 @@ def save_state(state: BodyState, folder: Path) -> None:
         "contact_names": state.contact_names,
         "shapes": [asdict(shape) for shape in state.shapes],
     }
-    # One entry: safetensors writes several in any order.
+    # A single entry, because safetensors writes several entries in arbitrary order.
     write_atomic(Path(folder) / FILE, save(arrays, {"state": json.dumps(words)}))
 
 
@@ -94,7 +94,7 @@ def load_state(folder: Path) -> BodyState:
     """Read the state of a clip from its folder.
 
     Raises:
-        FileNotFoundError: the clip has no state: it is no simulated one, or of an older version.
+        FileNotFoundError: the clip has no state: it was not simulated, or is of an older version.
         ValueError: the file is malformed, or of another format version.
     """
     path = Path(folder) / FILE

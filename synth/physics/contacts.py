@@ -35,7 +35,7 @@ class Contacts:
             self._geoms.append(data.contact.geom.copy())
 
     def overlaps(self, geom_persons: np.ndarray, frames: int) -> Overlaps:
-        """The deepest overlaps of each frame.
+        """Return the deepest overlaps of each frame.
 
         Args:
             geom_persons: (ngeom,) person that each geom belongs to, -1 for objects.

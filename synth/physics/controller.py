@@ -1,7 +1,7 @@
 """Make people follow a reference motion by joint torques and a bounded force at the pelvis.
 
 Plain numpy: a step of the controller takes a seventh of the time of the physics steps that follow it. A compiled loop
-(numba) would save a few percent of a clip and cost every process its import.
+(numba) would save a few percent of the time of a clip, but every process would have to import it.
 """
 
 import mujoco
@@ -32,9 +32,9 @@ _ROOT = (20000.0, 1500.0, 1500.0)
 """The same for the force at the pelvis, N / m, N s / m, N."""
 
 _FOOT = (20000.0, 250.0)
-"""Stiffness and damping of the hold of a standing foot, N / m, N s / m."""
+"""Stiffness and damping of the force that holds a standing foot, N / m, N s / m."""
 _FRICTION = 0.9
-"""Greatest force of that hold, as a share of the weight on the foot."""
+"""Greatest value of that force, as a share of the weight on the foot."""
 _DYNAMICS = 2.0
 """Greatest force of the inverse dynamics, as a multiple of the remaining strength."""
 
@@ -42,7 +42,7 @@ _LEASH, _RETURN = 0.06, 1.0
 """Greatest lag of a pelvis behind its path before the path shifts, m, and the time constant of its return, s."""
 
 _DIRECTION_EVERY = 16
-"""Steps from one decision about the short way of each rotation to the next."""
+"""Number of steps after which the shorter direction of each rotation is determined again."""
 
 # Vector component i of the product conj(q) p is the sum over w, x, y, z of q times p[_ORDER[i]] times _SIGNS[i].
 _ORDER = np.array(((1, 0, 3, 2), (2, 3, 0, 1), (3, 2, 1, 0)))
@@ -50,14 +50,14 @@ _SIGNS = np.array(((1.0, -1, -1, 1), (1, 1, -1, -1), (1, -1, 1, -1)))
 
 
 class Controller:
-    """Tracking of a reference: inverse dynamics, plus proportional-derivative gains.
+    """A controller that tracks a reference by inverse dynamics plus proportional-derivative gains.
 
-    Every joint has a greatest torque. The pelvis is also pushed and turned from outside, up to a greatest force: that
-    force carries the body, as the residual force of Yuan and Kitani (NeurIPS 2020), so that people need no balance.
-    Damping is left to the implicit integrator, which keeps stiff joints stable.
+    Every joint has a greatest torque. A bounded external force and torque also act on the pelvis. This force carries
+    the body, like the residual force of Yuan and Kitani (NeurIPS 2020), so that people need no balance. Damping is left
+    to the implicit integrator, which keeps stiff joints stable.
 
-    A person who is held back by others, or by a wall, does not pull ever harder: beyond a leash the path shifts
-    sideways with the person, and returns slowly when nothing is in the way.
+    If others or a wall hold a person back, the force does not grow without limit: beyond a greatest lag (the leash),
+    the path shifts sideways with the person. It returns slowly when nothing is in the way.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, reference: ReferenceMotion, masses: np.ndarray):
@@ -80,7 +80,7 @@ class Controller:
         self._leverage = _SIGNS[..., None, None] * (2 * stiffness[:, 1:, 0])
         self._direction, self._direction_until = np.ones((persons, len(SEGMENTS))), 0
         forces, self._feet = inverse_dynamics(model, joints, reference)
-        # Recordings that jump would ask for any force.
+        # Recordings that jump would require arbitrarily large forces.
         forces = joints.moves(forces).clip(-_DYNAMICS * strength, _DYNAMICS * strength)
         self._weakest, self._strongest = forces - strength, forces + strength
         moves = np.concatenate([reference.velocity[:, :, None], reference.spin], axis=2)
@@ -120,7 +120,7 @@ class Controller:
         self._hold_feet(step)
 
     def _torques(self, step: int) -> np.ndarray:
-        """(P, 16, 3) torques of the proportional gains, which turn each joint the short way, N m."""
+        """Return (P, 16, 3) torques of the proportional gains, which turn each joint in the shorter direction, N m."""
         if step >= self._direction_until:
             # q and -q are the same orientation; neither jumps from step to step.
             self._direction = np.sign((self._reference.quats[step] * self._quats).sum(-1))
@@ -132,7 +132,7 @@ class Controller:
     def _hold_feet(self, step: int) -> None:
         """Hold standing feet in place; a shift of the path does not move them.
 
-        The engine has the positions of bodies of the step before.
+        The engine provides the positions of bodies in the previous step.
         """
         lag, grip = self._feet[step] - self._foot_places, self._grip[step]
         before = lag.copy() if step == 0 else self._foot_lag
@@ -145,7 +145,7 @@ class Controller:
         self._foot_lag = lag
 
     def _shift_paths(self, lag: np.ndarray) -> np.ndarray:
-        """Shift the paths of people who lag (P, 2) m behind them beyond the leash; return the shift (P, 2)."""
+        """Shift the paths of people with a lag (P, 2), m, beyond the leash; return the shift, (P, 2) m."""
         self._shifted = True
         beyond = lag + self.shift
         if np.vdot(beyond, beyond) > _LEASH**2:

@@ -1,4 +1,4 @@
-"""The forces that move people along a reference without contact, and the positions of their feet there."""
+"""The forces that move people along a reference without contact, and the positions of their feet on it."""
 
 import mujoco
 import numpy as np
@@ -14,12 +14,12 @@ _EVERY = 2
 def inverse_dynamics(
     model: mujoco.MjModel, joints: JointAddresses, reference: ReferenceMotion
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Forces along a reference, and positions of the feet, computed every other step and interpolated linearly.
+    """Return forces along a reference, and positions of the feet, computed every other step and interpolated linearly.
 
     Args:
         model: The scene.
-        joints: The people's.
-        reference: S steps.
+        joints: Addresses of the people's joints.
+        reference: The motion over S steps.
 
     Returns:
         Forces (S, nv), and centres of mass of the feet (S, P, 2, 3), m.

@@ -1,4 +1,4 @@
-"""Where the people's joints are in a model's state, velocities and forces."""
+"""Addresses of the people's joints in a model's state, velocities and forces."""
 
 from dataclasses import dataclass
 
@@ -15,9 +15,10 @@ class JointAddresses:
 
     Attributes:
         persons: Number of people.
-        qpos: In positions; for each person 3 coordinates of the pelvis and 16 quaternions.
-        dofs: In velocities and forces; for each person 3 of the pelvis' translation and 3 of each of 16 rotations.
-        bodies, joints: Of the model; 16 for each person.
+        qpos: Slice of positions; for each person 3 coordinates of the pelvis and 16 quaternions.
+        dofs: Slice of velocities and forces; for each person 3 of the pelvis' translation and 3 of each of 16
+            rotations.
+        bodies, joints: Slices of the model's bodies and joints; 16 for each person.
     """
 
     persons: int
@@ -27,19 +28,19 @@ class JointAddresses:
     joints: slice
 
     def root(self, qpos: np.ndarray) -> np.ndarray:
-        """(..., P, 3) view of the pelvis' positions in states (..., nq), m."""
+        """Return a (..., P, 3) view of the pelvis' positions in states (..., nq), m."""
         return self._people(qpos)[..., :3]
 
     def quats(self, qpos: np.ndarray) -> np.ndarray:
-        """(..., P, 16, 4) view of the orientations in states (..., nq), w first."""
+        """Return a (..., P, 16, 4) view of the orientations in states (..., nq), w first."""
         return self._people(qpos)[..., 3:].reshape(*qpos.shape[:-1], self.persons, len(SEGMENTS), 4)
 
     def moves(self, qvel: np.ndarray) -> np.ndarray:
-        """(..., P, 17, 3) view of velocities or forces (..., nv): the pelvis' translation, then each rotation."""
+        """Return a (..., P, 17, 3) view of velocities or forces (..., nv): pelvis' translation, then each rotation."""
         return qvel[..., self.dofs].reshape(*qvel.shape[:-1], self.persons, 1 + len(SEGMENTS), 3)
 
     def feet(self, values: np.ndarray) -> np.ndarray:
-        """(P, 2, n) view of the values of the left and the right foot among those of all bodies (nbody, n)."""
+        """Return a (P, 2, n) view of the left and right foot's values in the values of all bodies (nbody, n)."""
         return values[self.bodies].reshape(self.persons, len(SEGMENTS), -1)[:, FEET[0] :: FEET[1] - FEET[0]]
 
     def _people(self, qpos: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from synth.people.segments import SEGMENTS
 
 
 def joint_positions(model: mujoco.MjModel, qpos: np.ndarray, bodies: list[Body]) -> np.ndarray:
-    """(F, P, 39, 3) joints of `SKELETON` in the states (F, nq), m, world."""
+    """Return (F, P, 39, 3) joints of `SKELETON` in the states (F, nq), m, world."""
     data = mujoco.MjData(model)
     ids = moved_with(model, bodies)
     points = np.stack([landmarks(body)[1] for body in bodies])
@@ -22,7 +22,7 @@ def joint_positions(model: mujoco.MjModel, qpos: np.ndarray, bodies: list[Body])
 
 
 def moved_with(model: mujoco.MjModel, bodies: list[Body]) -> np.ndarray:
-    """(P, 39) index of the model's body with which each joint of each person moves."""
+    """Return the (P, 39) index of the model's body with which each joint of each person moves."""
     return np.array(
         [
             [model.body(f"person{p}/{SEGMENTS[segment]}").id for segment in landmarks(body)[0]]
@@ -32,6 +32,6 @@ def moved_with(model: mujoco.MjModel, bodies: list[Body]) -> np.ndarray:
 
 
 def reference_joints(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """(F, 39, 3) joints of `SKELETON` in a reference motion, root (F, 3) and rotations (F, 16, 3, 3), m, world."""
+    """Return (F, 39, 3) joints of `SKELETON`, m, world, in a motion with root (F, 3) and rotations (F, 16, 3, 3)."""
     segments, points, _ = landmarks(body)
     return segment_origins(body, root, rotations)[:, segments] + (rotations[:, segments] @ points[..., None])[..., 0]

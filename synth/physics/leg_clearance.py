@@ -1,4 +1,4 @@
-"""Leg clearance: people who leap, kick and stride keep their legs apart, not only their hips."""
+"""Leg clearance: the legs of people who leap, kick and stride stay apart, not only their hips."""
 
 import numpy as np
 
@@ -19,10 +19,10 @@ _FARTHEST = 0.3
 
 
 def limb_points(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """(F, 15, 3) points on the legs and the trunk of a person that are kept clear of other people's, m.
+    """Return (F, 15, 3) points on the legs and the trunk of a person that keep clear of other people's points, m.
 
     Args:
-        body: The person's.
+        body: The person's body.
         root: (F, 3) hips, m.
         rotations: (F, 16, 3, 3) orientation of each of `SEGMENTS`.
     """
@@ -34,7 +34,7 @@ def limb_points(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarr
 
 
 def leg_clearance(limbs: np.ndarray, fps: float, obstacles: np.ndarray) -> np.ndarray:
-    """Sidesteps that add missing clearance of legs, as far as one round can.
+    """Return sidesteps that add missing clearance of legs, as far as one round can.
 
     Args:
         limbs: (F, P, 15, 3) `limb_points`, m.
@@ -59,7 +59,7 @@ def leg_clearance(limbs: np.ndarray, fps: float, obstacles: np.ndarray) -> np.nd
 
 
 def _missing(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(F, 15, 15, 3) vectors from each point of the other to each of the one, and their missing clearance, m."""
+    """Return (F, 15, 15, 3) vectors from each point of `other` to each of `one`, and their missing clearance, m."""
     apart = one[:, :, None] - other[:, None]
     missing = _RADII[:, None] + _RADII + _GAP - np.linalg.norm(apart, axis=-1)
     # The distance of trunks follows from the clearance of hips.
@@ -68,7 +68,7 @@ def _missing(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _sidestep(apart: np.ndarray, missing: np.ndarray, fps: float) -> np.ndarray:
-    """(F, 2) smooth and shortest displacement after which no clearance is missing, m."""
+    """Return the shortest smooth displacement after which no clearance is missing, (F, 2) m."""
     most = missing.max((1, 2), initial=-np.inf)
     worst = int(most.argmax())
     if not most[worst] > 0.005:

@@ -14,7 +14,7 @@ from synth.physics.leg_clearance import leg_clearance, limb_points
 from synth.scene.spec import PLAN_FPS, SceneSpec
 
 _ROUNDS = 12
-"""Most rounds of leg clearance."""
+"""Greatest number of rounds of leg clearance."""
 
 
 class PlannedMotion(NamedTuple):
@@ -52,18 +52,18 @@ def plan_motions(spec: SceneSpec, motions: list[Motion], obstacles: np.ndarray) 
     ]
     root[..., :2] += avoid_collisions(root[..., :2], PLAN_FPS, clearance=spec.clearance, obstacles=obstacles)
     bodies = [person.body for person in spec.persons]
-    firm = _lock_feet(bodies, root, rotations, standing, PLAN_FPS, recorded=recorded)
+    locked = _lock_feet(bodies, root, rotations, standing, PLAN_FPS, recorded=recorded)
     if recorded and not spec.interaction.together:
-        # Procedural people keep their feet under them, and a script sets the distance of its people.
+        # The feet of procedural people stay below the body, and a script sets the distances between its people.
         for _ in range(_ROUNDS):
-            limbs = np.stack([limb_points(body, *(a[:, p] for a in firm)) for p, body in enumerate(bodies)], axis=1)
+            limbs = np.stack([limb_points(body, *(a[:, p] for a in locked)) for p, body in enumerate(bodies)], axis=1)
             shift = leg_clearance(limbs, PLAN_FPS, obstacles)
             if not shift.any():
                 break
             root[..., :2] += shift
-            firm = _lock_feet(bodies, root, rotations, standing, PLAN_FPS, recorded=recorded)
-    weight = [weight_on_feet(body, *(a[:, p] for a in firm), standing[p], PLAN_FPS) for p, body in enumerate(bodies)]
-    return PlannedMotion(*firm, np.stack(weight, axis=1), beyond)
+            locked = _lock_feet(bodies, root, rotations, standing, PLAN_FPS, recorded=recorded)
+    weight = [weight_on_feet(body, *(a[:, p] for a in locked), standing[p], PLAN_FPS) for p, body in enumerate(bodies)]
+    return PlannedMotion(*locked, np.stack(weight, axis=1), beyond)
 
 
 def _lock_feet(
@@ -75,9 +75,9 @@ def _lock_feet(
     *,
     recorded: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`lock_feet` of each person, stacked along P."""
-    firm = [
+    """Return the results of `lock_feet` for each person, stacked along P."""
+    locked = [
         lock_feet(body, root[:, p], rotations[:, p], standing[p], fps, recorded=recorded)
         for p, body in enumerate(bodies)
     ]
-    return tuple(np.stack(part, axis=1) for part in zip(*firm, strict=True))
+    return tuple(np.stack(part, axis=1) for part in zip(*locked, strict=True))

@@ -9,7 +9,7 @@ from synth.people.landmarks import SKELETON
 from synth.physics.contacts import Overlaps
 
 DEEP = 0.04
-"""A visible overlap of two people, m."""
+"""Overlap of two people above which it is visible, m."""
 # Limits of a clip: share of its contact frames with deep overlaps, overlap (m), sidestep (m), median distance from the
 # reference (m), drop of hips below the reference (m), share of frames with sliding feet.
 _MOST_DEEP, _MOST_OVERLAP, _MOST_SHIFT, _MOST_ERROR, _MOST_DROP, _MOST_SLIDE = 0.1, 0.12, 1.2, 0.25, 0.35, 0.1
@@ -53,7 +53,7 @@ def assess(
     Args:
         joints: (F, P, 39, 3) simulated joints of `SKELETON`, m.
         wanted: (F, P, 39, 3) joints of the reference, m.
-        overlaps: Of every frame.
+        overlaps: The deepest overlaps of every frame.
         shifts: (F, P, 2) displacements of people off their paths, m.
         fps: Frames per second.
         beyond: The value of `SimulationQuality.beyond_limits`.
@@ -73,7 +73,7 @@ def assess(
         beyond_limits=round(beyond, 4),
     )
     (hips,) = SKELETON.index("body25.mid_hip")
-    # Motion that slides by itself does so with any seed.
+    # Sliding of the reference motion itself is not counted: another seed would not change it.
     slide = quality.foot_slide - _foot_slide(wanted, fps)
     drop = float((wanted - joints)[:, :, hips, 2].max())
     limits = [

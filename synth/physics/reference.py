@@ -28,7 +28,7 @@ class ReferenceMotion:
     bearing: np.ndarray
 
     def still(self) -> "ReferenceMotion":
-        """The first pose, at rest, as a reference of one step."""
+        """Return the first pose, at rest, as a reference of one step."""
         return ReferenceMotion(
             self.root[:1], 0 * self.velocity[:1], self.quats[:1], 0 * self.spin[:1], self.bearing[:1]
         )
@@ -37,7 +37,7 @@ class ReferenceMotion:
 def make_reference(
     root: np.ndarray, rotations: np.ndarray, bearing: np.ndarray, fps: float, substeps: int, last: int = 0
 ) -> ReferenceMotion:
-    """Interpolate smoothly, `substeps` steps per frame, from the first frame to the last, or a little beyond.
+    """Return a smooth interpolation, `substeps` steps per frame, from the first frame to the last or slightly beyond.
 
     Args:
         root: (F, P, 3) m, world.
@@ -45,14 +45,14 @@ def make_reference(
         bearing: (F, P, 2) as in `ReferenceMotion`.
         fps: Frames per second.
         substeps: Steps per frame.
-        last: Number of the last step, if it lies beyond the last frame, up to a frame: the motion is extrapolated.
+        last: Number of the last step, if it is beyond the last frame, by at most a frame: the motion is extrapolated.
     """
     frames, persons = root.shape[:2]
     relative = rotations.copy()
     relative[:, :, 1:] = np.swapaxes(rotations[:, :, PARENTS[1:]], -1, -2) @ rotations[:, :, 1:]
     quats = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_quat(scalar_first=True)
     quats = quats.reshape(frames, persons, len(SEGMENTS), 4)
-    # q and -q are the same orientation: keep each on the side of the one before, so that they can be interpolated.
+    # q and -q are the same orientation: give each the sign that is closer to the one before, for interpolation.
     flips = np.sign((quats[1:] * quats[:-1]).sum(-1, keepdims=True))
     quats[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0), axis=0)
 
@@ -72,14 +72,14 @@ def make_reference(
 
 
 def interpolate_steps(values: np.ndarray, between: int) -> np.ndarray:
-    """Interpolate (K, ...) values linearly, `between` steps apart, to every step: (between (K - 1) + 1, ...)."""
+    """Return (K, ...) values, `between` steps apart, interpolated linearly at all (between (K - 1) + 1) steps."""
     share = np.arange(between).reshape(-1, *[1] * (values.ndim - 1)) / between
     steps = values[:-1, None] * (1 - share) + values[1:, None] * share
     return np.concatenate([steps.reshape(-1, *values.shape[1:]), values[-1:]])
 
 
 def _turn(start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """(..., 3) vector part of conj(start) stop: to second order half the rotation vector, in the axes of `start`.
+    """Return the (..., 3) vector part of conj(start) stop: to second order half the rotation vector, in `start` axes.
 
     Args:
         start, stop: (..., 4) quaternions, w first.

@@ -66,15 +66,15 @@ def simulate(
 ) -> Simulation:
     """Simulate the people of a scene.
 
-    Motion is planned at `PLAN_FPS` and simulated in steps of 2.5 ms, whatever the frame rate of the clip, which only
-    says at which times states are kept.
+    Motion is planned at `PLAN_FPS` and simulated in steps of 2.5 ms, whatever the frame rate of the clip. The frame
+    rate only determines the times at which states are recorded.
 
     Args:
         spec: The scene.
         rig: The cameras, which become part of the model.
         motions: One for each person at `PLAN_FPS`, in place and of the body's size, as
             `synth.scene.sampling.sample_scene` returns them. By default they are drawn again from the spec.
-        painted: Whether to add textures and smooth shading, which pictures need and labels do not.
+        painted: Whether to add textures and smooth shading, which images need and labels do not.
 
     Raises:
         FailedSimulation: the clip is unfit for use; the message says why. Another seed may do better.
@@ -92,7 +92,7 @@ def simulate(
     bodies = [person.body for person in spec.persons]
     plan = plan_motions(spec, motions, scene.obstacles)
     data, masses = mujoco.MjData(scene.model), np.array([body.mass for body in bodies])
-    # Numbers of the steps, from the first frame on, at which states are kept; they may lie between two steps.
+    # Times at which states are recorded, in steps from the first frame on; they may be between two steps.
     kept = np.arange(spec.frames) * (PLAN_FPS * SUBSTEPS) / spec.fps
     steps = max((spec.planned_frames - 1) * SUBSTEPS, int(np.ceil(kept[-1] - AT_ONCE)))
     reference = make_reference(plan.root, plan.rotations, plan.bearing, PLAN_FPS, SUBSTEPS, steps)
@@ -102,7 +102,7 @@ def simulate(
     joints = joint_positions(scene.model, states.qpos, bodies)
     judged = joints if spec.fps == PLAN_FPS else joint_positions(scene.model, planned, bodies)
     planned = zip(bodies, plan.root.swapaxes(0, 1), plan.rotations.swapaxes(0, 1), strict=True)
-    # Clips are judged at the rate of the plan, so that the same ones are fit for use at any frame rate.
+    # Clips are judged at the rate of the plan, so that the same clips are fit for use at any frame rate.
     wanted = np.stack([reference_joints(body, root, rotations) for body, root, rotations in planned], axis=1)
     return Simulation(
         model=scene.model,
@@ -121,7 +121,7 @@ def simulate(
 def _body_state(
     spec: SceneSpec, scene: Scene, states: StatesAt, motions: list[Motion], planned: np.ndarray
 ) -> BodyState:
-    """Return what the recorder took; `planned` (F,) are the times of its frames in frames of the plan."""
+    """Return the recorded states; `planned` (F,) are the times of the recorded frames, in frames of the plan."""
     joints, names = find_joints(scene.model, len(spec.persons)), scene.geom_names
     contact_names = tuple(dict.fromkeys(names))
     frame, geoms, *contact = states.contacts()
@@ -129,7 +129,7 @@ def _body_state(
     for person, motion in enumerate(motions):
         together = spec.interaction.together and person < taking_part
         begins = ((0, spec.interaction.kind),) if together else motion.actions or ((0, motion.name),)
-        # Frames between two of the plan belong to the one before.
+        # A frame between two frames of the plan belongs to the earlier one.
         which = np.searchsorted([begin for begin, _ in begins], np.floor(planned + AT_ONCE), side="right") - 1
         doing.append([begins[max(number, 0)][1] for number in which])
     action_names = tuple(dict.fromkeys(name for each in doing for name in each))
@@ -159,9 +159,9 @@ def _run(
     steps: int,
     frames: int,
 ) -> tuple[np.ndarray, np.ndarray, Overlaps]:
-    """States (F, nq), shifts of paths (F, P, 2), m, and overlaps of all F frames of the plan; `states` takes others."""
+    """Return states (F, nq), path shifts (F, P, 2), m, and overlaps in all F frames of the plan; record `states`."""
     model, persons = scene.model, int(scene.geom_persons.max()) + 1
-    # Bodies that overlap in the first pose are eased apart before the clip begins.
+    # Bodies that overlap in the first pose are moved apart before the clip begins.
     holding.start()
     for _ in range(round(_SETTLING / (STEPS_PER_CONTROL * model.opt.timestep))):
         holding.apply(0)

@@ -6,15 +6,15 @@ import numpy as np
 from synth.physics.joint_addresses import JointAddresses
 
 AT_ONCE = 1e-6
-"""Times as near as this to a step are at the step, in steps."""
+"""Times closer than this to a step count as the time of the step, in steps."""
 
 
 class StatesAt:
-    """A recorder of a simulation at some times, between two steps where need be.
+    """A recorder of the states of a simulation at given times, interpolated between two steps where necessary.
 
     Args:
         model: The scene.
-        joints: The people's.
+        joints: Addresses of the people's joints.
         geom_persons: (ngeom,) index of the person that a geom belongs to, -1 for objects.
         times: (F,) sorted times, as numbers of steps.
 
@@ -30,7 +30,7 @@ class StatesAt:
         self._contacts: list[tuple[np.ndarray, ...]] = []
 
     def see(self, data: mujoco.MjData, step: int) -> None:
-        """Take the state after this number of steps; call it for all steps in order."""
+        """Record the state after this number of steps; call it for all steps in order."""
         while self._next < len(self._times) and self._times[self._next] <= step + AT_ONCE:
             self.qpos[self._next] = self._between(data.qpos, self._times[self._next] - (step - 1))
             self.forces[self._next] = self._joints.moves(data.qfrc_applied)

@@ -1,4 +1,4 @@
-"""Actions on the spot: each function draws how one is performed and returns an `Action`, a function of time.
+"""Actions on the spot: each function draws one performance and returns it as an `Action`, a function of time.
 
 The leading limb is the left one; `Action.mirrored` makes it the right. Angles in keys are in degrees.
 """
@@ -13,7 +13,7 @@ from synth.motion.procedural.pose_offsets import Action, PoseOffsets, Seat, keyf
 
 @dataclass(frozen=True)
 class Style:
-    """How one person moves.
+    """The style in which one person moves.
 
     Attributes:
         pace: Pace of actions, 1 on average.

@@ -1,4 +1,4 @@
-"""Draw an agenda: which action comes when and where, with the turns and walks between them."""
+"""Draw an agenda: the time and place of each action, with the turns and walks between actions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,13 +26,13 @@ _SHORTEST = 0.9
 _TIGHTEST = 0.8
 """Radius of the tightest curve of a walk, m."""
 _PASSING_CLEARANCE, _ROOMY_CLEARANCE = 0.34, 0.75
-"""Least distance of a seat from the hips of a person in passing, and in one of `_ROOMY`, m."""
+"""Least distance between a seat and the hips of a passing person, and of a person in an action of `_ROOMY`, m."""
 _GESTURES = 0.4
 """Share of the walks in which people may reach out or wave."""
 _HIGHEST = 0.8
 """Greatest height of the hips in sitting, as a fraction of that in standing."""
 _TRIES = 12
-"""Number of actions that are drawn before people stand for lack of room."""
+"""Number of actions that are drawn before the person stands because no action has enough room."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class AgendaItem:
         begin, end: Start and end, s.
         stance: Stance in which it begins.
         doing: The action or the transition.
-        name: Label for people to read.
+        name: Label for reports.
         gesture: Action of the arms during a walk, if any.
         late: Delay of the gesture after `begin`, s.
     """
@@ -58,7 +58,7 @@ class AgendaItem:
 
 
 class _Ground:
-    """The floor that a person has used: paths and seats, so that no seat stands where the person passes."""
+    """The parts of the floor that a person has used: paths and seats. No seat may be where the person passes."""
 
     def __init__(self):
         self._trail, self._seats = np.empty((2, 0, 2))
@@ -86,7 +86,7 @@ def draw_agenda(
     seconds: float,
     rng: np.random.Generator,
 ) -> tuple[list[AgendaItem], float]:
-    """Draw what a person does, one thing after the other, and when in that the clip begins.
+    """Draw the actions of a person, one after another, and the time at which the clip begins.
 
     An action without enough room, such as a kick next to a seat, is replaced by another; if none fits, the
     person stands.
@@ -119,13 +119,13 @@ def draw_agenda(
             items.append(_gesturing(item, names, style, rng=rng) if walks else item)
             stance = stance if isinstance(doing, Action) else doing.stop
         if not start:
-            # Early enough that the clip shows the person walk up to a seat before sitting on it.
+            # Begin early enough that the clip shows the person walk up to a seat before sitting on it.
             start = rng.uniform(0, 0.55) * items[0].end
     return items, start
 
 
 def _gesturing(walk: AgendaItem, names: Sequence[str], style: Style, *, rng: np.random.Generator) -> AgendaItem:
-    """Add a gesture to a walk, maybe, if one of the actions is a gesture that is short enough."""
+    """Return a walk with a gesture added at random, if the actions include a gesture that is short enough."""
     gestures = [name for name in ("reach", "wave") if name in names]
     if not gestures or rng.uniform() > _GESTURES:
         return walk
@@ -140,7 +140,7 @@ def _gesturing(walk: AgendaItem, names: Sequence[str], style: Style, *, rng: np.
 def _draw(
     name: str, stance: Stance, style: Style, ground: _Ground, left: float, *, rng: np.random.Generator
 ) -> list[tuple[Action | WalkTo | TurnTo, str]] | None:
-    """Return an action, with the turn that it may need first; None if there is no room or no time to sit."""
+    """Return an action, after a turn if it needs one; None if there is no room or no time to sit."""
     here = stance.middle[:2]
     if name == "turn":
         ground.take(here[None])
@@ -190,7 +190,7 @@ def _walk(
         return None
     done = []
     bearing = (np.arctan2(chord[1], chord[0]) - stance.middle[2] + np.pi) % (2 * np.pi) - np.pi
-    # The chord of an arc makes half the arc's angle with either end.
+    # The chord of an arc forms half the arc's angle with the tangent at each end.
     sharpest = 0.8 * np.arcsin(min(1.0, length / (2 * _TIGHTEST)))
     bow = np.clip(bearing, -sharpest, sharpest)
     if abs(bearing) > np.pi / 2:

@@ -1,4 +1,4 @@
-"""Perform an action on the spot in balance: the centre of mass stays over the feet that bear it."""
+"""Perform an action on the spot in balance: the centre of mass stays over the feet that bear the weight."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from synth.motion.rotations import about
 _PRESSURE_CENTRE = 0.045
 """Distance ahead of the ankle at which a foot bears weight, m."""
 _SETTLING = 0.3
-"""Time over which balance takes over from standing, s."""
+"""Time over which the balance correction fades in and out, s."""
 
 
 def perform_on_the_spot(
@@ -23,7 +23,7 @@ def perform_on_the_spot(
 ) -> BodyTrajectory:
     """Return the trajectory of an action in the world.
 
-    The hips move so that the centre of mass is over the feet that bear it, as in any slow motion.
+    The hips move so that the centre of mass is over the feet that bear the weight, as in any slow motion.
 
     Args:
         action: The action.
@@ -64,7 +64,7 @@ def perform_on_the_spot(
     rest = _offset_at_rest(stance, ease)
     free = (1 - offsets.supported) * smoothstep(times / _SETTLING) * smoothstep((action.seconds - times) / _SETTLING)
     for _ in range(3):
-        # The centre of mass keeps the offset from the support that it has in standing at ease.
+        # The offset of the centre of mass from the support stays the same as in standing at ease.
         off = support - trajectory.centre_of_mass()[:, :2] - rest
         off = gaussian_filter1d(off, 0.06 * fps, axis=0, mode="nearest")
         root = trajectory.root.copy()
@@ -93,7 +93,7 @@ def _ankles(offsets: PoseOffsets, root, pelvis, heading: float, standing: np.nda
 
 
 def _knees(offsets: PoseOffsets, pelvis: np.ndarray, feet: np.ndarray, heading: float) -> np.ndarray:
-    """Return knee directions, (F, 2, 3): over the feet or, of a leg in the air, square to the thigh."""
+    """Return knee directions, (F, 2, 3): over the feet, or perpendicular to the thigh for a leg in the air."""
     thigh, facing = offsets.leg[..., 0], (heading + offsets.pelvis[:, 0])[:, None]
     square = np.stack([np.cos(thigh) * np.cos(facing), np.cos(thigh) * np.sin(facing), np.sin(thigh)], -1)
     share = offsets.air[..., None]

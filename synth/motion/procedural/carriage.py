@@ -1,8 +1,8 @@
-"""How people hold themselves, each in their own way: bent knees and elbows, leans, and small movements all the time.
+"""The individual posture of each person: bent knees and elbows, leans, and continuous small movements.
 
-Sizes and frequencies are such that angles, speeds and accelerations come as near as possible to those of the takes of
-the CMU Graphics Lab Motion Capture Database (free for research and commercial use), as `synth compare-motion` measures
-them. No recorded motion is played.
+Sizes and frequencies are chosen so that angles, speeds and accelerations are as close as possible to the takes of the
+CMU Graphics Lab Motion Capture Database (free for research and commercial use), as measured by `synth compare-motion`.
+No recorded motion is played.
 """
 
 from dataclasses import dataclass, replace
@@ -20,33 +20,33 @@ from synth.motion.rotations import about
 _DEEPEST = 0.09
 """Greatest drop of the hips by which knees stay bent in standing, m."""
 _WALKING = 0.35
-"""Share of that drop, and of sway, in walking."""
+"""Share of this drop, and of the sway, that remains in walking."""
 _LOW, _HIGH = 0.78, 0.93
-"""Heights of the hips, as shares of that in standing, between which the drop begins to count: not in sitting."""
-# Root mean squares of drifts and the greatest frequency in each, Hz.
+"""Hip heights, as shares of the standing height, between which the drop sets in; it does not apply in sitting."""
+# Root mean square of each drift, m or degrees, and its greatest frequency, Hz.
 _SWAY, _BOUNCE, _HEELS = (0.010, 0.9), (0.015, 1.2), (6.5, 0.8)
 _PELVIS = ((2.5, 0.6), (2.0, 0.6), (3.0, 0.6))
 _CHEST = ((3.0, 0.6), (2.5, 0.7), (2.5, 0.7))
 _HEAD = ((16.0, 0.5), (7.0, 0.5))
 _ARMS = ((6.0, 1.0), (4.0, 1.0), (6.0, 0.8), (11.0, 1.3), (6.0, 0.8))
-"""Of turns about each axis, or of the angles of an arm as `upper_body.HANGING`: degrees, Hz."""
+"""Drifts of the turns about each axis, or of the angles of an arm as in `upper_body.HANGING`: degrees, Hz."""
 _COUNTER = 0.10
 """Distance by which hips move against a lean of the trunk, m / rad."""
 _MOST_HEAD = np.radians((62, 45))
 """Greatest turn and nod of the head against the chest, rad."""
 _ARM_LEAST, _ARM_MOST = np.radians((-26, -8, -10, 0, -10)), np.radians((2, 6, 15, 62, 20))
-"""Bounds of what a person adds to the angles of arms at ease, rad."""
+"""Bounds of the offsets that a person adds to the angles of arms at ease, rad."""
 
 
 @dataclass(frozen=True)
 class Carriage:
-    """How one person holds the body.
+    """The posture of one person.
 
     Attributes:
-        drop: How far the hips are below those of straight legs, m.
+        drop: Distance of the hips below their height with straight legs, m.
         lean: (2,) lean of the trunk to the front and to the right, rad.
         nod: Nod of the head, rad.
-        arms: (2, 5) what is added to the angles of both arms at ease, rad.
+        arms: (2, 5) offsets that are added to the angles of both arms at ease, rad.
         activity: Size of all small movements, 1 on average.
     """
 
@@ -58,7 +58,7 @@ class Carriage:
 
 
 def draw_carriage(*, rng: np.random.Generator) -> Carriage:
-    """Draw how a person holds the body."""
+    """Draw the posture of a person."""
     both, apart = rng.uniform(_ARM_LEAST, _ARM_MOST), rng.uniform(_ARM_LEAST, _ARM_MOST, (2, 5))
     return Carriage(
         drop=_DEEPEST * rng.uniform(0.05, 1.0),
@@ -79,13 +79,13 @@ def carried(
     *,
     rng: np.random.Generator,
 ) -> BodyTrajectory:
-    """Return a trajectory as a person of some carriage performs it; soles stay where they are.
+    """Return a trajectory with the posture of a person applied. Feet on the floor stay in place.
 
     Args:
         trajectory: The trajectory, F frames.
-        carriage: How the person holds the body.
-        walking: (F,) share of walking against standing.
-        raised: (F, 2) share of what each arm does against being at ease.
+        carriage: The posture of the person.
+        walking: (F,) share of walking against standing, 0 to 1.
+        raised: (F, 2) weight of the action of each arm against the arm at ease, 0 to 1.
         times: (F,) s.
         fps: Frames per second.
         rng: Draws small movements.
@@ -102,7 +102,7 @@ def carried(
     root = trajectory.root.copy()
     sway, bounce = (carriage.activity * rms for rms in (_SWAY[0], _BOUNCE[0]))
     root[:, :2] += still[:, None] * np.stack([random_drift(rng, times, sway, _SWAY[1]) for _ in range(2)], axis=1)
-    # Never above straight legs, and without a kink there.
+    # The hips never rise above the height of straight legs, and their path has no kink there.
     drop = carriage.drop + random_drift(rng, times, bounce, _BOUNCE[1])
     root[:, 2] -= still * (drop + np.hypot(drop, 0.02)) / 2
     still_feet = upright * standing * (1 - np.minimum(1, 4 * walking)) * carriage.activity
@@ -111,18 +111,18 @@ def carried(
     turned = about("z", turn) @ trajectory.pelvis @ about("y", front) @ about("x", side)
     chest = trajectory.chest + upright[:, None] * drifts(_CHEST)
     chest[:, 1:] += upright[:, None] * carriage.lean
-    # A trunk that leans is balanced by the hips.
+    # The hips balance a leaning trunk.
     ahead, right = (chest[:, axis] - trajectory.chest[:, axis] for axis in (1, 2))
     cos, sin = np.cos(chest[:, 0]), np.sin(chest[:, 0])
     root[:, :2] -= _COUNTER * np.stack([cos * ahead + sin * right, sin * ahead - cos * right], axis=1)
-    # A head turns with the chest, within what a neck allows.
+    # The head turns with the chest, within the range of the neck.
     head = trajectory.head + chest[:, :2] - trajectory.chest[:, :2] + (1 - raised.max(1) / 2)[:, None] * drifts(_HEAD)
     head = chest[:, :2] + _MOST_HEAD * np.tanh((head + (0, carriage.nod) - chest[:, :2]) / _MOST_HEAD)
     free = 1 - raised
     arms = trajectory.arms + free[..., None] * carriage.arms
     for arm in range(2):
         arms[:, arm] += (0.4 + 0.6 * free[:, arm, None]) * drifts(_ARMS)
-    # Elbows bend one way.
+    # Elbows bend in one direction only.
     arms[..., 3] = np.maximum(arms[..., 3], np.minimum(trajectory.arms[..., 3], np.radians(5)))
     # Feet in the air move with the hips.
     lifted = smoothstep((trajectory.ankles[..., 2] - ANKLE - 0.08) / 0.2)[..., None]

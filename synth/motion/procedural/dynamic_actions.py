@@ -93,7 +93,7 @@ def punch(style: Style, *, rng: np.random.Generator) -> Action:
 
 
 def dance(style: Style, *, rng: np.random.Generator) -> Action:
-    """Dance phrases of four beats, stepping from side to side or swaying the hips, at 96 to 132 beats a minute."""
+    """Dance phrases of four beats, stepping from side to side or swaying the hips, at 96 to 132 beats/min."""
     beat, phrases = 60 / rng.uniform(96, 132), int(rng.integers(2, 4))
     count, lead = 4 * phrases, 0.4
     last = 2 * lead + count * beat

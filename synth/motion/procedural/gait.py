@@ -1,6 +1,7 @@
-"""Walking after published kinematics of normal gait: where pelvis and feet go.
+"""Walking after published kinematics of normal gait: the motion of pelvis and feet.
 
-Phases are counted in strides: a leg's phase is whole when its heel strikes, and the right leg's phase is the walk's.
+Phases are counted in strides. The phase of a leg is a whole number when its heel strikes. The phase of the walk is the
+phase of the right leg.
 """
 
 from collections.abc import Callable
@@ -51,7 +52,7 @@ ankle_angle = _fourier(
 
 
 LEGS = ((1.0, 0.5), (-1.0, 0.0))
-"""Left and right leg: sign of its side, and by how much its phase is ahead of the walk's."""
+"""Left and right leg: sign of its side, and the lead of its phase over the phase of the walk, strides."""
 _HEEL_OFF = 0.30
 """Phase at which the heel may leave the floor."""
 _CLEARANCE = 0.015
@@ -78,7 +79,7 @@ class Walk:
 
     @property
     def stride(self) -> float:
-        """Length of a stride, m: step length over cadence is 0.0064 m per step a minute.
+        """Length of a stride, m: the ratio of step length to cadence is 0.0064 m per step/min.
 
         Sekiya and Nagasaki, Gait & Posture 7 (1998); Terrier and Schutz, Eur. J. Appl. Physiol. 90 (2003), found
         0.0068. Below 1.03 m/s real steps are somewhat longer and fewer: Murakami and Otaka, J. Phys. Ther. Sci. 29
@@ -120,21 +121,21 @@ class Walk:
         return root, pelvis, ankles, feet
 
     def pelvis(self, phase: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return the pelvis about its mean path, (F,) each: ahead, above, left, m; turned left, left side up, rad."""
+        """Return the pelvis relative to its mean path, (F,) each: ahead, up, left, m; turn left, left side up, rad."""
         # From end to end at 0.7 and 1.6 m/s: Orendurff et al., J. Rehabil. Res. Dev. 41 (6A), 2004.
         height, sway = (np.interp(self.speed, (0.7, 1.6), ends) / 2 for ends in ((0.027, 0.048), (0.070, 0.039)))
         return (
-            # Fastest while lowest, in double support.
+            # The pelvis is fastest while it is lowest, in double support.
             0.015 * np.sin(4 * np.pi * (phase - 0.05)),
             -height * np.cos(4 * np.pi * (phase - 0.05)),
             -sway * np.cos(2 * np.pi * (phase - 0.31)),
-            # Forward with the leg that strikes, up on the side that bears: Perry and Burnfield, ch. 4.
+            # It turns with the striking leg and rises on the bearing side: Perry and Burnfield, ch. 4.
             np.radians(5) * np.cos(2 * np.pi * phase),
             -np.radians(4) * np.cos(2 * np.pi * (phase - 0.13)),
         )
 
     def _hip(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return a hip at its leg's own phase, m: ahead on the path, above the mean height, outward of its foot."""
+        """Return a hip at its leg's own phase, m: ahead on the path, above the mean height, and outward of its foot."""
         ahead, up, left, turn, tilt = self.pelvis(own)
         return (
             self.stride * own + ahead + HALF_HIPS * np.sin(turn),
@@ -144,7 +145,7 @@ class Walk:
 
     def _published(self, own: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return a leg at its own phase: ankle ahead of and above the hip, m, and pitch of the foot, toes up, rad."""
-        # The published thigh swings about a mean of 4 degrees, by as much as a stride of 1.31 m takes on these legs.
+        # The published thigh angle swings about a mean of 4 degrees; its range fits a stride of 1.31 m on these legs.
         thigh = np.radians(4) + (thigh_angle(own) - np.radians(4)) * self.stride / 1.31
         shin = thigh - knee_angle(own)
         ahead = THIGH * np.sin(thigh) + SHIN * np.sin(shin)
@@ -160,7 +161,7 @@ class Walk:
         own = np.linspace(0, 1, 1001)
         published = self._published(own)[2]
         ahead, above, outward = self._hip(own)
-        # Before the heel leaves the floor: the farther ahead a foot is planted, the lower the hips must be at heel
+        # Before the heel leaves the floor, the farther ahead a foot is planted, the lower the hips must be at heel
         # strike and the higher they may be at mid stance. The best distance lets them be highest.
         pitch = published * (1 - smoothstep((own - 0.03) / 0.06))
         forward, up = rolled(pitch)
@@ -240,7 +241,7 @@ class Walk:
 
 @dataclass(frozen=True)
 class _Fit:
-    """What fits the published leg to the floor.
+    """Parameters that fit the published leg to the floor.
 
     Attributes:
         foot_ahead: Distance ahead of the hips at which feet are planted, m.
@@ -257,7 +258,7 @@ def _straight(speed: float, width: float) -> Walk:
     return Walk(FloorPath.bent(np.arange(-3.0, 6.0), np.zeros(9)), speed, width, toe_out=0.0)
 
 
-# These do not depend on the path and take longer than the rest.
+# These results do not depend on the path and take longest to compute, so they are cached.
 
 
 @lru_cache(maxsize=64)
@@ -271,12 +272,12 @@ def _lifted(speed: float, width: float) -> float:
 
 
 def _arch(u: np.ndarray) -> np.ndarray:
-    """Return a curve that is 0 and level at u = 0 and u = 1, and 1 half way."""
+    """Return a curve that is 0 with zero slope at u = 0 and u = 1, and 1 half way."""
     return 16 * u**2 * (1 - u) ** 2
 
 
 def rolled(pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far rolling a foot onto heel or tip moves its ankle: ahead, m, and its height above the floor, m."""
+    """Return the shift ahead of the ankle of a foot that rolls onto heel or tip, and the ankle's height, m."""
     pivot = np.where(pitch > 0, HEEL, TIP)
     cosine, sine = np.cos(pitch), np.sin(pitch)
     return pivot - cosine * pivot - sine * ANKLE, cosine * ANKLE - sine * pivot

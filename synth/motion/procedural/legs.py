@@ -56,8 +56,8 @@ def solve_legs(
     Args:
         root: (F, 3) mid hip, m.
         pelvis: (F, 3, 3) orientation, world from pelvis.
-        ankles: (F, 2, 3) left and right, m. Towards an ankle out of reach, the leg is as straight as it may be.
-        forward: (F, 2, 3) direction to which each knee bends.
+        ankles: (F, 2, 3) left and right, m. If an ankle is out of reach, the leg is as straight as allowed.
+        forward: (F, 2, 3) direction in which each knee bends.
 
     Returns:
         (F, 2, 3, 3) orientations of left and right thigh, and of left and right shin.
@@ -79,7 +79,7 @@ def solve_legs(
 
 
 def knee_directions(pelvis: np.ndarray, feet: np.ndarray) -> np.ndarray:
-    """Return the directions to which knees bend in standing and walking: half way between pelvis and foot.
+    """Return the directions in which knees bend in standing and walking: half way between pelvis and foot.
 
     Args:
         pelvis: (F, 3, 3) orientation.
@@ -95,7 +95,7 @@ def knee_directions(pelvis: np.ndarray, feet: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Stance:
-    """Standing with both feet flat on the floor.
+    """A stance with both feet flat on the floor.
 
     Attributes:
         feet: (2, 3) of left and right foot: x and y of the ankle, m, and heading, rad.
@@ -105,7 +105,7 @@ class Stance:
 
     @staticmethod
     def at(x: float, y: float, heading: float, width: float, toe_out: float) -> "Stance":
-        """Place the feet side by side, `width` apart, m, each turned outward by `toe_out`, rad."""
+        """Return a stance with the feet side by side, `width` apart, m, each turned outward by `toe_out`, rad."""
         left = width / 2 * np.array((-np.sin(heading), np.cos(heading)))
         return Stance(np.array([(x + s * left[0], y + s * left[1], heading + s * toe_out) for _, s in SIDES]))
 
@@ -126,6 +126,6 @@ class Stance:
 
     @property
     def root(self) -> np.ndarray:
-        """(3,) mid hip of a body that stands so, m."""
+        """(3,) mid hip of a body in this stance, m."""
         hips = hip_joints(np.zeros((1, 3)), np.eye(3)[None])[0]
         return np.array((*self.middle[:2], ANKLE + np.sqrt(REACH**2 - (self.width / 2 - hips[0, 1]) ** 2) - _SLACK))

@@ -1,4 +1,4 @@
-"""Actions on the spot as functions of time: offsets from standing at ease, drawn as smooth curves through keys."""
+"""Actions on the spot as functions of time: offsets from standing at ease, given as smooth curves through keyframes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -43,7 +43,7 @@ class PoseOffsets:
         return PoseOffsets(*(np.zeros((frames, *shape)) for shape in shapes))
 
     def mirrored(self) -> "PoseOffsets":
-        """Exchange left and right."""
+        """Return the offsets with left and right exchanged."""
         turned = np.array((-1, 1, -1))
         feet = self.feet[:, ::-1] * (1, -1, 1, -1, 1)
         return PoseOffsets(
@@ -66,7 +66,7 @@ class Action:
     """An action on the spot.
 
     Attributes:
-        name: Label for people to read.
+        name: Label for reports.
         lasts: Time from the first key to the last, s.
         pose: Function of times (F,) since the first key, s, that returns `PoseOffsets`, zero at both ends.
         seat: The seat that the action uses, if any; its times count from the first key.
@@ -79,7 +79,7 @@ class Action:
 
     @property
     def seconds(self) -> float:
-        """Duration, s. Curves through keys are rounded, so that they begin a little before the first key."""
+        """Duration, s. Curves through keys are rounded, and therefore begin a little before the first key."""
         return self.lasts + 2 * _ROUND
 
     def offsets(self, times: np.ndarray) -> PoseOffsets:
@@ -87,13 +87,13 @@ class Action:
         return self.pose(times - _ROUND)
 
     def seated(self, times: np.ndarray) -> np.ndarray:
-        """Return in which frames the body sits, (F,) bool, at times since the action began, s."""
+        """Return whether the body sits, (F,) bool, at times (F,) since the action began, s."""
         if self.seat is None:
             return np.zeros(len(times), bool)
         return (times - _ROUND >= self.seat.begin) & (times - _ROUND <= self.seat.end)
 
     def mirrored(self) -> "Action":
-        """Exchange left and right."""
+        """Return the action with left and right exchanged."""
         return replace(self, pose=lambda times: self.pose(times).mirrored())
 
 
@@ -104,8 +104,8 @@ _ROUND = float(np.sqrt(2) * _SOFT * _NODES.max())
 
 
 def keyframes(times: np.ndarray, *keys: tuple) -> np.ndarray:
-    """Return a smooth curve through keys (time, value), monotone between them and level outside them, (F, ...)."""
-    # Level ends make the curve start and end at rest.
+    """Return a smooth curve through keys (time, value), monotone between them and constant outside them, (F, ...)."""
+    # Constant ends make the curve start and end at rest.
     (first, start), (last, end) = keys[0], keys[-1]
     keys = ((first - 1, start), *keys, (last + 1, end))
     at = np.array([key[0] for key in keys], np.float64)
@@ -122,7 +122,7 @@ def plateau(times: np.ndarray, begin: float, end: float, move: float, back: floa
         times: (F,) s.
         begin, end: Where the curve leaves 0 and returns to it, s.
         move: Duration of the rise, s.
-        back: Duration of the fall, s; that of the rise if not given.
+        back: Duration of the fall, s; the same as the rise if not given.
     """
     move = min(move, (end - begin) / 2)
     back = min(back or move, (end - begin) / 2)
@@ -135,6 +135,6 @@ def scaled(share: np.ndarray, angles: tuple) -> np.ndarray:
 
 
 def step_profile(times: np.ndarray, begin: float, end: float, lift: float = 0.05) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far a foot has moved in a step from `begin` to `end`, s: (F,) share of the way, and (F,) height, m."""
+    """Return the progress of a foot in a step from `begin` to `end`, s: (F,) share of the way, and (F,) height, m."""
     u = np.clip((times - begin) / (end - begin), 0, 1)
     return minimum_jerk(u), lift * 16 * u**2 * (1 - u) ** 2

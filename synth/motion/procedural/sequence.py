@@ -19,9 +19,9 @@ from synth.motion.procedural.upper_body import hang, random_drift, swing_width
 WEIGHTS = dict.fromkeys(ACTIONS, 1.0) | {
     "walk": 28.0, "turn": 0.5, "crouch": 0.5, "kick": 4.0, "punch": 2.5, "dance": 6.0
 }  # fmt: skip
-"""Default relative frequency of each action: people move about as much as those of the CMU database do."""
+"""Default relative frequency of each action. With it, people move about as much as in the CMU database."""
 SEATED = 0.64
-"""Default height of the hips in sitting, as a fraction of that in standing: an average adult on a stool of 0.45 m."""
+"""Default hip height in sitting, as a fraction of the standing hip height: an average adult on a 0.45 m stool."""
 
 
 def check_actions(actions: Sequence[str], weights: Mapping[str, float]) -> None:
@@ -51,7 +51,7 @@ def make_sequence(
     rng: np.random.Generator,
     seated: float = SEATED,
 ) -> Motion:
-    """Make a person of random style who performs one action after another; see `agenda.draw_agenda`.
+    """Return the motion of a person of random style who performs one action after another; see `agenda.draw_agenda`.
 
     Args:
         actions: Names of `ACTIONS`, at least one with a weight above 0.
@@ -60,7 +60,7 @@ def make_sequence(
         seconds: Length, s.
         fps: Frames per second.
         rng: Draws everything.
-        seated: Height of the hips in sitting, as a fraction of that in standing.
+        seated: Hip height in sitting, as a fraction of the standing hip height.
 
     Returns:
         round(seconds * fps) frames.

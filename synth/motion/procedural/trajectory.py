@@ -1,4 +1,4 @@
-"""How each part of the reference body moves over time, and the `Motion` that follows from it."""
+"""The trajectory of each part of the reference body, and the `Motion` that follows from it."""
 
 from dataclasses import dataclass, fields
 
@@ -25,7 +25,7 @@ _CENTRES = {
 
 @dataclass(frozen=True)
 class LowerBody:
-    """The lower body over F frames, world, and what the upper body does along with it.
+    """The lower body over F frames, world, and the heading and arm swing that go with it.
 
     Attributes:
         root: (F, 3) mid hip, m.
@@ -55,7 +55,7 @@ class BodyTrajectory:
         pelvis: (F, 3, 3) orientation.
         ankles: (F, 2, 3) left and right.
         feet: (F, 2, 3, 3) orientations.
-        knees: (F, 2, 3) directions to which knees bend; none along its leg.
+        knees: (F, 2, 3) directions in which the knees bend; not parallel to the leg.
         chest: (F, 3) heading, lean to the front, lean to the right.
         head: (F, 2) heading, nod.
         arms: (F, 2, 5) angles of the left and the right arm, as `upper_body.HANGING`.
@@ -71,7 +71,7 @@ class BodyTrajectory:
     arms: np.ndarray
 
     def motion(self, name: str, fps: float) -> Motion:
-        """Return the motion: the spine bends half as far as the chest, legs reach for the ankles."""
+        """Return the motion. The spine bends half as far as the chest, and the legs are solved to reach the ankles."""
         rotations = {"pelvis": self.pelvis, "l_foot": self.feet[:, 0], "r_foot": self.feet[:, 1]}
         heading, forward, right = self.chest.T
         rotations["chest"] = chest = about("z", heading) @ about("y", forward) @ about("x", right)

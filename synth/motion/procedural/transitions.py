@@ -1,4 +1,4 @@
-"""Transitions between stances: walk from one to another, or turn on the spot."""
+"""Transitions between stances: walk from one stance to another, or turn on the spot."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,7 +17,7 @@ from synth.motion.rotations import about
 _EPS = 1e-3
 """Step in phase for numerical derivatives."""
 _FLAT = 0.2
-"""A phase at which the foot lies flat on the floor."""
+"""A phase at which the foot is flat on the floor."""
 _LIFT = 0.035
 """Height of the foot in the middle of the first step, m."""
 _LARGEST_TURN = np.radians(55)
@@ -132,7 +132,7 @@ class _Step:
     foot: np.ndarray
 
     def staying(self, within: slice) -> tuple[np.ndarray, np.ndarray]:
-        """Return the ankle and the orientation of a foot that stays and rolls, at phases within bounds."""
+        """Return the ankle and the orientation of a foot that stays and rolls, at phases limited to `within`."""
         own = np.clip(self.own, within.start, within.stop)
         return self.walk.planted(self.leg, self._strides, own), self._turned(self.foot[2], self.walk.pitch(own))
 
@@ -203,7 +203,7 @@ def walk_to(
     walk = Walk(FloorPath.bent(along, np.full(len(along), curvature)), speed, width, start.toe_out)
     steps = max(1, round(2 * distance / walk.stride) - 1)
     begin = 0.5 if first == 0 else 0.0
-    # Put the path where the foot that stays is in place.
+    # Move the path so that the foot that stays is in its place.
     foot = start.feet[1 - first]
     (printed,), (yaw,) = walk.footprint(1 - first, np.zeros(1))
     turn = about("z", foot[2] - yaw)[:2, :2]

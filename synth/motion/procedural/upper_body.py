@@ -49,7 +49,7 @@ def swing_width(speed: float) -> float:
 
 
 def hang(rng: np.random.Generator, times: np.ndarray, swing: np.ndarray) -> np.ndarray:
-    """Return angles (F, 5), as `HANGING`, of an arm at ease that swings to the front by (F,), rad."""
+    """Return angles (F, 5), as `HANGING`, of an arm at ease that swings to the front by `swing` (F,), rad."""
     angles = HANGING + np.radians(rng.uniform((-8, -3, -15, -10, -15), (3, 6, 15, 15, 20)))
     angles = angles + np.stack([random_drift(rng, times, np.radians(1.5), 0.5) for _ in range(5)], axis=1)
     angles[:, 0] += swing
@@ -59,7 +59,7 @@ def hang(rng: np.random.Generator, times: np.ndarray, swing: np.ndarray) -> np.n
 
 
 def gesture(rng: np.random.Generator, kind: str, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Draw a gesture of one arm at some time of the clip.
+    """Draw a gesture of one arm at a random time of the clip.
 
     Args:
         rng: Draws everything.
@@ -67,7 +67,7 @@ def gesture(rng: np.random.Generator, kind: str, times: np.ndarray) -> tuple[np.
         times: (F,) s, evenly spaced.
 
     Returns:
-        share: (F,) weight of the gesture against whatever else the arm does, 0 to 1.
+        share: (F,) weight of the gesture against the other motion of the arm, 0 to 1.
         angles: (F, 5) as `HANGING`, rad.
     """
     move = rng.uniform(0.6, 1.0)
@@ -77,7 +77,7 @@ def gesture(rng: np.random.Generator, kind: str, times: np.ndarray) -> tuple[np.
     if kind == "reach":
         angles = np.radians(rng.uniform((50, 0, -10, 5, 0), (115, 35, 30, 45, 60)))
         return share, np.tile(angles, (len(times), 1))
-    # The forearm is upright and swings to and fro as the upper arm turns about its length.
+    # The forearm is upright and swings back and forth as the upper arm turns about its length.
     angles = np.tile(np.radians(rng.uniform((5, 65, -85, 80, -10), (30, 95, -60, 105, 20))), (len(times), 1))
     angles[:, 2] += np.radians(rng.uniform(15, 25)) * np.sin(2 * np.pi * rng.uniform(1.4, 2.4) * (times - first))
     return share, angles

@@ -46,10 +46,10 @@ class ProceduralConfig:
 
 @dataclass(frozen=True)
 class _Gait:
-    """The lower body over F frames, and how trunk and arms go with it.
+    """The lower body over F frames, and the trunk and arm motion that goes with it.
 
     Attributes:
-        name: Label for people to read.
+        name: Label for reports.
         root, pelvis, ankles, feet: As in `LowerBody`.
         heading: (F,) heading of the trunk, rad.
         lean: (F, 2) lean of the trunk to the front and to the right, rad.
@@ -67,7 +67,7 @@ class _Gait:
 
 
 def make_motion(config: ProceduralConfig, *, seconds: float, fps: float, rng: np.random.Generator) -> Motion:
-    """Make a person of random style who walks or stands, and may reach out or wave.
+    """Return the motion of a person of random style who walks or stands, and may reach out or wave.
 
     Soles stay in place while they bear weight, on the legs of the reference body; see `legs`.
 
@@ -150,7 +150,7 @@ def _stand(rng: np.random.Generator, times: np.ndarray) -> _Gait:
         for slow, sway in ((0.012, 0.004), (0.022, 0.003))
     )
     root = np.stack([forward, left, np.zeros(frames)], axis=1)
-    # As high as both legs reach throughout, less a little so that the knees are not locked.
+    # The greatest height that both legs reach in all frames, slightly lowered so that the knees are not locked.
     root[:, 2] = headroom(root, pelvis, ankles).min() - rng.uniform(0.002, 0.012)
     return _Gait(
         name="stand",

@@ -1,9 +1,9 @@
-"""Readers of motion files: a function under the decorator `reader` in a module of this package is one.
+"""Readers of motion files. Each function with the decorator `reader` in a module of this package is a reader.
 
-It takes a path and `ReadOptions`, and returns a `synth.motion.motion.Motion` on a level floor at z = 0. It raises
-FileNotFoundError, or ValueError for a malformed file. Its name is the extension of its files without the dot. The
-choices of `motion=`, its help, and the tests over all readers follow. A reader of your own,
-`motion.kind=package.module:function`, is a function under the same decorator.
+A reader takes a path and `ReadOptions`, and returns a `synth.motion.motion.Motion` on a level floor at z = 0. It raises
+FileNotFoundError, or ValueError for a malformed file. The name of a reader is the file extension without the dot. The
+choices of `motion=`, their help, and the tests of all readers come from this registry. Your own reader,
+`motion.kind=package.module:function`, is a function with the same decorator.
 """
 
 from dataclasses import dataclass, field
@@ -15,13 +15,13 @@ from dmae.registry import Entry, Registry
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What a file does not state, or states wrongly.
+    """The user's corrections of missing or wrong statements of a file.
 
     Attributes:
-        fps: Frame rate, in place of the stated one and of what is known about takes of the CMU database.
-        unit: Metres per unit of length, in place of what the length of the legs shows.
-        up: Axis of the file's world that points up, `x`, `y` or `z`, in place of that of the format.
-        mapping: Names of joints or markers in the file, each to the name of a known skeleton or marker set.
+        fps: Frame rate; replaces the stated rate and the known corrections for takes of the CMU database.
+        unit: Metres per unit of length; replaces the unit that follows from the leg length.
+        up: Axis of the file's world that points up, `x`, `y` or `z`; replaces the up axis of the format.
+        mapping: From names of joints or markers in the file to names of a known skeleton or marker set.
     """
 
     fps: float | None = None
@@ -35,8 +35,8 @@ class MotionReader(Entry):
     """A format of motion files.
 
     Attributes:
-        markers: Whether files hold markers, to which a skeleton is yet to be fitted, rather than joints.
-        text: Whether files hold text, and may be compressed: `.bvh.xz`, `.bvh.gz`.
+        markers: Whether files contain markers, to which a skeleton must be fitted, rather than joints.
+        text: Whether files contain text and may be compressed: `.bvh.xz`, `.bvh.gz`.
     """
 
     markers: bool = False
@@ -65,12 +65,12 @@ def reader_of(path: Path) -> MotionReader:
 
 
 def format_of(path: Path) -> str | None:
-    """Return the name of the reader of a file, by its extension; None if none has it."""
+    """Return the name of the reader of a file, by its extension; None if no reader has it."""
     plain = Path(without_compression(path.name))
     name = plain.suffix.lower().removeprefix(".")
     return name if name in reader and (reader[name].text or plain.name == path.name) else None
 
 
 def take_name(path: Path) -> str:
-    """Return the name of a take: that of its file without the extensions of format and compression."""
+    """Return the name of a take: its file name without the extensions of the format and the compression."""
     return Path(without_compression(path.name)).stem

@@ -1,4 +1,4 @@
-"""Acclaim skeletons (ASF) and motions (AMC), as in the CMU motion capture database."""
+"""Read Acclaim skeletons (ASF) and motions (AMC), as in the CMU motion capture database."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,8 +45,8 @@ def read_amc(path: Path) -> SkeletonRecording:
     """Read an AMC file with the skeleton in its folder.
 
     The local rotation of a bone is C Rz Ry Rx C^-1, with its axis C in the rest pose (Lander, "Working with motion
-    capture file formats", Game Developer, January 1998). Joints have the names of their bones and lie where these
-    start.
+    capture file formats", Game Developer, January 1998). Joints have the names of their bones and are at the start
+    of these.
 
     Args:
         path: The file `<subject>_<trial>.amc`; its skeleton `<subject>.asf` is in the same folder.
@@ -90,7 +90,7 @@ def read_amc(path: Path) -> SkeletonRecording:
 
 
 def read_asf(path: Path) -> dict[str, Bone]:
-    """Read the bones of an ASF file by name, parents before children; the first is `root`; its `end` is its position.
+    """Return the bones of an ASF file by name, parents before children. The first is `root`; its `end` is its position.
 
     Raises:
         FileNotFoundError: there is no such file.

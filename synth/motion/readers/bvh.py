@@ -1,4 +1,4 @@
-"""BVH files of any dialect: channels in any order, the root's offset added, units and axes left open.
+"""Read BVH files of any dialect, with channels in any order. Units and axes are not converted.
 
 The format is Biovision's: Meredith and Maddock, "Motion capture file formats explained" (2001).
 """
@@ -35,7 +35,7 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
 
 
 def read_bvh(path: Path) -> SkeletonRecording:
-    """Read a BVH file as it is written, with all of its frames.
+    """Read all frames of a BVH file, in the unit and the axes of the file.
 
     Args:
         path: The file.
@@ -62,7 +62,7 @@ def read_bvh(path: Path) -> SkeletonRecording:
 
 
 def _parse_hierarchy(path: Path, lines: list[str]) -> tuple[_Hierarchy, int]:
-    """Return the joints, end sites among them, and the number of the line MOTION."""
+    """Return the joints, including end sites, and the number of the line MOTION."""
     if lines[0].split() != ["HIERARCHY"]:
         raise malformed(path, 0, "HIERARCHY", lines[0])
     tree = _Hierarchy()
@@ -125,9 +125,9 @@ def _parse_frames(path: Path, lines: list[str], first: int, frames: int, channel
 
 
 def _root_offset(offset: list[float], channels: list[str], values: np.ndarray) -> np.ndarray:
-    """Return what is added to the root's position channels (F, channels): its offset (3,), or nothing.
+    """Return the vector (3,) to add to the root's position channels: the root's offset, or zero.
 
-    Some programs write as the offset where the body was in one of the frames, and channels that include it.
+    Some programs write the position of the body in one frame as the offset, and include it in the channels as well.
     """
     columns = [channels.index(f"{axis}position") for axis in "XYZ" if f"{axis}position" in channels]
     repeats = len(columns) == 3 and all(offset) and np.isclose(values[:, columns], offset, rtol=1e-4).all(1).any()
@@ -154,7 +154,7 @@ def _decode(tree: _Hierarchy, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
     same_order.pop("", None)
     for order, turned in same_order.items():
         angles = values[:, [columns for _, columns in turned]].reshape(-1, len(order))
-        # Intrinsic rotations: each channel turns about an axis that the channels before have turned.
+        # Intrinsic rotations: each channel turns about an axis that the preceding channels have turned.
         matrices = Rotation.from_euler(order, angles, degrees=True).as_matrix()
         rotations[:, [joint for joint, _ in turned]] = matrices.reshape(len(values), len(turned), 3, 3)
     return root, rotations

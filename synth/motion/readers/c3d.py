@@ -1,4 +1,4 @@
-"""C3D files of optical markers: https://www.c3d.org/docs/C3D_User_Guide.pdf."""
+"""Read C3D files of optical markers: https://www.c3d.org/docs/C3D_User_Guide.pdf."""
 
 import math
 import struct
@@ -31,13 +31,13 @@ _OPTIONAL = {"LMT5", "RMT5"}
 
 @dataclass(frozen=True)
 class MarkerRecording:
-    """Optical markers over F frames, as a file has them.
+    """Optical markers over F frames, as stored in a file.
 
     Attributes:
         places: Positions (F, 3) by label, in the file's unit and axes; NaN where a marker was not seen.
         fps: Frames per second.
         unit: Name of the unit, as the file states it.
-        up: Axis that points up according to the file, `x`, `y` or `z`; z if it does not say.
+        up: Axis that points up according to the file, `x`, `y` or `z`; z if the file does not state it.
     """
 
     places: dict[str, np.ndarray]
@@ -50,23 +50,22 @@ class MarkerRecording:
 def read_motion(path: Path, options: ReadOptions) -> Motion:
     """C3D with the markers of CMU's set of 41, or with motion.mapping of others.
 
-    The motion is that of the person who wears them; see `synth.motion.readers.markers`.
+    Joints are found from the markers; see `synth.motion.readers.markers`.
 
-    Markers lost for up to a quarter of a second are interpolated; then the longest stretch with all markers is taken.
-    The name of the motion lists both.
+    Marker gaps of up to 0.25 s are interpolated. Then the longest stretch with all markers is used. The name of the
+    motion lists both.
 
     Args:
         path: The file.
-        options: What the file does not state, or states wrongly.
+        options: The user's corrections of the file.
 
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: the file is no C3D file, is shorter than it states, lacks markers, loses them for most of the time,
-        or
-            contradicts itself; or as `synth.motion.retargeting.put_on_floor`.
+            or contradicts itself; or as `synth.motion.retargeting.put_on_floor`.
     """
     points = read_points(path, options.fps)
-    places = _worn(points.places, options.mapping, path)
+    places = _marker_positions(points.places, options.mapping, path)
     filled, notes = fill_gaps(np.stack(list(places.values()), axis=1), list(places), points.fps, path)
     turn = UPRIGHT[options.up or points.up]
     marker = dict(zip(places, (filled @ turn.T).swapaxes(0, 1), strict=True))
@@ -94,11 +93,11 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
 def read_points(path: Path, fps: float | None = None) -> MarkerRecording:
     """Read the markers of a file.
 
-    This is written here because ezc3d accepts files that are cut off, and crashes on files with wrong headers.
+    This reader exists because ezc3d accepts truncated files and crashes on files with wrong headers.
 
     Args:
         path: The file.
-        fps: Frame rate in place of the one that the file states.
+        fps: Frame rate that replaces the stated rate.
 
     Raises:
         FileNotFoundError, ValueError: as `read_motion`, except for names of markers.
@@ -147,7 +146,7 @@ def _one(parameters: dict[str, np.ndarray], name: str, default: float | str) -> 
 
 
 def _parameters(data: bytes, at: int, processor: int) -> dict[str, np.ndarray]:
-    """Return values by `GROUP:NAME`; characters as strings.
+    """Return the values of all parameters by `GROUP:NAME`; text as strings.
 
     Raises:
         ValueError, IndexError, struct.error: the parameters do not fit the data.
@@ -181,7 +180,7 @@ def _parameters(data: bytes, at: int, processor: int) -> dict[str, np.ndarray]:
 
 
 def _places(data: bytes, processor: int, parameters: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, float]:
-    """Return positions (F, points, 3), NaN where a point was not seen, and the frame rate, by the header."""
+    """Return positions (F, points, 3), NaN where a point was not seen, and the frame rate of the header."""
     count, analog, first, last = (int(value) & 0xFFFF for value in _numbers(data[2:10], 2, processor))
     start = int(_numbers(data[16:18], 2, processor)[0]) & 0xFFFF
     scale, rate = (float(_numbers(data[at : at + 4], 4, processor)[0]) for at in (12, 20))
@@ -226,8 +225,8 @@ def _by_label(labels: list[str], places: np.ndarray, path: Path) -> dict[str, np
     return {label: places[:, i] for i, label in enumerate(labels)}
 
 
-def _worn(places: dict[str, np.ndarray], mapping: dict[str, str], path: Path) -> dict[str, np.ndarray]:
-    """Return the positions of `MARKERS`; the name of the wearer may stand before a colon in a label."""
+def _marker_positions(places: dict[str, np.ndarray], mapping: dict[str, str], path: Path) -> dict[str, np.ndarray]:
+    """Return the positions (F, 3) of `MARKERS` by name. A label may begin with the name of a person and a colon."""
     names = renamed(tuple(places), mapping, {*MARKERS, *SYNONYMS}, path)
     bare = [name.rpartition(":")[2].upper() for name in names]
     ours: dict[str, list[str]] = {}

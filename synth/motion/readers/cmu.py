@@ -5,19 +5,19 @@ from pathlib import Path
 
 from synth.motion.readers import take_name
 
-# From the database's index: these takes, and all of these subjects, were captured at 60 Hz, all others at 120.
+# From the database's index: all takes of these subjects, and these single takes, were captured at 60 Hz, others at 120.
 _SIXTY_HZ = frozenset({33, 34, 42, 60, 61, 62, 74, 75, 77, 79, 80, 87, 88, 89})
 _SIXTY_HZ_TAKES = frozenset({(136, 19)})
 _PARTNER_SUBJECTS = {18: 19, 20: 21, 22: 23, 33: 34, 60: 61}
-"""Subjects who were captured together, in the same trials and the same world."""
+"""Pairs of subjects that were captured together, in the same trials and the same world."""
 
 
 def true_fps(stem: str, stated: float) -> float:
-    """Return the rate at which a take was captured; conversions often state 120 where it was 60.
+    """Return the rate at which a take was captured, frames/s. Conversions often state 120 for takes at 60.
 
-    The name of the take identifies it, `<subject>_<trial>`, where `salsa_` stands for subjects 60 and 61. A stated 120
-    of a take of 60 Hz is corrected, any other rate is believed. The motion itself does not show its rate, except in a
-    jump, which must fall with gravity.
+    The name of the take identifies it, `<subject>_<trial>`; `salsa_` stands for subjects 60 and 61. A stated rate of
+    120 is corrected if the take was captured at 60 Hz. Any other rate is returned as stated. The motion itself does not
+    show its rate, except in a jump, in which the body must fall with gravity.
     """
     take = subject_and_trial(stem)
     return 60.0 if (take[0] in _SIXTY_HZ or take in _SIXTY_HZ_TAKES) and 119 < stated < 121 else stated
@@ -39,7 +39,7 @@ def partner(path: Path) -> Path | None:
 
 
 def subject(path: Path) -> str:
-    """Return the subject of a take by its name; partners, who share their takes, are one, as `60+61`; else its name."""
+    """Return the subject of a take from its name: partners count as one, as `60+61`; without a number, the name."""
     number = subject_and_trial(take_name(path))[0]
     for one, other in _PARTNER_SUBJECTS.items():
         if number in (one, other):

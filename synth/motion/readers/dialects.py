@@ -30,16 +30,16 @@ class Dialect:
     """Joint names and rest pose of one family of files.
 
     Attributes:
-        name: Label for people to read.
-        sides: What the names of left and of right joints contain.
-        joints: For each of `_PARTS`, the joint that drives the segment, or that lies at the wrist or the knuckles;
-            joints lie where their segment starts. `{side}` stands for one of `sides`; `|` separates names of which a
-            file has one. Empty for knuckles that files do not have: hands turn with their joint.
+        name: Label for reports.
+        sides: Text in the names of left joints, and in the names of right joints.
+        joints: For each of `_PARTS`, the joint that drives the segment, or the joint at the wrist or the knuckles. Each
+            joint is at the start of its segment. `{side}` stands for one of `sides`; `|` separates alternative names.
+            Empty for knuckles that files do not have: hands then turn with their joint.
         rest: Orientations of driving joints in the T-pose, file's world from joint, as angles about x, y and z,
-            degrees, in that order; zero if not listed. Those of the right side are the mirror image.
-        blend: Number of frames that a synthetic T-pose at the start of a file spoils, itself included.
-        elbow: Angle above forward to which elbows bend in the T-pose, degrees; None where files differ, and the motion
-            shows it.
+            degrees, in that order; zero if not listed. They are for the left side; the right side is mirrored.
+        blend: Number of unusable frames at the start of a file: a synthetic T-pose and the frames that blend out of it.
+        elbow: Angle above the forward direction at which elbows bend in the T-pose, degrees; None if files differ, and
+            the angle is found from the motion.
     """
 
     name: str
@@ -88,7 +88,7 @@ DIALECTS = (
         ("Left", "Right"),
         ("Hips", "lowerback", "Chest2", "Head", "{side}Shoulder", "{side}Elbow", "{side}Wrist", "{side[0]}hand",
          "{side[0]}Fingers", "{side}Hip", "{side}Knee", "{side}Ankle"),
-        # Its arms hang at rest.
+        # Its arms hang down in the rest pose.
         rest={**_SPLAYED, "upper_arm": (0, 0, 90), "forearm": (0, 0, 90), "hand": (0, 0, 90)},
     ),
     Dialect(
@@ -105,15 +105,15 @@ DIALECTS = (
         ("CC_Base_Hip", "CC_Base_Waist", "CC_Base_Spine02", "CC_Base_Head", "CC_Base_{side}_Upperarm",
          "CC_Base_{side}_Forearm", "CC_Base_{side}_Hand", "CC_Base_{side}_Hand", "CC_Base_{side}_Mid1",
          "CC_Base_{side}_Thigh", "CC_Base_{side}_Calf", "CC_Base_{side}_Foot"),
-        # Its bones lie along their own y.
+        # Its bones are along their own y axis.
         rest={
             "spine": (16.2, 0, 0), "chest": (-10.3, 0, 0),
             "upper_arm": (0.5, 0, -92.5), "forearm": (0.7, 0, -91.2), "hand": (-2.4, 0, -95.7),
             "thigh": (4.5, 0, 180), "shin": (-4.4, 0, 180), "foot": (77.1, -6.3, 180),
         },
     ),
-    # The end sites of its hands have no length, or one of 1.6 m. Its other joints, of a model of muscles, hang beside
-    # the limbs.
+    # The end sites of its hands have a length of zero or of 1.6 m. Its other joints belong to a muscle model and are
+    # not in the limbs.
     Dialect(
         "MotionBuilder's Character1",
         ("Left", "Right"),
@@ -123,7 +123,7 @@ DIALECTS = (
         blend=0,
         elbow=None,
     ),
-    # Feet rest with toes out, elbows bend about the vertical.
+    # In the rest pose toes point outward. Elbows bend about the vertical.
     Dialect(
         "SMPL",
         ("left", "right"),
@@ -135,7 +135,7 @@ DIALECTS = (
     ),
 )
 SMPL = DIALECTS[-1]
-# Names that a mapping file may give the joints of any other skeleton; its bones show its rest pose.
+# Names that a mapping file may assign to the joints of any other skeleton. Its bones determine its rest pose.
 OWN = Dialect(
     "mapped",
     ("l", "r"),
@@ -181,8 +181,8 @@ def known_joints() -> set[str]:
 def at_rest(recording: SkeletonRecording, joint: dict[str, int]) -> tuple[SkeletonRecording, Dialect, np.ndarray]:
     """Turn a recording of mapped joints to axes x left, y up, z forward, and find its rest pose.
 
-    The skeleton with all angles zero shows up and left, and how far each limb is from the T-pose. Its head and feet are
-    taken to face forward.
+    The skeleton with all angles zero determines the up and left axes, and the rotation of each limb from the T-pose.
+    Its head and feet are assumed to face forward.
 
     Returns:
         The turned recording, its dialect, and the rotation of the axes (3, 3).

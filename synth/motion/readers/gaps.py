@@ -1,4 +1,4 @@
-"""Gaps in recordings: short ones are interpolated, long ones cut out."""
+"""Gaps in recordings: short gaps are interpolated, long gaps are cut out."""
 
 from pathlib import Path
 
@@ -12,20 +12,20 @@ _LONGEST = 0.25
 
 
 def fill_gaps(values: np.ndarray, names: list[str], fps: float, path: Path) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Fill short gaps and return the longest stretch without any.
+    """Fill short gaps and return the longest stretch without gaps.
 
     Gaps of up to a quarter of a second are filled by monotone cubic interpolation (Fritsch and Carlson, SIAM Journal on
     Numerical Analysis 17, 1980).
 
     Args:
         values: (F, K, C), NaN where missing.
-        names: K names of what is recorded, for messages.
+        names: Names of the K recorded quantities, for messages.
         fps: Frames per second.
         path: The file, for messages.
 
     Returns:
-        values: (frames, K, C) of the longest stretch.
-        notes: What was filled and what was left out, for people to read.
+        values: (n, K, C) values of the longest stretch.
+        notes: Descriptions of the filled values and the omitted frames.
 
     Raises:
         ValueError: less than half of the recording is left.

@@ -1,4 +1,4 @@
-"""Joints and markers with other names: mapping files."""
+"""Mapping files, which rename the joints and markers of a recording."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ def read_mapping(path: Path) -> dict[str, str]:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it holds anything else, or a value that is no name.
+        ValueError: the file has other content, or a value that is no name.
     """
     if not path.is_file():
         raise FileNotFoundError(f"motion.mapping: no such file {path}")
@@ -30,10 +30,10 @@ def read_mapping(path: Path) -> dict[str, str]:
 
 
 def renamed(names: tuple[str, ...], mapping: dict[str, str], known: set[str], path: Path) -> tuple[str, ...]:
-    """Replace the names that a mapping knows.
+    """Return names, replaced where a mapping contains them.
 
     Raises:
-        ValueError: the mapping has none of the names, or maps two of them to one.
+        ValueError: the mapping has none of the names, or maps two of them to the same name.
     """
     if not mapping:
         return names

@@ -1,4 +1,4 @@
-"""From optical markers on the skin to the body segments beneath."""
+"""Find body segments from optical markers on the skin."""
 
 from pathlib import Path
 
@@ -10,12 +10,12 @@ from synth.people.segments import SEGMENTS
 
 _SIDED = ("FWT", "BWT", "SHO", "ELB", "WRA", "WRB", "FIN", "KNE", "ANK", "HEE", "TOE", "MT5", "FHD", "BHD")
 MARKERS = ("C7", "T10", "CLAV", "STRN", *(side + name for side in "LR" for name in _SIDED))
-"""Markers, of the 41 that people wear in CMU's database, from which joints are found."""
+"""The markers from which joints are found, of the 41 markers of CMU's database."""
 SYNONYMS = {f"{side}{theirs}": f"{side}{ours}" for side in "LR" for theirs, ours in (("ASI", "FWT"), ("PSI", "BWT"))}
 """Names of markers at the same places in Vicon's Plug-in Gait set."""
 
-# Joint centres relative to a marker, as fractions of a length near by, along x, outward and along z of axes that
-# markers define; and the rotations from such axes to the segment's own. Measured on CMU's subject 2, for which there
+# Joint centres relative to a marker, as fractions of a nearby length: along x, outward, and along z of axes that
+# markers define; and rotations from these axes to the segment's own axes. Measured on CMU's subject 2, for which there
 # are markers and the Acclaim skeleton that CMU solved from them: takes 02_01 and 02_05, mean of both sides.
 _HIP = (0.125, 0.343, -0.410)
 _SHOULDER = (0.062, 0.074, -0.124)
@@ -33,13 +33,13 @@ _HINGE_DOUBT = 0.4
 def segments(marker: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Return hips, ankles and orientations from markers.
 
-    Joint centres lie at fixed places among the markers, in proportion to the body. Limbs point from joint to joint.
-    Their hinges are orthogonal to the plane in which they bend; where they hardly bend, the line between the two
-    markers of a wrist, or the pelvis, determines them.
+    Joint centres are at fixed positions relative to the markers, in proportion to the body. Limbs point from joint to
+    joint. The hinge axis of an elbow or knee is orthogonal to the plane in which the limb bends. If the limb hardly
+    bends, the line between the two markers of the wrist, or the pelvis, determines the axis.
 
     Args:
-        marker: (F, 3) of each of `MARKERS`, in any unit, in axes with z up. Those of the fifth metatarsals may be
-            missing.
+        marker: (F, 3) of each of `MARKERS`, in any unit, in axes with z up. The markers of the fifth
+            metatarsals may be missing.
         path: The file, for messages.
 
     Returns:
@@ -49,14 +49,14 @@ def segments(marker: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.
         leg: Length of thigh and shin together, mean of both legs, in the markers' unit.
 
     Raises:
-        ValueError: markers coincide that must be apart.
+        ValueError: two markers coincide that must be at different positions.
     """
 
     def middle(*names: str) -> np.ndarray:
         return np.mean([marker[name] for name in names], axis=0)
 
     def across(front: str, back: str) -> np.ndarray:
-        """Return axes of four markers around the body: exactly left, and as near to forward as that allows."""
+        """Return axes from four markers around the body: y exactly left, and x as close to forward as possible."""
         left = middle(f"L{front}", f"L{back}") - middle(f"R{front}", f"R{back}")
         return aligned(left, middle(f"L{front}", f"R{front}") - middle(f"L{back}", f"R{back}"), (0, 1, 0))
 
@@ -85,7 +85,7 @@ def segments(marker: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.
         shoulder = sho + ribs @ (_SHOULDER * mirrored * arm)
         wrist = elb + lower + aligned(lower, bar, out) @ (_WRIST * mirrored * forearm)
         elbow = elb
-        # The first estimate of the joint centre gives nearly the right hinge, which gives the centre.
+        # The first estimate of the joint centre gives an approximate hinge axis. The axis gives a better centre.
         for _ in range(2):
             upper, lower = elbow - shoulder, wrist - elbow
             prior = outward * np.cross(_unit(bar), _unit(lower))

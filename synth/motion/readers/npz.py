@@ -1,4 +1,4 @@
-"""SMPL poses in npz files, as in the AMASS database, read without a body model."""
+"""Read SMPL poses from npz files, as in the AMASS database, without a body model."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from synth.motion.rotations import UPRIGHT, aligned
 _COLUMNS = {66: "22 joints", 72: "SMPL", 156: "SMPL-H", 165: "SMPL-X"}
 _RATES = ("mocap_framerate", "mocap_frame_rate", "framerate", "frame_rate", "fps")
 _MOST_TURNED = 20.0
-"""Greatest angle in radians; larger ones are in another unit, as even a person who spins shows within a few turns."""
+"""Greatest angle, rad. Larger angles are in another unit: even a spinning person stays within a few turns."""
 _FARTHEST = 30.0
 """Greatest distance of a person from the origin, m; larger numbers are in another unit."""
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inches": 0.0254}
@@ -29,25 +29,25 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
     """AMASS-style npz of SMPL, SMPL-H or SMPL-X poses; no body model needed.
 
     It uses the arrays `poses`, (F, 66, 72, 156 or 165) rotations of SMPL's joints as axis times angle; `trans`, (F, 3)
-    m, z up; and the rate, `mocap_framerate` or its names in SMPL-X's files. The size of the person would follow from
-    `betas` only with the body model; it is found from the feet, which do not slide if the mean body has the right size.
-    NaN for up to a quarter of a second is interpolated; the name of the motion lists it.
+    m, z up; and the frame rate, `mocap_framerate` or its names in SMPL-X's files. `betas` gives the size of the person
+    only together with the body model. The size is found from the feet instead: they do not slide if the mean body has
+    the right size. Gaps (NaN) of up to 0.25 s are interpolated; the name of the motion lists them.
 
     Args:
         path: The file.
-        options: What the file does not state, or states wrongly; `mapping` does not apply.
+        options: The user's corrections of the file; `mapping` is not allowed.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: the file is no npz file, holds pickled objects, lacks arrays, has them in other shapes, contradicts
-            itself or has no values for most of the time; or as `synth.motion.retargeting.retarget`.
+        ValueError: the file is no npz file, contains pickled objects, lacks arrays, has arrays of other shapes,
+            contradicts itself or has no values for most of the time; or as `synth.motion.retargeting.retarget`.
     """
     if options.mapping:
         raise ValueError(f"{path}: motion.mapping names joints, but npz files have them by number, not by name")
     content = read_arrays(path, "an npz file of arrays", ("poses", "trans"), (*_RATES, "mocap_time_length", "on_floor"))
     poses, places = _shaped(content, path)
     rate = _rate(content, len(poses), options.fps, path)
-    poses, places, notes = _whole(poses, places, rate, path)
+    poses, places, notes = _fill(poses, places, rate, path)
     turn = UPRIGHT["y"].T @ UPRIGHT[options.up or "z"]
     local = Rotation.from_rotvec(poses.reshape(-1, 3)).as_matrix().reshape(len(poses), BODY, 3, 3)
     hands = np.broadcast_to(np.eye(3), (len(poses), len(JOINTS) - BODY, 3, 3))
@@ -83,7 +83,7 @@ def read_motion(path: Path, options: ReadOptions) -> Motion:
 
 
 def _shaped(content: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return axis-angle vectors of the body (F, 22, 3) and positions (F, 3); not all of them finite."""
+    """Return axis-angle vectors of the body (F, 22, 3) and positions (F, 3); some values may not be finite."""
     for name in ("poses", "trans"):
         if not (np.issubdtype(content[name].dtype, np.number) and np.isrealobj(content[name])):
             raise ValueError(f"{path}: expected numbers in {name}, found {content[name].dtype}")
@@ -98,7 +98,7 @@ def _shaped(content: dict[str, np.ndarray], path: Path) -> tuple[np.ndarray, np.
     angle = np.abs(np.where(np.isfinite(poses), poses, 0)).max()
     if angle > _MOST_TURNED:
         raise ValueError(f"{path}: expected poses as axis times angle in radians, found an angle of {angle:.4g}")
-    # A position that is too far away in any unit is missing.
+    # A position that is too far away in any unit counts as missing.
     return poses, np.where(np.abs(places) < 1e6, places, np.nan)
 
 
@@ -125,7 +125,7 @@ def _rate(content: dict[str, np.ndarray], frames: int, fps: float | None, path: 
     return rate
 
 
-def _whole(
+def _fill(
     poses: np.ndarray, places: np.ndarray, fps: float, path: Path
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Return poses and positions without NaN, and notes on how they were filled."""
@@ -144,12 +144,14 @@ def _whole(
 
 
 def _unit_of(places: np.ndarray, feet: np.ndarray, unit: float | None, path: Path) -> tuple[str, float]:
-    """Return name and metres of the unit of `trans`, in which the hips are as high above the floor as above the feet.
+    """Return the name of the unit of `trans` and its size in metres.
+
+    In the right unit, the hips are about as high above the floor as above the feet.
 
     Args:
         places: (F, 3) as stated, y up.
         feet: (F, 2, 3) balls of the feet relative to the pelvis, m, y up.
-        unit: Metres per unit if given.
+        unit: Metres per unit; None to find the unit.
         path: The file, for messages.
     """
     if unit:
@@ -171,8 +173,8 @@ def _size(places: np.ndarray, feet: np.ndarray, fps: float) -> float:
 
     The velocity v of the hips and, on the template, the velocity r of the ball of a foot relative to the hips satisfy
     v + s r = 0 for the right size s. It is found by least squares over all frames in which the hips move faster than
-    0.4 m/s; frames without a standing foot are weighed down (Cauchy, 0.1 m/s), and every tenth of a second counts as
-    one measurement. A prior of 1 with a deviation of 6 % decides if the person does not walk.
+    0.4 m/s. Frames without a standing foot get a low weight (Cauchy, 0.1 m/s), and every tenth of a second counts as
+    one measurement. If the person does not walk, a prior of 1 with a deviation of 6 % determines the size.
 
     Args:
         places: (F, 3) m, y up.

@@ -1,4 +1,4 @@
-"""A recorded skeleton in motion, as its file has it: its own joints, units and axes."""
+"""The motion of a recorded skeleton, with the joints, the unit and the axes of its file."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +18,7 @@ class SkeletonRecording:
         offsets: (J, 3) position of each joint in its parent's frame, in the file's unit; the root's is not used.
         root: (F, 3) position of the root in the world, in the file's unit.
         rotations: (F, J, 3, 3) orientation of each joint in its parent's frame.
-        notes: What was repaired in reading it, for people to read.
+        notes: Descriptions of repairs that were made in reading it.
     """
 
     path: Path
@@ -51,7 +51,7 @@ class SkeletonRecording:
         return positions, orientations
 
     def turned(self, turn: np.ndarray) -> "SkeletonRecording":
-        """Turn the world by a rotation (3, 3)."""
+        """Return the recording with its world turned by a rotation (3, 3)."""
         rotations = self.rotations.copy()
         rotations[:, 0] = turn @ rotations[:, 0]
         return replace(self, root=self.root @ turn.T, rotations=rotations)

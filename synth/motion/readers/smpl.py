@@ -13,7 +13,7 @@ from synth.motion.retargeting import ANKLE_OF_LEG
 from synth.motion.rotations import UPRIGHT, aligned
 from synth.people.segments import SEGMENTS
 
-# Joint, parent, and where it rests in its parent, m: x left, y up, z forward. The mean body of SMPL (Loper et al., ACM
+# Joint, parent, and rest position in the parent, m: x left, y up, z forward. The mean body of SMPL (Loper et al., ACM
 # Transactions on Graphics 34, 2015), as published with simulated humanoids; SMPL-H and SMPL-X share order and pose.
 _TEMPLATE = """pelvis - -0.0018 -0.2233 0.0282
 left_hip pelvis 0.0695 -0.0914 -0.0068
@@ -41,19 +41,19 @@ left_hand left_wrist 0.0840 -0.0082 -0.0149
 right_hand right_wrist -0.0846 -0.0061 -0.0103"""
 _ROWS = [row.split() for row in _TEMPLATE.splitlines()]
 JOINTS = tuple(row[0] for row in _ROWS)
-"""Joints in SMPL's order. The last two lie at the knuckles, where SMPL-H and SMPL-X have fingers."""
+"""Joints in SMPL's order. The last two are at the knuckles, where SMPL-H and SMPL-X have fingers."""
 PARENTS = (-1, *(JOINTS.index(row[1]) for row in _ROWS[1:]))
 OFFSETS = np.array([row[2:] for row in _ROWS], np.float64)
-"""(24, 3) position of each joint in its parent, m; the pelvis's is relative to the point that `trans` moves."""
+"""(24, 3) position of each joint in its parent, m; that of the pelvis is relative to the point that `trans` moves."""
 BODY = 22
-"""Number of joints before those of the hands."""
+"""Number of joints before the joints of the hands."""
 
 
 def write_npz(path: Path, motion: Motion) -> None:
     """Write a motion in AMASS's format, on SMPL-H's mean body (`betas` zero, fingers straight); atomically.
 
-    `synth.motion.readers.npz` reads it back. The array `on_floor`, which the format does not have, says that floor,
-    soles and forearms need no repair.
+    `synth.motion.readers.npz` reads it back. The array `on_floor`, which is not part of the format, states that
+    floor, soles and forearms need no repair.
 
     Args:
         path: `<name>.npz`.
@@ -70,7 +70,7 @@ def write_npz(path: Path, motion: Motion) -> None:
             ("thigh", "hip", "knee", (0, 0, -1)),
             ("shin", "knee", "ankle", (0, 0, -1)),
         ):
-            # The template's limbs rest a little off the axes of the T-pose.
+            # The template's limbs are slightly off the axes of the T-pose.
             bone = axes @ OFFSETS[JOINTS.index(f"{name}_{end}")]
             world[f"{name}_{joint}"] = (
                 turn[f"{side}_{segment}"] @ aligned(bone[None], np.array([[1.0, 0, 0]]), axis)[0].T

@@ -1,4 +1,4 @@
-"""Which takes there are: files, folders, and lists of takes with their subjects and sets."""
+"""Find takes in files, in folders, and in lists of takes with their subjects and sets."""
 
 import csv
 import re
@@ -13,12 +13,12 @@ from synth.motion.readers.cmu import subject
 from synth.motion.readers.text import find_text
 
 LIST = ".tsv"
-"""Extension of lists of takes: tables separated by tabs, of the columns `file`, `subject`, `set`, and any others."""
+"""Extension of lists of takes: tab-separated tables with the columns `file`, `subject`, `set`, and any others."""
 NO_SET = "-"
-"""In a list, the set of takes that are in none."""
+"""In a list, the set of a take that belongs to no set."""
 _MOST_BYTES = 1 << 26
 _LONGEST_PATH, _LONGEST_NAME = 1000, 250
-"""Of paths, and of each name in them with room for the extension of a compression, bytes."""
+"""Greatest length of a path, and of each name in it, bytes; this leaves room for the extension of a compression."""
 _UNKNOWN = ("", "?")
 
 
@@ -27,9 +27,9 @@ class ListedTake:
     """A line of a list of takes.
 
     Attributes:
-        path: The file of the take; with the extension of its compression, where the list leaves that out.
+        path: The file of the take, with the extension of its compression, which the list may leave out.
         subject: The person who was recorded; people recorded together count as one.
-        set: As `train`, or `-` for none.
+        set: Name of the set, such as `train`, or `-` for none.
     """
 
     path: Path
@@ -38,16 +38,16 @@ class ListedTake:
 
 
 def find_takes(path: Path, kind: str | None = None, sets: Sequence[str] = ()) -> list[Path]:
-    """Return the files of takes at a path, sorted; of a list in its order.
+    """Return the files of takes at a path: sorted, or in the order of a list.
 
     Args:
         path: A file, a folder that is searched at any depth, or a list.
         kind: Format of the takes; None for all formats.
-        sets: Of a list, the sets wanted; all if empty.
+        sets: The sets of a list to return; all if empty.
 
     Raises:
         FileNotFoundError: there is no such file or folder, or no file of the format in it.
-        ValueError: it is no list of takes, has none of a set, or sets are asked of what is no list.
+        ValueError: the list is malformed or has no such set, or `sets` is given for a path that is no list.
     """
     if not path.exists():
         raise FileNotFoundError(f"motion path {path}: no such file or folder")
@@ -72,7 +72,7 @@ def find_takes(path: Path, kind: str | None = None, sets: Sequence[str] = ()) ->
 
 
 def read_take_list(path: Path) -> list[ListedTake]:
-    """Read a list of takes. Lines of files that are no takes, such as skeletons, are left out.
+    """Read a list of takes. Lines with other files, such as skeletons, are left out.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -116,7 +116,7 @@ def find_subject_leaks(lines: Iterable[ListedTake]) -> list[str]:
     for line in lines:
         if line.set != NO_SET:
             by_name = subject(line.path)
-            # Partners are listed by their own numbers.
+            # Lists may give each partner their own number.
             person = by_name if line.subject in by_name.split("+") else line.subject
             places[person][line.set].append(line.path.name)
     return [

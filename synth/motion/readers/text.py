@@ -9,7 +9,7 @@ from dmae.files.compressed import COMPRESSED, read_unpacked, without_compression
 _MOST_BYTES, _MOST_UNPACKED = 1 << 30, 1 << 28
 _CELLS = 200_000
 LARGEST = 1e9
-"""Of any number, in any unit."""
+"""Greatest absolute value of any number, in any unit."""
 
 
 def read_lines(path: Path) -> list[str]:
@@ -26,13 +26,13 @@ def read_lines(path: Path) -> list[str]:
 
 
 def find_text(path: Path) -> Path | None:
-    """Return a text file that may have the extension of a compression as well; None if there is none."""
+    """Return the path of a text file, with or without the extension of a compression; None if there is neither."""
     there = [found for end in ("", *COMPRESSED) if (found := path.with_name(path.name + end)).is_file()]
     return there[0] if there else None
 
 
 def check_size(path: Path, lines: list[str], frames: int, joints: int) -> None:
-    """Refuse frames of many joints without a number of their own: rotations take more memory than the file shows."""
+    """Raise ValueError if a small file states many joints and frames, which would take far more memory."""
     size = sum(map(len, lines))
     if frames * joints > max(_CELLS, size):
         raise ValueError(f"{path}: expected numbers for {joints} joints in {frames} frames, found {size} bytes")
