@@ -16,7 +16,7 @@ _APART = 3
 
 
 def clearance(centres: np.ndarray, joints: np.ndarray, bodies: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Return distances (F, V, P, J), m, between the line of sight to each joint and the surface of the nearest other body.
+    """Return distances (F, V, P, J), m, from the line of sight to each joint to the surface of the nearest other body.
 
     It is negative where a body hides the joint, NaN where the joint is unknown, and infinite where no body is known.
 
@@ -61,7 +61,7 @@ def _surface(bodies: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.nda
 
 
 def _clearance(centres: np.ndarray, joints: np.ndarray, points: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Return distances (F, V, P, J) of lines of sight to joints (F, P, J, 3) from points (F, N, 3), less the radii (N,).
+    """Return distances (F, V, P, J) from lines of sight to joints (F, P, J, 3) to points (F, N, 3), less radii (N,).
 
     Frames are processed one at a time, as there are many pairs of a line and a point.
     """
