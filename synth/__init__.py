@@ -1,11 +1,11 @@
-"""Simulated people who hide each other from calibrated cameras: configuration and seed in, `dmae.Clip` out.
+"""Simulate people that hide each other from calibrated cameras: configuration and seed in, `dmae.Clip` out.
 
     import synth
 
     for clip in synth.generate(clips=8, scene="office", seed=7):
         print(clip.truth.xyz.shape, clip.detections.xy.shape)
 
-Every name here is loaded when it is first used: `import synth` loads neither mujoco nor hydra.
+Each name is loaded when it is first used: `import synth` loads neither mujoco nor hydra.
 """
 
 from importlib import import_module

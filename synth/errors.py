@@ -1,4 +1,4 @@
-"""Errors that every room of the generator may raise."""
+"""Errors that every package of the generator may raise."""
 
 
 class FailedSimulation(ValueError):

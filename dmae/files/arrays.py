@@ -18,12 +18,12 @@ _MOST_ARRAYS = 1000
 
 
 def read_npy(path: Path):
-    """Return what a `.npy` file holds: an array, or the one object that it pickles.
+    """Return the content of a `.npy` file: an array, or the pickled object.
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: it is no such file, or refers to anything but arrays and Python's own containers; the message names
-            that, and none of it has been run.
+        ValueError: it is not a `.npy` file, or refers to anything but arrays and Python's own containers; the message
+            names it. Nothing in the file has been run.
     """
     try:
         value = _array(read_bytes(path), pickled=True)
@@ -33,20 +33,20 @@ def read_npy(path: Path):
 
 
 def read_arrays(path: Path, what: str, needed: Sequence[str], also: Sequence[str] = ()) -> dict[str, np.ndarray]:
-    """Return some arrays of an `.npz` archive; nothing in it is run, and no other array is read.
+    """Return some arrays of an `.npz` archive. Nothing in it is run, and no other array is read.
 
     Args:
         what: The kind of archive expected, for messages.
-        needed: Arrays that must be there.
-        also: Arrays that may be.
+        needed: Names of required arrays.
+        also: Names of optional arrays.
 
     Raises:
         FileNotFoundError: no such file.
         OSError: the file may not be read.
-        ValueError: it is no such archive, is damaged, holds pickled objects, lacks arrays, or unpacks to more than
-            its size justifies.
+        ValueError: it is not an archive, is damaged, contains pickled objects, lacks arrays, or unpacks to more bytes
+            than its size justifies.
     """
-    # Read here, as errors of the system are no fault of the archive.
+    # Read outside the block below, because errors of the system are not damage of the archive.
     data = read_bytes(path)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -55,7 +55,7 @@ def read_arrays(path: Path, what: str, needed: Sequence[str], also: Sequence[str
             _check_sizes(len(data), list(members.values()), list(wanted.values()))
             arrays = {name: _array(_member(archive, member)) for name, member in wanted.items()}
     # Damaged archives make zipfile and NumPy raise errors of many undocumented types, from NotImplementedError to
-    # SyntaxError. The block contains only their reading.
+    # SyntaxError. The block only reads them.
     except Exception as error:
         raise ValueError(f"{path}: expected {what}; {type(error).__name__}: {error}") from error
     lacking = sorted(set(needed) - set(members))
@@ -74,7 +74,7 @@ def _check_sizes(size: int, members: list[zipfile.ZipInfo], wanted: list[zipfile
 
 
 def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
-    """Return a member's bytes, no more than it states: archives can state less than they unpack to."""
+    """Return a member's bytes, at most as many as it states, because members can unpack to more."""
     with archive.open(member) as file:
         data = file.read(member.file_size + 1)
     if len(data) != member.file_size:
@@ -83,14 +83,14 @@ def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
 
 
 def _array(data: bytes, *, pickled: bool = False):
-    """Return the array in the bytes of a `.npy` file; with `pickled`, also the object in one."""
+    """Return the array in the bytes of a `.npy` file or, with `pickled`, the object."""
     file = io.BytesIO(data)
     try:
         version = np.lib.format.read_magic(file)
         header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = header(file)
     except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError, TokenError) as error:
-        # NumPy evaluates the header as a literal, nested as deeply as the file has it.
+        # NumPy evaluates the header as a literal, to any depth that the file states.
         raise ValueError(f"the header of an array is damaged, {error}") from None
     content = data[file.tell() :]
     if dtype.hasobject:

@@ -1,4 +1,4 @@
-"""Checksums of clips and data sets: a damaged, missing, foreign or exchanged file is found, whatever it holds."""
+"""Checksums of clips and data sets: they show damaged, missing, foreign and exchanged files of any content."""
 
 import hashlib
 import json
@@ -17,10 +17,10 @@ _BESIDE = (
     RECORD, ".*.lock", "*.config.yaml", "verify.json", "splits.json", "leaks.json", "statistics", "report*.html",
     "decisions.json", "unfinished.json",
 )  # fmt: skip
-"""What commands write into a folder that they are asked about: no part of the clip or data set."""
+"""Files that commands write about a clip or data set into its folder. They are not part of it."""
 _OWN = "# sha256 of what follows: "
 _SHOWN = 3
-"""Most damaged files in a message."""
+"""Largest number of damaged files in a message."""
 
 
 class Checksum(NamedTuple):
@@ -41,8 +41,8 @@ def write_checksums(folder: Path, files: dict[str, Checksum] | None = None) -> N
     """Write `checksums.json` into a folder.
 
     Args:
-        folder: Of a clip or a data set.
-        files: By path in the folder; by default of all files that the folder holds.
+        folder: The folder of a clip or a data set.
+        files: Checksums by path in the folder; by default those of all files in the folder.
     """
     folder = Path(folder)
     if files is None:
@@ -51,7 +51,7 @@ def write_checksums(folder: Path, files: dict[str, Checksum] | None = None) -> N
 
 
 def read_checksums(folder: Path) -> dict[str, Checksum] | None:
-    """Read `checksums.json` of a folder; None where there is none, as in folders written before version 0.2.
+    """Read `checksums.json` of a folder; None if there is none, as in folders written before version 0.2.
 
     Raises:
         ValueError: the file is not as `write_checksums` wrote it.
@@ -71,7 +71,7 @@ def read_checksums(folder: Path) -> dict[str, Checksum] | None:
 
 
 def number_of(folder: Path) -> str | None:
-    """Return the one number of a clip or data set: the SHA-256 of its `checksums.json`; None where there is none."""
+    """Return one number for a clip or data set: the SHA-256 of its `checksums.json`; None if there is none."""
     path = Path(folder) / CHECKSUMS
     return checksum(path).sha256 if path.is_file() else None
 
@@ -91,8 +91,8 @@ def end_data_set(path: Path, own: Iterable[str], clips: dict[str, Checksum | Non
 
     Args:
         path: The data set.
-        own: Names of its files in addition to the manifest, if they exist.
-        clips: Of clips, by name (`clip_checksum`); None for those that have none.
+        own: Names of its own files in addition to the manifest. Those that do not exist are ignored.
+        clips: Checksums of clips by name, see `clip_checksum`; None for clips without one.
     """
     path = Path(path)
     files = {name: checksum(path / name) for name in (MANIFEST, *own) if (path / name).is_file()}
@@ -100,13 +100,13 @@ def end_data_set(path: Path, own: Iterable[str], clips: dict[str, Checksum | Non
 
 
 def clip_checksum(folder: Path) -> Checksum | None:
-    """Return the checksum of the `checksums.json` of a clip; None where there is none."""
+    """Return the checksum of the `checksums.json` of a clip; None if there is none."""
     path = Path(folder) / CHECKSUMS
     return checksum(path) if path.is_file() else None
 
 
 def with_own_checksum(text: str) -> str:
-    """Return a text behind a line with its SHA-256, as a comment of YAML."""
+    """Return a text after a first line with its SHA-256, a YAML comment."""
     return f"{_OWN}{hashlib.sha256(text.encode()).hexdigest()}\n{text}"
 
 
@@ -120,10 +120,10 @@ def find_damage(folder: Path, *, fast: bool = False) -> list[str]:
 
     Args:
         folder: The clip.
-        fast: Whether to compare sizes, and the contents of JSON files alone.
+        fast: Whether to compare only sizes, and contents only of JSON files.
 
     Returns:
-        Descriptions of missing, foreign and changed files; none where there are no checksums.
+        Descriptions of missing, foreign and changed files; empty if there are no checksums.
     """
     try:
         files = read_checksums(folder)
@@ -140,14 +140,14 @@ def find_damage(folder: Path, *, fast: bool = False) -> list[str]:
 
 
 def find_data_set_damage(path: Path, clips: Collection[str]) -> list[tuple[str | None, str]]:
-    """Compare the own files of a data set, and which clip is where, with its checksums. Files of clips are not read.
+    """Compare the own files of a data set, and the places of its clips, with its checksums. Clips are not read.
 
     Args:
         path: The data set.
-        clips: Names of the clips that its manifest lists as made.
+        clips: Names of the complete clips in its manifest.
 
     Returns:
-        Names of clips, None for the data set, and descriptions; none where there are no checksums.
+        Pairs of the name of a clip, or None for the data set, and a description; empty if there are no checksums.
     """
     path = Path(path)
     try:
@@ -182,11 +182,11 @@ def find_data_set_damage(path: Path, clips: Collection[str]) -> list[tuple[str |
 def refuse_damaged(path: Path, instead: str | None) -> None:
     """Raise ValueError if files of a data set or clip are missing, foreign, of another size, or exchanged.
 
-    Sizes are compared, and the contents of JSON files; where there are no checksums, nothing is.
+    Sizes are compared, and the contents of JSON files. Without checksums, nothing is compared.
 
     Args:
-        path: A clip or a data set; nothing else has checksums.
-        instead: Option that leaves this check out, for the message; None if there is none.
+        path: A clip or a data set.
+        instead: Option that skips this check, for the message; None if there is none.
     """
     path = Path(path)
     if (path / "clip.json").is_file():
@@ -207,7 +207,7 @@ def refuse_damaged(path: Path, instead: str | None) -> None:
 
 
 def _changed(folder: Path, files: dict[str, Checksum], there: set[str], fast: bool) -> list[str]:
-    """Return descriptions of the files that exist and differ from their checksums."""
+    """Return descriptions of existing files that differ from their checksums."""
     owner = {entry.sha256: name for name, entry in files.items()}
     differences = (
         (name, _difference(folder / name, files[name], owner, fast)) for name in sorted(files.keys() & there)
@@ -216,7 +216,7 @@ def _changed(folder: Path, files: dict[str, Checksum], there: set[str], fast: bo
 
 
 def _difference(path: Path, expected: Checksum, owner: dict[str, str], fast: bool) -> str | None:
-    """Return what is wrong with a file; None if nothing is."""
+    """Return a description of the difference between a file and its checksum; None if they agree."""
     if not path.is_file():
         return "expected a file"
     try:
@@ -232,7 +232,7 @@ def _difference(path: Path, expected: Checksum, owner: dict[str, str], fast: boo
 
 
 def _names(folder: Path) -> list[str]:
-    """Return the paths of the files of a clip's folder, in it."""
+    """Return the paths of the files in a clip's folder, relative to it."""
     return [
         path.relative_to(folder).as_posix()
         for path in sorted(folder.rglob("*"))
@@ -251,7 +251,7 @@ def _clip(name: str) -> str | None:
 
 
 def _text(files: dict[str, Checksum]) -> str:
-    """Return the content of `checksums.json`, which holds a checksum of itself."""
+    """Return the content of `checksums.json`, with a checksum of itself."""
     entries = {name: files[name]._asdict() for name in sorted(files)}
     digest = hashlib.sha256(json.dumps(entries).encode()).hexdigest()
     return json.dumps({"format": FORMAT, "files": entries, "sha256_of_files": digest}, indent=1)

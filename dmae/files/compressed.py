@@ -1,4 +1,4 @@
-"""Compressed files, unpacked as far as a limit."""
+"""Read compressed files, up to a limit of size."""
 
 import lzma
 import zlib
@@ -9,13 +9,13 @@ from dmae.files.contents import read_bytes
 COMPRESSED = (".xz", ".gz")
 """Last extensions of files that `read_unpacked` unpacks."""
 _MEMORY = 256 << 20
-"""Bytes of memory that unpacking may take; what `xz -9` writes needs 65 MiB."""
+"""Bytes of memory that unpacking may take; files of `xz -9` need 65 MiB."""
 _PART = 1 << 20
 """Bytes unpacked at a time."""
 
 
 def without_compression(name: str) -> str:
-    """Return the name of a file without the extension of its compression, if it has one."""
+    """Return the name of a file without the extension of its compression, if any."""
     return name[:-3] if name.lower().endswith(COMPRESSED) else name
 
 
@@ -24,11 +24,11 @@ def read_unpacked(path: Path, most: int) -> bytes:
 
     Args:
         path: The file.
-        most: Greatest size, packed and unpacked, bytes.
+        most: Largest size, packed and unpacked, bytes.
 
     Raises:
-        FileNotFoundError, ValueError: as in `dmae.files.contents.read_bytes`, or it is damaged, not compressed as its
-            name says, or larger when unpacked.
+        FileNotFoundError, ValueError: as in `dmae.files.contents.read_bytes`, or the file is damaged, not
+            compressed as its name says, or larger after unpacking.
     """
     data = read_bytes(path, most)
     if without_compression(path.name) == path.name:
@@ -42,7 +42,7 @@ def read_unpacked(path: Path, most: int) -> bytes:
 def _unpack(data: bytes, path: Path, most: int) -> bytes:
     parts, size = [], 0
     xz = path.suffix.lower() == ".xz"
-    # Files may hold several streams, one after another; xz pads them with zeros.
+    # Files may contain several streams in sequence; xz pads them with zeros.
     while data := data.lstrip(b"\0") if xz and parts else data:
         engine = lzma.LZMADecompressor(lzma.FORMAT_XZ, _MEMORY) if xz else zlib.decompressobj(zlib.MAX_WBITS | 16)
         while not engine.eof:

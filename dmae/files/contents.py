@@ -1,4 +1,4 @@
-"""The contents of files: regular files alone, and no more bytes than expected."""
+"""Read the contents of files: only regular files, and no more bytes than expected."""
 
 import os
 import stat
@@ -6,15 +6,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 MOST_BYTES = 4 << 30
-"""Of any file that is read whole."""
+"""Largest size of a file that is read whole, bytes."""
 
 
 def check_file(path: Path, most: int = MOST_BYTES) -> int:
-    """Return the size of a file, bytes, without opening it: a named pipe or a device would block.
+    """Return the size of a file, bytes, without opening it, because a named pipe or a device would block.
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: it is no regular file, or larger than `most` bytes.
+        ValueError: it is not a regular file, or larger than `most` bytes.
     """
     path = Path(path)
     try:
@@ -22,7 +22,7 @@ def check_file(path: Path, most: int = MOST_BYTES) -> int:
     except (FileNotFoundError, NotADirectoryError):
         raise FileNotFoundError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
-        # Names with a NUL, too long, or links in a circle.
+        # The name contains a NUL or is too long, or links form a circle.
         raise ValueError(f"{str(path)!r:.200}: expected a file that can be read, {error}") from None
     if stat.S_ISDIR(found.st_mode):
         raise FileNotFoundError(f"{path}: expected a file, found a folder")
@@ -36,7 +36,7 @@ def check_file(path: Path, most: int = MOST_BYTES) -> int:
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return the contents of a file; errors as in `check_file`."""
     size = check_file(path, most)
-    # A file could be replaced by a pipe between the check and the opening, which must not block either.
+    # A file could be replaced by a pipe after the check. Opening it must not block either.
     with os.fdopen(
         os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb"
     ) as file:
@@ -50,7 +50,7 @@ def read_text(path: Path, most: int = 1 << 30) -> str:
     """Return the text of a file in UTF-8, with line ends as `\\n`.
 
     Raises:
-        FileNotFoundError, ValueError: as in `check_file`, or it is no text.
+        FileNotFoundError, ValueError: as in `check_file`, or it is not text.
     """
     try:
         text = read_bytes(path, most).decode()
@@ -60,7 +60,7 @@ def read_text(path: Path, most: int = 1 << 30) -> str:
 
 
 def written(lines: Iterable[str]) -> Iterator[bytes]:
-    """Yield lines of text as the pieces of a file."""
+    """Yield lines of text as bytes of a file."""
     return (f"{line}\n".encode() for line in lines)
 
 

@@ -1,4 +1,4 @@
-"""Arrays and texts in HDF5 files, which netCDF 4 is too: sizes and filters are checked before anything is allocated."""
+"""Arrays and texts in HDF5 files, including netCDF 4. Sizes and filters are checked before memory is allocated."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,14 +13,14 @@ from dmae.files.contents import check_file
 T = TypeVar("T")
 
 _LEAST_LIMIT, _EXPANSION = 1 << 28, 100
-"""Bytes that an array may have: the first number, or the second number times the size of the file."""
+"""Bytes that an array may have: the larger of the first number, and the second number times the size of the file."""
 _FILTERS = {1, 2, 3, 4, 32000}
-"""Deflate, shuffle, Fletcher, szip and LZF; of others HDF5 would load plugins."""
+"""Deflate, shuffle, Fletcher, szip and LZF. For other filters HDF5 would load plugins."""
 _MOST_TEXTS, _LONGEST_TEXT = 5000, 20_000
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _HEAP, _HEAD = b"GCOL\x01\0\0\0", 16
 _SHORTEST = 48
-"""Bytes of the block that files begin with, at least."""
+"""Smallest size of the block at the start of a file, bytes."""
 
 
 class Hdf5:
@@ -55,13 +55,13 @@ class Hdf5:
             found = self._dataset(name)
             if found.ndim != 1 or found.dtype.kind not in "SO" or len(found) > _MOST_TEXTS:
                 raise ValueError(f"expected up to {_MOST_TEXTS} texts as {name}, found {found.dtype} {found.shape}")
-            # One at a time: many could refer to one long text.
+            # One at a time, because many could refer to one long text.
             return [_text(found[number]) for number in range(len(found))]
 
         return self._try(read)
 
     def attribute(self, name: str, of: str = "/") -> object:
-        """Return an attribute of a group or an array: a text, a number or None where it is not there."""
+        """Return an attribute of a group or an array: a text or a number, or None if it does not exist."""
 
         def read() -> object:
             found = self._found(of) if of != "/" else self._file
@@ -73,7 +73,7 @@ class Hdf5:
         return self._try(read)
 
     def axes(self, name: str) -> list[str]:
-        """Return the names of the axes of an array, as netCDF has them."""
+        """Return the names of the axes of an array, as netCDF stores them."""
 
         def read() -> list[str]:
             return [each[0].name.rpartition("/")[2] if len(each) else "" for each in self._dataset(name).dims]
@@ -108,7 +108,7 @@ class Hdf5:
     def _try(self, read: Callable[[], T]) -> T:
         try:
             return read()
-        # Of damaged files h5py raises errors of many types. The functions contain only their reading.
+        # h5py raises errors of many types for damaged files. The functions only read them.
         except Exception as error:
             raise ValueError(f"{self._path}: expected {self._what}; {error}") from None
 
@@ -122,7 +122,7 @@ def open_hdf5(path: Path, what: str) -> Iterator[Hdf5]:
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: it is no HDF5 file, or h5py is not installed.
+        ValueError: it is not an HDF5 file, or h5py is not installed.
     """
     path = Path(path)
     check_file(path)
@@ -148,15 +148,15 @@ def open_hdf5(path: Path, what: str) -> Iterator[Hdf5]:
 
 
 def _check_heaps(path: Path) -> None:
-    """Refuse damaged heaps of texts, on which the HDF5 library runs for ever: an object of no size follows itself.
+    """Refuse damaged heaps of texts: the HDF5 library never returns if an object of size 0 follows itself.
 
-    A heap is `GCOL`, version 1, its size, and objects of an index, a count and a size each; index 0 is free space, the
-    size of which counts its head (HDF5 File Format Specification, III.E).
+    A heap consists of `GCOL`, version 1, its size, and objects with an index, a count and a size each. Index 0 is free
+    space, and its size includes its header (HDF5 File Format Specification, III.E).
     """
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
         if len(data) < _SHORTEST:
             raise ValueError(f"it ends after {len(data)} bytes")
-        # Bytes of offsets and lengths, which stand elsewhere in newer files.
+        # Sizes of offsets and lengths, bytes; they are at another place in newer files.
         if set(data[13:15] if data[8] < 2 else data[9:11]) != {8}:
             raise ValueError("its offsets and lengths are not of 8 bytes")
         start = data.find(_HEAP)

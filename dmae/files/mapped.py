@@ -1,4 +1,4 @@
-"""Arrays that are too large for memory: they lie in files, and are read and written by frames."""
+"""Arrays that are too large for memory: they are in files, and are read and written by frames."""
 
 import ctypes
 import mmap
@@ -11,15 +11,15 @@ from math import prod
 import numpy as np
 
 LARGE = 16 << 20
-"""Bytes; smaller arrays are held in memory."""
+"""Bytes; smaller arrays are in memory."""
 _BLOCK = 8 << 20
-"""Bytes of arrays that are computed with at a time."""
+"""Bytes of arrays in one step of a computation."""
 
 
 def empty(shape: tuple[int, ...], dtype: type | np.dtype) -> np.ndarray:
-    """Return an array to be filled: in memory, or a large one in a temporary file that is removed with it.
+    """Return an array to be filled: in memory or, if it is large, in a temporary file that is removed with the array.
 
-    The file is in the folder that `TMPDIR` names.
+    The file is in the folder named by `TMPDIR`.
 
     Raises:
         OSError: the disk is full.
@@ -29,7 +29,7 @@ def empty(shape: tuple[int, ...], dtype: type | np.dtype) -> np.ndarray:
         return np.empty(shape, dtype)
     with tempfile.TemporaryFile(prefix="dmae-") as file:
         try:
-            # A full disk would end the process when the array is written to, if the space were not taken now.
+            # The space is allocated now. Otherwise a full disk would kill the process when the array is written to.
             getattr(os, "posix_fallocate", _set_size)(file.fileno(), 0, size)
         except OSError as error:
             raise OSError(
@@ -39,7 +39,7 @@ def empty(shape: tuple[int, ...], dtype: type | np.dtype) -> np.ndarray:
 
 
 def release(*arrays: np.ndarray) -> None:
-    """Take arrays that lie in files out of memory; their contents are read again when they are accessed."""
+    """Remove arrays that are in files from memory; their contents are read again when accessed."""
     for array in arrays:
         while isinstance(array, np.ndarray):
             array = array.base
@@ -49,7 +49,7 @@ def release(*arrays: np.ndarray) -> None:
 
 
 def trim() -> None:
-    """Give freed memory back to the system, where the C library can: a process would hold the most of any step."""
+    """Return freed memory to the system if the C library can. Otherwise a process keeps that of its largest step."""
     _malloc_trim()(0)
 
 
@@ -62,7 +62,7 @@ def _malloc_trim() -> Callable[[int], int]:
 
 
 def frame_blocks(*arrays: np.ndarray) -> Iterator[slice]:
-    """Yield slices of the frames of arrays (F, ...), of a size that memory holds; one where the arrays are small.
+    """Yield slices of the frames of arrays (F, ...) that fit into memory; a single slice if the arrays are small.
 
     After each block the arrays are released.
     """
@@ -76,7 +76,7 @@ def frame_blocks(*arrays: np.ndarray) -> Iterator[slice]:
 
 
 def by_frames(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.ndarray:
-    """Return `function(*arrays)` of arrays (F, ...), computed some frames at a time; each frame is for itself."""
+    """Return `function(*arrays)` of arrays (F, ...), computed in blocks of independent frames."""
     result = None
     for part in frame_blocks(*arrays):
         done = function(*(array[part] for array in arrays))
@@ -90,15 +90,15 @@ def by_frames(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.nd
 
 
 def total(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.ndarray:
-    """Return the sum over frames of `function(*arrays)`, which is (F, ...) of numbers that add up exactly."""
+    """Return the sum over frames of `function(*arrays)`, (F, ...) of numbers with sums that are exact."""
     return sum(function(*(array[part] for array in arrays)).sum(0) for part in frame_blocks(*arrays))
 
 
 def column_blocks(array: np.ndarray, most: int | None = None) -> Iterator[tuple[slice, np.ndarray]]:
-    """Yield the paths of (F, n, C) over all frames, some at a time: which of the n, and a copy (F, k, C) in memory.
+    """Yield blocks of the n paths of (F, n, C), over all frames: their slice, and a copy (F, k, C) in memory.
 
     Args:
-        most: Bytes of a copy, as long as it has more than one path; by default those of a block.
+        most: Largest size of a copy of more than one path, bytes; by default that of a block.
     """
     frames, columns, components = array.shape
     step = max((most or _BLOCK) // max(frames * components * array.itemsize, 1), 1)

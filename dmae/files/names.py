@@ -1,4 +1,4 @@
-"""Names from files, of cameras, clips and presets, as names of files: none leads out of the folder it is meant for."""
+"""File names from the names of cameras, clips and presets in untrusted files: none leads out of its folder."""
 
 import re
 import unicodedata
@@ -6,21 +6,21 @@ from pathlib import Path
 
 _SIGNS = frozenset('/\\<>:"|?*')
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])(\..*)?", re.IGNORECASE)
-"""Names that are devices on Windows."""
+"""Names of devices on Windows."""
 _LONGEST = 230
-"""Bytes; file systems take 255, of which temporary names need some."""
+"""Bytes; file systems accept 255, and temporary names need some of them."""
 
 
 def child(folder: Path, name: str, what: str) -> Path:
-    """Return the path of a file or folder of a name directly in a folder.
+    """Return the path of a file or folder with this name directly in a folder.
 
     Args:
-        folder: Where it is meant to lie.
-        name: As it was read.
-        what: What has the name, for messages, as "camera".
+        folder: The folder that will contain it.
+        name: The name, as it was read.
+        what: The kind of thing named, for messages, such as "camera".
 
     Raises:
-        ValueError: the name would lead elsewhere, or is none that every file system takes; the message says why.
+        ValueError: the name leads elsewhere, or not every file system accepts it; the message gives the reason.
     """
     reason = _wrong(name)
     if reason:

@@ -1,8 +1,8 @@
-"""Values in pickles, without unpickling: a pickle is a program, and no program from elsewhere is run.
+"""Values in pickles, read without unpickling: a pickle is a program, and no program from others is run.
 
-The opcodes are decoded by `pickletools`, which runs none of them. A small stack machine here knows those by which
-NumPy and Python write containers, texts, numbers and arrays of numbers, and builds these itself. The functions that
-NumPy's pickles call are compared by name and never looked up.
+The opcodes are decoded by `pickletools`, which runs none of them. A small stack machine interprets the opcodes with
+which NumPy and Python write containers, texts, numbers and arrays of numbers, and builds these values itself. The
+functions that NumPy's pickles call are compared by name and never looked up.
 """
 
 import io
@@ -14,13 +14,13 @@ from math import prod
 import numpy as np
 
 MOST_DEPTH = 32
-"""Of containers in containers."""
+"""Largest depth of nested containers."""
 _MOST_STACK = 100_000
 _EXPANSION, _LEAST_LIMIT = 20, 1_000_000
-"""Values that a file may have with containers that occur repeatedly counted each time: this number per byte, at
+"""Values that a file may contain, with repeated containers counted each time: this number per byte, at
 least."""
 _MOST_EMPTY = 100_000
-"""Length of an array along an axis, where another axis has length zero."""
+"""Largest length of an axis of an array if another axis has length zero."""
 _MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
 _GLOBALS = {
     ("numpy", "dtype"): "dtype",
@@ -42,14 +42,14 @@ _SHORT_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 
 @dataclass(frozen=True)
 class _Global:
-    """A function that a pickle names; only ever compared."""
+    """A function that a pickle names. It is only compared, never called."""
 
     name: str
 
 
 @dataclass
 class _Type:
-    """A type of array elements. NumPy's pickles state its byte order after it was made."""
+    """A type of array elements. NumPy's pickles state its byte order after creating it."""
 
     code: str
     order: str = "|"
@@ -60,17 +60,17 @@ class _Type:
 
 @dataclass
 class _Unfilled:
-    """An array before its shape and contents are stated, and the places of the memo where it is."""
+    """An array before its shape and contents are stated, and its places in the memo."""
 
     places: list[int]
 
 
 def pickled_values(data: bytes):
-    """Return what a pickle holds: dictionaries, lists, tuples, texts, bytes, numbers, and arrays of these.
+    """Return the content of a pickle: dictionaries, lists, tuples, texts, bytes, numbers, and arrays of these.
 
     Raises:
-        ValueError: it is malformed, refers to anything else, or is larger once read than its size justifies; nothing
-            of it has been run.
+        ValueError: it is malformed, refers to anything else, or contains more values than its size justifies. Nothing
+            in it has been run.
     """
     machine = _Machine()
     try:
@@ -144,7 +144,7 @@ class _Machine:
         return name == "STOP"
 
     def _collect(self, name: str) -> bool:
-        """Apply an opcode that adds to a container; return whether it is one."""
+        """Apply an opcode if it adds to a container; return whether it does."""
         if name == "APPEND":
             items = [self.stack.pop()]
         elif name == "SETITEM":
@@ -164,7 +164,7 @@ class _Machine:
         return True
 
     def _fill(self, state) -> None:
-        """State the byte order of the type, or the contents of the array, that is on top."""
+        """Set the byte order of the type, or the contents of the array, on top of the stack."""
         target = self.stack[-1]
         if isinstance(target, _Type):
             _, order, *parts = _expect(state, tuple)
@@ -187,7 +187,7 @@ def _global(module, name) -> _Global:
 
 
 def _call(function, arguments):
-    """Return what one of the functions that NumPy's pickles name would."""
+    """Return the result of one of the functions that NumPy's pickles name."""
     name = function.name if isinstance(function, _Global) else type(function).__name__
     match name, arguments:
         case "dtype", (str(code), *_) if code in _CODES:
@@ -230,7 +230,7 @@ def _dictionary(items: list) -> dict:
         raise ValueError("its pickle is damaged: a key lacks its value")
     keys, values = items[::2], items[1::2]
     for key in keys:
-        # Integers beyond this range can be chosen to have the same hash, which makes dictionaries slow.
+        # Larger integers can be chosen to have the same hash, which makes dictionaries slow.
         if not (isinstance(key, str | bytes) or (isinstance(key, int | np.integer) and abs(int(key)) < 1 << 60)):
             raise ValueError(f"it holds a dictionary with a key of type {type(key).__name__}")
     return dict(zip(keys, values, strict=True))
@@ -243,10 +243,10 @@ def _expect(value, kind: type):
 
 
 def _expanded(value, known: dict[int, tuple[int, int]], depth: int) -> tuple[int, int]:
-    """Return the number of values in a value, and how deep they lie; containers that occur repeatedly count each time.
+    """Return the number of values in a value, and their depth; repeated containers count each time.
 
     Args:
-        known: Both of containers by identity, so that each is visited once.
+        known: Number and depth of containers by identity, so that each is visited once.
     """
     if depth > MOST_DEPTH:
         raise ValueError(f"it has containers within each other deeper than {MOST_DEPTH}")

@@ -1,4 +1,4 @@
-"""Pictures: their size is known from the first bytes, before a decoder takes memory for it."""
+"""Read pictures after checking their size, which is in the first bytes, before a decoder allocates memory."""
 
 import struct
 from pathlib import Path
@@ -9,10 +9,10 @@ import numpy as np
 from dmae.files.contents import check_file
 
 MOST_PIXELS = 1 << 25
-"""Of a picture: 7680 x 4320 are fewer."""
+"""Largest number of pixels of a picture; 7680 x 4320 is less."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _FRAMES = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
-"""JPEG's markers of a frame, which holds the size."""
+"""JPEG's markers of a frame; the size of the picture is in its header."""
 
 
 def check_picture(path: Path) -> tuple[int, int]:
@@ -20,7 +20,7 @@ def check_picture(path: Path) -> tuple[int, int]:
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: it is none of these, or has more than `MOST_PIXELS`; the message names it.
+        ValueError: it is none of these, or has more than `MOST_PIXELS` pixels; the message names the file.
     """
     check_file(path)
     with Path(path).open("rb") as file:
@@ -53,7 +53,7 @@ def _jpeg_size(file) -> tuple[int, int]:
 
 
 def read_picture(path: Path, channels: tuple[int, ...]) -> np.ndarray:
-    """Return a picture (H, W) or (H, W, C) with one of these numbers of channels, in OpenCV's order.
+    """Return a picture (H, W) or (H, W, C) with one of the given numbers of channels, in OpenCV's order.
 
     Errors as in `check_picture`.
     """

@@ -1,6 +1,6 @@
 """JSON, YAML and TOML as plain values: dictionaries, lists, texts and numbers, nested to a bounded depth.
 
-YAML's aliases are refused, with which a kilobyte stands for gigabytes, and so is a key twice in a table.
+Repeated keys are refused, and so are YAML's aliases, with which a kilobyte can expand to gigabytes.
 """
 
 import json
@@ -13,9 +13,9 @@ import numpy as np
 from dmae.files.contents import read_text
 
 MOST_DEPTH = 32
-"""Of tables and lists in each other."""
+"""Largest depth of nested tables and lists."""
 _MOST_YAML = 16 << 20
-"""Bytes of a YAML or TOML file."""
+"""Largest size of a YAML or TOML file, bytes."""
 _MOST_JSON = 1 << 30
 _TEXT = re.compile(rb'"(?:[^"\\]|\\.)*+"?+', re.DOTALL)
 _NO_BRACKETS = bytes(set(range(256)) - set(b"[{]}"))
@@ -28,8 +28,8 @@ def read_json(path: Path):
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: malformed JSON, nested too deeply, or a key twice in an object; the message names file, line and
-            column, or the key.
+        ValueError: the JSON is malformed or nested too deeply, or an object has a key twice; the message names the
+            file, line and column, or the key.
     """
     text = read_text(path, _MOST_JSON)
     try:
@@ -40,7 +40,7 @@ def read_json(path: Path):
 
 def parse_json(text: str):
     """Return the value of a JSON text; errors as in `read_json`, without the file."""
-    # Brackets outside of texts; counting them costs less than reading the values does.
+    # Brackets outside of texts. Counting them takes less time than reading the values.
     brackets = np.frombuffer(_TEXT.sub(b"", text.encode(errors="replace")).translate(None, _NO_BRACKETS), np.uint8)
     depth = np.cumsum(np.where(np.isin(brackets, (ord("["), ord("{"))), 1, -1), dtype=np.int32)
     if depth.max(initial=0) > MOST_DEPTH:
@@ -49,7 +49,7 @@ def parse_json(text: str):
 
 
 def _unique(pairs: list[tuple]) -> dict:
-    """Refuse repeated keys: `json` would keep the last of two cameras of the same name."""
+    """Refuse repeated keys: `json` would keep only the last of two cameras with one name."""
     found = dict(pairs)
     if len(found) < len(pairs):
         seen = set()
@@ -58,14 +58,14 @@ def _unique(pairs: list[tuple]) -> dict:
 
 
 def read_yaml(path: Path, *, texts: bool = False):
-    """Read a YAML file; an empty one holds None.
+    """Read a YAML file; the value of an empty one is None.
 
     Args:
-        texts: Whether all scalars are left as texts.
+        texts: Whether to return all scalars as texts.
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: malformed YAML, nested too deeply, or with aliases, tags, or a key twice in a table.
+        ValueError: the YAML is malformed or nested too deeply, or has aliases, tags, or a key twice in a table.
     """
     text = read_text(path, _MOST_YAML)
     try:
@@ -91,7 +91,7 @@ def parse_yaml(text: str, *, texts: bool = False):
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())) from None
     except (TypeError, AttributeError, OverflowError, RecursionError) as error:
-        # PyYAML's own, for values such as dates of a 13th month.
+        # PyYAML raises these itself, for example for a date in a 13th month.
         raise ValueError(f"a value cannot be read, {error}") from None
     if not texts:
         check_plain(value)
@@ -99,7 +99,7 @@ def parse_yaml(text: str, *, texts: bool = False):
 
 
 def _check_events(events, yaml) -> None:
-    """Refuse aliases, depth, and keys that occur twice in a table, before anything is built."""
+    """Refuse aliases, too deep nesting and repeated keys before any value is built."""
     open_tables: list[list | None] = []  # of each: its keys and whether a key is next; None of a list
 
     def next_value(key: str | None) -> None:
@@ -132,11 +132,11 @@ def read_toml(path: Path) -> dict:
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: malformed TOML, or nested too deeply.
+        ValueError: the TOML is malformed or nested too deeply.
     """
     text = read_text(path, _MOST_YAML)
     try:
-        # The parser would take memory by the square of their number.
+        # The parser's memory grows with the square of their number.
         if _DOTTED.search(text):
             raise ValueError(f"it has a key of more than {MOST_DEPTH} parts")
         found = tomllib.loads(text)
@@ -147,7 +147,7 @@ def read_toml(path: Path) -> dict:
 
 
 def check_plain(value) -> None:
-    """Raise ValueError unless a value is of dictionaries, lists, texts, numbers and None, to a bounded depth."""
+    """Raise ValueError unless a value consists of dictionaries, lists, texts, numbers and None, to a bounded depth."""
     layer = [value]
     for _ in range(MOST_DEPTH + 1):
         found = []

@@ -1,4 +1,4 @@
-"""Arrays by name in one file of safetensors, read and written without holding all of it in memory."""
+"""Named arrays in one safetensors file, read and written without loading all of it into memory."""
 
 import hashlib
 import json
@@ -21,11 +21,11 @@ _TYPES = {
 _NAMES = {np.dtype(kind): name for name, kind in _TYPES.items()}
 _ORDER = ("U64", "I64", "F64", "F32", "U32", "I32", "F16", "U16", "I16", "I8", "U8", "BOOL")
 _HEAD = 8
-"""Bytes that hold the length of the header."""
+"""Number of bytes that state the length of the header."""
 
 
 def tensor_pieces(arrays: dict[str, np.ndarray]) -> Iterator[bytes]:
-    """Yield the contents of a file of safetensors, the same bytes as the library writes, in pieces."""
+    """Yield the content of a safetensors file in pieces, the same bytes that the library writes."""
     ordered = sorted(arrays, key=lambda name: (_ORDER.index(_NAMES[arrays[name].dtype]), name))
     header, end = {}, 0
     for name in ordered:
@@ -45,14 +45,14 @@ def tensor_pieces(arrays: dict[str, np.ndarray]) -> Iterator[bytes]:
 
 
 def digest_of(pieces: Iterator[bytes], digest) -> Iterator[bytes]:
-    """Yield the pieces of a file, and update a digest of `hashlib` by them."""
+    """Yield the pieces of a file, and update a digest of `hashlib` with them."""
     for piece in pieces:
         digest.update(piece)
         yield piece
 
 
 def read_tensors(path: Path, sha256: str) -> dict[str, np.ndarray]:
-    """Return the arrays of a file, to be read only. Those of a large one stay there until they are accessed.
+    """Return the arrays of a file, read-only. Those of a large file are read when they are accessed.
 
     Raises:
         FileNotFoundError, ValueError: as `dmae.files.contents.check_file`, or the file has another checksum, or is
@@ -75,9 +75,9 @@ def read_tensors(path: Path, sha256: str) -> dict[str, np.ndarray]:
 
 
 def _mapped(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a file, of which nothing is read but the header."""
+    """Return the arrays of a file, reading only its header."""
     with safe_open(path, framework="numpy") as file:
-        # It checks that types, shapes and places of all arrays fit together and into the file.
+        # The library checks that types, shapes and places of all arrays are consistent and within the file.
         names = list(file.keys())
     with path.open("rb") as file:
         mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)

@@ -1,4 +1,4 @@
-"""Videos: none is decoded that has more pixels than a picture can, or that names other files."""
+"""Videos. Those with more pixels than a picture may have, or that refer to other files, are not decoded."""
 
 import os
 from bisect import bisect_right
@@ -13,11 +13,11 @@ from dmae.files.pictures import MOST_PIXELS
 
 
 def open_video(path: Path):
-    """Return the PyAV container of a video file; nothing that it names is opened.
+    """Return the PyAV container of a video file; other files that it names are not opened.
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: it holds no video that can be read, or one of too many pixels.
+        ValueError: it contains no readable video, or one with too many pixels.
     """
     import av
 
@@ -30,7 +30,7 @@ def open_video(path: Path):
         context = container.streams.video[0].codec_context
         if context.width * context.height > MOST_PIXELS:
             raise ValueError(f"{path}: expected at most {MOST_PIXELS} pixels, found {context.width} x {context.height}")
-        # A stream may grow later on.
+        # A stream may become larger later.
         context.options = {"max_pixels": str(MOST_PIXELS)}
     except (IndexError, AttributeError, av.FFmpegError):
         container.close()
@@ -54,7 +54,7 @@ class VideoFrames:
     def __init__(self, path: Path):
         self._path = path
         self._container = open_video(path)
-        # Whoever reads in parallel does so in several processes.
+        # Videos are read in parallel by several processes, not threads.
         self._container.streams.video[0].codec_context.thread_count = 1
         packets = [packet for packet in self._container.demux(video=0) if packet.pts is not None]
         self._times = sorted(packet.pts for packet in packets)
@@ -85,15 +85,15 @@ class VideoFrames:
 
 
 def kept_open(path: Path) -> VideoFrames:
-    """Return a video, which stays open until a few others were opened."""
+    """Return a video that stays open until a few others are opened."""
     return _videos_of(os.getpid())(path, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
 @cache
 def _videos_of(process: int) -> Callable[[Path, int], VideoFrames]:
-    """Return what keeps the open videos of a process.
+    """Return the cache of the open videos of a process.
 
-    A process that was forked opens its own, for a file is read from one place at a time. It leaves those of its parent
-    alone: to close them it would wait for threads of the decoder, which do not live on in it.
+    A forked process opens its own videos, because an open file has one position. It does not close those of its parent:
+    that would wait for threads of the decoder, which do not exist in the forked process.
     """
     return lru_cache(maxsize=4)(lambda path, modified: VideoFrames(path))

@@ -1,5 +1,4 @@
-"""WHAT CAN BE RUN? One module for each sub-command of `synth`: its configuration, its examples, and `run(config,
-out)`."""
+"""The sub-commands of `synth`, one module each: its configuration, its examples, and `run(config, out)`."""
 
 COMMANDS = {
     "generate": "Simulate clips with exact truth",
@@ -19,4 +18,4 @@ COMMANDS = {
     "fit-detector": "Fit a detector's preset to a recording",
     "detector-errors": "Measure errors of a detector, by cause of occlusion",
 }
-"""Each sub-command and what it does, in the order of the help; `synth a-b` is the module `synth.commands.a_b`."""
+"""Each sub-command and its description, in the order of the help. `synth a-b` is the module `synth.commands.a_b`."""

@@ -1,4 +1,4 @@
-"""`synth compare`: the detections of a recording and of its simulation, side by side."""
+"""`synth compare`: compare the detections of a recording with those of its simulation."""
 
 import sys
 from dataclasses import dataclass, field, replace
@@ -40,10 +40,10 @@ class CompareCommand:
 
 
 def run(config: CompareCommand, out: Path) -> None:
-    """Print and draw both; exit with status 1 if a limit is exceeded.
+    """Print the comparison and write its page. Exit with status 1 if a limit is exceeded.
 
     Raises:
-        ValueError: no person can be measured in one of them, or their skeletons differ.
+        ValueError: no person can be measured in the recording or in the simulation, or their skeletons differ.
     """
     real = measure(read_recording(Path(config.real), config.frames))
     clips = load(DataConfig("clip", config.sim))

@@ -1,4 +1,4 @@
-"""`synth compare-motion`: how recorded and how generated people move, side by side."""
+"""`synth compare-motion`: compare the motion of recorded people with that of generated people."""
 
 import io
 import json
@@ -42,10 +42,10 @@ class CompareMotionCommand:
 
 
 def run(config: CompareMotionCommand, out: Path) -> None:
-    """Print, draw and write how far apart both are: `motion.html`, `motion.png`, `motion.json`.
+    """Print and draw the differences, and write `motion.html`, `motion.png` and `motion.json`.
 
     Raises:
-        FileNotFoundError, ValueError: no takes or clips, or none that can be measured; the message says which.
+        FileNotFoundError, ValueError: there are no takes or clips, or none can be measured; the message says which.
     """
     path, left_out = Path(config.real), []
     if not path.exists():

@@ -1,4 +1,4 @@
-"""`synth export`: a data set in the layout of another program."""
+"""`synth export`: write a data set in the layout of another program."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

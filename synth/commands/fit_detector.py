@@ -1,4 +1,4 @@
-"""`synth fit-detector`: a preset for `configs/detector/` from a recording of the user's own."""
+"""`synth fit-detector`: fit a preset for `configs/detector/` to a recording of the user."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -81,7 +81,7 @@ class FitDetectorCommand:
 
 
 def run(config: FitDetectorCommand, out: Path) -> None:
-    """Fit, write `detector/<name>.yaml` and `compare.html`, and say what could not be determined."""
+    """Fit the detector, write `detector/<name>.yaml` and `compare.html`, and print the undetermined options."""
     known = config.truth == ErrorReference.annotated
     if (config.extra_data or config.held_back) and not known:
         raise ValueError("extra_data and held_back need truth=annotated: clips with truth")
@@ -102,7 +102,7 @@ def run(config: FitDetectorCommand, out: Path) -> None:
 
 
 def _labelled(config: FitDetectorCommand, folders: Sequence[str]) -> list[Clip]:
-    """Return the clips of some folders, where all have truth and labels of visibility; none otherwise."""
+    """Return the clips of some folders if all have truth and visibility labels; otherwise an empty list."""
     if config.clips is not None or config.frames is not None or (Path(config.detections) / "detection").is_dir():
         return []
     clips = [clip for folder in folders for clip in load(DataConfig("clip", folder))]
@@ -138,10 +138,10 @@ def _json_row(row: Row) -> dict:
 
 
 def _write(config: FitDetectorCommand, fitted: Fit, what: str, out: Path) -> None:
-    """Write the preset, and say what could not be determined."""
+    """Write the preset, and print the undetermined options."""
     for name, why in fitted.undetermined.items():
         print(f"undetermined, not changed: {name}: {why}")
-    # As Hydra wants it: with --config-dir=<out> the preset is one of the group.
+    # Hydra needs this folder: with --config-dir=<out> the preset is part of the group.
     path = child(out / "detector", f"{config.name}.yaml", "detector")
     comments = [
         f"Fitted by `synth fit-detector` to {what}.",

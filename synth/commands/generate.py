@@ -1,4 +1,4 @@
-"""`synth generate`: clips with exact truth."""
+"""`synth generate`: simulate clips with exact truth."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`synth label`: contacts, forces and points on surfaces, from the states of bodies in clips that exist."""
+"""`synth label`: add contacts, forces and surface points to existing clips, from their body states."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

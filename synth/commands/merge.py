@@ -1,4 +1,4 @@
-"""`synth merge`: parts of a data set, made by several machines, joined."""
+"""`synth merge`: join the parts of a data set that several machines made."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

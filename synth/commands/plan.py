@@ -1,4 +1,4 @@
-"""`synth plan`: how many cameras, and where to mount them."""
+"""`synth plan`: plan the number of cameras and their places."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ EXAMPLES = (
 
 
 def run(config: PlanConfig, out: Path) -> None:
-    """Plan, print the figures and where to mount the cameras, and write the page, the rigs and the lists."""
+    """Plan the cameras, print the figures and the mounting places, and write the page, the rigs and the lists."""
     for clause in load_room(config.setting().arena).filled:
         print(f"{config.setting().arena}: {clause}")
     if config.dry_run:

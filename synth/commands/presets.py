@@ -1,4 +1,4 @@
-"""The presets that registries have: `interaction=<name>`, `motion=<format>`, `scene=<room>` and `data=<format>`."""
+"""The presets from registries: `interaction=<name>`, `motion=<format>`, `scene=<room>` and `data=<format>`."""
 
 from dmae.command_line.options import Preset, presets_of
 from dmae.formats.registry import reader as recording_reader

@@ -1,4 +1,4 @@
-"""`synth realism`: what a real detector finds in rendered pictures of people in plain sight."""
+"""`synth realism`: measure the results of a real detector on rendered images of fully visible people."""
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`synth render`: other images of clips that exist."""
+"""`synth render`: render existing clips again."""
 
 from dataclasses import replace
 from pathlib import Path

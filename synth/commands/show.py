@@ -1,4 +1,4 @@
-"""`synth show`: a simulated clip as contact sheet, video and Rerun recording, in its room."""
+"""`synth show`: draw a simulated clip in its room as a contact sheet, a video and a Rerun recording."""
 
 from pathlib import Path
 

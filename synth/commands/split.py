@@ -1,4 +1,4 @@
-"""`synth split`: clips divided for training and testing, without leaks."""
+"""`synth split`: divide clips for training and testing, without leaks."""
 
 import json
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ def run(config: SplitCommand, out: Path) -> None:
 
 
 def _check(config: SplitCommand, data: Path, out: Path) -> None:
-    """Write the leaks; ValueError if there are any."""
+    """Write the leaks, and raise ValueError if there are any."""
     path = Path(config.check)
     splits = read_splits(path, [folder.name for folder in clip_folders(data)])
     leaks = find_leaks(data, splits, [config.by])

@@ -1,4 +1,4 @@
-"""`synth stats`: what is in a data set, as a page and a picture."""
+"""`synth stats`: describe the contents of a data set on a page with a figure."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`synth takes`: a list of takes, which can be read, and sets that share no subject."""
+"""`synth takes`: list takes, check that they can be read, and divide them into sets that share no subject."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -11,7 +11,7 @@ from synth.datasets.verify import CHECKS, DATA_SET, verify
 WRITES = "file"
 EXAMPLES = ("synth verify data=runs/data", "synth verify data=runs/data fast=true out=runs/verify.json")
 _SHOWN = 20
-"""Number of problems, and of names of clips, that are printed; all are written."""
+"""Greatest number of problems, and of clip names, that are printed. The file contains all of them."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,11 @@ def default_out(config: VerifyCommand) -> Path:
 
 
 def run(config: VerifyCommand, out: Path) -> None:
-    """Print how many clips fail each check, write what is wrong to `out`; ValueError if anything is."""
+    """Print the number of clips that fail each check, and write all problems to `out`.
+
+    Raises:
+        ValueError: there are problems.
+    """
     found = verify(Path(config.data), fast=config.fast)
     written = found._asdict() | {"problems": [problem._asdict() for problem in found.problems]}
     write_atomic(out, json.dumps(written, indent=1))

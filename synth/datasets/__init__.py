@@ -1,1 +1,1 @@
-"""How is a data set made and checked? Generate clips, verify them, compare their motion with recordings."""
+"""Generate and verify data sets, and compare their motion with recordings."""

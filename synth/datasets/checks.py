@@ -1,4 +1,4 @@
-"""Checks of a clip's numbers, labels and detections: each returns descriptions of the problems that it finds."""
+"""Checks of the numbers, labels and detections of a clip. Each check returns descriptions of the problems it finds."""
 
 from dataclasses import fields
 
@@ -8,14 +8,14 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.labels import DetectionLabels, JointError, OcclusionLabels, Visibility
 
 _EDGE = 0.05
-"""px; tolerance of projections, because truth is stored in single precision."""
+"""Tolerance of projections, px. It is needed because truth is stored in single precision."""
 _NEAR_CAMERA = 1e-3
-"""m; tolerance of distances from the camera's plane, for the same reason."""
+"""Tolerance of distances from the camera's plane, m, for the same reason."""
 _FAR_OFF = 0.15
-"""A detection is wrong if its median joint is farther than this from its person, in heights of the person. Used where a
-clip has no offsets of joints."""
+"""A detection is wrong if its median joint is farther than this from its person, in heights of the person. This is used
+if a clip has no offsets of joints."""
 _MAX_OFF = 0.05
-"""Fraction of a clip's detections that may be off: detectors make such errors."""
+"""Greatest fraction of wrong detections in a clip. Some are expected, because detectors make such errors."""
 
 
 def check_numbers(clip: Clip) -> list[str]:
@@ -44,7 +44,7 @@ def check_numbers(clip: Clip) -> list[str]:
 
 
 def check_labels(clip: Clip) -> list[str]:
-    """Check that codes and occluders exist, and that margins are known exactly where joints are hidden."""
+    """Check that codes and occluders exist, and that margins are known for hidden joints and only for these."""
     problems = []
     if clip.occlusion is not None:
         problems += _check_occlusion(clip.occlusion, clip.truth)
@@ -93,7 +93,7 @@ def _check_detection_labels(labels: DetectionLabels, observed: np.ndarray) -> li
 
 
 def check_projection(clip: Clip) -> list[str]:
-    """Check that joints labelled in, outside and behind an image project there."""
+    """Check that the projections of joints agree with their labels: in the image, outside it, or behind the camera."""
     if clip.occlusion is None:
         return []
     visibility = clip.occlusion.visibility
@@ -120,7 +120,7 @@ def check_projection(clip: Clip) -> list[str]:
 
 
 def check_detections(clip: Clip) -> list[str]:
-    """Check that detections lie in their image, and near their person."""
+    """Check that detections are inside their image, and near their person."""
     problems, rig = [], clip.rig if clip.true_rig is None else clip.true_rig
     xy = clip.detections.xy
     outside = clip.detections.observed & ~clip.rig.inside(xy)
@@ -152,7 +152,7 @@ def check_detections(clip: Clip) -> list[str]:
 
 
 def _columns(truth: Poses3D, joints: tuple[str, ...], skeleton: str) -> list[int] | None:
-    """Return the indices of the detected joints among the true ones; None where the skeletons differ."""
+    """Return the indices of the detected joints among the true joints; None if the skeletons do not match."""
     for prefix in ("", f"{skeleton}."):
         if set(names := [prefix + joint for joint in joints]) <= set(truth.skeleton.joints):
             return truth.skeleton.index(*names)

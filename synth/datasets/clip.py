@@ -1,4 +1,4 @@
-"""Generate one clip from a configuration, a seed and a number: truth, labels, detections, and the state of bodies."""
+"""Generate one clip from a configuration, a seed and a number: truth, labels, detections, and body states."""
 
 import re
 from contextlib import suppress
@@ -90,7 +90,7 @@ class GenerateConfig:
 
     @property
     def numbers(self) -> range:
-        """Numbers of the clips to make."""
+        """The numbers of the clips to make."""
         return clip_numbers(self.first, self.clips, self.shard)
 
     @property
@@ -100,12 +100,12 @@ class GenerateConfig:
 
 
 def attempt_seed(seed: int, attempt: int) -> int:
-    """Return the seed of a clip's attempt: `seed` itself at attempt 0, later a hash of both."""
+    """Return the seed of an attempt at a clip: `seed` itself for attempt 0, later a hash of both arguments."""
     return int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0] >> 1) if attempt else seed
 
 
 def clip_id(index: int, prefix: str = "") -> str:
-    """Return the name of a clip, which is that of its folder."""
+    """Return the name of a clip, which is also the name of its folder."""
     return f"{prefix}{index:06d}"
 
 
@@ -115,7 +115,7 @@ def check(config: GenerateConfig) -> CameraRig:
     Raises:
         ValueError: the configuration cannot be met.
         FileNotFoundError: a file that it names does not exist.
-        FailedSimulation: no cameras fit, or `occlusion.target` is out of reach.
+        FailedSimulation: no possible cameras were found, or `occlusion.target` cannot be met.
     """
     load_room(config.scene.arena)
     rig = _some_rig(config)
@@ -130,7 +130,7 @@ def check(config: GenerateConfig) -> CameraRig:
 
 
 def _check_target(config: GenerateConfig) -> None:
-    """Raise FailedSimulation if the occlusion target is out of reach in all of a few clips."""
+    """Raise FailedSimulation if the occlusion target cannot be met in any of a few test clips."""
     tries = [(attempt, clip) for attempt in range(min(config.retries, 2) + 1) for clip in range(min(config.clips, 3))]
     for number, (attempt, clip) in enumerate(tries, 1):
         seed = attempt_seed(config.seed, attempt)
@@ -143,7 +143,7 @@ def _check_target(config: GenerateConfig) -> None:
 
 
 def _some_rig(config: GenerateConfig) -> CameraRig:
-    """Return the cameras of the first clip, at the first attempt at which any fit."""
+    """Return the cameras of the first clip, from the first attempt that gives possible cameras."""
     for attempt in range(config.retries):
         with suppress(FailedSimulation):
             return _rig(config, attempt_seed(config.seed, attempt), 0)
@@ -155,12 +155,12 @@ def _rig(config: GenerateConfig, seed: int, index: int) -> CameraRig:
 
 
 def _stage(config: GenerateConfig) -> Stage:
-    # Placed cameras look at the origin: the area of people as seen from there.
+    # Placed cameras look at the origin, so the area is a circle around the origin that contains the people.
     return Stage(config.scene.radius + float(np.hypot(*config.scene.middle)), arena_file(config.scene.arena))
 
 
 def generate_clip(config: GenerateConfig, index: int) -> Clip:
-    """Generate clip `index` of a data set, without images. It does not depend on which other clips are made.
+    """Generate clip `index` of a data set, without images. The result does not depend on other clips.
 
     Raises:
         FailedSimulation: the clip failed with every seed; the message is that of the last attempt.
@@ -170,7 +170,11 @@ def generate_clip(config: GenerateConfig, index: int) -> Clip:
 
 
 def simulate_clip(config: GenerateConfig, index: int) -> tuple[Clip, BodyState]:
-    """Generate clip `index` of a data set, without images, and the state of its bodies. Raises as `generate_clip`."""
+    """Generate clip `index` of a data set, without images, and its body states.
+
+    Raises:
+        FailedSimulation, ValueError: the same cases as in `generate_clip`.
+    """
     for attempt in range(config.retries):
         with suppress(FailedSimulation):
             return _attempt(config, index, attempt)

@@ -1,4 +1,4 @@
-"""Forecast what a data set takes, time and disk, from a few short clips that are made and thrown away."""
+"""Forecast the time and the disk space of a data set from a few short clips, which are deleted afterwards."""
 
 import heapq
 import json
@@ -29,23 +29,23 @@ from synth.scene.sampling import count_people
 from synth.scene.spec import SceneSpec
 
 _SHORT, _LONG = 0.24, 2.0
-"""Lengths of the clips that are made, s: the difference is what frames cost, the rest what a clip does."""
+"""Lengths of the test clips, s. The difference gives the cost of a frame, the rest is the fixed cost of a clip."""
 _PICTURES = 5
-"""Frames that are rendered."""
-_MANY_FRAMES, _MANY_PAINTED = 4000, 200
-"""Frames in all, without and with pictures, beyond which a data set is worth a forecast, which takes some seconds."""
+"""Number of frames that are rendered."""
+_MANY_FRAMES, _MANY_RENDERED = 4000, 200
+"""Total numbers of frames, without and with images, above which a forecast is made. A forecast takes a few seconds."""
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What remains to be made of a data set.
+    """The remaining work for a data set.
 
     Attributes:
-        clips: Number of clips, without those that exist and only lack images.
+        clips: Number of clips to make, without existing clips that only lack images.
         frames: Number of frames of all clips.
-        pictures: Number of pictures, each of all kinds that are asked for.
-        seconds: Time that it takes, s, with the processes that are asked for.
-        megabytes: Disk that it takes, MB.
+        pictures: Number of pictures. A picture is one view of one frame, in all requested kinds of images.
+        seconds: Estimated time with the requested number of processes, s.
+        megabytes: Estimated disk space, MB.
     """
 
     clips: int
@@ -61,7 +61,7 @@ class Forecast:
 
 
 class _Cost(NamedTuple):
-    """What a clip costs: s and bytes for the clip, and for each frame."""
+    """The cost of a clip: time, s, and size, bytes, for the clip and for each frame."""
 
     clip_seconds: float
     frame_seconds: float
@@ -73,19 +73,19 @@ class _Cost(NamedTuple):
 
 
 def is_long(config: GenerateConfig) -> bool:
-    """Return whether a data set is large enough that a forecast is worth its time."""
+    """Return whether a data set is large enough to justify the time of a forecast."""
     frames = len(config.numbers) * config.scene.frames
-    return frames > _MANY_FRAMES or (bool(config.image_options.kinds) and frames > _MANY_PAINTED)
+    return frames > _MANY_FRAMES or (bool(config.image_options.kinds) and frames > _MANY_RENDERED)
 
 
 def forecast(config: GenerateConfig) -> Forecast:
-    """Forecast what a data set takes, or the clips and images that it lacks.
+    """Forecast the time and the disk space of a data set, or of its missing clips and images.
 
-    Up to three short clips are made, with the least, the median and the greatest number of people among the clips, on
-    as many processes as are asked for, and a few of their pictures are rendered. Nothing is written to `config.out`.
+    Up to three short clips are made: with the least, the median and the greatest number of people among the clips. The
+    requested number of processes is used, and a few pictures are rendered. Nothing is written to `config.out`.
 
     Raises:
-        ValueError, FileNotFoundError, FailedSimulation: as `synth.datasets.generate.generate`.
+        ValueError, FileNotFoundError, FailedSimulation: the same cases as in `synth.datasets.generate.generate`.
     """
     with running_on(config.backend):
         return _forecast(config)
@@ -119,7 +119,7 @@ def _forecast(config: GenerateConfig) -> Forecast:
 
 
 def _makespan(seconds: list[float], workers: int) -> float:
-    """Return the time at which the last of some tasks ends, each begun by the first process that is free."""
+    """Return the time at which the last task ends, s, if each task is started by the first free process."""
     ends = [0.0] * max(1, workers)
     for each in seconds:
         heapq.heappush(ends, heapq.heappop(ends) + each)
@@ -127,7 +127,7 @@ def _makespan(seconds: list[float], workers: int) -> float:
 
 
 def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
-    """Return the numbers of the clips to make, and of those that exist and lack images."""
+    """Return the numbers of the clips to make, and of the existing clips that lack images."""
     to_make, to_render = [], []
     for index in config.numbers:
         path = Path(config.out) / clip_id(index, config.prefix) / "clip.json"
@@ -141,17 +141,18 @@ def _missing(config: GenerateConfig) -> tuple[list[int], list[int]]:
 
 
 def _costs(config: GenerateConfig, counts: dict[int, int]) -> dict[int, _Cost]:
-    """Measure what clips cost, by number of people."""
+    """Measure the cost of clips, by number of people."""
     numbers = sorted(Counter(counts.values()).elements())
     chosen = sorted({numbers[0], numbers[len(numbers) // 2], numbers[-1]})
     tasks = [(config, [index for index in counts if counts[index] == number]) for number in chosen]
     limit_threads(config.workers)
-    # As many at a time as later: processes share memory and caches. The first of each process is not measured.
+    # As many processes as in the real run, because they share memory and caches. The first task of each process is not
+    # measured.
     while len(tasks) < min(process_count(config.workers), len(counts)):
         tasks.append(tasks[len(tasks) % len(chosen)])
     list(in_parallel(_warm_up, [(config, task[1]) for task in tasks], config.workers))
     found = list(in_parallel(_measure, tasks, config.workers))
-    # Of several measurements of the same number the mean.
+    # Several measurements with the same number of people are averaged.
     by_number: dict[int, list[_Cost]] = {}
     for (_, indices), cost in zip(tasks, found, strict=True):
         by_number.setdefault(counts[indices[0]], []).append(cost)
@@ -159,11 +160,11 @@ def _costs(config: GenerateConfig, counts: dict[int, int]) -> dict[int, _Cost]:
 
 
 def _warm_up(config: GenerateConfig, indices: list[int]) -> None:
-    _made(config, indices, _SHORT)
+    _first_success(config, indices, _SHORT)
 
 
 def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
-    """Make a short and a longer clip, and a few pictures."""
+    """Return the cost of a clip, measured with a short clip, a longer clip and a few pictures."""
     long = min(config.scene.seconds, _LONG)
     with tempfile.TemporaryDirectory() as folder:
         short_seconds, short_bytes, few, *_ = _timed(config, indices, min(_SHORT, long / 2), Path(folder) / "short")
@@ -179,20 +180,20 @@ def _measure(config: GenerateConfig, indices: list[int]) -> _Cost:
 
 
 def _timed(config: GenerateConfig, indices: list[int], seconds: float, folder: Path) -> tuple:
-    """Make a clip of a length; return how long that takes, its bytes and its frames, the clip and its state."""
+    """Make a clip of `seconds`. Return the time, s, its size, bytes, its number of frames, the clip and its state."""
     start = time.perf_counter()
-    clip, state = _made(config, indices, seconds)
+    clip, state = _first_success(config, indices, seconds)
     save_clip(clip, folder)
     save_state(state, folder)
-    # A clip is read again for its images, and its files are for their checksums.
+    # The real run reads a clip again for its images, and its files for their checksums.
     load_clip(folder)
     write_checksums(folder)
     clip_checksum(folder)
     return time.perf_counter() - start, _bytes_in(folder), len(clip), clip, state
 
 
-def _made(config: GenerateConfig, indices: list[int], seconds: float) -> tuple:
-    """Make the first of some clips that can be made."""
+def _first_success(config: GenerateConfig, indices: list[int], seconds: float) -> tuple:
+    """Make clips in order until one succeeds, and return it."""
     short = replace(config, scene=replace(config.scene, seconds=seconds))
     for index in indices[:-1]:
         try:
@@ -203,7 +204,7 @@ def _made(config: GenerateConfig, indices: list[int], seconds: float) -> tuple:
 
 
 def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path) -> _Cost:
-    """Add what pictures cost: one frame and a few of all views."""
+    """Return the cost with pictures added, measured on one frame and on a few frames of all views."""
     options, frames = config.image_options, min(_PICTURES, len(clip))
     rig = clip.rig if clip.true_rig is None else clip.true_rig
     start = time.perf_counter()
@@ -223,7 +224,7 @@ def _with_images(cost: _Cost, config: GenerateConfig, clip, state, folder: Path)
     size = 0.0
     for kind in options.kinds:
         first, each = sizes[0][kind], (sizes[1][kind] - sizes[0][kind]) / between
-        # A video has one keyframe per second, and differences between keyframes.
+        # A video has one keyframe per second; the frames between store differences.
         firsts = ceil(whole / max(1, round(clip.fps))) if images.path(kind, rig.names[0]).suffix == ".mp4" else 1
         size += firsts * first + (whole - firsts) * max(0.0, each)
     return cost._replace(

@@ -1,4 +1,4 @@
-"""Generate data sets: many clips in parallel, resumably, and their manifest. Images are added to clips that exist."""
+"""Generate data sets: many clips in parallel, with a manifest. Runs can be resumed, and images can be added later."""
 
 import os
 import shutil
@@ -20,31 +20,31 @@ from synth.errors import FailedSimulation
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import load_state, save_state
 
-_NOT_KEPT = ("out", "first", "clips", "shard", "recheck", "workers", "backend", "dry_run")
-"""Options that may differ when a data set is continued, and are not kept."""
+_NOT_STORED = ("out", "first", "clips", "shard", "recheck", "workers", "backend", "dry_run")
+"""Options that may differ when a data set is continued. They are not stored."""
 
 
 def generate(config: GenerateConfig) -> list[dict]:
-    """Make a data set, or its missing clips or images, its manifest and its checksums.
+    """Make a data set with its manifest and checksums, or add missing clips and images to an existing one.
 
-    Clips that exist and are undamaged are kept, and get the images that they lack: sizes of files are compared, and the
-    contents of labels; with `recheck` the contents of images, too. A clip appears under its name once it is complete,
-    so that a run can be interrupted at any time and resumed.
+    Existing undamaged clips are kept and get their missing images. To find damage, the sizes of files and the contents
+    of labels are compared; with `recheck`, the contents of images as well. A clip gets its final name only when it is
+    complete, so a run can be interrupted at any time and resumed.
 
     Returns:
-        The lines of the manifest, one per clip: `id`, `status` ("ok" or "failed"), `seed`, number of `attempts`; of
-        clips that are ok `frames`, `persons`, `quality` (`synth.physics.quality.SimulationQuality`) and
-        `occlusion`, see `synth.datasets.occlusion.summary`; with `rig.error` also `calibration_error`,
-        the error of projections by the calibration of each camera, px; of clips that failed the `reason`.
+        The lines of the manifest, one per clip: `id`, `status` ("ok" or "failed"), `seed`, and number of `attempts`. A
+        clip with status "ok" also has `frames`, `persons`, `quality` (`synth.physics.quality.SimulationQuality`) and
+        `occlusion` (see `synth.datasets.occlusion.summary`); with `rig.error` also `calibration_error`, the error of
+        projections by the calibration of each camera, px. A failed clip has the `reason`.
 
     Raises:
-        ValueError: the folder holds something else, or a data set of another configuration, or the configuration cannot
-            be met.
-        FailedSimulation: not one clip could be made, or `occlusion.target` is out of reach.
+        ValueError: the folder contains something else or a data set of another configuration, or the configuration
+            cannot be met.
+        FailedSimulation: no clip could be made, or `occlusion.target` cannot be met.
     """
     out = Path(config.out)
     rig = check(config)
-    claim(out, as_settings(config, leave=_NOT_KEPT))
+    claim(out, as_settings(config, leave=_NOT_STORED))
     claim_shard(out, config.first, config.clips, config.shard)
     lines = {line["id"]: line for line in read_manifest(out)} if (out / MANIFEST).is_file() else {}
     checksums = begin_data_set(out)
@@ -53,7 +53,7 @@ def generate(config: GenerateConfig) -> list[dict]:
             lines[line["id"]] = line
             checksums[line["id"]] = clip_checksum(out / line["id"])
     finally:
-        # Processes that were ended in the middle of a clip leave it behind.
+        # Processes that were stopped during a clip leave an incomplete folder.
         for leftover in (*out.glob(".*.partial"), *out.glob("*/.images")):
             shutil.rmtree(leftover, ignore_errors=True)
         (out / TALLY).unlink(missing_ok=True)
@@ -66,7 +66,7 @@ def generate(config: GenerateConfig) -> list[dict]:
 
 
 def _watched(config: GenerateConfig, views: int, checksums: dict[str, Checksum | None]) -> Iterator[dict]:
-    """Yield manifest lines, and show the progress: by picture where there are any, else by clip."""
+    """Yield manifest lines, and show the progress: by picture if images are rendered, otherwise by clip."""
     clips = len(config.numbers)
     if not config.image_options.kinds:
         return progress(_make_all(config, checksums), "generating clips", clips)
@@ -76,7 +76,7 @@ def _watched(config: GenerateConfig, views: int, checksums: dict[str, Checksum |
 
 
 def limit_threads(workers: int) -> None:
-    """Let each of several processes render on one core: Mesa's rasteriser would take all of them in every process."""
+    """Limit rendering to one core per process if there are several. Mesa's rasteriser would otherwise use all cores."""
     if workers != 1:
         os.environ.setdefault("LP_NUM_THREADS", "1")
 
@@ -90,7 +90,7 @@ def _make_all(config: GenerateConfig, checksums: dict[str, Checksum | None]) -> 
 
 
 def _make(config: GenerateConfig, index: int, expected: Checksum | None) -> dict:
-    """Make one clip on disk, or its images, unless they exist as expected, and return its manifest line."""
+    """Make one clip on disk, or only its images, and return its manifest line. Existing undamaged files are kept."""
     folder = Path(config.out) / clip_id(index, config.prefix)
     if _is_kept(folder, config, expected):
         return _with_images(config, index, folder)
@@ -111,7 +111,7 @@ def _make(config: GenerateConfig, index: int, expected: Checksum | None) -> dict
 
 
 def _with_images(config: GenerateConfig, index: int, folder: Path) -> dict:
-    """Add the images that a clip in a folder lacks; return its manifest line."""
+    """Add the missing images of a clip in a folder, and return its manifest line."""
     clip = load_clip(folder)
     pictures = len(clip) * len(clip.rig) if missing_kinds(clip, config.image_options) else 0
     with PixelTally(Path(config.out), len(config.numbers)).clip(index - config.numbers.start, pictures) as seen:
@@ -122,7 +122,7 @@ def _with_images(config: GenerateConfig, index: int, folder: Path) -> dict:
 
 
 def _is_kept(folder: Path, config: GenerateConfig, expected: Checksum | None) -> bool:
-    """Return whether a clip exists, undamaged and of this data set, with the states that images are rendered from."""
+    """Return whether an undamaged clip of this data set exists, with the body states that images are rendered from."""
     if expected not in (None, clip_checksum(folder)) or find_damage(folder, fast=not config.recheck):
         return False
     try:

@@ -36,17 +36,17 @@ def label_clip(
     error: MiscalibrationConfig,
     stage: Stage,
 ) -> Clip:
-    """Return the clip of states that were simulated. The same states and cameras give the same labels.
+    """Return the clip of simulated states with its labels. The same states and cameras always give the same labels.
 
     Args:
-        line: The clip's line of the manifest, to which `occlusion` and, with errors of the calibration,
-            `calibration_error` are added.
+        line: The clip's line in the manifest. `occlusion` is added to it and, if the calibration has errors,
+            `calibration_error`.
         spec: The scene.
         scene: Its `model`, `geom_ids` and `objects`: a `synth.scene.build.Scene` or a simulation.
         qpos: (F, nq) states.
         rig: V cameras.
-        detector: Simulates detections.
-        occlusion: What is summarised, and the target that the clip has to meet.
+        detector: The simulated detector.
+        occlusion: Settings of the summary of occlusion, and the target that the clip must meet.
         error: Errors of the calibration.
         stage: The people's area, for the error of the calibration.
 

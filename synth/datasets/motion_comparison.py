@@ -17,13 +17,13 @@ from synth.datasets.motion_realism import Difference, Sample
 from synth.motion.kinematics import GROUPS, Quantity
 
 _FAR = 2.0
-"""Distances of more than this many times that of halves of the recordings are highlighted."""
+"""Distances above this multiple of the distance between halves of the recordings are highlighted."""
 _BINS = 48
 _REAL, _SIM, _INK, _MUTED = "#a9b8c6", "#d9541e", "#1d2733", "#55606c"
 
 
 def draw(real: Sequence[Sample], sim: Sequence[Sample], differences: Sequence[Difference]) -> Figure:
-    """Draw both distributions of every quantity, in rows of `GROUPS`. Values beyond an axis are left out."""
+    """Draw both distributions of every quantity, in rows by `GROUPS`. Values outside an axis are left out."""
     found = {difference.quantity.name: difference for difference in differences}
     figure = Figure(figsize=(13.5, 1.9 * len(GROUPS) + 0.7))
     panels, height = figure.subplots(len(GROUPS), 5), figure.get_figheight()
@@ -54,7 +54,7 @@ def _draw_panel(
     edges = np.geomspace(low, high, _BINS + 1) if quantity.log else np.linspace(low, high, _BINS + 1)
     for samples, style in ((real, {"color": _REAL, "fill": True}), (sim, {"color": _SIM, "linewidth": 1.6})):
         values = np.concatenate([each.values[quantity.name] for each in samples])
-        # Light smoothing: shapes are compared, not bins.
+        # Light smoothing, because shapes are compared, not single bins.
         shares = gaussian_filter1d(np.histogram(values, edges)[0] / max(1, len(values)), 0.7, mode="nearest")
         axes.stairs(shares, edges, **style)
     axes.set(xlim=quantity.span, yticks=[])
@@ -100,7 +100,7 @@ def write_page(
     figure: Figure,
     left_out: Sequence[str],
 ) -> None:
-    """Write a page with the figure, the table of distances, and the tracks measured."""
+    """Write a page with the figure, the table of distances, and the measured tracks."""
     how = (
         "Angles, speeds and accelerations of the joints of BODY_25, measured in the same way on both: low-pass "
         "filtered at about 6 Hz, left and right together. Takes are fitted to one body on a level floor. Areas are "
@@ -123,7 +123,7 @@ def write_page(
 
 
 def largest_differences(differences: Sequence[Difference], count: int = 6) -> str:
-    """Describe the quantities that differ more than recordings differ from each other."""
+    """Return text about the quantities that differ more than recordings differ from each other."""
     far = sorted((d for d in differences if d.ratio > _FAR), key=lambda d: -d.ratio)
     listed = [
         f"{d.quantity.name} ({d.ratio:.1f} times; median {_text(d.sim[1])} for {_text(d.real[1])} {d.quantity.unit})"
@@ -138,7 +138,7 @@ def _counted(samples: Sequence[Sample]) -> str:
 
 
 def _text(value: float) -> str:
-    """Format a value with two digits or more, and three decimals at most."""
+    """Return a value as text with at least two digits and at most three decimals."""
     if np.isnan(value):
         return "-"
     digits = 3 if not value else int(np.clip(1 - np.floor(np.log10(abs(value))), 0, 3))
@@ -148,7 +148,7 @@ def _text(value: float) -> str:
 def numbers(
     real: Sequence[Sample], sim: Sequence[Sample], differences: Sequence[Difference], left_out: Sequence[str]
 ) -> dict:
-    """Return all results as JSON; None for NaN."""
+    """Return all results for JSON, with None for NaN."""
 
     def known(values: dict) -> dict:
         return {key: None if isinstance(value, float) and np.isnan(value) else value for key, value in values.items()}

@@ -1,4 +1,4 @@
-"""Compare the motion of generated and of recorded people by distributions of kinematic quantities."""
+"""Compare the motion of generated and recorded people by distributions of kinematic quantities."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from synth.datasets.motion_tracks import Track
 from synth.motion.kinematics import QUANTITIES, Quantity, kinematics
 
 MIN_SECONDS = 0.4
-"""s; shorter tracks have no reliable accelerations."""
+"""Shortest length of a track, s. Shorter tracks have no reliable accelerations."""
 _SPLITS = 20
 _QUANTILES = (0.05, 0.5, 0.95)
 
@@ -21,9 +21,9 @@ class Sample:
     """The kinematics of a track.
 
     Attributes:
-        name: Of the track.
-        seconds: Duration that it counts for.
-        values: Of each of `QUANTITIES`, evenly spaced over the track, in order of time.
+        name: Name of the track.
+        seconds: Duration that is used, s.
+        values: Values of each of `QUANTITIES`, evenly spaced over the track, in order of time.
     """
 
     name: str
@@ -54,15 +54,15 @@ class Difference:
 
     @property
     def ratio(self) -> float:
-        """Ratio of the distance to that of halves of the recordings."""
+        """The ratio of the distance to the distance between halves of the recordings."""
         return self.wasserstein / self.halves_wasserstein if self.halves_wasserstein else np.inf
 
 
 def measure(tracks: Sequence[Track], longest: float) -> list[Sample]:
-    """Measure the kinematics of every track that is long enough, of at most `longest` s each.
+    """Measure the kinematics of every track that is long enough. At most `longest` s of each track are used.
 
     Raises:
-        ValueError: no track is.
+        ValueError: no track is long enough.
     """
     samples = []
     for track in progress([track for track in tracks if track.seconds >= MIN_SECONDS], "measuring"):
@@ -82,7 +82,7 @@ def compare(real: Sequence[Sample], sim: Sequence[Sample], *, rng: np.random.Gen
     """Compare recorded and generated tracks in every quantity that both have.
 
     Args:
-        real: Recorded tracks. Of a single one, the halves are the first and second half of its time.
+        real: Recorded tracks. The halves of a single track are the first and the second half of its time.
         sim: Generated tracks.
         rng: Draws halves of the recorded tracks.
     """
@@ -104,7 +104,7 @@ def compare(real: Sequence[Sample], sim: Sequence[Sample], *, rng: np.random.Gen
 
 
 def _distances(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """Return Wasserstein and Kolmogorov-Smirnov distances; NaN where one sample is empty."""
+    """Return the Wasserstein and Kolmogorov-Smirnov distances; NaN if one sample is empty."""
     if not min(len(one), len(other)):
         return np.nan, np.nan
     return float(wasserstein_distance(one, other)), float(ks_2samp(one, other, method="asymp").statistic)

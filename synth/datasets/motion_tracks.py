@@ -1,4 +1,4 @@
-"""Read tracks of people in motion, from recorded takes or from clips."""
+"""Read the tracks of moving people from recorded takes or from clips."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from synth.people.landmarks import SKELETON
 from synth.physics.joint_positions import reference_joints
 
 _FORMATS = sorted(reader, key=lambda name: (reader[name].markers, name))
-"""Formats of takes, joints before markers; of a take in several formats, the first of these counts."""
+"""Formats of takes, with joints before markers. If a take exists in several formats, the first of them is used."""
 _PERFORMER = Body(1.70)
-"""The body of average proportions to which takes are fitted: every format places its joints differently."""
+"""A body with average proportions. Takes are fitted to it, because every format places its joints differently."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Track:
     """The motion of one person.
 
     Attributes:
-        name: For messages and tables.
+        name: Name for messages and tables.
         fps: Frames per second.
         xyz: (F, 25, 3) joints of `BODY25`, m, world, floor at z = 0; NaN where unknown.
     """
@@ -56,30 +56,30 @@ class Track:
 
     @property
     def seconds(self) -> float:
-        """Duration for which any joint of the person is known, s."""
+        """The duration for which any joint of the person is known, s."""
         return float((~np.isnan(self.xyz).all((1, 2))).sum() / self.fps)
 
 
 def take_tracks(
     path: Path, fps: float, names: Sequence[str] = ("*",), reading: ReadingConfig | None = None
 ) -> tuple[list[Track], list[str]]:
-    """Read recorded takes as the generator uses them: on the floor, on one body, at one frame rate.
+    """Read recorded takes in the same way as the generator: on the floor, on one body, at one frame rate.
 
-    Directions of limbs are those of the files. The body determines the places of joints on limbs, and of nose, ears and
-    toes, as it does for simulated people.
+    The directions of limbs come from the files. The body determines the positions of joints on limbs, and of nose, ears
+    and toes, as for simulated people.
 
     Args:
         path: A file, or a folder with files at any depth.
         fps: Frames per second.
         names: Patterns of file names without suffix; `*` and `?` match anything.
-        reading: Overrides of what the files state.
+        reading: Overrides of values in the files.
 
     Returns:
-        tracks: One a take.
-        repeated: Descriptions of files left out because they are one of the takes in another format.
+        tracks: One track per take.
+        repeated: Descriptions of files that are left out because they contain one of the takes in another format.
 
     Raises:
-        FileNotFoundError: no takes at the path.
+        FileNotFoundError: there are no takes at the path.
         ValueError: no take matches the patterns, or a file is malformed.
     """
     reading = reading or ReadingConfig()
@@ -98,7 +98,7 @@ def take_tracks(
     for file in sorted(chosen, key=lambda file: _FORMATS.index(format_of(file))):
         take = subject_and_trial(take_name(file))
         first = firsts.setdefault(take, file) if any(take) else file
-        # Conversions of a take are in other folders.
+        # Files of the same take in the same folder are all kept. Conversions of a take are in other folders.
         if first.parent == file.parent:
             kept.append(file)
         else:
@@ -120,8 +120,8 @@ def clip_tracks(path: Path, *, captured: bool) -> list[Track]:
         captured: Whether to prefer the captured poses of clips that have them to the truth.
 
     Raises:
-        FileNotFoundError: no clips at the path.
-        ValueError: the clips have no persons, a clip has no such poses, or another frame rate than the first.
+        FileNotFoundError: there are no clips at the path.
+        ValueError: the clips have no persons, or a clip has no such poses or another frame rate than the first clip.
     """
     clips = load(DataConfig("clip", str(path)))
     named = zip(map(str, clips.folders), clips, strict=True)
@@ -132,11 +132,11 @@ def tracks_of(clips: Iterable[tuple[str, Clip]], *, captured: bool) -> list[Trac
     """Return the track of every person of clips.
 
     Args:
-        clips: Names, or folders, and clips.
+        clips: Pairs of a name and a clip.
         captured: Whether to prefer the captured poses of clips that have them to the truth.
 
     Raises:
-        ValueError: as `clip_tracks`.
+        ValueError: the same cases as in `clip_tracks`.
     """
     tracks: list[Track] = []
     names = []
@@ -156,7 +156,7 @@ def tracks_of(clips: Iterable[tuple[str, Clip]], *, captured: bool) -> list[Trac
 
 
 def same_rate(recorded: Sequence[Track], simulated: Sequence[Track], real: str, sim: str) -> None:
-    """Raise ValueError where tracks recorded in `real` and simulated in `sim` have not one frame rate."""
+    """Raise ValueError if recorded tracks of `real` and simulated tracks of `sim` have different frame rates."""
     rates = recorded[0].fps, simulated[0].fps
     if rates[0] != rates[1]:
         raise ValueError(
@@ -166,5 +166,5 @@ def same_rate(recorded: Sequence[Track], simulated: Sequence[Track], real: str, 
 
 
 def _on_body25(poses: Poses3D) -> np.ndarray:
-    """Return (F, P, 25, 3) joints, m."""
+    """Return (F, P, 25, 3) joints of BODY25, m, world."""
     return convert(poses, BODY25).xyz

@@ -1,4 +1,4 @@
-"""Occlusion of people: its target, its measure, and its summary."""
+"""Occlusion of people: configuration of its target, its measurement, and its summary."""
 
 from dataclasses import dataclass, field
 
@@ -47,14 +47,15 @@ class OcclusionConfig:
 
 
 def histogram(visibility: np.ndarray, *, by_self: bool = True) -> np.ndarray:
-    """Return the fractions of the joints that are hidden in 0, 1, ... V cameras.
+    """Return the fractions of joints that are hidden in 0, 1, ... V cameras.
 
     Args:
-        visibility: (F, V, P, J) `Visibility`. Joints of absent persons do not count; outside the image is not hidden.
+        visibility: (F, V, P, J) `Visibility`. Joints of absent persons do not count. A joint outside the image does not
+            count as hidden.
         by_self: Whether joints hidden by their own person's body count as hidden.
 
     Returns:
-        (V + 1,), summing to 1; all zero if no person is present.
+        (V + 1,) fractions with a sum of 1; all zero if no person is present.
     """
     first = Visibility.HIDDEN_BY_SELF if by_self else Visibility.HIDDEN_BY_PERSON
     hidden = (visibility >= first) & (visibility <= Visibility.HIDDEN_BY_OBJECT)
@@ -70,9 +71,10 @@ def summary(visibility: np.ndarray, config: OcclusionConfig) -> dict:
         config: The target.
 
     Returns:
-        The fraction of all joints of each `Visibility`, by its name; `hidden_in`, the fractions of the joints of
-        BODY_25 that are hidden in 0, 1, ... V cameras, and `hidden_in_by_others`, the same without occlusion by a
-        person's own body. If there was a `target`, also that, `views`, `by_self`, and the `share` achieved.
+        The fraction of all joints with each `Visibility`, by its name; `hidden_in`, the fractions of the joints of
+        BODY_25 that are hidden in 0, 1, ... V cameras; and `hidden_in_by_others`, the same without occlusion by a
+        person's own body. If the configuration has a `target`: also `target`, `views`, `by_self`, and the achieved
+        `share`.
     """
     found = {code.name.lower(): round(float((visibility == code).mean()), 4) for code in Visibility}
     joints = visibility[..., DETECTED]
@@ -97,7 +99,7 @@ def confirm(visibility: np.ndarray, config: OcclusionConfig) -> None:
     """Check that a clip meets the target; (F, V, P, J) as for `summary`.
 
     Raises:
-        FailedSimulation: it does not; the message says what would help.
+        FailedSimulation: it does not meet the target; the message says what would help.
     """
     found = share(visibility, config)
     if config.target and not config.target[0] <= found <= config.target[1]:
@@ -105,7 +107,7 @@ def confirm(visibility: np.ndarray, config: OcclusionConfig) -> None:
 
 
 def unmet(found: list[np.ndarray], config: OcclusionConfig) -> FailedSimulation:
-    """Return the error of a target that all of these histograms miss."""
+    """Return the error for a target that none of these histograms meets."""
     low, high = config.target
     shares = [float(shares[config.views :].sum()) for shares in found]
     least, most = min(shares), max(shares)

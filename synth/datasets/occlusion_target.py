@@ -1,4 +1,4 @@
-"""Sample scenes of a target occlusion."""
+"""Sample scenes that meet a target occlusion."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,15 +26,15 @@ from synth.scene.sampling import SampledScene, lay_out, sample_people
 from synth.scene.spec import PLAN_FPS, Layout, PropSpec, SceneConfig
 
 _FRAMES = 12
-"""Frames of a clip by which its occlusion is predicted."""
+"""Number of frames of a clip in which its occlusion is predicted."""
 _PROPS = 14
-"""Props of a layout, of which some are removed again."""
+"""Number of props in a layout. Some of them are removed later."""
 _SPREAD = 3.0
-"""Greatest factor by which people gather wider or narrower than configured."""
+"""Greatest factor by which the gathering of people is made wider or narrower than configured."""
 _MARGIN, _FAR = 0.15, 0.2
-"""The prediction must lie within the target by a margin of this fraction of its width. Missing it by `_FAR` of the
-joints moves people all the way from keeping apart to crowding together; a target missed by half of that even then
-cannot be met."""
+"""The prediction must be inside the target range by a margin of this fraction of its width. If it misses the range by
+the fraction `_FAR` of the joints, people move all the way from keeping apart to crowding together. If it then still
+misses by half of `_FAR`, the target cannot be met."""
 
 
 def sample_hidden_scene(
@@ -48,11 +48,11 @@ def sample_hidden_scene(
     seed: int,
     clip: int,
 ) -> SampledScene:
-    """Sample the scene of one clip of the target occlusion; see `synth.scene.sampling.sample_scene`.
+    """Sample the scene of one clip with the target occlusion; see `synth.scene.sampling.sample_scene`.
 
-    A layout is drawn with many props, and props are removed until the others hide a fraction drawn from the target. If
-    all of them hide too little, people gather closer in the next layout; if people alone hide too much, they keep
-    farther apart. Occlusion is predicted from the planned paths of people, before physics.
+    A layout is drawn with many props. Props are removed until the remaining ones hide a fraction that is drawn from the
+    target. If all props together hide too little, people gather closer in the next layout. If people alone hide too
+    much, they keep farther apart. Occlusion is predicted from the planned paths of people, before physics.
 
     Raises:
         FailedSimulation: no layout meets the target; the message says what would help.
@@ -69,7 +69,7 @@ def sample_hidden_scene(
         try:
             spec, motions = lay_out(people, scene, props, layout)
         except FailedSimulation:
-            # No room for people who gather like this; another draw may succeed.
+            # People who gather like this do not fit. Another draw may succeed.
             continue
         base = base or build_scene(replace(spec, props=()), rig)
         prediction = _OcclusionPrediction(SampledScene(spec, motions), base, rig, config)
@@ -78,7 +78,7 @@ def sample_hidden_scene(
             if low <= prediction.share(count) <= high:
                 return SampledScene(replace(spec, props=spec.props[:count]), motions)
         found += prediction.histograms.values()
-        short = _miss(prediction.share(fewest), prediction.share(most), low, high)
+        short = _target_error(prediction.share(fewest), prediction.share(most), low, high)
         wanted = float(np.clip(closeness + short / _FAR, 0, 1))
         if abs(short) > _FAR / 2 and wanted == closeness:
             break
@@ -92,7 +92,7 @@ def sample_hidden_scene(
 
 
 def _counts(share: Callable[[int], float], fewest: int, most: int, aim: float) -> tuple[int, ...]:
-    """Return the numbers of props that hide just more and just less than `aim`; more props never hide less."""
+    """Return the numbers of props that hide just more and just less than `aim`. More props never hide less."""
     if share(fewest) >= aim:
         return (fewest,)
     if share(most) <= aim:
@@ -106,13 +106,13 @@ def _counts(share: Callable[[int], float], fewest: int, most: int, aim: float) -
     return most, fewest
 
 
-def _miss(fewest: float, most: float, low: float, high: float) -> float:
-    """Return by how much too little (> 0) or too much (< 0) is hidden with any number of props."""
+def _target_error(fewest: float, most: float, low: float, high: float) -> float:
+    """Return the fraction of joints by which any number of props hides too little (> 0) or too much (< 0)."""
     return min(0.0, high - fewest) + max(0.0, low - most)
 
 
 def _layout(scene: SceneConfig, closeness: float, draw: int, rig: CameraRig) -> Layout:
-    """Return a layout with many props, of people who keep apart (closeness 0) or crowd together (1)."""
+    """Return a layout with many props, in which people keep apart (`closeness` 0) or crowd together (1)."""
     nearest, farthest = scene.clearance
     return Layout(
         draw=draw,
@@ -124,12 +124,12 @@ def _layout(scene: SceneConfig, closeness: float, draw: int, rig: CameraRig) -> 
 
 
 class _OcclusionPrediction:
-    """Predicts the occlusion in a few frames of a scene, if every person follows the plan."""
+    """Prediction of the occlusion in a few frames of a scene, if every person follows the plan."""
 
     def __init__(self, scene: SampledScene, base: Scene, rig: CameraRig, config: OcclusionConfig):
         """Args:
         scene: P people.
-        base: Its room and people, without props.
+        base: The built scene: its room and people, without props.
         rig: V cameras.
         config: The target.
         """
@@ -150,7 +150,7 @@ class _OcclusionPrediction:
         ).visibility
 
         self.histograms: dict[int, np.ndarray] = {}
-        """Histograms of occlusion already predicted, by number of props."""
+        """Predicted histograms of occlusion, by number of props. They are computed only once."""
 
     def share(self, count: int) -> float:
         """Return the fraction of the joints that count as hidden with the first `count` props of the scene."""
@@ -170,7 +170,7 @@ class _OcclusionPrediction:
 
 
 def _build_props(props: tuple[PropSpec, ...]) -> tuple[mujoco.MjModel, np.ndarray]:
-    """Build props alone: their model, and the (K, 3) discs that they occupy on the floor, m."""
+    """Return a model of the props alone, and the (K, 3) discs that they cover on the floor, m."""
     world = mujoco.MjSpec()
     discs = [add_prop(world, f"{number}/", prop) for number, prop in enumerate(props)]
     return world.compile(), np.concatenate([np.empty((0, 3)), *discs])

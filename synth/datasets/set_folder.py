@@ -1,4 +1,4 @@
-"""The folder of a data set: taken when it is begun, with its configuration, and not mistaken for another."""
+"""Claim the folder of a data set when it is begun. Its stored configuration identifies the data set."""
 
 import json
 from collections.abc import Collection
@@ -16,19 +16,19 @@ CONFIG = "config.json"
 _OF_IMAGES = ("images", "quality", "rgb")
 """Settings that may differ when images are added to a data set."""
 _OF_COMMANDS = ("config.yaml",)
-"""Files that a folder may contain and still count as empty: records of a command about its run."""
+"""Files that a folder may contain and still counts as empty: a command writes them about its own run."""
 
 
 def claim(out: Path, settings: dict) -> None:
-    """Take a new or empty folder for a data set, or one that holds part of it, and keep the settings there.
+    """Claim a folder for a data set, and store the settings in it. The folder is new, empty, or contains a part of it.
 
     Args:
         out: The folder.
-        settings: All that the clips depend on, JSON-able; `images`, `quality` and `rgb` among them, which may differ
-            when images are added to clips that exist.
+        settings: All settings that the clips depend on, as JSON values. `images`, `quality` and `rgb` may differ when
+            images are added to existing clips.
 
     Raises:
-        ValueError: it holds something else, or a data set of another configuration.
+        ValueError: the folder contains something else, or a data set of another configuration.
     """
     if out.exists() and not out.is_dir():
         raise ValueError(f"out={out}: expected a folder, found a file")
@@ -48,7 +48,7 @@ def claim(out: Path, settings: dict) -> None:
 
 
 def as_settings(config, leave: Collection[str] = ()) -> dict:
-    """Return the options of a configuration as JSON, without those to `leave` out."""
+    """Return the options of a configuration as JSON values, without the names in `leave`."""
 
     def plain(value):
         return value.name if isinstance(value, Enum) else str(value)

@@ -1,4 +1,4 @@
-"""Split data sets such that no person, motion or rig is in two splits, and find out where one is."""
+"""Split data sets so that no person, motion or rig is in two splits, and find such leaks in existing splits."""
 
 import hashlib
 import json
@@ -21,26 +21,26 @@ from synth.motion.readers.cmu import subject
 
 FORMAT = 1
 _STRETCH = re.compile(r" (?:-?\d+\.\d\d--?\d+\.\d\d s|to and fro from -?\d+\.\d\d s)")
-"""What the name of a stretch of a take begins with behind the name of the take."""
-_RECORDED_ABOUT = " ("
-"""Behind the stem of a take's file stands how it was read."""
+"""Text that follows the name of a take in the name of a stretch of this take."""
+_READING_SEPARATOR = " ("
+"""Separator after the file stem in the name of a take. The text behind it describes how the file was read."""
 
 
 class SplitBy(Enum):
     """Property that two splits must not share."""
 
     person = "person"
-    """A person: the proportions of a body, whatever the clothes."""
+    """A person: the proportions of a body, independent of clothes."""
     motion = "motion"
-    """A recorded take, by the name of its file; of procedural motion, what one seed draws for one clip."""
+    """A recorded take, by the name of its file. For procedural motion: the motion that one seed draws for one clip."""
     subject = "subject"
-    """A person who was recorded, by the name of the file in the CMU database; of other takes as `motion`."""
+    """A recorded person, by the name of the file in the CMU database. For other takes the same as `motion`."""
     rig = "rig"
-    """Cameras: their lenses and places, whatever their names."""
+    """Cameras: their lenses and places, independent of their names."""
 
 
 class Leak(NamedTuple):
-    """Something that is in several splits: of which kind, and in which clips of each split."""
+    """Something that is in several splits: its kind, and the clips of each split that contain it."""
 
     by: SplitBy
     clips: dict[str, list[str]]
@@ -53,15 +53,16 @@ class Leak(NamedTuple):
 
 
 def identities(folder: Path, by: SplitBy) -> set[str]:
-    """Return what a clip has of a kind, as names that are equal where the things are.
+    """Return the names of the persons, motions, subjects or rig of a clip. Equal things have equal names.
 
-    A person is a `Body`: all of its numbers. A motion is a take, by the stem of its file, whatever stretch of it was
-    cut; procedural motion differs for each seed, clip and person, and is named by these. A rig is K, distortion
-    and pose of all true cameras, to 1e-6. A subject is as `synth.motion.readers.cmu.subject` has it.
+    A person is identified by all numbers of its `Body`. A recorded motion is identified by the file stem of its take,
+    independent of the stretch that was cut from it. Procedural motion is identified by seed, clip and person. A rig is
+    identified by K, distortion and pose of all true cameras, to 1e-6. A subject is found by
+    `synth.motion.readers.cmu.subject`.
 
     Raises:
         FileNotFoundError: there is no clip in the folder.
-        ValueError: the clip has no scene in its provenance, which persons and motions are read from.
+        ValueError: the provenance of the clip has no scene, from which persons and motions are read.
     """
     folder = Path(folder)
     if by is SplitBy.rig:
@@ -76,7 +77,7 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
         return {_digest(json.dumps(person["body"], sort_keys=True).encode()) for person in persons}
     named = (lambda take: subject(Path(take))) if by is SplitBy.subject else str
     return {
-        named(person["motion"][: cut.start()].split(_RECORDED_ABOUT)[0])
+        named(person["motion"][: cut.start()].split(_READING_SEPARATOR)[0])
         if (cut := _STRETCH.search(person["motion"]))
         else f"drawn for person {number} by {spec['seed']}/{spec['clip']}"
         for number, person in enumerate(persons)
@@ -95,18 +96,19 @@ def _digest(data: bytes) -> str:
 
 
 def split(data: Path, shares: dict[str, float], by: SplitBy = SplitBy.person, *, seed: int = 0) -> dict[str, list[str]]:
-    """Divide the clips of a data set such that clips that share something are in the same split.
+    """Divide the clips of a data set so that clips that share something are in the same split.
 
-    Groups of such clips are drawn in random order, each for the split that lacks most clips; every split gets one.
+    Groups of such clips are taken in random order. Each group goes to the split that lacks most clips, and every split
+    gets at least one group.
 
     Args:
         data: The data set.
-        shares: Share of the clips by name of split; those of 0 are left out.
+        shares: Share of the clips by name of split. Splits with a share of 0 are left out.
         by: Property that two splits must not share.
-        seed: Of the order.
+        seed: Seed of the order.
 
     Returns:
-        Names of clips by name of split, in the order of the data set.
+        The names of the clips of each split, by its name, in the order of the data set.
 
     Raises:
         ValueError: the shares do not add up to 1, or there are fewer groups than splits.
@@ -133,7 +135,7 @@ def split(data: Path, shares: dict[str, float], by: SplitBy = SplitBy.person, *,
 
 
 def _groups(found: dict[str, set[str]]) -> list[list[str]]:
-    """Return the names of clips that share something, directly or through others, together."""
+    """Return groups of names of clips. Clips that share something, directly or through others, are in one group."""
     names, things = list(found), {thing: index for index, thing in enumerate(set().union(*found.values()))}
     pairs = [(row, len(names) + things[thing]) for row, name in enumerate(names) for thing in found[name]]
     size = len(names) + len(things)
@@ -146,15 +148,15 @@ def _groups(found: dict[str, set[str]]) -> list[list[str]]:
 
 
 def find_leaks(data: Path, splits: dict[str, list[str]], kinds: Iterable[SplitBy] = tuple(SplitBy)) -> list[Leak]:
-    """Return every person, motion and rig that is in several splits, and clips that are.
+    """Return every person, motion, subject and rig that is in several splits, and every clip that is.
 
     Args:
         data: The data set.
         splits: Names of clips by name of split.
-        kinds: What to look for.
+        kinds: Properties to check.
 
     Raises:
-        ValueError: a clip has no scene in its provenance, and persons or motions are looked for.
+        ValueError: persons or motions are checked, but the provenance of a clip has no scene.
     """
     found = []
     for by in kinds:
@@ -180,8 +182,8 @@ def read_splits(path: Path, clips: list[str]) -> dict[str, list[str]]:
         clips: Names of the clips of the data set.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: it is no file of splits, names clips that do not exist, or a clip twice.
+        FileNotFoundError: there is no such file.
+        ValueError: it is not a file of splits, names clips that do not exist, or names a clip twice.
     """
     content = read_json(path)
     splits = content.get("splits") if isinstance(content, dict) else None

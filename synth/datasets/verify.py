@@ -16,7 +16,7 @@ from synth.datasets.images.image_checks import check_images, check_surplus
 from synth.datasets.set_folder import CONFIG
 
 DATA_SET = "data set"
-"""Name of what is of no clip, but of the data set."""
+"""Name used in place of a clip for problems of the whole data set."""
 
 
 class Problem(NamedTuple):
@@ -28,14 +28,14 @@ class Problem(NamedTuple):
 
 
 class Verification(NamedTuple):
-    """What a verification found.
+    """The result of a verification.
 
     Attributes:
-        clips: Names of the folders checked.
+        clips: Names of the checked folders.
         problems: All problems.
-        again: Names of the clips to make again.
-        number: One number of all files, the SHA-256 of `checksums.json`; None where there is none.
-        without: Names of the clips without checksums: a change that is no contradiction is not found in these.
+        again: Names of the clips that must be generated again.
+        number: One checksum of all files: the SHA-256 of `checksums.json`; None if there is no such file.
+        without: Names of the clips without checksums. In these, only changes that cause a contradiction are found.
     """
 
     clips: list[str]
@@ -50,7 +50,7 @@ def verify(path: Path, *, fast: bool = False) -> Verification:
 
     Args:
         path: The clip or data set.
-        fast: Whether only to compare sizes of files, and the contents of JSON files, with their checksums.
+        fast: Compare only the sizes of files, and the contents of JSON files with their checksums.
 
     Raises:
         FileNotFoundError: the path is neither a clip nor a data set.
@@ -69,7 +69,7 @@ def verify(path: Path, *, fast: bool = False) -> Verification:
     problems += [Problem(DATA_SET, "manifest", what) for what in _check_data_set(path, lines)]
     lost = {problem.clip for problem in problems}
     for line in progress(lines, "verifying clips", len(lines)):
-        # What is known to be damaged is not read.
+        # Clips with known damage are not read.
         if line["status"] != "ok" or line["id"] in lost:
             continue
         clip, found = verify_clip(path / line["id"], fast=fast)
@@ -83,10 +83,10 @@ def verify(path: Path, *, fast: bool = False) -> Verification:
 
 
 def verify_clip(folder: Path, *, fast: bool = False) -> tuple[Clip | None, list[Problem]]:
-    """Return a clip, None where it is not read, and its problems."""
+    """Return a clip and its problems. The clip is None if it was not read."""
     damage = find_damage(folder, fast=fast)
     if damage:
-        # What else is wrong with it follows from that.
+        # All further problems would be consequences of the damage.
         return None, [Problem(folder.name, "checksums", what) for what in damage]
     if fast and ((folder / CHECKSUMS).is_file()):
         return None, []
@@ -95,14 +95,14 @@ def verify_clip(folder: Path, *, fast: bool = False) -> tuple[Clip | None, list[
     except (FileNotFoundError, ValueError) as error:
         return None, [Problem(folder.name, "files", str(error))]
     except Exception as error:
-        return None, [Problem(folder.name, "files", _said(folder / "clip.json", error))]
+        return None, [Problem(folder.name, "files", _error_text(folder / "clip.json", error))]
     if fast:
         return None, []
     problems = []
     for check, find in _OF_A_CLIP.items():
         problems += [Problem(folder.name, check, what) for what in _guarded("clip.json", lambda: find(clip))]  # noqa: B023
     if clip.images and clip.images.folder.resolve().is_relative_to(folder.resolve()):
-        # A clip may also refer to some of the frames of another one.
+        # A clip may also refer to some frames of another clip.
         problems += [Problem(folder.name, "images", what) for what in check_surplus(clip)]
     return clip, problems
 
@@ -118,22 +118,22 @@ def _result(path: Path, names: list[str], problems: list[Problem], number: str |
 
 
 def _guarded(name: str, check: Callable[[], list[str]]) -> list[str]:
-    """Run a check of what damaged files can hold: whatever it raises is a problem."""
+    """Return the problems that a check finds. Damaged files can cause any error, so each error is a problem as well."""
     try:
         return check()
     except Exception as error:
-        return [_said(name, error)]
+        return [_error_text(name, error)]
 
 
-def _said(name: object, error: Exception) -> str:
-    """Describe an error that a file caused: a key that it lacks, or a value of another kind."""
+def _error_text(name: object, error: Exception) -> str:
+    """Return the description of an error that a file caused: a missing key, or a value of another kind."""
     lacks = isinstance(error, KeyError) and error.args
     what = f"lacks {error.args[0]!r}" if lacks else f"holds what cannot be read, {type(error).__name__}: {error}"
     return f"{name}: {what}; check keys and values for typing errors"
 
 
 def _manifest(path: Path) -> tuple[list[dict], list[Problem]]:
-    """Read a manifest; where it is damaged, list the folders that hold clips."""
+    """Return the lines of a manifest and its problems. If it is damaged, lines are made from the folders of clips."""
     try:
         lines = read_manifest(path)
         for line in lines:
@@ -146,14 +146,14 @@ def _manifest(path: Path) -> tuple[list[dict], list[Problem]]:
 
 
 def _config(path: Path) -> tuple[dict | None, list[Problem]]:
-    """Read the configuration of a data set, None where there is none that can be used."""
+    """Return the configuration of a data set and its problems. It is None if there is no usable configuration."""
     if not (path / CONFIG).is_file():
         return None, []
     try:
         config = read_json(path / CONFIG)
         image_kinds(config["images"]), config["scene"]["fps"], config["seed"] + 0
     except Exception as error:
-        what = str(error) if isinstance(error, ValueError) else _said(path / CONFIG, error)
+        what = str(error) if isinstance(error, ValueError) else _error_text(path / CONFIG, error)
         return None, [Problem(DATA_SET, "manifest", what)]
     return config, []
 
@@ -177,7 +177,7 @@ def _check_line(clip: Clip, line: dict, config: dict | None) -> list[str]:
     """Compare a clip with its line of the manifest, and with the configuration of the data set."""
     problems = [] if clip.id == line["id"] else [f"its id in clip.json is {clip.id!r}"]
     if clip.poses is not None:
-        # A captured clip: its data set has a manifest and a configuration of another kind.
+        # This is a captured clip. Its data set has a manifest and a configuration of another kind.
         return problems
     own = clip.provenance.get("manifest", line)
     if line.keys() == {"id", "status"}:

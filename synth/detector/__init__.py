@@ -1,1 +1,1 @@
-"""What errors do 2D pose detectors make? Simulate a detector, measure real ones, and fit presets to them."""
+"""Errors of 2D pose detectors: simulate a detector, measure real detectors, and fit presets to them."""

@@ -11,9 +11,9 @@ from dmae.reporting.tables import Table
 from synth.detector.statistics import GROSS, DetectorStatistics
 
 SCORE_EDGES = (0.0, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.01)
-"""Edges of the classes of confidence."""
+"""Edges of the bins of confidence."""
 ENOUGH = 100
-"""Fewest detected joints in a class, or misses, for them to be compared."""
+"""Fewest detected joints in a bin, or fewest misses, for a comparison."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Row:
         what: Name of the statistic.
         real: Value of the recording.
         sim: Value of the simulation.
-        distance: Between both.
-        allowed: Greatest distance allowed; None for any.
+        distance: Distance between both.
+        allowed: Greatest allowed distance; None if any distance is allowed.
     """
 
     what: str
@@ -56,7 +56,7 @@ class Row:
 
 
 def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -> list[Row]:
-    """Compare every statistic; those by view, and by number of views, only for equal numbers of views.
+    """Compare every statistic. Statistics by view are compared only if both have the same number of views.
 
     Raises:
         ValueError: the recordings have different skeletons.
@@ -78,7 +78,7 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
             rows.append(_plain(f"missed in view {view}", float(a), float(b)))
     for pair in real.joint_misses:
         a, b = real.joint_misses[pair], sim.joint_misses[pair]
-        # Where none is missed, there are no neighbours of missed joints to compare.
+        # If no joint is missed, there are no neighbours of missed joints to compare.
         known = np.isfinite([a, b]).all()
         rows.append(Row(f"missed together: {pair}", a, b, abs(a - b), limits.joint_miss if known else None))
     few = min(len(real.miss_seconds), len(sim.miss_seconds)) < ENOUGH
@@ -112,7 +112,7 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
 
 
 def _known_mean(values: np.ndarray | float) -> float:
-    """Return the mean of the known values; NaN of none, as the confidence of ghosts where there are none."""
+    """Return the mean of the known values; NaN if there are none, as for confidences of ghosts without ghosts."""
     known = np.asarray(values, float)[~np.isnan(values)]
     return float(known.mean()) if known.size else float("nan")
 
@@ -122,13 +122,13 @@ def _plain(what: str, real: float, sim: float) -> Row:
 
 
 def _detecting_views(kind: str, real: np.ndarray, sim: np.ndarray, allowed: float) -> Row:
-    """Compare the numbers of views that detect a joint: means, and distance of their distributions (V + 1,)."""
+    """Compare the numbers of views that detect a joint: means, and distance between the distributions (V + 1,)."""
     means = [float(shares @ np.arange(len(shares))) for shares in (real, sim)]
     return Row(f"views that detect: {kind}", *means, float(np.abs(np.cumsum(real - sim)).max()), allowed)
 
 
 def _distance(what: str, real: np.ndarray, sim: np.ndarray, allowed: float | None) -> Row:
-    """Compare distributions: medians, and Kolmogorov-Smirnov distance."""
+    """Compare two distributions: medians, and Kolmogorov-Smirnov distance."""
     if not len(real) or not len(sim):
         return Row(f"distribution of {what}", float("nan"), float("nan"), float("nan"))
     distance = float(ks_2samp(real, sim).statistic)

@@ -13,7 +13,7 @@ from synth.detector.statistics import DetectorStatistics
 
 
 def write_page(path: Path, real: DetectorStatistics, sim: DetectorStatistics, rows: Sequence[Row]) -> None:
-    """Write a page of the table and figures of both distributions."""
+    """Write a page with the table of rows and figures of the distributions of both."""
     over = sum(row.exceeded for row in rows)
     text = f"{over} of {sum(row.allowed is not None for row in rows)} limits are exceeded."
     section = Section(

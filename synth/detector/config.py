@@ -1,4 +1,4 @@
-"""The configuration of a simulated 2D pose detector: a field for each kind of error."""
+"""The configuration of a simulated 2D pose detector: one field for each kind of error."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields

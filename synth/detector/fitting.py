@@ -1,8 +1,8 @@
 """Fit a detector's preset to a recording: simulate, measure both in the same way, correct, repeat.
 
-How a recording is measured biases what it shows of a detector: errors are measured against other views, misses only of
-people who are detected at all. So no parameter is read off directly. The detector is run on simulated clips, both go
-through `synth.detector.statistics.measure`, and each parameter is corrected by the difference of its own statistic.
+The measurement of a recording is biased: errors are measured against other views, and misses only for people that are
+detected at all. So no parameter can be read off directly. Instead, the detector is run on simulated clips, both are
+measured by `synth.detector.statistics.measure`, and each parameter is corrected by the difference of its own statistic.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,14 +21,14 @@ from synth.detector.simulated_detector import detect
 from synth.detector.statistics import DetectorStatistics, ErrorReference
 
 _STEP = 0.7
-"""Exponent of each correction; below 1 because parameters depend on each other."""
+"""Exponent of each correction. It is below 1 because the parameters depend on each other."""
 _ENOUGH = 200
 """Fewest detected joints of a kind for its parameters to be fitted."""
 _FEW_MISSES = 50
-"""Fewest uninterrupted misses for the times of bursts to be fitted."""
-_SIDED = 0.2
-"""Joints that are missed this much more often on the far side of the body than on the camera's are hidden by it."""
-_LOW = 0.35
+"""Fewest uninterrupted misses for the burst times to be fitted."""
+_FAR_SIDE_EXCESS = 0.2
+"""Difference of the miss rates on the body's far side and near side above which the body hides the far joints."""
+_LOW_CONFIDENCE = 0.35
 """Confidence below which a detector mostly guesses."""
 
 
@@ -38,8 +38,8 @@ class Fit:
 
     Attributes:
         config: The detector.
-        undetermined: Parameters that are left as they were, and why the recording does not determine them.
-        statistics: Of the clips simulated with it.
+        undetermined: Parameters that are not changed, and the reason why the recording does not determine each.
+        statistics: Statistics of the clips that were simulated with this detector.
     """
 
     config: DetectorConfig
@@ -48,7 +48,7 @@ class Fit:
 
 
 def redetect(clip: Clip, config: DetectorConfig, seed: int) -> Clip:
-    """Return the clip with the detections of another detector."""
+    """Return the clip with new detections, from the simulated detector `config`."""
     rng = generator(seed, int(clip.id), Stream.DETECTOR)
     rig = clip.true_rig or clip.rig
     detected = detect(clip.truth, clip.occlusion, rig, clip.fps, config, rng=rng)
@@ -65,19 +65,19 @@ def fit(
     workers: int = 1,
     reference: ErrorReference = ErrorReference.others,
 ) -> Fit:
-    """Fit a detector to what was measured of a recording.
+    """Fit a detector to the measured statistics of a recording.
 
     Args:
         real: Statistics of the recording.
-        clips: Simulated clips with truth and visibility, of a scene like the recording's.
+        clips: Simulated clips with truth and visibility, of a scene similar to the recording's.
         start: Start of the fit. Parameters that the recording does not determine keep its values.
         rounds: Number of simulations; each takes as long as measuring the clips.
         seed: Seed of the detector, the same in all rounds.
         workers: Processes; -1 for one per core.
-        reference: What the detections of the clips are measured against, as those of the recording were.
+        reference: Reference for the detections of the clips, the same as for the recording.
 
     Raises:
-        ValueError: the clips carry no visibility, or are of another skeleton than the recording.
+        ValueError: the clips have no visibility labels, or another skeleton than the recording.
     """
     for clip in clips:
         if clip.occlusion is None:
@@ -96,7 +96,7 @@ def fit(
 
 
 def distance(real: DetectorStatistics, sim: DetectorStatistics) -> float:
-    """Return the distance of two recordings' statistics, in units of the limits of `synth.detector.comparison`."""
+    """Return the distance between two recordings' statistics, in units of the limits in `synth.detector.comparison`."""
     missed = np.abs(np.nanmean(real.missed, 0) - np.nanmean(sim.missed, 0)) / 0.03
     by_side = np.abs(real.missed_by_side - sim.missed_by_side).ravel() / 0.1
     pairs = [abs(real.joint_misses[pair] - sim.joint_misses[pair]) / 0.1 for pair in real.joint_misses]
@@ -116,7 +116,7 @@ def _quantile(statistics: DetectorStatistics, kind: int, share: float) -> float:
 
 
 def _undetermined(real: DetectorStatistics) -> dict[str, str]:
-    """Return the names of the parameters that are left as they are, and why."""
+    """Return the names of the parameters that are not changed, with the reasons."""
     counts = np.bincount(real.kind, minlength=len(real.kinds))
     found = {
         f"parts.{kind}": f"{count} joints could be checked, {_ENOUGH} are needed"
@@ -135,14 +135,14 @@ def _undetermined(real: DetectorStatistics) -> dict[str, str]:
 
 
 def _towards(value: float, real: float, sim: float, low: float, high: float) -> float:
-    """Correct a parameter to which its statistic is proportional."""
+    """Return a corrected parameter. Its statistic is proportional to it."""
     if not (real > 0 and sim > 0):
         return value
     return float(np.clip(value * (real / sim) ** _STEP, low, high))
 
 
 def _shifted(value: float, real: float, sim: float, high: float) -> float:
-    """Correct a parameter, 0 or more, that grows with its statistic one to one."""
+    """Return a corrected parameter, 0 or more. Its statistic grows one to one with it."""
     return float(np.clip(value + _STEP * (real - sim), 0, high))
 
 
@@ -152,7 +152,7 @@ def _odds(probability: float) -> float:
 
 
 def _scaled_odds(probability: float, factor: float) -> float:
-    """Multiply the odds of a probability; 0 and 1 stay."""
+    """Return the probability with its odds multiplied by a factor. 0 and 1 do not change."""
     if probability in (0, 1):
         return probability
     odds = _odds(probability) * factor
@@ -199,7 +199,7 @@ def _corrected(
         if name in kept:
             continue
         value = correction()
-        # Where clips show none of an error, there is nothing to correct by.
+        # If the clips contain no error of this kind, no correction can be computed.
         if np.isfinite(value).all():
             error, _, parameter = name.partition(".")
             corrected = replace(getattr(config, error), **{parameter: _rounded(value)})
@@ -214,9 +214,9 @@ def _rounded(value):
 def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorStatistics, kind: int) -> PartConfig:
     """Correct noise by the median error, its tail by larger errors, misses by their odds, scores by mean and spread.
 
-    Where joints are missed more often on the far side of the body, misses of visible joints follow those on the
-    camera's side, and the rest is left to hidden joints: a person who turns away from one camera turns to another, and
-    joints are seldom missed by all.
+    If joints are missed more often on the far side of the body, misses of visible joints are fitted to the misses on
+    the camera's side, and misses of hidden joints to the rest. A person that turns away from one camera faces another
+    one, so joints are seldom missed in all views.
     """
     if not (sim.kind == kind).any():
         return part
@@ -234,22 +234,22 @@ def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorSta
 
 
 def _more_missed(real: DetectorStatistics, sim: DetectorStatistics, kind: int) -> list[float]:
-    """Return factors for the odds of misses, in the order of `PartConfig.miss`."""
+    """Return factors for the odds of the misses, in the order of `PartConfig.miss`."""
     mean = _odds(float(np.nanmean(real.missed[:, kind]))) / _odds(float(np.nanmean(sim.missed[:, kind])))
-    sided = np.diff(real.missed_by_side[kind])[0] > _SIDED and np.isfinite(sim.missed_by_side[kind, 0])
+    sided = np.diff(real.missed_by_side[kind])[0] > _FAR_SIDE_EXCESS and np.isfinite(sim.missed_by_side[kind, 0])
     near = _odds(real.missed_by_side[kind, 0]) / _odds(sim.missed_by_side[kind, 0]) if sided else mean
     return [near, mean, mean, mean]
 
 
 def _beta(shape: Sequence[float], shift: float, spread: float) -> list[float]:
-    """Shift the mean of a Beta distribution and multiply its deviation; the constant 1 becomes a distribution first."""
+    """Return (a, b) of a Beta distribution with shifted mean and scaled deviation. The constant 1 starts as (30, 1)."""
     a, b = shape if shape[1] > 0 else (30.0, 1.0)
     mean = float(np.clip(a / (a + b) + _STEP * shift, 0.02, 0.98))
     return [mean * (size := float(np.clip((a + b) / spread**_STEP, 2, 200))), (1 - mean) * size]
 
 
 def _correlation(time: float, real: DetectorStatistics, sim: DetectorStatistics) -> float:
-    """Correct the correlation time by the correlation of errors 0.2 s apart, their constant part left out."""
+    """Return the corrected correlation time, from the correlation of errors 0.2 s apart without their constant part."""
     times = [
         -0.2 / np.log(np.clip((both.autocorrelation[0.2] - both.constant) / (1 - both.constant), 0.02, 0.98))
         for both in (real, sim)
@@ -268,13 +268,13 @@ def _rank_correlation(statistics: DetectorStatistics) -> float:
 
 
 def _unsure(statistics: DetectorStatistics) -> float:
-    """Return the median error where the confidence is low; NaN where that is rare."""
-    some = statistics.error[statistics.score < _LOW]
+    """Return the median error of joints with low confidence; NaN if there are few such joints."""
+    some = statistics.error[statistics.score < _LOW_CONFIDENCE]
     return float(np.median(some)) if len(some) >= _ENOUGH else float("nan")
 
 
 def _burst_times(times: Sequence[float], real: np.ndarray, sim: np.ndarray) -> list[float]:
-    """Correct the long time by the fraction of missed time in long misses, the short one by the mean miss."""
+    """Return burst times: the long one corrected by the share of time in long misses, the short one by the mean."""
     if not len(sim):
         return list(times)
     long, short = times
@@ -292,7 +292,7 @@ def _whole(probability: float, real: DetectorStatistics, sim: DetectorStatistics
 
 
 def _inverted(real: DetectorStatistics, sim: DetectorStatistics, *kinds: str) -> tuple[float, float]:
-    """Return the fractions of inverted joints of some kinds; of none, as if half a joint were."""
+    """Return the fractions of inverted joints of some kinds. If there are none, half a joint counts as inverted."""
     shares = []
     for both in (real, sim):
         some = np.isin(both.kind, [both.kinds.index(kind) for kind in kinds])

@@ -1,4 +1,4 @@
-"""Assign the detections of a recording to people of known poses."""
+"""Assign the detections of a recording to people with known poses."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ MATCHED = 0.2
 FRAGMENT = 0.15
 """An unmatched detection within this many heights of a person's joints is a fragment of that person."""
 _MIN_JOINTS = 4
-"""Detections of fewer joints are noise, and persons with fewer in an image are not matched there."""
+"""Detections with fewer joints are noise. Persons with fewer joints in an image are not matched there."""
 
 
 @dataclass(frozen=True)
@@ -20,13 +20,13 @@ class Match:
     """The assignment of D detections to P persons, in V views.
 
     Attributes:
-        xy: (F, V, P, J, 2) the joints of the reference, px; NaN where unknown or outside the image.
-        height: (F, V, P) of the person, px; NaN where not enough joints are in the image.
-        found: (F, V, P, J, 2) the detected joints of each person, px; NaN where missed.
-        score: (F, V, P, J) their confidences; NaN where missed.
+        xy: (F, V, P, J, 2) joints of the reference, px; NaN where unknown or outside the image.
+        height: (F, V, P) height of the person, px; NaN where too few joints are in the image.
+        found: (F, V, P, J, 2) detected joints of each person, px; NaN where missed.
+        score: (F, V, P, J) confidences of the detected joints; NaN where missed.
         matched: (F, V, P) True where a person in the image has a detection.
         left_over: (F, V, D) True for detections without a person.
-        near: (F, V, D) True for those of them near a person.
+        near: (F, V, D) True for detections without a person that are near a person.
     """
 
     xy: np.ndarray
@@ -42,7 +42,7 @@ def match_detections(clip: Clip, reference: Poses3D) -> Match:
     """Assign to each person of the reference at most one detection of each view, by the median distance of joints."""
     seen, score = clip.detections.xy.astype(np.float64), clip.detections.score
     xy, _ = clip.rig.project(reference.xyz)
-    # The height is that of all that is known of a person; joints outside the image are not the detector's.
+    # The height is computed from all known joints of a person. The detector cannot find joints outside the image.
     known = ~np.isnan(xy[..., 1])
     high, low = np.where(known, xy[..., 1], -np.inf).max(-1), np.where(known, xy[..., 1], np.inf).min(-1)
     xy = np.where(clip.rig.inside(xy)[..., None], xy, np.nan)
@@ -72,7 +72,7 @@ def match_detections(clip: Clip, reference: Poses3D) -> Match:
 
 
 def _median(distances: np.ndarray) -> np.ndarray:
-    """Return the medians (...) of the known values of (..., J); infinite where fewer than three are known."""
+    """Return the medians (...) of the known values in (..., J); infinite if fewer than three are known."""
     ordered, count = np.sort(distances, -1), (~np.isnan(distances)).sum(-1)
     middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[..., None] // 2, -1)[..., 0]
     return np.where(count >= 3, middle, np.inf)

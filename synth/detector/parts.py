@@ -1,4 +1,4 @@
-"""The joints of BODY25 as detectors confuse and lose them: a configuration for each kind of joint."""
+"""Detector errors by kind of joint of BODY25: one configuration for each kind."""
 
 from dataclasses import dataclass, field, fields
 
@@ -74,7 +74,7 @@ LEG_KINDS = ("knee", "ankle", "big_toe", "small_toe", "heel")
 
 
 def kind_of(joint: str) -> str:
-    """Return a joint's name without its side."""
+    """Return the name of a joint without its side."""
     return joint.removeprefix("l_").removeprefix("r_")
 
 

@@ -11,13 +11,13 @@ from dmae.progress import progress
 from synth.detector.statistics import DetectorStatistics, ErrorReference, measure
 
 _SAMPLES = ("kind", "error", "inverted", "score", "miss_seconds")
-"""Fields of `DetectorStatistics` that are concatenated; others are averaged."""
+"""Fields of `DetectorStatistics` that are concatenated. The other fields are averaged."""
 
 
 def measure_all(
     clips: Iterable[Clip], count: int, workers: int = 1, reference: ErrorReference = ErrorReference.others
 ) -> DetectorStatistics:
-    """Measure `count` clips as one: samples concatenated, fractions averaged by the clips' lengths."""
+    """Return the statistics of `count` clips as one: samples are concatenated, fractions averaged by clip length."""
     jobs = in_parallel(_measure, ((clip, reference) for clip in clips), workers)
     parts, frames = zip(*progress(jobs, "measuring", count), strict=True)
     return pool(parts, frames)
@@ -28,13 +28,13 @@ def _measure(clip: Clip, reference: ErrorReference) -> tuple[DetectorStatistics,
 
 
 def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> DetectorStatistics:
-    """Return the statistics of several clips, of `frames` each, as one clip's.
+    """Return the pooled statistics of several clips; clip k has `frames[k]` frames.
 
-    Where clips have different numbers of cameras, shares by camera become their mean over all cameras, and `views` is
-    empty.
+    If clips have different numbers of cameras, shares by camera are replaced by their mean over all cameras, and
+    `views` is empty.
 
     Raises:
-        ValueError: the clips are of several skeletons.
+        ValueError: the clips have several skeletons.
     """
     if len({part.kinds for part in parts}) > 1:
         raise ValueError("clips of several skeletons cannot be measured as one")
@@ -55,7 +55,7 @@ def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> Detector
 
 
 def _over_views(part: DetectorStatistics) -> DetectorStatistics:
-    """Return statistics as of a single camera: the mean over cameras of what is known in each."""
+    """Return the statistics for a single camera: the mean of the known values over cameras."""
     shares = {}
     for name in ("missed", "person_missed", "ghosts", "fragments"):
         value = getattr(part, name)

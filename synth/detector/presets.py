@@ -1,4 +1,4 @@
-"""Presets of detectors, YAML files of the option group `detector`: write them, and read them."""
+"""Read and write presets of detectors: YAML files of the option group `detector`."""
 
 import json
 from collections.abc import Mapping
@@ -12,14 +12,14 @@ from synth.detector.config import DetectorConfig
 
 
 def preset_yaml(config: DetectorConfig, name: str, comments: list[str]) -> str:
-    """Return a preset: the options of a detector that differ from the defaults, one group per line.
+    """Return a preset as YAML: the options of a detector that differ from the defaults, one group per line.
 
     Args:
         config: The detector.
         name: Name of the preset.
-        comments: Lines at its head.
+        comments: Comment lines at the beginning of the file.
     """
-    # A comment of several lines, from a recording's name, would become options.
+    # The name of a recording may contain line breaks. Without this, the further lines would become options.
     lines = [*(f"# {' '.join(comment.split())}" for comment in comments), f"name: {json.dumps(name)}"]
     for group, options in _changed(config, DetectorConfig()).items():
         if group == "parts":
@@ -30,7 +30,7 @@ def preset_yaml(config: DetectorConfig, name: str, comments: list[str]) -> str:
 
 
 def _changed(config, default) -> dict:
-    """Return the fields of a dataclass that differ from its defaults, nested ones included."""
+    """Return the fields of a dataclass that differ from its defaults, including nested fields."""
     values = {key: (value, vars(default)[key]) for key, value in vars(config).items()}
     return {
         key: _changed(value, usual) if is_dataclass(value) else value
@@ -46,10 +46,10 @@ def _flow(value) -> str:
 
 
 def load_preset(name: str) -> DetectorConfig:
-    """Return a preset by its name, or of a YAML file.
+    """Return a preset by its name, or from a YAML file.
 
     Raises:
-        ValueError: there is no such preset, or the file is no preset.
+        ValueError: there is no such preset, or the file is not a preset.
     """
     folder = resource_folder("dmae", "configs") / "detector"
     path = Path(name) if name.endswith(".yaml") else folder / f"{name}.yaml"

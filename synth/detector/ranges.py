@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 
 def check_probabilities(error: str, config: object, names: Iterable[str]) -> None:
-    """Raise ValueError unless these fields of `detector.<error>` are from 0 to 1."""
+    """Raise ValueError if one of these fields of `detector.<error>` is not from 0 to 1."""
     for name in names:
         found = getattr(config, name)
         if not 0 <= found <= 1:
@@ -12,7 +12,7 @@ def check_probabilities(error: str, config: object, names: Iterable[str]) -> Non
 
 
 def check_amounts(error: str, config: object, names: Iterable[str]) -> None:
-    """Raise ValueError unless these fields of `detector.<error>` are finite, 0 or more."""
+    """Raise ValueError if one of these fields of `detector.<error>` is negative or not finite."""
     for name in names:
         found = getattr(config, name)
         if not 0 <= found < float("inf"):
@@ -20,6 +20,6 @@ def check_amounts(error: str, config: object, names: Iterable[str]) -> None:
 
 
 def check_beta(name: str, shape: Sequence[float]) -> None:
-    """Raise ValueError unless these are the (a, b) of a Beta distribution, or b is 0, which is always 1."""
+    """Raise ValueError if `shape` is not (a, b) of a Beta distribution. With b = 0 the value is always 1."""
     if len(shape) != 2 or not shape[0] > 0 or not shape[1] >= 0:
         raise ValueError(f"{name}: expected a > 0 and b >= 0 of a Beta distribution, got {list(shape)}")

@@ -8,11 +8,11 @@ from dmae.formats.reading import DataConfig, load
 
 
 def read_recording(path: Path, frames: Sequence[int] | None = None) -> Clip:
-    """Read one recording, a clip or Shelf's text files; of its frames only [first, end) if given.
+    """Read one recording, a clip or Shelf's text files. With `frames`, only the frames [first, end) are returned.
 
     Raises:
-        FileNotFoundError: no such recording.
-        ValueError: it has several clips, or not these frames.
+        FileNotFoundError: there is no such recording.
+        ValueError: the recording has several clips, or does not have these frames.
     """
     kind = "shelf" if (path / "detection").is_dir() else "clip"
     try:

@@ -1,4 +1,4 @@
-"""Simulate a 2D pose detector: from the truth of a clip to detections, and the truth of these."""
+"""Simulate a 2D pose detector: compute detections from the truth of a clip, and the true labels of the detections."""
 
 import zlib
 from dataclasses import replace
@@ -20,13 +20,13 @@ _SPREAD = {
     "nose": 0.026, "eye": 0.025, "ear": 0.035, "shoulder": 0.079, "elbow": 0.072, "wrist": 0.062, "hip": 0.107,
     "knee": 0.087, "ankle": 0.089, "big_toe": 0.068, "small_toe": 0.066, "heel": 0.066, "neck": 0.079, "mid_hip": 0.107,
 }  # fmt: skip
-"""Half of k in `JointError`: annotators' spread, by COCO and COCO-WholeBody; that of neck and mid hip is assumed."""
+"""Half of k in `JointError`: the spread of annotators in COCO and COCO-WholeBody. Neck and mid hip are assumed."""
 _AREA = 0.53
-"""Fraction of the box around a person's joints that the person fills, as is usual where COCO has no outline."""
+"""Fraction of the box around a person's joints that the person fills: the usual value if COCO has no outline."""
 
 
 class Detected(NamedTuple):
-    """Detections (F, V, D, 25) in random order, and their truth."""
+    """Detections (F, V, D, 25) in random order, and their true labels."""
 
     detections: Detections2D
     labels: DetectionLabels
@@ -41,18 +41,18 @@ def detect(
     *,
     rng: np.random.Generator,
 ) -> Detected:
-    """Simulate a detector on a clip. A view's detections do not depend on which other views there are.
+    """Simulate a detector on a clip. The detections of a view do not depend on the other views.
 
     Args:
-        truth: (F, P, K) poses on a skeleton with the joints of BODY25, named as such or as `body25.<joint>`.
+        truth: (F, P, K) poses on a skeleton with the joints of BODY25, with the names `<joint>` or `body25.<joint>`.
         occlusion: Visibility and occluders of the K joints of `truth` in V views.
         rig: V cameras.
         fps: Frames per second.
         config: The detector.
-        rng: Used for a single draw, whatever the clip.
+        rng: Used for exactly one draw for any clip.
 
     Raises:
-        ValueError: the truth lacks joints of BODY25, arrays have other shapes, `fps` is not above 0, or a custom error
+        ValueError: the truth lacks joints of BODY25, arrays have wrong shapes, `fps` is not above 0, or a custom error
             cannot be imported.
     """
     columns = _columns(truth)
@@ -110,11 +110,11 @@ def _columns(truth: Poses3D) -> list[int]:
 
 
 def _shuffled(view: View) -> tuple[View, np.ndarray]:
-    """Put the detections of each frame in random order, empty ones last.
+    """Put the detections of each frame in random order, with empty ones last.
 
     Returns:
-        view: Its detections in that order.
-        person: (F, D) int16 index of the person of each; -1 for ghosts and where nothing is detected.
+        view: The view with its detections in this order.
+        person: (F, D) int16 index of the person of each detection; -1 for ghosts and for empty detections.
     """
     detected = view.observed.any(-1)
     order = np.argsort(view.random(ErrorStream.ORDER).uniform(size=detected.shape) + ~detected, axis=1)
@@ -124,7 +124,7 @@ def _shuffled(view: View) -> tuple[View, np.ndarray]:
 
 
 def _shown(view: View, person: np.ndarray) -> tuple[View, np.ndarray]:
-    """Give each frame the detections of the frame that it shows."""
+    """Return the view and persons after lost frames: each frame gets the detections of the frame `view.shown`."""
     lost = view.shown < 0
     arrays = {name: getattr(view, name)[view.shown] for name in ("xy", "score", "owner", "kind")}
     arrays["xy"][lost], arrays["score"][lost] = np.nan, np.nan
@@ -132,7 +132,7 @@ def _shown(view: View, person: np.ndarray) -> tuple[View, np.ndarray]:
 
 
 def _stacked(views: list[tuple[View, np.ndarray]], true_xy: np.ndarray) -> Detected:
-    """Put all views side by side, D as large as the fullest view and frame need, and label the detections."""
+    """Stack all views and label the detections. D is the greatest number of detections in any view and frame."""
     most = max((int(view.observed.any(-1).sum(1).max(initial=0)) for view, _ in views), default=0)
     frames = len(true_xy)
     xy = np.full((frames, len(views), most, len(BODY25), 2), np.nan, np.float32)
@@ -153,7 +153,7 @@ def _stacked(views: list[tuple[View, np.ndarray]], true_xy: np.ndarray) -> Detec
 
 
 def _offset_and_similarity(xy, person, true_xy) -> tuple[np.ndarray, np.ndarray]:
-    """(F, V, D, 25) distances of joints to those of their persons, px, and their keypoint similarities."""
+    """Return distances of joints from the true joints of their persons, px, and similarities, (F, V, D, 25) each."""
     offset = np.full(xy.shape[:-1], np.nan, np.float32)
     similarity = np.zeros(offset.shape)
     place = np.nonzero(person >= 0)

@@ -1,8 +1,8 @@
 """Statistics of a detector's errors, measured in the same way on real and on simulated recordings.
 
-Only detections and cameras are needed: people are reconstructed by capture, and the errors of a view are measured
-against the other views. So a real recording and its simulation are judged by the same reference, which makes both look
-a little worse than they are. Where people are annotated, the annotation can be the reference instead.
+Only detections and cameras are needed: capture reconstructs people, and the errors of a view are measured against the
+other views. A real recording and its simulation are thus measured against the same kind of reference, which makes the
+errors of both a little too large. If people are annotated, the annotation can be the reference instead.
 """
 
 from dataclasses import dataclass
@@ -21,15 +21,15 @@ from synth.detector.matching import Match, match_detections
 from synth.detector.parts import kind_of
 
 GROSS = 0.1
-"""Errors above this many heights are not noise."""
+"""Errors above this fraction of the height of a person are not noise."""
 _SMOOTHING, _LONGEST_GAP = 0.1, 0.4
-"""s; the reference is smoothed lightly, and only short gaps of it are filled."""
-_MIN_OUT = 0.05
-"""m; joints nearer to the vertical through the middle of head or shoulders lie on no side of it."""
+"""Time scale of the light smoothing of the reference, and the longest gap that is filled in it, s."""
+_MIN_SIDE_DISTANCE = 0.05
+"""Distance from the vertical through the middle of head or shoulders below which a joint is on neither side, m."""
 
 
 class ErrorReference(StrEnum):
-    """What detections are measured against."""
+    """The reference that detections are measured against."""
 
     others = "others"
     """Poses captured from the other views."""
@@ -41,29 +41,29 @@ class ErrorReference(StrEnum):
 class DetectorStatistics:
     """Statistics of the detections of a recording in V views.
 
-    Kinds are joints, left and right together. Lengths are in heights of the person in the image.
+    A kind is a joint name without its side. Lengths are in heights of the person in the image.
 
     Attributes:
-        name: Of the recording.
+        name: Name of the recording.
         fps: Frames per second.
-        kinds: (K,) names.
-        kind: (n,) index into `kinds` of each detected joint that other views locate.
-        error: (n,) its distance from where they locate it.
-        inverted: (n,) True where its partner of the other side is nearer, by half and by `GROSS`.
+        kinds: (K,) names of kinds.
+        kind: (n,) index into `kinds` of each detected joint that the reference locates.
+        error: (n,) its distance from the reference.
+        inverted: (n,) True where the same joint of the other side is nearer, by half and by `GROSS`.
         score: (n,) its confidence.
-        missed: (V, K) fraction of the joints in the image, of persons detected, that are missed.
+        missed: (V, K) fraction of missed joints among the joints in the image of detected persons.
         missed_by_side: (K, 2) the same fraction of joints on the camera's side of the body, and on the far side.
-        joint_misses: {"a|b": fraction of the missed joints of kind b with which the one of kind a on the same side is
-            missed too}.
+        joint_misses: {"a|b": fraction of the missed joints of kind b for which the joint of kind a on the same side is
+            also missed}.
         views: (K, V + 1) fraction of the joints that are detected in 0..V views.
         miss_seconds: (r,) lengths of uninterrupted misses, s.
-        autocorrelation: {s: correlation of errors this far apart}.
+        autocorrelation: {time, s: correlation of errors that are this time apart}.
         constant: Fraction of the energy of errors that is constant for a person, view and joint.
-        person_missed: (V,) fraction of the persons in the image that are missed whole.
-        ghosts: (V,) number of ghosts a frame.
-        ghost_joints: Median number of their joints.
-        ghost_score: Median of their confidences.
-        fragments: (V,) number of pieces of persons, apart from their largest, a frame.
+        person_missed: (V,) fraction of the persons in the image that are not detected at all.
+        ghosts: (V,) number of ghosts per frame.
+        ghost_joints: Median number of joints of a ghost.
+        ghost_score: Median confidence of ghosts.
+        fragments: (V,) number of detected pieces of persons per frame, without the largest piece of each person.
     """
 
     name: str
@@ -113,7 +113,7 @@ def measure(clip: Clip, reference: ErrorReference = ErrorReference.others) -> De
     expected = whole.matched[..., None] & ~np.isnan(whole.xy[..., 0])
     missed = expected & np.isnan(whole.score)
     in_image = ~np.isnan(whole.height)
-    # A joint that the detector never reports is not missed for a while.
+    # A joint that the detector never reports does not count in the lengths of misses.
     detected = (~np.isnan(clip.detections.score)).any((0, 1, 2))
     sides = _sides(clip, poses)
     ghosts = whole.left_over & ~whole.near
@@ -161,7 +161,7 @@ def _share(event: np.ndarray, counted: np.ndarray, joints: np.ndarray, axis: tup
 
 
 def _annotated(clip: Clip) -> Clip:
-    """Return the frames with annotated persons."""
+    """Return the clip reduced to the frames with annotated persons."""
     if clip.truth is None or np.isnan(clip.truth.xyz).all():
         raise ValueError(f"clip {clip.id!r}: no person is annotated; measure against the other views with truth=others")
     return clip.select(frames=np.flatnonzero(~np.isnan(clip.truth.xyz).all((1, 2, 3))))
@@ -178,11 +178,11 @@ def _reference(clip: Clip, reference: ErrorReference) -> Poses3D:
 
 
 def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
-    """Measure the errors of the joints detected in one view, against the truth or people captured from the others.
+    """Measure the errors of detected joints in one view, against the truth or people captured from the other views.
 
     Returns:
-        error, inverted, score, joint: (n,) each, and the energies of which `autocorrelation`
-            and `constant` are ratios.
+        error, inverted, score, joint: (n,) each; and the energies from which the ratios `autocorrelation` and
+            `constant` are computed.
     """
     others = [other for other in range(len(clip.rig)) if other != view]
     match = match_detections(clip.select(views=[view]), _reference(clip.select(views=others), reference))
@@ -205,14 +205,14 @@ def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
 
 
 def _correlation(off: np.ndarray, size: np.ndarray, frames: int) -> tuple[float, float]:
-    """Return products of errors that many frames apart, and of themselves; gross ones left out."""
+    """Return the sums of products of errors `frames` apart, and of their squares. Gross errors are left out."""
     both = (size[:-frames] < GROSS) & (size[frames:] < GROSS)
     first, second = off[:-frames][both], off[frames:][both]
     return float((first * second).sum()), float(((first**2).sum() + (second**2).sum()) / 2)
 
 
 def _joint_misses(missed: np.ndarray, expected: np.ndarray, clip: Clip) -> dict[str, float]:
-    """Return how often elbow and wrist, and knee and ankle, are missed with each other."""
+    """Return the fractions `joint_misses` for elbow and wrist, and for knee and ankle."""
     index, shares = clip.detections.skeleton.index, {}
     for a, b in (("elbow", "wrist"), ("wrist", "elbow"), ("knee", "ankle"), ("ankle", "knee")):
         first, second = index(f"l_{a}", f"r_{a}"), index(f"l_{b}", f"r_{b}")
@@ -222,9 +222,10 @@ def _joint_misses(missed: np.ndarray, expected: np.ndarray, clip: Clip) -> dict[
 
 
 def _sides(clip: Clip, reference: Poses3D) -> tuple[np.ndarray, np.ndarray]:
-    """(F, V, P, J) True for joints within 60 degrees of the camera's direction, and opposite.
+    """Return two (F, V, P, J) masks of joints on the camera's side of the body, and on the far side.
 
-    Of the face as seen from between the ears, of limbs from between the shoulders; neck and trunk have no sides.
+    A joint is on a side if it is within 60 degrees of the direction to the camera, or of the opposite direction. For
+    the face the directions start between the ears, for limbs between the shoulders. Neck and trunk have no side.
     """
     flat, index = reference.xyz[..., :2].astype(np.float64), reference.skeleton.index
     middles = [flat[:, :, index(f"l_{part}", f"r_{part}")].mean(2, keepdims=True) for part in ("shoulder", "ear")]
@@ -232,21 +233,25 @@ def _sides(clip: Clip, reference: Poses3D) -> tuple[np.ndarray, np.ndarray]:
     out = flat - np.where(of_face[:, None], middles[1], middles[0])
     length = np.linalg.norm(out, axis=-1)
     sided = of_face | (np.array(reference.skeleton.mirror) != np.arange(len(of_face)))
-    out = np.where(((length > _MIN_OUT) & sided)[..., None], out / np.maximum(length, _MIN_OUT)[..., None], np.nan)
+    out = np.where(
+        ((length > _MIN_SIDE_DISTANCE) & sided)[..., None],
+        out / np.maximum(length, _MIN_SIDE_DISTANCE)[..., None],
+        np.nan,
+    )
     sight = clip.rig.centers[:, None, None, :2] - flat[:, None]
     along = (sight * out[:, None]).sum(-1) / np.linalg.norm(sight, axis=-1)
     return along > 0.5, along < -0.5
 
 
 def _views_histogram(match: Match, joints: np.ndarray) -> np.ndarray:
-    """(V + 1,) share of the joints, of people in at least two images, that 0..V views detect."""
+    """Return (V + 1,) the share of joints that 0..V views detect, for people in at least two images."""
     there = (~np.isnan(match.height)).sum(1) >= 2
     count = (~np.isnan(match.score[..., joints])).sum(1)[there]
     return np.bincount(count.ravel(), minlength=match.score.shape[1] + 1) / max(count.size, 1)
 
 
 def _miss_lengths(missed: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Lengths in frames of stretches in which a joint is missed, each counted once; those cut off by the ends too."""
+    """Return the lengths, frames, of stretches in which a joint is missed, including those cut by the clip's end."""
     lengths = gap_lengths(~missed)
     starts = missed & np.concatenate([np.ones_like(missed[:1]), ~missed[:-1]])
     return lengths[starts & expected]

@@ -1,4 +1,4 @@
-"""The detections of one camera while errors are applied to them, and the truth that the errors depend on."""
+"""The detections of one camera during the simulation of errors, and the truth that the errors depend on."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,7 @@ from dmae.data.labels import JointError, Visibility
 
 
 class ErrorStream(IntEnum):
-    """What a random stream of a view is for. Never renumbered: a number is part of every data set made with it."""
+    """The purpose of each random stream of a view. Never renumber them: existing data sets depend on the numbers."""
 
     TIMING = 0
     OFFSET = 1
@@ -54,25 +54,25 @@ class Times:
 class View:
     """One camera's view of P persons in F frames, and its D detections of the 25 joints of BODY25.
 
-    Without errors, detection d is person d. Errors add detections.
+    Without errors, detection d is person d. Errors can add detections.
 
     Attributes:
         fps: Frames per second.
         size: (2,) image width and height, px.
         xyz: (F, P, 25, 3) true joints, m, world.
-        true_xy: (F, P, 25, 2) their pixels at the time of exposure; NaN behind the camera.
+        true_xy: (F, P, 25, 2) projections of the joints at the time of exposure, px; NaN behind the camera.
         visibility: (F, P, 25) `Visibility` at that time.
         occluder: (F, P, 25) index of the person or object that hides the joint.
         parts: Fields of `PartConfig`, (25, ...) each.
         times: Correlation times of errors.
-        minimum_score: Joints with less confidence are not reported.
-        random: Returns the generator of a stream of this view, from its beginning.
+        minimum_score: Joints with a lower confidence are not reported.
+        random: Function that returns a new generator for a stream of this view, at its beginning.
         xy: (F, D, 25, 2) detected joints, px; NaN where missed.
         score: (F, D, 25) confidence; NaN where missed.
         owner: (F, D, 25) int16 index of the person that each detected joint belongs to; -1 in ghosts.
-        kind: (F, D, 25) uint8 `JointError`; GOOD where no joint or person was confused, however far off the joint is.
+        kind: (F, D, 25) uint8 `JointError`; GOOD if no joint or person was confused, even if the joint is far off.
         person: (D,) int16 index of the person of each detection; -1 for ghosts.
-        error_rank: (F, P, 25) rank of the size of each joint's noise, from 0 to 1, among all that it could have had.
+        error_rank: (F, P, 25) rank of the size of each joint's noise in its distribution, from 0 to 1.
         shown: (F,) index of the frame with the detections that each frame shows; -1 for none.
     """
 
@@ -112,7 +112,7 @@ class View:
 
     @property
     def hidden(self) -> np.ndarray:
-        """(F, P, 25) True for joints that are in the image and hidden."""
+        """(F, P, 25) True for hidden joints in the image."""
         return (self.visibility != Visibility.VISIBLE) & (self.visibility <= Visibility.HIDDEN_BY_OBJECT)
 
     @property
@@ -121,18 +121,18 @@ class View:
         return ~np.isnan(self.score)
 
     def without(self, joints: np.ndarray) -> "View":
-        """Return the view with the joints where `joints` (F, D, 25) is True made absent."""
+        """Return the view without the detected joints where `joints` (F, D, 25) is True."""
         xy, score = np.where(joints[..., None], np.nan, self.xy), np.where(joints, np.nan, self.score)
         return replace(self, xy=xy, score=score)
 
     def reported(self) -> "View":
-        """Return the view without joints outside the image, of too low confidence, or of unknown place or score."""
+        """Return the view without joints outside the image, with too low confidence, or without position or score."""
         with np.errstate(invalid="ignore"):
             inside = ((self.xy >= -0.5) & (self.xy <= self.size - 0.5)).all(-1)
             return self.without(~(inside & (self.score >= self.minimum_score)))
 
     def added(self, xy: np.ndarray, score: np.ndarray, owner: np.ndarray, kind: np.ndarray, person: np.ndarray):
-        """Return the view with more detections."""
+        """Return the view with these detections added."""
         return replace(
             self,
             xy=np.concatenate([self.xy, xy], 1),
@@ -144,7 +144,7 @@ class View:
 
 
 def box(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return least and greatest coordinates (..., 2) of the known joints (..., J, 2); 0 where none is known."""
+    """Return least and greatest coordinates (..., 2) of the known joints (..., J, 2); 0 if none is known."""
     known = np.isfinite(xy)
     any_known = known.any(-2)
     least = np.where(known, xy, np.inf).min(-2)

@@ -1,2 +1,2 @@
-"""Which joints does each camera see, what hides the others, and which forces support people? Rays, images of ids,
-forces."""
+"""Labels of simulated clips: visibility of joints and surface points in each camera, their occluders, and the forces
+that support people."""

@@ -1,9 +1,10 @@
-"""What carries people: forces at their contacts by inverse dynamics of the recorded motion, and what is left over.
+"""The forces that support people: contact forces by inverse dynamics of the recorded motion, and the residual.
 
-In the simulation a force at the pelvis carries people, and their feet hardly press on the floor. Here the motion is
-taken as given. What it needs from outside follows from Newton's and Euler's laws; what other people and carried objects
-exert is known; contacts with what stands still take as much of the rest as pushing and friction can. What remains is
-the residual at the pelvis: the part of the motion that no contact explains.
+In the simulation a force at the pelvis supports people, and their feet hardly press on the floor. Here the motion is
+taken as given. Newton's and Euler's laws give the external force and moment that the motion needs. The forces from
+other people and from carried objects are known. Contacts with objects that stand still take as much of the rest as
+pushing and friction allow. The remainder is the residual at the pelvis: the part of the motion that contacts do not
+explain.
 """
 
 from dataclasses import dataclass
@@ -26,22 +27,22 @@ from synth.people.segments import SEGMENTS
 from synth.physics.body_state import BodyState
 from synth.scene.build import Scene
 
-_LEAST = 1.0
+_LEAST_FORCE = 1.0
 """Force below which a contact is left out, N."""
 _PAIRS = ("ground_reaction", "centre_of_pressure", "supported", "residual")
 
 
 @dataclass(frozen=True)
 class BodyForces:
-    """What carries P people in F frames; world axes.
+    """The forces that support P people in F frames; world axes.
 
     Attributes:
         weights: (P,) float32 mass times gravity, N.
         centre_of_mass: (F, P, 3) float32 m.
-        ground_reaction: (F, P, 2, 3) float32 N on the left and the right foot, of what stands still.
-        centre_of_pressure: (F, P, 2, 3) float32 m, where it acts; NaN without a force.
+        ground_reaction: (F, P, 2, 3) float32 N on the left and the right foot, from objects that stand still.
+        centre_of_pressure: (F, P, 2, 3) float32 m, the point where it acts; NaN without a force.
         supported: (F, P, 2, 3) float32 force, N, and moment about the mid hip, N m, of all contacts with anything else.
-            Those that the simulation has are smoothed as the motion is.
+            Forces from the simulation are smoothed with the same filter as the motion.
         residual: (F, P, 2, 3) float32 force at the mid hip, N, and moment, N m, that the motion needs and no contact
             supplies.
         penetration: (F, P, 2) float32 deepest overlap with another person, and with an object, m; 0 for none.
@@ -63,11 +64,11 @@ class BodyForces:
 
 
 def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, BodyForces]:
-    """Find what carries people, from the states of a clip: all of their contacts, and the sums of them.
+    """Return all contacts of people, and their sums for each person, from the states of a clip.
 
     Args:
-        scene: Of the clip.
-        state: Of its bodies, F frames.
+        scene: The scene of the clip.
+        state: The states of its bodies, F frames.
         fps: Frames per second.
 
     Raises:
@@ -80,7 +81,7 @@ def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, B
         )
     seen, persons = look(scene, state.qpos), range(len(state.shapes))
     known = join([simulated_contacts(scene, state), *held_contacts(scene, state, seen, fps)])
-    found = [_carry_one(scene, state, seen, known, person, fps) for person in persons]
+    found = [_person_forces(scene, state, seen, known, person, fps) for person in persons]
     values = {name: [each[name] for _, each in found] for name in BodyForces.__dataclass_fields__}
     weights = np.array(values.pop("weights"), np.float32)
     of_frames = {name: np.stack(each, axis=1, dtype=np.float32) for name, each in values.items()}
@@ -88,10 +89,10 @@ def carry(scene: Scene, state: BodyState, fps: float) -> tuple[PeopleContacts, B
     return contacts, BodyForces(weights, **of_frames)
 
 
-def _carry_one(
+def _person_forces(
     scene: Scene, state: BodyState, seen: SeenStates, known: PeopleContacts, person: int, fps: float
 ) -> tuple[PeopleContacts, dict]:
-    """Return the contacts of a person with what stands still, and the fields of `BodyForces` without the axis P."""
+    """Return the contacts of a person with objects that stand still, and the fields of `BodyForces` without axis P."""
     model, frames = scene.model, len(state.qpos)
     bodies = model.body(f"person{person}/{SEGMENTS[0]}").id + np.arange(len(SEGMENTS))
     moves = movement(model, seen.places[:, bodies], seen.turns[:, bodies], bodies, fps)
@@ -106,12 +107,12 @@ def _carry_one(
     for frame in range(frames):
         chosen = np.arange(ends[frame], ends[frame + 1])
         borne[chosen] = solve(places, chosen, centre[frame], missing[frame], weight)
-    pressing = np.flatnonzero(np.linalg.norm(borne, axis=1) > _LEAST)
+    pressing = np.flatnonzero(np.linalg.norm(borne, axis=1) > _LEAST_FORCE)
     names = np.array([state.contact_names.index(name) for name in scene.geom_names])
     contacts = make_contacts(
         state.contact_names,
         places.frame[pressing],
-        # The thing presses on the person.
+        # The pair is reversed, because the force is that of the object on the person.
         names[places.geoms[pressing, ::-1]],
         places.point[pressing],
         borne[pressing],
@@ -127,20 +128,23 @@ def _carry_one(
         "centre_of_mass": centre,
         "ground_reaction": reaction,
         "centre_of_pressure": pressure,
-        "supported": _about(pushes + supported, centre - hips),
-        "residual": _about(missing - supported, centre - hips),
+        "supported": _about_point(pushes + supported, centre - hips),
+        "residual": _about_point(missing - supported, centre - hips),
         "penetration": _penetration(scene, seen, person, frames),
     }
 
 
-def _about(wrench: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 3) forces and moments about another point, from which `lever` (F, 3) leads to the present one."""
+def _about_point(wrench: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """Return (F, 2, 3) forces, N, and moments, N m, about another point.
+
+    `lever` (F, 3), m, is the vector from that point to the present one.
+    """
     force, moment = wrench[:, :3], wrench[:, 3:]
     return np.stack([force, moment + np.cross(lever, force)], axis=1)
 
 
 def _still_places(scene: Scene, seen: SeenStates, moves: Movement, person: int, bodies: np.ndarray) -> Places:
-    """Return where a person touches, or nearly touches, what stands still."""
+    """Return the places where a person touches, or nearly touches, objects that stand still."""
     persons, on = scene.geom_persons[seen.geoms], scene.model.geom_bodyid[seen.geoms]
     still = scene.model.body_weldid[on] == 0
     swapped = (persons[:, 1] == person) & still[:, 0]
@@ -155,7 +159,7 @@ def _still_places(scene: Scene, seen: SeenStates, moves: Movement, person: int, 
 
 
 def _feet(contacts: PeopleContacts, part: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return reaction (F, 2, 3), N, and centre of pressure (F, 2, 3), m, from contacts of segments `part` (C,)."""
+    """Return reactions (F, 2, 3), N, and centres of pressure (F, 2, 3), m, from contacts of segments `part` (C,)."""
     reaction, pressure = np.zeros((frames, 2, 3)), np.full((frames, 2, 3), np.nan)
     for side, foot in enumerate(FEET):
         on = part == foot
@@ -171,7 +175,7 @@ def _feet(contacts: PeopleContacts, part: np.ndarray, frames: int) -> tuple[np.n
 
 
 def _penetration(scene: Scene, seen: SeenStates, person: int, frames: int) -> np.ndarray:
-    """Return the deepest overlap (F, 2) of a person with another, and with an object, m."""
+    """Return the deepest overlaps (F, 2) of a person with another person, and with an object, m."""
     deepest, persons = np.zeros((frames, 2)), scene.geom_persons[seen.geoms]
     for side in (0, 1):
         other = persons[:, 1 - side]

@@ -1,4 +1,4 @@
-"""The force and the moment that a motion needs from outside: Newton's and Euler's laws on recorded states."""
+"""The external force and moment that a motion needs, by Newton's and Euler's laws from recorded states."""
 
 from typing import NamedTuple
 
@@ -8,20 +8,20 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 _CUTOFF = 6.0
-"""Frequency up to which motion counts, Hz: what gait laboratories keep of markers before they differentiate."""
+"""Cut-off frequency of the motion, Hz. Gait laboratories use it to smooth marker paths before differentiation."""
 LEAST_FPS = 12.0
-"""Frames per second below which accelerations cannot be computed from positions."""
+"""Lowest frame rate at which accelerations can be computed from positions, 1/s."""
 
 
 class Movement(NamedTuple):
-    """How B bodies move.
+    """The motion of B bodies in F frames.
 
     Attributes:
         places: (F, B, 3) centres of mass, m, world.
         velocities: (F, B, 3) m / s.
         accelerations: (F, B, 3) m / s^2.
         turning: (F, B, 3) angular velocities, rad / s, world.
-        spin_rates: (F, B, 3) rate of the angular momentum about the own centre of mass, N m.
+        spin_rates: (F, B, 3) rate of change of the angular momentum about the body's centre of mass, N m.
     """
 
     places: np.ndarray
@@ -32,7 +32,7 @@ class Movement(NamedTuple):
 
 
 class NeededForces(NamedTuple):
-    """What acts from outside on a group of bodies, gravity apart.
+    """The external forces on a group of bodies, without gravity.
 
     Attributes:
         centre: (F, 3) centre of mass, m, world.
@@ -46,10 +46,10 @@ class NeededForces(NamedTuple):
 
 
 def smoothed(values: np.ndarray, fps: float, derivative: int = 0) -> np.ndarray:
-    """Return values (F, ...) at F frames, or a derivative by time of them, without what is faster than 6 Hz.
+    """Return values (F, ...) at F frames, or their time derivative, without frequencies above 6 Hz.
 
     A Butterworth filter of second order is run forwards and backwards, as for gait (Winter, Biomechanics and Motor
-    Control, 4th ed., ch. 3); derivatives are of a cubic spline through what it leaves.
+    Control, 4th ed., ch. 3). Derivatives come from a cubic spline through the filtered values.
     """
     if len(values) > 1:
         sections = butter(2, min(_CUTOFF, 0.4 * fps), fs=fps, output="sos")
@@ -64,17 +64,17 @@ def smoothed(values: np.ndarray, fps: float, derivative: int = 0) -> np.ndarray:
 
 
 def movement(model: mujoco.MjModel, places: np.ndarray, turns: np.ndarray, bodies: np.ndarray, fps: float) -> Movement:
-    """Return how bodies move.
+    """Return the motion of bodies.
 
     Args:
         model: The scene.
-        places: (F, B, 3) centres of mass of the bodies, m: `xipos`.
+        places: (F, B, 3) centres of mass of the bodies, m, world: `xipos`.
         turns: (F, B, 3, 3) orientations of their principal axes: `ximat`.
         bodies: (B,) indices in the model.
         fps: Frames per second.
     """
     rates = smoothed(turns, fps, 1) @ turns.swapaxes(-1, -2)
-    # Of the rate of a rotation, times its inverse, only the skew part is a turn: the rest is error of the fit.
+    # In the rate of a rotation matrix times its inverse, only the skew part is a rotation. The rest is fitting error.
     rates = (rates - rates.swapaxes(-1, -2)) / 2
     omega = np.stack([rates[..., 2, 1], rates[..., 0, 2], rates[..., 1, 0]], -1)
     own = (turns.swapaxes(-1, -2) @ omega[..., None])[..., 0] * model.body_inertia[bodies]
@@ -83,12 +83,12 @@ def movement(model: mujoco.MjModel, places: np.ndarray, turns: np.ndarray, bodie
 
 
 def needed_forces(model: mujoco.MjModel, moves: Movement, bodies: np.ndarray) -> NeededForces:
-    """Return what acts from outside on a group of bodies.
+    """Return the external forces on a group of bodies, by Newton's and Euler's laws.
 
     Args:
         model: The scene.
-        moves: Of B bodies; accelerations are those of Newton's law, the smoothed ones.
-        bodies: (B,) their indices in the model.
+        moves: The smoothed motion of B bodies.
+        bodies: (B,) indices of the bodies in the model.
     """
     masses = model.body_mass[bodies][:, None]
     centre = (masses * moves.places).sum(1) / masses.sum()

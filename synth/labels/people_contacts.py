@@ -1,4 +1,4 @@
-"""Contacts of people in a clip: as the simulation has them, with what they carry, and with what stands still."""
+"""Contacts of people in a clip: from the simulation, with carried objects, and with objects that stand still."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -13,20 +13,20 @@ from synth.labels.support import SeenStates
 from synth.physics.body_state import BodyState
 from synth.scene.build import Scene
 
-_TOUCHES = 0.002
-"""Gap below which an object lies on what stands still, m."""
+_CONTACT_GAP = 0.002
+"""Gap below which an object counts as lying on something that stands still, m."""
 _PERSON = re.compile("person([0-9]{1,6})")
 
 
 class ContactSource(IntEnum):
-    """Where the force of a contact is from."""
+    """Source of the force of a contact."""
 
     SIMULATED = 0
-    """The simulation: with other people, with an object that moves, with oneself."""
+    """The simulation: contacts with other people, with a moving object, or of a person with itself."""
     SOLVED = 1
-    """Inverse dynamics: with what stands still."""
+    """Inverse dynamics: contacts with objects that stand still."""
     HELD = 2
-    """What an object needs that palms hold, shared equally by them."""
+    """The force that a held object needs, shared equally by the palms that hold it."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class PeopleContacts:
         between: (C, 2) int16 index into `names`.
         names: `person<p>/<segment>`, or names of objects.
         point: (C, 3) float32 m, world.
-        force: (C, 3) float32 N, world, of the first on the second.
+        force: (C, 3) float32 N, world, force of the first on the second.
         depth: (C,) float32 m, overlap of solid parts; below 0 for a gap.
-        source: (C,) uint8, of `ContactSource`.
+        source: (C,) uint8 `ContactSource`.
     """
 
     frame: np.ndarray
@@ -65,7 +65,7 @@ class PeopleContacts:
         return owners(self.names)[self.between]
 
     def wrench(self, person: int, centre: np.ndarray) -> np.ndarray:
-        """Return the force, N, and the moment, N m, about `centre` (F, 3) on a person in each frame: (F, 6)."""
+        """Return (F, 6) the force on a person, N, and its moment about `centre` (F, 3) m, N m, in each frame."""
         total, persons = np.zeros((len(centre), 6)), self.persons
         for side, sign in ((1, 1.0), (0, -1.0)):
             on = np.flatnonzero((persons[:, side] == person) & (persons[:, 1 - side] != person))
@@ -104,7 +104,7 @@ def join(parts: Sequence[PeopleContacts]) -> PeopleContacts:
 
 
 def make_contacts(names: tuple[str, ...], frame, between, point, force, depth, source) -> PeopleContacts:
-    """Return contacts with the types of `PeopleContacts`; one source for all will do."""
+    """Return contacts with the array types of `PeopleContacts`. A single `source` applies to all contacts."""
     single = (np.asarray(values, np.float32) for values in (point, force, depth))
     point, force, depth = single
     source = np.full(len(frame), source, np.uint8) if np.ndim(source) == 0 else np.asarray(source, np.uint8)
@@ -113,7 +113,7 @@ def make_contacts(names: tuple[str, ...], frame, between, point, force, depth, s
 
 
 def simulated_contacts(scene: Scene, state: BodyState) -> PeopleContacts:
-    """Return the contacts of people with what moves, themselves included."""
+    """Return the contacts of people with moving objects, with each other, and with themselves."""
     moving = {
         name for name, body in zip(scene.geom_names, scene.model.geom_bodyid, strict=True)
         if scene.model.body_weldid[body]
@@ -134,8 +134,8 @@ def simulated_contacts(scene: Scene, state: BodyState) -> PeopleContacts:
 def held_contacts(scene: Scene, state: BodyState, seen: SeenStates, fps: float) -> Iterator[PeopleContacts]:
     """Yield the contacts of each carried object with the palms that hold it.
 
-    While it lies on nothing that stands still, what its motion needs, less what bodies press on it, is shared equally
-    by the palms.
+    While the object does not lie on anything that stands still, the palms share its load equally. The load is the force
+    that the motion of the object needs, minus the forces of bodies that press on it.
     """
     model, frames, names = scene.model, len(state.qpos), list(state.contact_names)
     holds, begin, end = scene.holds[:, 0].astype(int), *scene.holds[:, 1:].T
@@ -143,7 +143,7 @@ def held_contacts(scene: Scene, state: BodyState, seen: SeenStates, fps: float) 
     hands = np.array([names.index(model.body(body).name) for body in model.site_bodyid[palms]], int)
     times, persons = np.arange(frames)[:, None] / fps, owners(names)
     bodies = model.geom_bodyid[seen.geoms]
-    still = (model.body_weldid[bodies] == 0).any(1) & (seen.gap < _TOUCHES)
+    still = (model.body_weldid[bodies] == 0).any(1) & (seen.gap < _CONTACT_GAP)
     for load in np.unique(loads):
         alone = np.ones(frames, bool)
         alone[seen.frame[still & (bodies == load).any(1)]] = False

@@ -1,4 +1,4 @@
-"""Labels that only physics has, in the folder of a clip: contacts, what carries people, points on their surfaces."""
+"""Physical labels in the folder of a clip: contacts, support forces of people, and points on their surfaces."""
 
 import json
 from dataclasses import dataclass, fields
@@ -17,22 +17,22 @@ from synth.labels.surface_visibility import SurfaceLabels
 
 FORMAT = 1
 FILE = "physics.safetensors"
-"""The file of a clip's folder that holds the labels."""
+"""Name of the file with the labels, in the folder of a clip."""
 KINDS = ("contacts", "forces", "surface")
 _TYPES = {"contacts": PeopleContacts, "forces": BodyForces, "surface": SurfaceLabels}
 _TEXTS = ("names",)
 _MOST = 1e8
-"""Greatest number of a label: m, m/s, N, N m or a count."""
+"""Greatest valid number in a label: m, m/s, N, N m or a count."""
 
 
 @dataclass(frozen=True)
 class PhysicalLabels:
-    """Labels of a clip that only physics has; None for kinds that were not asked for.
+    """Physical labels of a clip; None for kinds that were not requested.
 
     Attributes:
-        contacts: Of people, with their forces and the deepest overlaps.
-        forces: What carries people.
-        surface: 256 points on each person, and which camera sees them.
+        contacts: Contacts of people, with forces and overlaps.
+        forces: Forces that support people.
+        surface: 256 points on each person, and their visibility in each camera.
     """
 
     contacts: PeopleContacts | None = None
@@ -41,7 +41,7 @@ class PhysicalLabels:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Those of `KINDS` that there are."""
+        """The members of `KINDS` that are present."""
         return tuple(kind for kind in KINDS if getattr(self, kind) is not None)
 
 
@@ -49,7 +49,7 @@ def check_kinds(kinds: list[str] | tuple[str, ...]) -> tuple[str, ...]:
     """Return kinds of labels in the order of `KINDS`.
 
     Raises:
-        ValueError: one is unknown, or there is none.
+        ValueError: a kind is unknown, or there is none.
     """
     if not kinds or set(kinds) - set(KINDS):
         raise ValueError(f"labels: expected a list of {', '.join(KINDS)}; got {list(kinds)}")
@@ -57,7 +57,7 @@ def check_kinds(kinds: list[str] | tuple[str, ...]) -> tuple[str, ...]:
 
 
 def save_physical_labels(labels: PhysicalLabels, folder: Path) -> None:
-    """Write labels into the folder of their clip, whole or not at all."""
+    """Write labels into the folder of their clip. The file is complete or does not appear."""
     arrays, words = {}, {"format": FORMAT, "kinds": labels.kinds}
     for kind in labels.kinds:
         for name, value in _values(getattr(labels, kind)).items():
@@ -65,7 +65,7 @@ def save_physical_labels(labels: PhysicalLabels, folder: Path) -> None:
                 words[f"{kind}.{name}"] = value
             else:
                 arrays[f"{kind}.{name}"] = np.ascontiguousarray(value)
-    # One entry: safetensors writes several in any order.
+    # Only one metadata entry, because safetensors writes several entries in arbitrary order.
     write_atomic(Path(folder) / FILE, save(arrays, {"physics": json.dumps(words)}))
 
 
@@ -95,7 +95,7 @@ def _values(part: object) -> dict:
 
 
 def _part(kind: str, arrays: dict[str, np.ndarray], words: dict) -> object:
-    """Return one kind of labels, with shapes that agree with each other."""
+    """Return one kind of labels after a check that the shapes of its arrays agree."""
     values = {}
     for field in fields(_TYPES[kind]):
         key = f"{kind}.{field.name}"

@@ -1,11 +1,11 @@
-"""Check that arrays fit together."""
+"""Check that the shapes of arrays agree."""
 
 
 def check_shapes(what: str, values: object, shapes: dict[str, tuple[int, ...]]) -> None:
-    """Check the shapes of arrays that an object has.
+    """Check the shapes of the arrays of an object.
 
     Raises:
-        ValueError: one is of another shape; the message names it.
+        ValueError: an array has another shape; the message names it.
     """
     for name, shape in shapes.items():
         found = getattr(values, name).shape

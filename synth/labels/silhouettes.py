@@ -1,4 +1,4 @@
-"""Compare the labels of joints with images of ids."""
+"""Compare visibility labels with id images."""
 
 from typing import NamedTuple
 
@@ -12,11 +12,11 @@ from synth.labels.surface_visibility import SurfaceLabels
 
 
 class PixelAgreement(NamedTuple):
-    """The agreement of joints' labels with the pixels at their places.
+    """The agreement between the labels of joints and the pixels at their projections.
 
     Attributes:
-        compared: (4,) number of joints compared: visible, hidden by their own person, by another, by an object.
-        agreeing: (4,) number of these with which the pixel agrees.
+        compared: (4,) number of compared joints: visible, hidden by their own person, by another person, by an object.
+        agreeing: (4,) number of these joints with a pixel that agrees.
     """
 
     compared: np.ndarray
@@ -24,26 +24,27 @@ class PixelAgreement(NamedTuple):
 
 
 def agreement(clip: Clip, margin: int = 5) -> PixelAgreement:
-    """Compare visibility with the images of ids: a joint's pixel must show its person or its occluder.
+    """Compare visibility labels with id images: the pixel of a joint must show its person or its occluder.
 
-    Joints outside the image and those nearer than `margin` px to any silhouette are left out, because their pixels
-    say little; so is the top of the head, which Shelf's annotators put into the air in front of the brow.
+    Joints outside the image, and joints nearer than `margin` to any silhouette, are left out, because their pixels are
+    ambiguous. The top of the head is left out as well, because Shelf's annotators put it into the air in front of the
+    brow.
 
     Args:
-        clip: With truth, visibility and images of ids. Its true cameras are used.
-        margin: px.
+        clip: A clip with truth, visibility and id images. Its true cameras are used.
+        margin: Least distance of a joint from a silhouette, px.
     """
     on_body = np.array([not name.endswith("top_head") for name in clip.truth.skeleton.joints])
     return _agreement(clip, clip.truth.xyz, clip.occlusion.visibility, clip.occlusion.occluder, on_body, margin)
 
 
 def surface_agreement(clip: Clip, surface: SurfaceLabels, margin: int = 2) -> PixelAgreement:
-    """Compare the visibility of points on surfaces with the images of ids, as `agreement` does that of joints.
+    """Compare the visibility of surface points with id images, in the same way as `agreement` does for joints.
 
     Args:
-        clip: With images of ids. Its true cameras are used.
-        surface: Its points.
-        margin: px.
+        clip: A clip with id images. Its true cameras are used.
+        surface: Its surface points.
+        margin: Least distance of a point from a silhouette, px.
     """
     all_points = np.ones(len(surface.names), bool)
     return _agreement(clip, surface.xyz, surface.visibility, surface.hidden_by, all_points, margin)
@@ -52,7 +53,7 @@ def surface_agreement(clip: Clip, surface: SurfaceLabels, margin: int = 2) -> Pi
 def _agreement(
     clip: Clip, points: np.ndarray, visibility: np.ndarray, hidden_by: np.ndarray, which: np.ndarray, margin: int
 ) -> PixelAgreement:
-    """Compare labels (F, V, P, K) of points (F, P, K, 3) with images of ids; `which` (K,) of them."""
+    """Compare the labels (F, V, P, K) of points (F, P, K, 3) with id images. Only the points `which` (K,) are used."""
     rig = clip.rig if clip.true_rig is None else clip.true_rig
     xy, _ = rig.project(points)
     neighbourhood = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)

@@ -1,4 +1,4 @@
-"""Where people may lean on what stands still, and the forces there that carry their motion."""
+"""Find places where objects that stand still may support people, and solve for the forces there."""
 
 import copy
 from typing import NamedTuple
@@ -10,28 +10,28 @@ from scipy.optimize import nnls
 from synth.scene.build import Scene
 
 _NEAR = 0.02
-"""Greatest gap between a part of a body and what carries it, m."""
+"""Greatest gap between a part of a body and an object that supports it, m."""
 _GAP, _SPEED = 0.005, 0.3
-"""Gap, m, and speed along the surface, m/s, at which a place is half as likely to carry as one in firm contact."""
+"""Gap, m, and speed along the surface, m/s, each of which doubles the penalty on a force compared with firm contact."""
 _EDGES = 8
-"""Edges of the pyramid within the cone of friction."""
-_EVENLY = 1e-6
-"""Weight of an even distribution, relative to the balance of forces."""
-_ARM = 3.0
-"""Lever by which moments are made comparable with forces, m: forces are met first."""
+"""Number of edges of the pyramid that approximates the friction cone from inside."""
+_EVENNESS_WEIGHT = 1e-6
+"""Weight of an even distribution of forces, relative to the balance of forces."""
+_MOMENT_LENGTH = 3.0
+"""Length by which moments are divided to compare them with forces, m. It gives the forces more weight."""
 
 
 class Places(NamedTuple):
-    """Where people touch, or nearly touch, what stands still.
+    """K places where people touch, or nearly touch, objects that stand still.
 
     Attributes:
         frame: (K,) int32 frame, sorted.
-        geoms: (K, 2) the person's geom, and that of the other thing.
+        geoms: (K, 2) geom of the person, and geom of the object.
         point: (K, 3) m, world.
-        normal: (K, 3) unit, from the thing to the person.
+        normal: (K, 3) unit vector from the object to the person, world.
         friction: (K,) coefficient.
         gap: (K,) m, below 0 for an overlap.
-        speed: (K,) m/s of the person's part along the surface.
+        speed: (K,) speed of the person's part along the surface, m/s.
     """
 
     frame: np.ndarray
@@ -44,16 +44,16 @@ class Places(NamedTuple):
 
 
 class SeenStates(NamedTuple):
-    """What the states of a scene show.
+    """Positions and contacts in the states of a scene.
 
     Attributes:
         places: (F, nbody, 3) centres of mass of bodies, m, world.
         turns: (F, nbody, 3, 3) orientations of their principal axes.
-        sites: (F, nsite, 3) m, world.
+        sites: (F, nsite, 3) positions of sites, m, world.
         frame: (K,) int32 frame of each pair of geoms that touch, or nearly touch, sorted.
-        geoms: (K, 2) indices.
+        geoms: (K, 2) indices of the geoms.
         point: (K, 3) m, world.
-        normal: (K, 3) unit, from the first geom to the second.
+        normal: (K, 3) unit vector from the first geom to the second, world.
         friction: (K,) coefficient.
         gap: (K,) m, below 0 for an overlap.
     """
@@ -70,11 +70,11 @@ class SeenStates(NamedTuple):
 
 
 def look(scene: Scene, qpos: np.ndarray) -> SeenStates:
-    """Put a scene into states (F, nq), and record what touches. Contacts of people are found from 20 mm apart."""
+    """Put a scene into states (F, nq), and record its contacts. Pairs with people count up to a gap of 20 mm."""
     model = copy.copy(scene.model)
     people = scene.geom_persons >= 0
     model.geom_margin[people] = np.maximum(model.geom_margin[people], _NEAR)
-    # The engine looks at bodies first, with the greatest margin of their geoms.
+    # MuJoCo tests bodies before geoms, with the greatest margin of their geoms.
     np.maximum.at(model.body_margin, model.geom_bodyid[people], _NEAR)
     data, frames = mujoco.MjData(model), len(qpos)
     places, turns = np.empty((frames, model.nbody, 3)), np.empty((frames, model.nbody, 9))
@@ -101,17 +101,18 @@ def look(scene: Scene, qpos: np.ndarray) -> SeenStates:
 
 
 def solve(places: Places, chosen: np.ndarray, centre: np.ndarray, needed: np.ndarray, weight: float) -> np.ndarray:
-    """Return forces (K', 3), N, on a person at some places of a frame, such that they come near to what is needed.
+    """Return the forces (K', 3), N, on a person at some places of a frame that come closest to the needed force.
 
-    Least squares of what is missing in force and moment, with forces that push and stay within the cone of friction.
-    Where several distributions do as well, the most even one is taken; firm contacts take more than places nearby.
+    The missing force and moment are minimised by least squares. The forces push and stay inside the friction cone. Of
+    several equally good distributions the most even one is returned. Firm contacts get more force than places with a
+    gap.
 
     Args:
-        places: Of all frames.
+        places: Places of all frames.
         chosen: (K',) indices of the places.
         centre: (3,) point about which moments are taken, m.
-        needed: (6,) force, N, and moment, N m.
-        weight: Of the person, N.
+        needed: (6,) needed force, N, and moment, N m.
+        weight: Weight of the person, N.
     """
     if not len(chosen):
         return np.zeros((0, 3))
@@ -123,8 +124,8 @@ def solve(places: Places, chosen: np.ndarray, centre: np.ndarray, needed: np.nda
     edges = normal[:, None] + places.friction[chosen, None, None] * around
     moments = np.cross((places.point[chosen] - centre)[:, None], edges)
     doubt = 1 + (places.gap[chosen].clip(0) / _GAP) ** 2 + (places.speed[chosen] / _SPEED) ** 2
-    balance = np.concatenate([edges, moments / _ARM], axis=-1).reshape(-1, 6).T
-    even = np.diag(np.repeat(np.sqrt(_EVENLY * doubt), _EDGES))
-    wanted = np.concatenate([needed[:3], needed[3:] / _ARM, np.zeros(len(even))]) / weight
+    balance = np.concatenate([edges, moments / _MOMENT_LENGTH], axis=-1).reshape(-1, 6).T
+    even = np.diag(np.repeat(np.sqrt(_EVENNESS_WEIGHT * doubt), _EDGES))
+    wanted = np.concatenate([needed[:3], needed[3:] / _MOMENT_LENGTH, np.zeros(len(even))]) / weight
     shares, _ = nnls(np.concatenate([balance, even]), wanted)
     return weight * (shares.reshape(-1, _EDGES, 1) * edges).sum(1)

@@ -1,4 +1,4 @@
-"""256 named points on the visible surface of each person, clothes and hair included."""
+"""256 named points on the visible surface of each person, including clothes and hair."""
 
 import copy
 from typing import NamedTuple
@@ -16,9 +16,9 @@ _TRUNK = ("pelvis", "spine", "chest")
 _HAND = 0.092
 """Length of the hand, fraction of stature."""
 _FOOT = ((-0.037, 0.0, -0.020), (0.106, 0.0, -0.026))
-"""Ends of an axis within the shoe, from the ankle, fractions of stature."""
-_FAR = 1.0
-"""Distance from an axis from which the surface is sought, m."""
+"""Ends of an axis inside the shoe, relative to the ankle, fractions of stature."""
+_RAY_START = 1.0
+"""Distance from an axis at which the rays to the surface begin, m."""
 
 
 class _Rings(NamedTuple):
@@ -27,8 +27,8 @@ class _Rings(NamedTuple):
     Attributes:
         directions: Names of the directions around the axis, evenly spaced.
         first: The first direction, in T-pose.
-        second: The one that the others turn towards, on the left side.
-        shares: Places of the rings along the axis: 0 its beginning, 1 its end.
+        second: The direction towards which the following ones turn, on the left side of the body.
+        shares: Positions of the rings along the axis: 0 at its beginning, 1 at its end.
     """
 
     directions: tuple[str, ...]
@@ -63,18 +63,18 @@ NAMES = tuple(
     for ring in range(1, 1 + len(_RINGS[side_and_name(segment)[1]].shares))
     for direction in _RINGS[side_and_name(segment)[1]].directions
 )
-"""The 256 names: `<segment>.<ring>.<direction>`. Rings count from the joint of the segment, those of a foot from its
-heel. Directions are those of a person who faces forward, arms stretched to the sides, palms down: `outer` is away from
-the middle, `under` of a hand is its palm."""
+"""The 256 names: `<segment>.<ring>.<direction>`. Rings are counted from the joint of the segment, on a foot from its
+heel. Directions refer to a person that faces forward, with arms stretched to the sides and palms down: `outer` is away
+from the middle, and `under` of a hand is its palm."""
 
 
 class SurfacePoints(NamedTuple):
     """Points on P people, each fixed to a geom.
 
     Attributes:
-        geoms: (P, 256) geom that each point moves with.
-        places: (P, 256, 3) in the axes of the geom, m.
-        normals: (P, 256, 3) unit, outward, in the axes of the geom.
+        geoms: (P, 256) index of the geom that each point moves with.
+        places: (P, 256, 3) points in the frame of the geom, m.
+        normals: (P, 256, 3) outward unit normals in the frame of the geom.
     """
 
     geoms: np.ndarray
@@ -82,21 +82,24 @@ class SurfacePoints(NamedTuple):
     normals: np.ndarray
 
     def at(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-        """Return points and normals, (P, 256, 3) each, world, in a state after `synth.people.bending.Bending`."""
+        """Return points, m, and normals, (P, 256, 3) each, world. `data` is a state after `Bending` was applied to it.
+
+        See `synth.people.bending.Bending`.
+        """
         turns = data.geom_xmat[self.geoms].reshape(*self.geoms.shape, 3, 3)
         points = data.geom_xpos[self.geoms] + (turns @ self.places[..., None])[..., 0]
         return points, (turns @ self.normals[..., None])[..., 0]
 
 
 def surface_points(scene: Scene, bodies: list[Body]) -> SurfacePoints:
-    """Find the points on the people of a scene: where rays towards the axes of their segments meet them in T-pose.
+    """Return the points on the people of a scene, where rays towards the axes of their segments meet them in T-pose.
 
     Args:
-        scene: The scene, as it is built.
-        bodies: P proportions.
+        scene: The scene, with people in T-pose.
+        bodies: Proportions of P people.
 
     Raises:
-        ValueError: a person has no surface where a point belongs.
+        ValueError: a ray for a point does not meet the surface of the person.
     """
     model = copy.copy(scene.model)
     data = mujoco.MjData(model)
@@ -107,12 +110,12 @@ def surface_points(scene: Scene, bodies: list[Body]) -> SurfacePoints:
 
 
 def _points_of(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, person: int, body: Body) -> tuple:
-    """Return the fields of `SurfacePoints` of one person, who is in T-pose."""
+    """Return the fields of `SurfacePoints` for one person in T-pose."""
     ids = model.body(f"person{person}/{SEGMENTS[0]}").id + np.arange(len(SEGMENTS))
     found = []
     for number, segment in enumerate(SEGMENTS):
         side, name = side_and_name(segment)
-        # Cloth between two segments of the trunk moves with either.
+        # Cloth between two segments of the trunk may move with either of them.
         own = [SEGMENTS.index(each) for each in _TRUNK] if name in _TRUNK else [number]
         visible = (scene.geom_ids == 1 + person) & np.isin(model.geom_bodyid, ids[own])
         model.geom_group = np.where(visible, 0, 5)
@@ -133,7 +136,7 @@ def _points_of(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, person:
 
 
 def _axis(body: Body, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return both ends of the axis of a segment from its joint, m, in T-pose."""
+    """Return both ends of the axis of a segment, relative to its joint, in T-pose, m."""
     side, name = side_and_name(SEGMENTS[number])
     if name == "foot":
         return tuple(np.array(end) * body.stature for end in _FOOT)
@@ -147,6 +150,6 @@ def _axis(body: Body, number: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _meet(model: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray, outward: np.ndarray) -> tuple:
-    """Return geom, point and normal where a ray from outside towards the middle first meets a surface."""
-    geom, distance, normal = cast_rays(model, data, middle + _FAR * outward, -outward[None])
-    return geom[0], middle + (_FAR - distance[0]) * outward, normal[0]
+    """Return the geom, point and normal where a ray from outside towards `middle` first meets a surface."""
+    geom, distance, normal = cast_rays(model, data, middle + _RAY_START * outward, -outward[None])
+    return geom[0], middle + (_RAY_START - distance[0]) * outward, normal[0]

@@ -1,4 +1,4 @@
-"""Where the points on people's surfaces are, and which camera sees them. No images are needed."""
+"""Positions of the points on people's surfaces, and their visibility in each camera. No images are needed."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from synth.rooms.rays import cast_rays, opaque_model
 from synth.scene.build import Scene
 
 _FOLD = 0.005
-"""Surface of the same person this near before a point does not hide it: cloth overlaps where bodies bend, m."""
+"""Distance below which a surface of the same person in front of a point does not hide it, m: cloth overlaps."""
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,11 @@ class SurfaceLabels:
     """S named points on P people, seen by V cameras in F frames.
 
     Attributes:
-        names: (S,) of the points, see `synth.labels.surface_points.NAMES`.
+        names: (S,) names of the points, see `synth.labels.surface_points.NAMES`.
         xyz: (F, P, S, 3) float32 m, world.
-        normals: (F, P, S, 3) float32 unit, outward, world.
-        visibility: (F, V, P, S) uint8, of `dmae.data.labels.Visibility`: of the first thing on the way from the camera,
-            as for joints. A point on a surface that faces away is at least hidden by the person's own body.
+        normals: (F, P, S, 3) float32 outward unit normals, world.
+        visibility: (F, V, P, S) uint8 `dmae.data.labels.Visibility`. As for joints, the first object on the ray from
+            the camera counts. A point on a surface that faces away is hidden at least by the person's own body.
         hidden_by: (F, V, P, S) int16 index of the person or object in front, -1 for none.
     """
 
@@ -51,9 +51,9 @@ def surface_labels(
 
     Args:
         scene: The scene.
-        points: (P, S) of its people.
-        names: (S,) their names.
-        qpos: (F, nq) states.
+        points: (P, S) points on its people.
+        names: (S,) names of the points.
+        qpos: (F, nq) states of the scene.
         rig: V cameras.
     """
     opaque = opaque_model(scene.model, scene.geom_ids)
@@ -89,14 +89,14 @@ def _seen(
     persons: np.ndarray,
     averted: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return visibility and occluder (R,) of points of persons (R,), at the ends of rays (R, 3) from a camera.
+    """Return the visibility and the occluder, (R,) each, of points at the ends of rays from a camera.
 
     Args:
         opaque, data: The scene and its state.
-        ids: (ngeom,) owners of geoms.
-        centre: (3,) m, world.
-        rays: From the centre to the points, m.
-        persons: Owners of the points.
+        ids: (ngeom,) ids of the owners of geoms.
+        centre: (3,) centre of the camera, m, world.
+        rays: (R, 3) vectors from the centre to the points, m.
+        persons: (R,) indices of the persons of the points.
         averted: (R,) whether the surface at a point faces away from the camera.
     """
     reach = np.linalg.norm(rays, axis=-1)
@@ -104,7 +104,7 @@ def _seen(
     geom, distance, outward = cast_rays(opaque, data, centre, rays)
     found = np.where(geom >= 0, ids[geom], 0).astype(int)
     own = found == persons + 1
-    # A ray that meets a surface from behind began within it.
+    # A ray that meets a surface from behind began inside the object.
     within = (outward * rays).sum(-1) > 0
     before = (found > 0) & np.where(own, distance < reach - _FOLD, (distance < reach) | within)
     found, hidden = np.where(before, found, persons + 1), before | averted

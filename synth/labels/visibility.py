@@ -12,9 +12,9 @@ from synth.people.bending import Bending
 from synth.rooms.rays import cast_rays, opaque_model
 
 _CONTACT = 0.025
-"""m; a limb this near in front of another limb's joint is in contact with it and does not hide it."""
+"""Distance below which a limb in front of another limb's joint is in contact with it and does not hide it, m."""
 _RAYS_AT_ONCE = 100_000
-"""Rays that are processed together: enough to be fast, few enough to fit in memory."""
+"""Number of rays that are processed together: enough for speed, and few enough for the memory."""
 
 
 def joint_visibility(
@@ -29,24 +29,24 @@ def joint_visibility(
 ) -> OcclusionLabels:
     """Label every joint in every view.
 
-    A joint lies under the surface. It is visible where the ray to it hits nothing, or first hits the limb that the
-    joint lies in, no farther than `depth` in front of it. Another limb of the same person hides it unless it is in
-    contact with it. A camera within an object or another person sees nothing through it.
+    A joint is under the surface of its limb. It is visible if the ray to it hits nothing, or first hits its limb at
+    most `depth` in front of the joint. Another limb of the same person hides the joint, unless that limb is in contact
+    with it. A camera inside an object or another person sees nothing.
 
     Args:
         model: The scene.
-        qpos: (F, nq) its states.
+        qpos: (F, nq) states of the scene.
         joints: (F, P, J, 3) m, world; NaN where a person is not in the scene.
         depth: (P, J) greatest depth of a joint under the surface of its limb, m.
-        geom_ids: (ngeom,) owner of each geom: 0 none, 1 + p person p, 256 + k object k.
+        geom_ids: (ngeom,) id of the owner of each geom: 0 none, 1 + p person p, 256 + k object k.
         rig: V cameras.
         bodies: (P, J) index of the body that each joint moves with. Its limb is that body and its neighbours in the
             kinematic tree. By default a whole person is one limb.
         objects: Names of the objects.
 
     Returns:
-        `visibility`, `occluder` and `depth_margin`. Joints outside the image or behind the camera have no occluder. The
-        margin is the joint's distance where the camera itself is within what hides it.
+        `visibility`, `occluder` and `depth_margin`. Joints outside the image or behind the camera have no occluder. If
+        the camera is inside the occluder, the margin is the distance from the camera to the joint.
     """
     xy, along = rig.project(joints)
     visibility = np.full(xy.shape[:-1], Visibility.VISIBLE, np.uint8)
@@ -70,7 +70,7 @@ def joint_visibility(
 
 
 def _limbs(model: mujoco.MjModel, bodies: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
-    """Return (P, J, nbody) True for the bodies of the limb that each joint lies in."""
+    """Return (P, J, nbody) True for the bodies of the limb that contains each joint."""
     if bodies is None:
         return np.ones((*shape, model.nbody), bool)
     connected = np.eye(model.nbody, dtype=bool)
@@ -83,7 +83,7 @@ def _first_hits(opaque, data, qpos, centers, joints, sought, depth, limbs, geom_
     frame, view, person, joint = sought
     rays = joints[frame, person, joint] - centers[view]
     reach = np.linalg.norm(rays, axis=-1)
-    # Skeletons share elbows, wrists, knees and ankles: joints at one place need one ray.
+    # The joined skeletons share elbows, wrists, knees and ankles: joints at the same place need only one ray.
     first = _first_at_place(joints)[person, joint]
     ray = np.full((len(qpos), len(centers), *joints.shape[1:3]), -1)
     ray[sought] = 0
@@ -94,7 +94,7 @@ def _first_hits(opaque, data, qpos, centers, joints, sought, depth, limbs, geom_
     geom, distance, outward = (hit[ray[frame, view, person, first]] for hit in hits)
     ids = np.where(geom >= 0, geom_ids[geom], 0).astype(int)
     own = ids == person + 1
-    # A ray that hits a surface from behind started within it.
+    # A ray that hits a surface from behind started inside the object.
     within = np.einsum("rx,rx->r", outward, rays) > 0
     depth = depth[person, joint]
     same_limb = limbs[person, joint, opaque.geom_bodyid[geom]]
@@ -111,13 +111,13 @@ def _first_hits(opaque, data, qpos, centers, joints, sought, depth, limbs, geom_
 
 
 def _first_at_place(joints: np.ndarray) -> np.ndarray:
-    """Return (P, J) the first of the joints at the same place as each joint in all frames of (F, P, J, 3)."""
+    """Return (P, J) for each joint the first joint that is at the same place in all frames of (F, P, J, 3)."""
     same = (joints[:, :, :, None] == joints[:, :, None]).all((0, -1))
     return (same | np.eye(joints.shape[2], dtype=bool)).argmax(-1)
 
 
 def _cast_all(opaque, data, qpos, centers, directions, frame, view) -> tuple[np.ndarray, ...]:
-    """Cast rays from the centres of views in the states of frames; rays are sorted by frame, then view."""
+    """Cast rays from the camera centres of views in the states of frames. Rays are sorted by frame, then by view."""
     hits = np.empty(len(directions), np.int32), np.empty(len(directions)), np.empty_like(directions)
     views, bending = len(centers), Bending(opaque)
     ends = np.searchsorted(frame * views + view, np.arange(len(qpos) * views), side="right").tolist()

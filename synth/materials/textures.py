@@ -1,4 +1,4 @@
-"""Textures painted from noise for cloth, floors and walls; each tiles seamlessly."""
+"""Textures of cloth, floors and walls, painted from noise. Each texture tiles without seams."""
 
 import mujoco
 import numpy as np
@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter
 
 
 def paint(pattern: str, colours, size: int, *, rng: np.random.Generator) -> np.ndarray:
-    """Paint a texture, (size, size, 3) uint8.
+    """Return a painted texture, (size, size, 3) uint8 RGB.
 
     Args:
         pattern: "plain", "stripes", "checks", "melange", "camouflage" (cloth), "planks", "tiles", "plaster", "carpet",
@@ -42,7 +42,7 @@ def add_texture(spec: mujoco.MjSpec, material: mujoco.MjsMaterial, image: np.nda
 
 
 def _noise(x: np.ndarray, rng: np.random.Generator, sigma) -> np.ndarray:
-    """Return smooth noise of unit standard deviation in the shape of `x` that wraps around; sigma in px."""
+    """Return smooth periodic noise with the shape of `x` and a standard deviation of 1; sigma in px."""
     noise = gaussian_filter(rng.standard_normal(x.shape), sigma, mode="wrap")
     return noise / noise.std()
 
@@ -119,7 +119,7 @@ def _bricks(x, y, rng):
 
 
 def _sheet(x, y, rng):
-    """Corrugated steel with upright ribs."""
+    """Return the blend and shading of corrugated steel with upright ribs."""
     return 0.5 + 0.5 * np.sin(2 * np.pi * 8 * x), 0.02 * _noise(x, rng, (30, 3))
 
 
@@ -138,5 +138,5 @@ _BLENDS = {
     "bricks": _bricks,
     "sheet": _sheet,
 }
-"""Functions of x and y (S, S), 0..1, and of `rng`, that return the blend of the two colours, 0..1, and the relative
-change of brightness, (S, S) each."""
+"""Functions of x and y (S, S), 0..1, and of `rng`. Each returns the blend of the two colours, 0..1, and the relative
+change of brightness, both (S, S)."""

@@ -1,1 +1,1 @@
-"""WHERE SHOULD CAMERAS BE MOUNTED? Places for cameras in a room, chosen by the capture of simulated people."""
+"""Plan where to mount cameras in a room. The places are chosen for the capture of simulated people."""

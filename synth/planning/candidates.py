@@ -1,4 +1,4 @@
-"""Candidate cameras: each place with each direction and lens that is worth trying."""
+"""Candidate cameras: each place combined with each useful direction and lens."""
 
 from dataclasses import dataclass
 
@@ -12,18 +12,18 @@ from synth.rigs.coverage import Stage, find_faults
 
 _TARGET_HEIGHT = 1.0
 """Height of the points that cameras are aimed at, m."""
-_ASIDE = 0.5
-"""Distance of the other points that cameras are aimed at from the middle, as a share of the people's radius."""
+_AIM_OFFSET = 0.5
+"""Distance from the middle of the other points that cameras are aimed at, as a share of the radius of people."""
 
 
 @dataclass(frozen=True)
 class CandidateCameras:
-    """Cameras to choose from.
+    """Cameras that a rig can be chosen from.
 
     Attributes:
-        rig: C cameras; those at one place differ in direction or lens.
-        place: (C,) index of the place of each.
-        kind: (C,) "wall", "ceiling", "tripod", or "given" for cameras that exist.
+        rig: C cameras. Cameras at the same place differ in direction or lens.
+        place: (C,) index of the place of each camera.
+        kind: (C,) "wall", "ceiling", "tripod", or "given" for existing cameras.
         view_deg: (C,) horizontal field of view, degrees.
     """
 
@@ -37,13 +37,13 @@ class CandidateCameras:
 
     @property
     def pan_deg(self) -> np.ndarray:
-        """(C,) direction of the axis about the vertical, degrees from +x towards +y."""
+        """(C,) direction of the optical axis about the vertical, degrees from +x towards +y."""
         x, y, _ = self.rig.cam_from_world[:, 2, :3].T
         return np.degrees(np.arctan2(y, x))
 
     @property
     def tilt_deg(self) -> np.ndarray:
-        """(C,) angle of the axis above the horizontal, degrees; below 0 for cameras that look down."""
+        """(C,) angle of the optical axis above the horizontal, degrees; below 0 for cameras that look down."""
         return np.degrees(np.arcsin(np.clip(self.rig.cam_from_world[:, 2, 2], -1, 1)))
 
 
@@ -56,14 +56,14 @@ def aimed_cameras(
 
     Args:
         places: K places.
-        lens: The lenses that there are.
-        middle: (2,) of the people's area, m.
-        radius: Of the people's area, m.
-        stage: The people's area as `synth.rigs.coverage` checks it.
+        lens: The available lenses.
+        middle: (2,) middle of the people's area, m.
+        radius: Radius of the people's area, m.
+        stage: The people's area around the origin, for the checks of `synth.rigs.coverage`.
         steepest: Greatest angle at which cameras look down, degrees.
 
     Raises:
-        ValueError: people cannot be seen from more than one place.
+        ValueError: people can be seen from fewer than two places.
     """
     centers, aims, place, angles = [], [], [], []
     for number, at in enumerate(places.at):
@@ -73,7 +73,7 @@ def aimed_cameras(
         for offset in (0 * ahead, ahead, -ahead, aside, -aside):
             for angle in lens.view_deg:
                 centers.append(at)
-                aims.append([*(middle + _ASIDE * radius * offset), _TARGET_HEIGHT])
+                aims.append([*(middle + _AIM_OFFSET * radius * offset), _TARGET_HEIGHT])
                 place.append(number)
                 angles.append(angle)
     centers, place = np.array(centers), np.array(place)
@@ -96,6 +96,6 @@ def aimed_cameras(
 
 
 def given_cameras(rig: CameraRig) -> CandidateCameras:
-    """Return cameras that exist as candidates."""
+    """Return the cameras of an existing rig as candidates."""
     view = 2 * np.degrees(np.arctan(rig.size[:, 0] / 2 / rig.K[:, 0, 0]))
     return CandidateCameras(rig, np.arange(len(rig)), np.full(len(rig), "given"), view)

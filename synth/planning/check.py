@@ -1,4 +1,4 @@
-"""Check rigs: capture people who were not used in planning through them, and score what comes of it."""
+"""Check rigs: capture people that were not used in planning, and score the captures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,15 +32,15 @@ FIGURES = {
     "switches": ("identities confused", "a minute"),
     "idf1": ("IDF1", "%"),
 }
-"""What is scored: heading and unit. PCP and the error are of joints filled by straight lines and smoothed, as
-`dmae evaluate methods=[linear]` scores them."""
+"""Scored figures: heading and unit. PCP and the error are computed after gaps are filled by straight lines and the
+paths are smoothed, as in `dmae evaluate methods=[linear]`."""
 _SMOOTH = 0.1
 _LEVEL = 0.95
 
 
 @dataclass(frozen=True)
 class Expected:
-    """A figure that a rig is expected to reach, with its interval of 95 % over clips."""
+    """The expected value of a figure of a rig, with its 95 % interval over clips."""
 
     value: float
     low: float
@@ -48,11 +48,11 @@ class Expected:
 
 
 def measure(captured: Poses3D, truth: Poses3D, fps: float) -> dict[str, float]:
-    """Return the figures of `FIGURES` of one capture, NaN for a figure of nothing.
+    """Return the figures of `FIGURES` of one capture. A figure without data is NaN.
 
     Args:
-        captured: As `dmae.capture` returned it.
-        truth: (F, T) true people, on the skeleton that is compared.
+        captured: Poses from `dmae.capture`.
+        truth: (F, T) true people, on the skeleton of the comparison.
         fps: Frames per second.
     """
     filled = convert(smooth(fill_world(captured, fps, linear), fps, _SMOOTH), truth.skeleton)
@@ -71,22 +71,22 @@ def measure(captured: Poses3D, truth: Poses3D, fps: float) -> dict[str, float]:
 
 
 def scored_skeleton(clip: Clip) -> Skeleton:
-    """Return the skeleton that captures are scored on: of a fused one the second part."""
+    """Return the skeleton that captures are scored on. For a fused skeleton this is its second part."""
     return get_skeleton(clip.truth.skeleton.parts[-1].name)
 
 
 def check_rigs(
     config: PlanConfig, cameras: CameraRig, rigs: Sequence[Sequence[int]], numbers: Sequence[int]
 ) -> dict[str, np.ndarray]:
-    """Capture clips through rigs.
+    """Capture clips with each rig.
 
-    People are simulated once for all rigs, and each camera sees the same detections in every rig that it is in.
+    People are simulated once for all rigs. A camera has the same detections in every rig that contains it.
 
     Args:
         config: The plan.
-        cameras: All cameras that any rig has.
-        rigs: Indices of the cameras of each of R rigs, two or more each.
-        numbers: Of N clips.
+        cameras: All cameras of the rigs.
+        rigs: Indices of the cameras of each of R rigs; each rig has at least two.
+        numbers: Numbers of N clips.
 
     Returns:
         The figures of `FIGURES`, (R, N) each.
@@ -109,19 +109,19 @@ def _seen(config: PlanConfig, detector: DetectorConfig, cameras: CameraRig, numb
 
 
 def capture_all(clip: Clip, rigs: Sequence[Sequence[int]]) -> list[dict[str, float]]:
-    """Return the figures of a clip for each of several subsets of its cameras."""
+    """Return the figures of a clip for each subset of its cameras in `rigs`."""
     truth = convert(clip.truth, scored_skeleton(clip))
     return [measure(capture(clip.select(views=list(rig)), CaptureConfig()), truth, clip.fps) for rig in rigs]
 
 
 def expected(figures: np.ndarray, least: float = -np.inf, greatest: float = np.inf) -> Expected:
-    """Return the mean of a figure of N clips, with the interval for clips of other people (Student's t).
+    """Return the mean of a figure over N clips, with its interval for clips of other people (Student's t).
 
-    Clips without the figure are left out; the interval of fewer than two is NaN.
+    Clips without the figure are left out. The interval is NaN if fewer than two clips remain.
 
     Args:
-        figures: (N,)
-        least, greatest: Range of the figure, beyond which the interval does not reach.
+        figures: (N,) the figure in each clip.
+        least, greatest: Possible range of the figure. The interval is cut at these limits.
     """
     known = figures[np.isfinite(figures)]
     if not len(known):

@@ -1,4 +1,4 @@
-"""The configuration of a plan: room, people, where cameras may be mounted, lenses, and how to search."""
+"""The configuration of a plan: room, people, allowed places of cameras, lenses, and the search."""
 
 from dataclasses import dataclass, field, replace
 
@@ -13,7 +13,7 @@ from synth.rigs.rig import RigConfig
 from synth.scene.spec import SceneConfig
 
 MOST_CAMERAS, MOST_PLACES = 32, 500
-"""Of a plan."""
+"""Greatest numbers of cameras and of places in a plan."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class LensConfig:
             raise ValueError(f"lens.size: expected [width, height], 1 to 20000 px each, got {list(self.size)}")
 
     def matrix(self, view_deg: float) -> np.ndarray:
-        """Return (3, 3) K of a field of view, px."""
+        """Return (3, 3) K for a horizontal field of view, px."""
         return intrinsics(self.size[0] / 2 / np.tan(np.radians(view_deg) / 2), self.size)
 
 
@@ -154,10 +154,10 @@ class PlanConfig:
 
     @property
     def numbers(self) -> range:
-        """Numbers of cameras that rigs are planned for."""
+        """The numbers of cameras for which rigs are planned."""
         return range(self.cameras[0], self.cameras[1] + 1)
 
     def setting(self) -> SceneConfig:
-        """Return what scenes are drawn from, with `arena` and `persons` in it."""
+        """Return the configuration of scenes, with `arena` and `persons` filled in."""
         given = {"arena": self.arena or self.scene.arena}
         return replace(self.scene, **given, persons=list(self.persons) or list(self.scene.persons))

@@ -1,4 +1,4 @@
-"""Evidence of each candidate camera on each joint: how likely it is detected, from where, how exactly."""
+"""The evidence of each candidate camera on each joint: the probability and the accuracy of its detection."""
 
 from dataclasses import dataclass
 
@@ -20,20 +20,21 @@ _JOINTS = BODY25.index(
     "nose", "r_ear", "l_ear", "neck", "r_shoulder", "r_elbow", "r_wrist", "l_shoulder", "l_elbow", "l_wrist",
     "r_hip", "r_knee", "r_ankle", "l_hip", "l_knee", "l_ankle",
 )  # fmt: skip
-"""Joints that count, one each of those that lie together."""
+"""Joints that are used. Of joints that are close together only one is used."""
 _WIDE_FOCAL, _WIDE_SIDE = 20.0, 4000
-"""px; a pinhole that sees nearly all before it, to look from a place in every direction."""
+"""Focal length and image side of a pinhole that sees nearly everything in front of it, px. It tests all directions from
+one place."""
 _LEAST_SCALE = 0.003
-"""m; least error of a detected joint, where a preset has none."""
+"""Least error of a detected joint if a preset has no noise, m."""
 
 
 @dataclass(frozen=True)
 class JointEvidence:
-    """Evidence of C candidates on N joints of people, frame by frame.
+    """Evidence of C candidates on N joints. Each person, joint and frame counts as one of the N.
 
     Attributes:
-        probability: (N, C) float32 that the camera detects the joint.
-        information: (N, C, 6) float32 inverse covariance of the joint's place by one camera, 1/m^2, times the
+        probability: (N, C) float32 probability that the camera detects the joint.
+        information: (N, C, 6) float32 inverse covariance of the joint's position from one camera, 1/m^2, times the
             probability: xx, yy, zz, xy, xz, yz.
     """
 
@@ -42,7 +43,7 @@ class JointEvidence:
 
     @staticmethod
     def joined(parts: list["JointEvidence"]) -> "JointEvidence":
-        """Return the evidence of several clips."""
+        """Return the joined evidence of several clips."""
         return JointEvidence(
             np.concatenate([part.probability for part in parts]), np.concatenate([part.information for part in parts])
         )
@@ -51,14 +52,14 @@ class JointEvidence:
 def gather(rehearsal: Rehearsal, candidates: CandidateCameras, detector: DetectorConfig, frames: int) -> JointEvidence:
     """Return the evidence of candidates on the joints of a clip.
 
-    Visibility is computed once for each place, by rays through the simulated scene. How likely a joint is detected, and
-    how exactly, follows from its visibility by the detector's preset.
+    Visibility is computed once for each place, by rays through the simulated scene. The detector's preset gives the
+    probability and the accuracy of a detection for each kind of visibility.
 
     Args:
         rehearsal: The clip.
         candidates: C cameras.
         detector: The detector.
-        frames: How many frames, evenly spread.
+        frames: Number of frames that are used, evenly spread.
     """
     chosen = np.unique(np.linspace(0, len(rehearsal.qpos) - 1, frames).round().astype(int))
     joints = rehearsal.joints[chosen][:, :, DETECTED]
@@ -91,11 +92,11 @@ def _unused(stream: ErrorStream) -> np.random.Generator:
 
 
 def _evidence(joints: np.ndarray, rig: CameraRig, probability: np.ndarray, scale: np.ndarray) -> JointEvidence:
-    """Return the evidence of joints (F, P, 25, 3) by `probability` and `scale`, m, (F, C, P, 25) each."""
+    """Return the evidence on joints (F, P, 25, 3), m. `probability` and `scale`, m, are (F, C, P, 25) each."""
     toward = joints[:, None] - rig.centers[:, None, None]
     toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
     x, y, z = np.moveaxis(toward, -1, 0)
-    # A camera measures the place across its ray, and nothing along it.
+    # A camera measures the position across its ray, but not along it.
     plane = np.stack([1 - x * x, 1 - y * y, 1 - z * z, -x * y, -x * z, -y * z], -1)
     weight = probability / np.maximum(np.nan_to_num(scale, nan=np.inf), _LEAST_SCALE) ** 2
     present = np.isfinite(joints).all(-1)[:, :, _JOINTS]
@@ -107,7 +108,7 @@ def _evidence(joints: np.ndarray, rig: CameraRig, probability: np.ndarray, scale
 
 
 def _all_round(rig: CameraRig) -> CameraRig:
-    """Return cameras at the same places that see nearly all that is before them."""
+    """Return cameras at the same places that see nearly everything in front of them."""
     side = [_WIDE_SIDE, _WIDE_SIDE]
     return CameraRig(
         rig.names, np.tile(intrinsics(_WIDE_FOCAL, side), (len(rig), 1, 1)), np.zeros((len(rig), 5)),

@@ -20,11 +20,11 @@ _CURVES = ("missing", "pcp", "error")
 _MARKS = {"wall": "s", "ceiling": "o", "tripod": "^", "given": "D"}
 _COLOUR = "#0072b2"
 _VIEW_WIDTH = 320
-"""px"""
+"""Width of the drawn views, px."""
 
 
 def curves_figure(plan: CameraPlan) -> Figure:
-    """Draw what each number of cameras is expected to reach, with intervals of 95 %."""
+    """Draw the expected figures for each number of cameras, with 95 % intervals."""
     figure = Figure(figsize=(11.5, 3.2), layout="constrained")
     numbers = [len(each.rig) for each in plan.rigs]
     for axes, name in zip(figure.subplots(1, len(_CURVES)), _CURVES, strict=True):
@@ -43,7 +43,7 @@ def curves_figure(plan: CameraPlan) -> Figure:
 
 
 def floor_figure(planned: PlannedRig) -> Figure:
-    """Draw the people's area with the number of cameras that see each point, and the cameras around it."""
+    """Draw a map of the people's area: the number of cameras that see each point, and the cameras."""
     figure = Figure(figsize=(5.2, 4.6), layout="constrained")
     axes = figure.subplots()
     floor = planned.floor
@@ -66,7 +66,7 @@ def floor_figure(planned: PlannedRig) -> Figure:
 
 
 def people_to_show(plan: CameraPlan) -> Rehearsal:
-    """Return the middle frame of the first clip that rigs were checked on."""
+    """Return the first clip that the rigs were checked on, reduced to its middle frame."""
     rehearsal = rehearse(plan.config, check_numbers(plan.config)[0])
     frame = len(rehearsal.qpos) // 2
     shown = slice(frame, frame + 1)
@@ -74,7 +74,7 @@ def people_to_show(plan: CameraPlan) -> Rehearsal:
 
 
 def views_figure(plan: CameraPlan, planned: PlannedRig, people: Rehearsal) -> Figure:
-    """Draw what each camera sees of some simulated people, in their room."""
+    """Draw the view of each camera on simulated people in their room."""
     clip = people.seen_by(_smaller(planned.rig), plan.config.detector)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "sheet.png"
@@ -89,7 +89,7 @@ def views_figure(plan: CameraPlan, planned: PlannedRig, people: Rehearsal) -> Fi
 
 
 def _smaller(rig: CameraRig) -> CameraRig:
-    """Return the cameras with pictures of the width that is drawn."""
+    """Return the cameras with images scaled to the drawn width."""
     scale = _VIEW_WIDTH / rig.size[:, 0]
     K = rig.K.copy()
     K[:, :2] *= scale[:, None, None]

@@ -1,4 +1,4 @@
-"""What a plan leaves on disk: rigs for `rig=` and captures, lists to print, and all numbers as JSON."""
+"""Write the files of a plan: rigs for `rig=` and captures, lists to print, and all numbers as JSON."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -27,7 +27,7 @@ def write_files(plan: CameraPlan, out: Path) -> None:
 
 
 def mounting_table(planned: PlannedRig) -> Table:
-    """Return where each camera is mounted, and where it looks."""
+    """Return a table with the position and the direction of each camera."""
     rows = [
         (
             name, kind, *(f"{length:.2f}" for length in center), *(f"{angle:.0f}" for angle in angles),
@@ -43,7 +43,7 @@ def mounting_table(planned: PlannedRig) -> Table:
 
 
 def mounting_text(planned: PlannedRig) -> str:
-    """Return the list to print."""
+    """Return the mounting list as text to print."""
     table = mounting_table(planned)
     rows = [table.header, *table.rows]
     widths = [max(len(row[column]) for row in rows) for column in range(len(table.header))]
@@ -56,7 +56,7 @@ def mounting_text(planned: PlannedRig) -> str:
 
 
 def numbers(plan: CameraPlan) -> dict:
-    """Return all numbers of a plan, JSON-able; None stands for a figure of nothing."""
+    """Return all numbers of a plan for JSON. A figure without data is None."""
     config = plan.config
     return {
         "arena": config.setting().arena,
@@ -92,7 +92,7 @@ def _plain(figures: dict) -> dict:
 
 
 def _preset(planned: PlannedRig) -> str:
-    """Return the preset that `rig=planned_<n>` finds with `--config-dir`."""
+    """Return the YAML preset of a rig. `rig=planned_<n>` finds it with `--config-dir`."""
     rig = planned.rig
     cameras = [
         {

@@ -1,4 +1,4 @@
-"""Coverage of the floor: how many cameras see a person who stands at a point, if only the room is in the way."""
+"""Coverage of the floor: the number of cameras that see a standing person, if only the room hides the person."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,22 +11,22 @@ from synth.rooms.mjcf import compile_mjcf
 from synth.rooms.rays import cast_rays
 
 _HEIGHTS = np.array([0.1, 0.5, 0.9, 1.3, 1.7])
-"""Of the points of a person who stands, m."""
-_ENOUGH = 4
-"""Number of these points; a camera that sees this many sees the person."""
+"""Heights of the tested points of a standing person, m."""
+_LEAST_POINTS = 4
+"""Number of these points that a camera must see to count as seeing the person."""
 _STEP = 0.2
-"""m between points of the floor."""
+"""Distance between points of the floor, m."""
 _GROUPS = tuple(range(6))
-_TOUCHING = 0.05
-"""m; what is this near to a point does not hide it."""
+_CONTACT_GAP = 0.05
+"""Distance below which an object in front of a point does not hide it, m."""
 
 
 @dataclass(frozen=True)
 class FloorCoverage:
-    """How many cameras see a person at each point of a grid.
+    """The number of cameras that see a person at each point of a grid.
 
     Attributes:
-        x, y: (N,), (M,) m.
+        x, y: (N,) and (M,) coordinates of the grid, m.
         cameras: (N, M) number of cameras; -1 outside the people's area.
     """
 
@@ -35,19 +35,19 @@ class FloorCoverage:
     cameras: np.ndarray
 
     def share(self, least: int) -> float:
-        """Return the % of the people's area that at least this number of cameras see."""
+        """Return the share of the people's area that at least this number of cameras see, %."""
         inside = self.cameras >= 0
         return float(100 * (self.cameras[inside] >= least).mean())
 
 
 def cover_floor(rig: CameraRig, arena: Path, middle: np.ndarray, radius: float) -> FloorCoverage:
-    """Return how many cameras see a person at each point of the people's area.
+    """Return the number of cameras that see a person at each point of the people's area.
 
     Args:
         rig: V cameras.
-        arena: MJCF file of the room, without props and other people.
-        middle: (2,) of the people's area, m.
-        radius: Of the people's area, m.
+        arena: MJCF file of the room. Props and other people are ignored.
+        middle: (2,) middle of the people's area, m.
+        radius: Radius of the people's area, m.
     """
     model = compile_mjcf(arena)
     data = mujoco.MjData(model)
@@ -63,6 +63,6 @@ def cover_floor(rig: CameraRig, arena: Path, middle: np.ndarray, radius: float) 
         rays = points.reshape(-1, 3) - center
         reach = np.linalg.norm(rays, axis=1)
         geom, distance, _ = cast_rays(model, data, center, rays / reach[:, None], _GROUPS)
-        seen[view] = inside[view] & ((geom < 0) | (distance > reach - _TOUCHING))
-    count = (seen.reshape(len(rig), *points.shape[:3]).sum(-1) >= _ENOUGH).sum(0)
+        seen[view] = inside[view] & ((geom < 0) | (distance > reach - _CONTACT_GAP))
+    count = (seen.reshape(len(rig), *points.shape[:3]).sum(-1) >= _LEAST_POINTS).sum(0)
     return FloorCoverage(x, y, np.where(np.linalg.norm(flat - middle, axis=-1) <= radius + 1e-9, count, -1))

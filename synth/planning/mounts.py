@@ -14,15 +14,15 @@ from synth.rooms.mjcf import compile_mjcf
 from synth.rooms.rays import cast_rays, opaque_model
 
 _DIRECTIONS = 240
-"""In which walls are looked for, around the people."""
-_LONG, _HIGH = 1.5, 1.8
-"""A wall is at least so long and reaches at least so high, m."""
+"""Number of directions around the people in which walls are searched."""
+_WALL_LENGTH, _WALL_HEIGHT = 1.5, 1.8
+"""Least length and least top height of a wall, m."""
 _GRID = 0.5
-"""m between places before they are thinned out."""
+"""Distance between places before they are thinned out, m."""
 _LEVEL_STEP = 0.6
-"""m between levels of one kind of mount, at most."""
-_APART = 0.4
-"""Distance of tripods from the people's area and from furniture, m."""
+"""Greatest distance between the levels of one kind of mount, m."""
+_TRIPOD_GAP = 0.4
+"""Least distance of tripods from the people's area and from furniture, m."""
 _LIFT = 1e-3
 
 
@@ -32,7 +32,7 @@ class CameraPlaces:
 
     Attributes:
         kind: (K,) "wall", "ceiling" or "tripod".
-        at: (K, 3) m, world.
+        at: (K, 3) positions, m, world.
     """
 
     kind: np.ndarray
@@ -44,10 +44,10 @@ class CameraPlaces:
 
 @dataclass(frozen=True)
 class _Outline:
-    """The walls around the people, as seen from their middle.
+    """The walls around the people, seen from the middle of their area.
 
     Attributes:
-        middle: (2,) m.
+        middle: (2,) middle of the people's area, m.
         reach: (N,) distance of the wall in each of N directions, evenly around from +x, m; inf for none.
         top: Height of the walls, m; 0 for none.
     """
@@ -62,7 +62,10 @@ class _Outline:
         return np.isfinite(self.reach)
 
     def holds(self, points: np.ndarray, margin: float) -> np.ndarray:
-        """Return whether points (n, 2) are within the walls, by a margin, m. Where there is no wall, nothing is."""
+        """Return whether points (n, 2), m, are inside the walls by at least a margin, m.
+
+        In a direction without a wall, no point counts as inside.
+        """
         offset = points - self.middle
         angle = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) * len(self.reach)
         reach = np.where(self.walled, self.reach, 0)[np.round(angle).astype(int) % len(self.reach)]
@@ -70,19 +73,19 @@ class _Outline:
 
 
 def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: float) -> CameraPlaces:
-    """Find the places in a room at which a camera may be mounted, spread evenly.
+    """Return evenly spread places in a room where a camera may be mounted.
 
-    Walls are vertical surfaces, at least 1.5 m long, that reach 1.8 m or higher and face the people. Without a ceiling,
-    cameras hang at the top of the walls.
+    Walls are vertical surfaces that face the people, are at least 1.5 m long, and end at a height of 1.8 m or more. In
+    a room without a ceiling, cameras hang at the top of the walls.
 
     Args:
-        config: What is allowed.
+        config: The allowed places.
         arena: MJCF file of the room.
-        middle: (2,) of the people's area, m.
-        radius: Of the people's area, m.
+        middle: (2,) middle of the people's area, m.
+        radius: Radius of the people's area, m.
 
     Raises:
-        ValueError: the room has no walls where they are needed, a height is outside the room, or nothing is left.
+        ValueError: the room has no walls although they are needed, a height is outside the room, or no place is left.
     """
     model = compile_mjcf(arena)
     data = mujoco.MjData(model)
@@ -123,30 +126,30 @@ def find_places(config: MountConfig, arena: Path, middle: np.ndarray, radius: fl
 
 
 def stage_of(arena: Path, middle: np.ndarray, radius: float) -> Stage:
-    """Return the people's area as seen from the origin, which cameras are checked against."""
+    """Return the circle around the origin that contains the people's area. Cameras are checked against it."""
     return Stage(radius + float(np.hypot(*middle)), arena)
 
 
 def _outline(model: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray) -> _Outline:
-    """Cast rays from the middle, at the height of heads, and keep the first wall of each direction."""
+    """Return the first wall in each direction, from horizontal rays that start at the middle, at head height."""
     corners = geom_corners(model, data, np.arange(model.ngeom))
     planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-    # Boxes around planes are not theirs: MuJoCo gives them without end.
+    # The bounding boxes of planes are of no use here: MuJoCo makes them infinite.
     up = np.abs(data.geom_xmat.reshape(-1, 3, 3)[:, 2, 2])
-    long = np.linalg.norm(np.ptp(corners[..., :2], axis=1), axis=1) >= _LONG
-    wall = np.where(planes, up < 0.1, long & (corners[..., 2].max(1) >= _HIGH))
+    long = np.linalg.norm(np.ptp(corners[..., :2], axis=1), axis=1) >= _WALL_LENGTH
+    wall = np.where(planes, up < 0.1, long & (corners[..., 2].max(1) >= _WALL_HEIGHT))
     angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     directions = np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1)
     opaque = opaque_model(model, wall.astype(int))
-    geom, reach, outward = cast_rays(opaque, data, np.array([*middle, _HIGH - _LIFT]), directions)
+    geom, reach, outward = cast_rays(opaque, data, np.array([*middle, _WALL_HEIGHT - _LIFT]), directions)
     found = (geom >= 0) & (np.abs(outward[:, 2]) < 0.3)
     tops = [_top(opaque, data, middle, direction) for direction in directions[found][:: max(1, _DIRECTIONS // 24)]]
     return _Outline(middle, np.where(found, reach, np.inf), float(np.median(tops)) if tops else 0.0)
 
 
 def _top(opaque: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray, direction: np.ndarray) -> float:
-    """Return the height at which the wall in a direction ends, to 5 cm."""
-    low, high = _HIGH - _LIFT, 100.0
+    """Return the height of the top of the wall in a direction, to 5 cm, m."""
+    low, high = _WALL_HEIGHT - _LIFT, 100.0
     while high - low > 0.05:
         half = (low + high) / 2
         geom, *_ = cast_rays(opaque, data, np.array([*middle, half]), direction[None])
@@ -155,22 +158,22 @@ def _top(opaque: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray, direct
 
 
 def _levels(heights: list[float]) -> np.ndarray:
-    """Return the heights at which cameras of one kind are tried, m."""
+    """Return the tested heights for one kind of mount, m."""
     low, high = heights
     return np.linspace(low, high, 1 + int(np.ceil((high - low) / _LEVEL_STEP)))
 
 
 def _on_walls(config: MountConfig, outline: _Outline) -> np.ndarray:
-    """Return (K, 3) places before the walls."""
+    """Return (K, 3) places in front of the walls, m."""
     angle = 2 * np.pi * np.flatnonzero(outline.walled) / _DIRECTIONS
-    # Along the ray, so that places stay in front of the wall in corners as well.
+    # The distance is measured along the ray, so that places in corners are in front of the wall as well.
     reach = outline.reach[outline.walled] - config.wall_distance * np.sqrt(2)
     flat = outline.middle + reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     return _stacked(flat[reach > 0], _levels(config.walls))
 
 
 def _grid(config: MountConfig, outline: _Outline) -> np.ndarray:
-    """Return (n, 2) points on the floor within the walls, or else within `area`."""
+    """Return (n, 2) points on the floor inside the walls, or inside `area` if there are no walls, m."""
     if config.area:
         (x0, y0), (x1, y1) = config.area[:2], config.area[2:]
     else:
@@ -184,27 +187,27 @@ def _grid(config: MountConfig, outline: _Outline) -> np.ndarray:
 def _under_ceiling(
     config: MountConfig, model: mujoco.MjModel, data: mujoco.MjData, outline: _Outline, grid: np.ndarray
 ) -> np.ndarray:
-    """Return (K, 3) places under the ceiling, or at the top of the walls where there is none."""
+    """Return (K, 3) places under the ceiling, m, or at the height of the top of the walls where there is no ceiling."""
     places = []
     for x, y in grid:
-        # mj_multiRay misses some geoms in rays that are exactly vertical.
-        height = mujoco.mj_ray(model, data, (x, y, _HIGH), (0, 0, 1), None, 1, -1, np.zeros(1, np.int32))
-        top = _HIGH + height if height > 0 else outline.top
-        if top - config.wall_distance > _HIGH:
+        # mj_multiRay misses some geoms if a ray is exactly vertical.
+        height = mujoco.mj_ray(model, data, (x, y, _WALL_HEIGHT), (0, 0, 1), None, 1, -1, np.zeros(1, np.int32))
+        top = _WALL_HEIGHT + height if height > 0 else outline.top
+        if top - config.wall_distance > _WALL_HEIGHT:
             places.append((x, y, top - config.wall_distance))
     return np.reshape(places, (-1, 3))
 
 
 def _on_tripods(config: MountConfig, arena: Path, middle: np.ndarray, radius: float, grid: np.ndarray) -> np.ndarray:
-    """Return (K, 3) places on the floor, away from people and furniture."""
+    """Return (K, 3) camera positions on tripods, away from people and furniture, m."""
     discs = footprints(arena)
-    free = np.linalg.norm(grid - middle, axis=1) >= radius + _APART
-    free &= (np.linalg.norm(grid[:, None] - discs[:, :2], axis=-1) >= discs[:, 2] + _APART).all(1)
+    free = np.linalg.norm(grid - middle, axis=1) >= radius + _TRIPOD_GAP
+    free &= (np.linalg.norm(grid[:, None] - discs[:, :2], axis=-1) >= discs[:, 2] + _TRIPOD_GAP).all(1)
     return _stacked(grid[free], _levels(config.tripods))
 
 
 def _stacked(flat: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """Return (n L, 3) points (n, 2) at each of L heights."""
+    """Return (n L, 3) points: each point (n, 2) at each of L heights, m."""
     return np.concatenate([np.column_stack([flat, np.full(len(flat), level)]) for level in levels])
 
 
@@ -213,7 +216,7 @@ def _inside_area(at: np.ndarray, area: list[float]) -> np.ndarray:
 
 
 def _possible(model: mujoco.MjModel, data: mujoco.MjData, at: np.ndarray) -> np.ndarray:
-    """Return which places (K, 3) are not inside an object: from inside, rays meet surfaces from behind."""
+    """Return (K,) True for places (K, 3) outside all objects. From inside, rays meet the surface from behind."""
     around = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
     around /= np.linalg.norm(around, axis=1, keepdims=True)
 
@@ -225,7 +228,7 @@ def _possible(model: mujoco.MjModel, data: mujoco.MjData, at: np.ndarray) -> np.
 
 
 def _spread(at: np.ndarray, count: int) -> np.ndarray:
-    """Return the indices of at most `count` places, each the farthest from those before it."""
+    """Return the indices of at most `count` places. Each next place is the one farthest from the places before it."""
     return _farthest(at, count, lambda place: np.linalg.norm(at - place, axis=1))
 
 

@@ -1,4 +1,4 @@
-"""The page of a plan: what each number of cameras captures, where to mount them, and what they see."""
+"""The page of a plan: expected capture for each number of cameras, mounting positions, and views."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from synth.planning.plan import CameraPlan, PlannedRig
 
 PAGE = "plan.html"
 _SHOWN = ("missing", "pcp", "error", "switches")
-"""Figures in the table; the others are in the JSON."""
+"""Figures in the table. The other figures are only in the JSON file."""
 _ABOUT = (
     "Cameras were chosen by the visibility of joints of simulated people, computed by rays, and by how often the "
     "detector's preset misses joints so visible. The figures are of other simulated people: their simulated detections "
@@ -28,7 +28,7 @@ _WORTH = (
 
 
 def numbers_table(plan: CameraPlan) -> Table:
-    """Return the figures by number of cameras."""
+    """Return a table of the figures by number of cameras."""
     header = ("cameras", *(", ".join(FIGURES[name]) for name in _SHOWN), "floor seen by 2", "by 3")
     rows = [
         (
@@ -42,7 +42,7 @@ def numbers_table(plan: CameraPlan) -> Table:
 
 
 def figure_text(figure: Expected, signed: bool = False) -> str:
-    """Return a figure with its interval."""
+    """Return a figure with its interval as text."""
     sign = "+" if signed else ""
     if not np.isfinite(figure.value):
         return "-"
@@ -51,7 +51,7 @@ def figure_text(figure: Expected, signed: bool = False) -> str:
 
 
 def worth_table(planned: PlannedRig) -> Table:
-    """Return gain from each camera."""
+    """Return a table of the gain from each camera."""
     shown = ("missing", "pcp", "error")
     header = ("camera", *(f"{FIGURES[name][0]}, {FIGURES[name][1]}" for name in shown))
     rows = [
@@ -62,7 +62,7 @@ def worth_table(planned: PlannedRig) -> Table:
 
 
 def write_page(plan: CameraPlan, path: Path) -> None:
-    """Write the page as one file."""
+    """Write the page as one HTML file."""
     people, config = people_to_show(plan), plan.config
     sections = [
         Section(

@@ -1,4 +1,4 @@
-"""Plan cameras: rehearse with simulated people, choose rigs, and check them on other people."""
+"""Plan cameras: simulate people, choose rigs for them, and check the rigs on other people."""
 
 import time
 from collections.abc import Sequence
@@ -34,9 +34,9 @@ class PlannedRig:
         rig: V cameras, counter-clockwise around the people.
         kind: (V,) "wall", "ceiling", "tripod" or "given".
         view_deg, pan_deg, tilt_deg: (V,) as in `synth.planning.candidates.CandidateCameras`.
-        prediction: What the search expects.
-        figures: What people who were not used in planning show, by name of `synth.planning.check.FIGURES`.
-        worth: (V,) gain from each camera: the figures with it less those without it; empty of two cameras.
+        prediction: Prediction of the search.
+        figures: Figures on people that were not used in the search, by name in `synth.planning.check.FIGURES`.
+        worth: (V,) gain from each camera: the figures with it minus the figures without it; empty for two cameras.
         floor: Coverage of the floor.
     """
 
@@ -53,13 +53,13 @@ class PlannedRig:
 
 @dataclass(frozen=True)
 class CameraPlan:
-    """What was planned.
+    """The result of a plan.
 
     Attributes:
-        config: What was asked for.
+        config: The configuration.
         rigs: A rig for each number of cameras.
-        candidates: How many cameras were tried.
-        room: What the room lacked and was filled in, a clause each.
+        candidates: Number of candidate cameras.
+        room: Descriptions of the missing parts of the room that were filled in, one clause each.
     """
 
     config: PlanConfig
@@ -74,13 +74,13 @@ class CameraPlan:
 
 @dataclass(frozen=True)
 class PlanForecast:
-    """What a plan takes.
+    """The estimated cost of a plan.
 
     Attributes:
-        candidates: Cameras to choose from.
-        clips: Clips to simulate.
-        captures: Captures of clips.
-        seconds: Time that it takes, s.
+        candidates: Number of cameras to choose from.
+        clips: Number of clips to simulate.
+        captures: Number of captures of clips.
+        seconds: Estimated time, s.
     """
 
     candidates: int
@@ -93,9 +93,9 @@ def make_plan(config: PlanConfig) -> CameraPlan:
     """Plan cameras.
 
     Raises:
-        ValueError: the room has no walls where they are needed, heights are outside the room, or there are fewer places
-            than cameras.
-        FailedSimulation: people could not be simulated, or a camera that exists is at an impossible place.
+        ValueError: the room has no walls although they are needed, heights are outside the room, or there are fewer
+            places than cameras.
+        FailedSimulation: people could not be simulated, or an existing camera is at an impossible place.
     """
     candidates = find_candidates(config)
     with running_on(config.backend):
@@ -119,10 +119,10 @@ def make_plan(config: PlanConfig) -> CameraPlan:
 
 
 def find_candidates(config: PlanConfig) -> CandidateCameras:
-    """Return the cameras to choose from: those of `rig`, or else aimed ones at all places of `mount`.
+    """Return the candidate cameras: those of `rig`, or, without a rig, aimed cameras at all places of `mount`.
 
     Raises:
-        ValueError, FailedSimulation: as `make_plan`.
+        ValueError, FailedSimulation: the same cases as in `make_plan`.
     """
     scene = config.setting()
     arena, middle = arena_file(scene.arena), np.array(scene.middle, float)
@@ -142,7 +142,7 @@ def find_candidates(config: PlanConfig) -> CandidateCameras:
 
 
 def gather_evidence(config: PlanConfig, candidates: CandidateCameras) -> JointEvidence:
-    """Simulate the people that cameras are chosen by, and return the evidence of all candidates."""
+    """Simulate the people of the search, and return the evidence of all candidates on them."""
     tasks = ((config, candidates, number) for number in range(config.search.clips))
     made = in_parallel(_gather, tasks, config.workers)
     return JointEvidence.joined(list(progress(made, "rehearsing", config.search.clips)))
@@ -153,19 +153,22 @@ def _gather(config: PlanConfig, candidates: CandidateCameras, number: int) -> Jo
 
 
 def check_numbers(config: PlanConfig) -> range:
-    """Return the numbers of the clips that rigs are checked on, which are not among those that they are chosen by."""
+    """Return the numbers of the clips that rigs are checked on. The search uses none of these clips."""
     return range(config.search.clips, config.search.clips + config.search.check_clips)
 
 
 def with_one_less(cameras: Sequence[int]) -> list[list[int]]:
-    """Return a rig, and those that lack its first camera, its second, ...; of two cameras the rig alone."""
+    """Return a rig, then the same rig without its first camera, without its second, ...
+
+    For a rig of two cameras, only the rig itself is returned.
+    """
     less = combinations(cameras, len(cameras) - 1) if len(cameras) > 2 else ()
-    # Combinations leave out the last camera first.
+    # `combinations` leaves out the last camera first.
     return [list(cameras), *(list(rig) for rig in reversed(list(less)))]
 
 
 def _around(candidates: CandidateCameras, cameras: list[int], config: PlanConfig) -> list[int]:
-    """Return cameras counter-clockwise around the people; cameras that exist in their order."""
+    """Return cameras sorted counter-clockwise around the people. Existing cameras keep the order of their rig."""
     if config.rig != _NO_RIG:
         return sorted(cameras)
     x, y = (candidates.rig.centers[cameras, :2] - config.setting().middle).T
@@ -203,10 +206,10 @@ def _planned(
 
 
 def forecast_plan(config: PlanConfig) -> PlanForecast:
-    """Return about how long a plan takes, from one short clip that is simulated, seen and captured.
+    """Estimate the time of a plan from one short clip, which is simulated, detected and captured.
 
     Raises:
-        ValueError, FailedSimulation: as `make_plan`.
+        ValueError, FailedSimulation: the same cases as in `make_plan`.
     """
     candidates = find_candidates(config)
     scene = config.setting()
@@ -221,7 +224,7 @@ def forecast_plan(config: PlanConfig) -> PlanForecast:
     evidence = gather(rehearsal, some, config.detector, 2)
     seen = (time.perf_counter() - start) / (2 * len(few))
     clip = rehearsal.seen_by(candidates.rig[few[:4]], config.detector)
-    # Compiled code is loaded by the first capture.
+    # The first capture loads compiled code, so it is not timed.
     capture_all(clip, [range(len(clip.rig))])
     start = time.perf_counter()
     capture_all(clip, [range(len(clip.rig))])

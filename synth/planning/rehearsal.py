@@ -1,4 +1,4 @@
-"""People to plan cameras for: simulated once, and seen afterwards by any cameras."""
+"""Simulated people for planning cameras. They are simulated once and can then be seen by any cameras."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,8 +25,8 @@ from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneSpec
 
 _RETRIES = 5
-_ABOVE = np.array([[0.0, 0.0, 50.0]])
-"""The camera that MuJoCo's model is compiled with; nothing is seen through it."""
+_PLACEHOLDER_CENTER = np.array([[0.0, 0.0, 50.0]])
+"""Centre of the placeholder camera that MuJoCo's model is compiled with, m. It is not used to see anything."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class Rehearsal:
     """A simulated clip without cameras.
 
     Attributes:
-        number: Of the clip.
+        number: Number of the clip.
         spec: The scene.
         model: The compiled scene.
-        geom_ids: (ngeom,) owners of its geoms.
+        geom_ids: (ngeom,) ids of the owners of its geoms.
         objects: Names of its objects.
-        qpos: (F, nq) states.
+        qpos: (F, nq) states of the simulation.
         joints: (F, P, 39, 3) joints of `synth.people.landmarks.SKELETON`, m, world.
     """
 
@@ -62,7 +62,10 @@ class Rehearsal:
         return moved_with(self.model, [person.body for person in self.spec.persons])
 
     def seen_by(self, rig: CameraRig, detector: DetectorConfig) -> Clip:
-        """Return the clip that cameras record: truth, visibility, simulated detections. Views are independent."""
+        """Return the clip that these cameras record: truth, visibility and simulated detections.
+
+        The detections of a view do not depend on the other cameras.
+        """
         stage = stage_of(arena_file(self.spec.arena), np.zeros(2), self.spec.radius)
         line = {"id": f"{self.number:06d}"}
         return label_clip(
@@ -72,11 +75,11 @@ class Rehearsal:
 
 
 def rehearse(config: PlanConfig, number: int) -> Rehearsal:
-    """Simulate the people of a clip. It does not depend on cameras, nor on which other clips are simulated.
+    """Simulate the people of a clip. The result does not depend on cameras or on other clips.
 
     Args:
         config: The plan.
-        number: Of the clip.
+        number: Number of the clip.
 
     Raises:
         FailedSimulation: the clip failed with every seed; the message is that of the last attempt.
@@ -97,7 +100,7 @@ def _attempt(config: PlanConfig, number: int, attempt: int) -> Rehearsal:
         ("none",),
         [intrinsics(100.0, [64, 64])],
         np.zeros((1, 5)),
-        pose(look_at(_ABOVE, np.zeros(3)), _ABOVE),
+        pose(look_at(_PLACEHOLDER_CENTER, np.zeros(3)), _PLACEHOLDER_CENTER),
         [(64, 64)],
     )
     done = simulate(spec, away, motions, painted=False)

@@ -1,4 +1,4 @@
-"""Choose cameras: the best next one again and again, then each exchanged for a better one."""
+"""Choose cameras: add the best next camera repeatedly, then exchange each camera for a better one."""
 
 import time
 from dataclasses import dataclass
@@ -8,20 +8,20 @@ import numpy as np
 from dmae.progress import progress
 from synth.planning.evidence import JointEvidence
 
-_EXACT = 0.05
-"""m; standard error at which a joint that is measured counts half."""
+_HALF_WEIGHT_ERROR = 0.05
+"""Standard error at which a measured joint counts half, m."""
 _RIDGE = 1e-3
-"""1/m^2; keeps the determinant of joints that one camera sees above zero."""
+"""Added information, 1/m^2. It keeps the determinant above zero for joints that only one camera sees."""
 _TIMED_ROWS = 2000
-"""Joints by which the search is timed."""
+"""Number of joints in the measurement of the search time."""
 
 
 @dataclass(frozen=True)
 class RigPrediction:
-    """What the search expects of a rig, before any capture.
+    """Prediction of the search for a rig, before any capture.
 
     Attributes:
-        score: From 0 to 1; the share of joints measured, each weighted by how exactly.
+        score: From 0 to 1: the share of joints that are measured, each weighted by its accuracy.
         missing: Share of joints that are not measured, %.
         error: Median standard error of joints, mm.
     """
@@ -32,7 +32,11 @@ class RigPrediction:
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
-    """Return the standard errors (...) of places, m, of inverse covariances (..., 6), 1/m^2, as in `JointEvidence`."""
+    """Return the standard errors (...) of positions, m.
+
+    Args:
+        information: (..., 6) inverse covariances, 1/m^2, as in `JointEvidence`.
+    """
     xx, yy, zz, xy, xz, yz = np.moveaxis(np.asarray(information, np.float64), -1, 0)
     xx, yy, zz = xx + _RIDGE, yy + _RIDGE, zz + _RIDGE
     minors = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
@@ -45,8 +49,8 @@ class _State:
     """Joint evidence of some cameras on N joints.
 
     Attributes:
-        none, one: (N,) probabilities that no camera and that a single one detects the joint.
-        information: (N, 6) as in `JointEvidence`.
+        none, one: (N,) probabilities that no camera detects the joint, and that exactly one does.
+        information: (N, 6) sum over the cameras, as in `JointEvidence`.
     """
 
     none: np.ndarray
@@ -75,13 +79,16 @@ class _State:
         return 1 - self.none - self.one
 
     def value(self) -> float:
-        """From 0 to 1: the share of joints measured, each weighted by how exactly; a little for a first camera."""
-        exact = 1 / (1 + (standard_errors(self.information) / _EXACT) ** 2)
+        """Return a score from 0 to 1: the share of joints that are measured, each weighted by its accuracy.
+
+        A single camera measures nothing, but gets a small value, so that first cameras can be compared.
+        """
+        exact = 1 / (1 + (standard_errors(self.information) / _HALF_WEIGHT_ERROR) ** 2)
         return float((self.measured * exact).mean() + 1e-3 * (1 - self.none).mean())
 
 
 def predict(evidence: JointEvidence, chosen: list[int]) -> RigPrediction:
-    """Return what the search expects of the cameras `chosen`."""
+    """Return the prediction of the search for the cameras `chosen`."""
     state = _State.of(evidence, chosen)
     error = standard_errors(state.information)
     return RigPrediction(state.value(), float(100 * (1 - state.measured.mean())), float(1000 * np.median(error)))
@@ -91,13 +98,13 @@ def choose(evidence: JointEvidence, place: np.ndarray, numbers: range, exchanges
     """Choose cameras for each number, by greedy search and exchange.
 
     Args:
-        evidence: Of C candidates.
-        place: (C,) index of each candidate's place; no place is taken twice.
-        numbers: Of cameras.
-        exchanges: How often at most each camera is exchanged for the best other one.
+        evidence: Evidence of C candidates.
+        place: (C,) index of each candidate's place; each place is used at most once.
+        numbers: Numbers of cameras.
+        exchanges: Greatest number of times that each camera is exchanged for the best other one.
 
     Returns:
-        Indices of the cameras, by number, sorted.
+        Sorted indices of the cameras, by number of cameras.
 
     Raises:
         ValueError: there are fewer places than cameras.
@@ -115,12 +122,12 @@ def choose(evidence: JointEvidence, place: np.ndarray, numbers: range, exchanges
 
 
 def seconds_of_search(evidence: JointEvidence, rows: int, cameras: int, numbers: range) -> float:
-    """Return about how long `choose` takes, s, by what a few cameras take.
+    """Return the estimated time of `choose`, s, from the measured time for a few cameras.
 
     Args:
-        evidence: Of a few cameras.
-        rows, cameras: Joints and cameras that there will be.
-        numbers: Of cameras to choose.
+        evidence: Evidence of a few cameras.
+        rows, cameras: Numbers of joints and of cameras in the search.
+        numbers: Numbers of cameras to choose.
     """
     found, few = evidence.probability.shape
     repeats = -(-_TIMED_ROWS // max(1, found))
@@ -128,24 +135,24 @@ def seconds_of_search(evidence: JointEvidence, rows: int, cameras: int, numbers:
     start = time.perf_counter()
     _scores(larger, np.arange(few), [0])
     each = (time.perf_counter() - start) / (few - 1) / (found * repeats)
-    # Exchanges mostly end after two rounds.
+    # Usually no camera changes any more after two rounds of exchanges.
     return each * rows * cameras * (max(numbers) + 2 * sum(numbers))
 
 
 def _best(evidence: JointEvidence, place: np.ndarray, others: list[int]) -> int:
-    """Return the camera that is best in addition to others."""
+    """Return the camera with the highest score when it is added to others."""
     return int(_scores(evidence, place, others).argmax())
 
 
 def _scores(evidence: JointEvidence, place: np.ndarray, others: list[int]) -> np.ndarray:
-    """Return the score (C,) of each camera in addition to others; -1 for those at an occupied place."""
+    """Return (C,) the score of the others plus each camera; -1 for cameras at an occupied place."""
     before = _State.of(evidence, others)
     free = ~np.isin(place, place[others])
     return np.array([before.with_camera(evidence, c).value() if free[c] else -1.0 for c in range(len(place))])
 
 
 def _exchanged(evidence: JointEvidence, place: np.ndarray, chosen: list[int], rounds: int) -> list[int]:
-    """Return the cameras after each was exchanged for the best other one, in at most this number of rounds."""
+    """Return the cameras after exchanges of each for the best other one, in at most `rounds` rounds."""
     chosen = list(chosen)
     for _ in range(rounds):
         before = list(chosen)

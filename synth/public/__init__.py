@@ -1,1 +1,1 @@
-"""WHAT CAN PYTHON DO? The functions of `import synth`: each command as a function of objects instead of files."""
+"""The functions of `import synth`: each command as a function of Python objects instead of files."""

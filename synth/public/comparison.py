@@ -1,4 +1,4 @@
-"""Comparison of what is generated with recordings: detections, motion, and detectors fitted to a recording."""
+"""Compare simulated clips with recordings: detections and motion. Fit the simulated detector to a recording."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
     """Compare the detections of a recording with those of its simulation.
 
     Args:
-        real: The recording, of three cameras or more.
+        real: The recording, with three cameras or more.
         sim: Simulated clips, with the same skeleton.
         limits: Greatest differences allowed; by default those of `synth compare`.
         workers: Processes; -1 for one per core.
 
     Returns:
-        A row a statistic: `what`, the values `real` and `sim`, their `distance`, and whether it is `exceeded`.
+        One row per statistic: `what`, the values `real` and `sim`, their `distance`, and `exceeded`, which is True if
+        the distance is above the limit.
 
     Raises:
-        ValueError: no person can be measured in one of them, or their skeletons differ.
+        ValueError: no person can be measured in the recording or in the simulation, or their skeletons differ.
 
     Examples:
         >>> one, other = synth.generate("scene.seconds=1", clips=2, seed=7)
@@ -52,14 +53,14 @@ def compare_motion(
 
     Args:
         real: A take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder of takes; or clips, of which the captured poses
-            count, or else the truth.
-        sim: Simulated clips, of which the truth counts.
+            are used, or the truth if nothing was captured.
+        sim: Simulated clips; their truth is used.
         takes: Only takes with a file name (without suffix) that matches one of these; `*` and `?` are wildcards.
-        longest: The most for which a take, or a person of a clip, counts, s.
+        longest: Longest part of a take, or of a person of a clip, that is used, s.
 
     Returns:
-        A difference a quantity, as of speeds and angles: quantiles of both, and Wasserstein and Kolmogorov-Smirnov
-        distances, compared with those between halves of the recordings.
+        One difference per quantity, such as a speed or an angle: quantiles of both, and the Wasserstein and
+        Kolmogorov-Smirnov distances, with those between halves of the recordings for comparison.
 
     Raises:
         FileNotFoundError: there are no takes.
@@ -97,17 +98,17 @@ def fit_detector(
     """Fit the simulated detector to a recording.
 
     Args:
-        recording: Its detections are imitated.
-        clips: Simulated clips of a scene like the recording's, seen by its cameras.
+        recording: The recording with the detections to imitate.
+        clips: Simulated clips of a scene similar to the recording's, seen by its cameras.
         start: Start of the fit; options that the recording does not determine keep its values.
-        truth: What its detections are measured against: `others`, the other views, or `annotated`, the clip's truth.
+        truth: Reference for the detections of the recording: `others`, the other views, or `annotated`, its truth.
         rounds: Number of simulations.
-        seed: Of the detector.
+        seed: Seed of the detector.
         workers: Processes; -1 for one per core.
 
     Returns:
-        `config`, the detector; `undetermined`, options that the recording does not determine, and why; `statistics` of
-        the clips as it detects them. `synth.detector.presets.preset_yaml` writes the detector as a preset.
+        `config`, the detector; `undetermined`, the options that the recording does not determine, with reasons;
+        `statistics` of the clips with its detections. `synth.detector.presets.preset_yaml` returns it as a preset.
 
     Raises:
         ValueError: the recording cannot be measured, or the clips have no visibility or another skeleton.

@@ -45,21 +45,21 @@ def generate(
         for clip in synth.generate("scene.persons=[4,4]", "rig.ring.views=8", rig="ring", out="runs/ring"): ...
 
     Args:
-        overrides: Options as on the command line, for those that are not named here: `"scene.seconds=4"`.
-        clips: How many.
-        seed: Of all of them; clip k depends on `seed` and k alone. 0 is a seed.
-        scene: Name of a preset, as on the command line: room, props, how many people.
+        overrides: Options that are not named here, as on the command line: `"scene.seconds=4"`.
+        clips: Number of clips.
+        seed: Seed of the data set. Clip k depends only on `seed` and k. 0 is a valid seed.
+        scene: Name of a preset, as on the command line: room, props, number of people.
         rig: Name of a preset: cameras.
         motion: Name of a preset: how people move, or the kind of recordings to replay.
         interaction: Name of a preset: what people do together.
-        detector: Name of a preset: how the 2D detector fails.
+        detector: Name of a preset: errors of the 2D detector.
         workers: Processes; -1 for one per core.
-        out: Folder of a data set, made or completed as `synth generate` does, from which the clips are then read. By
-            default they are made in memory, and have no images.
+        out: Folder of a data set. It is made or completed as by `synth generate`, and the clips are read from it. By
+            default the clips are made in memory and have no images.
 
     Yields:
-        Clips of F frames, V views and P persons: `truth`, detections, visibility and its causes. A clip that fails
-        with every seed is left out with a warning that gives the reason.
+        Clips of F frames, V views and P persons: `truth`, detections, visibility and occluders. A clip that fails with
+        every seed is left out, with a warning that gives the reason.
 
     Raises:
         ValueError: an option is unknown or cannot be met, or `out` holds a data set of another configuration.
@@ -108,14 +108,14 @@ def _clip_or_failure(config: GenerateConfig, index: int) -> Clip | FailedSimulat
 
 
 def verify(path: str | Path, *, fast: bool = False) -> list[Problem]:
-    """Check that the clips of a data set, or one clip, are whole and true.
+    """Check that the clips of a data set, or one clip, are complete and correct.
 
     Args:
         path: Folder of a clip, or of a data set with its manifest.
-        fast: Whether only to compare sizes of files, and the contents of JSON files, with their checksums.
+        fast: Compare only the sizes of files, and the contents of JSON files with their checksums.
 
     Returns:
-        All that is wrong: clip, check, and what; none if nothing is.
+        The problems: clip, check, and description of each; an empty list if there are none.
 
     Raises:
         FileNotFoundError: there is neither a clip nor a data set.
@@ -136,11 +136,11 @@ def merge(parts: Sequence[str | Path], out: str | Path, *, partial: bool = False
     Args:
         parts: Folders of the parts, in any order.
         out: Folder of the data set; it does not exist yet, or is empty.
-        partial: Whether clips may be missing, between others or of shards.
+        partial: Whether clips may be missing, between other clips or in shards.
 
     Raises:
-        FileNotFoundError: a part is no data set.
-        ValueError: a part is damaged or of another configuration, a clip is in two parts, or clips are missing.
+        FileNotFoundError: a part is not a data set.
+        ValueError: a part is damaged or has another configuration, a clip is in two parts, or clips are missing.
 
     Examples:
         >>> for clip in synth.generate("scene.seconds=1", "shard=1/2", clips=2, seed=7, out="first"): pass
@@ -162,7 +162,7 @@ def split(
     seed: int = 0,
     out: str | Path | None = None,
 ) -> dict[str, list[str]]:
-    """Divide the clips of a data set such that no person, motion or rig is in two splits.
+    """Divide the clips of a data set so that no person, motion or rig is in two splits.
 
     Args:
         path: The data set.
@@ -171,10 +171,10 @@ def split(
         validation: Share of the clips; 0 for no such split.
         test: Share of the clips; 0 for no such split.
         seed: Seed of the order in which clips are drawn.
-        out: JSON file to write, which `export` takes; by default none.
+        out: JSON file to write, an input of `export`; by default none is written.
 
     Returns:
-        Names of clips by name of split.
+        The names of the clips of each split, by its name.
 
     Raises:
         ValueError: the shares do not add up to 1, or clips share too much for this number of splits.
@@ -198,18 +198,18 @@ def split(
 def takes(
     path: str | Path, *, train: float = 0.0, validation: float = 0.0, test: float = 0.0, seed: int = 0
 ) -> list[Take]:
-    """List takes of recorded motion, and divide them such that no subject is in two sets.
+    """List takes of recorded motion, and divide them so that no subject is in two sets.
 
     Args:
-        path: A folder of takes, or a list (TSV) of them, which keeps its subjects and sets.
-        train: Share of the seconds; all 0 for no sets.
-        validation: Share of the seconds.
-        test: Share of the seconds.
+        path: A folder of takes, or a list (TSV) of takes. Subjects and sets of a list are kept.
+        train: Share of the total duration. If all three shares are 0, no sets are made.
+        validation: Share of the total duration.
+        test: Share of the total duration.
         seed: Seed of the order in which subjects are drawn.
 
     Returns:
-        The takes: `listed` (file, subject, set), `seconds`, `fps`, `readable`, and `notes`, of those that cannot be
-        read the reason.
+        The takes: `listed` (file, subject, set), `seconds`, `fps`, `readable`, and `notes`, which give the reason if a
+        take cannot be read.
 
     Raises:
         FileNotFoundError: there is no take.
@@ -231,7 +231,7 @@ def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path]
 
     Args:
         path: The data set, or a clip.
-        out: Folder of the page, `README.md`, its picture, and the numbers of both.
+        out: Folder of the page, `README.md`, its figure, and the numbers of both.
         extra_data: More data sets that the same page describes.
         workers: Processes; -1 for one per core.
 
@@ -270,16 +270,16 @@ def export(
         format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic` or `npz`. All but the last two need images.
         splits: File that `split` wrote; by default all clips are in the split `train`.
         skeleton: Skeleton of the joints; by default coco17, for panoptic always panoptic19.
-        every: 2 for every other frame.
+        every: Number of frames from one image to the next; 2 for every other frame.
         pictures: `jpg` or `png`.
         workers: Processes; -1 for one per core.
-        damaged: Whether to export even if files are missing or not as they were written.
+        damaged: Whether to export even if files are missing or have changed.
 
     Returns:
-        What was written, as in `export.json`.
+        A description of the export, as in `export.json`.
 
     Raises:
-        ValueError: `out` is not empty, clips lack pictures or truth, or files are damaged.
+        ValueError: `out` is not empty, clips lack images or truth, or files are damaged.
 
     Examples:
         >>> for clip in synth.generate("scene.seconds=1", clips=1, seed=7, out="walks"): pass

@@ -1,4 +1,4 @@
-"""What bodies do in simulated clips: their state, contacts, what carries them, points on their surfaces."""
+"""Physical labels of simulated clips: body states, contacts, support forces, points on body surfaces."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ def label(data: str | Path, labels: Sequence[str] = KINDS, *, workers: int = 1) 
 
     Args:
         data: Data set that `generate` made, or one clip of it.
-        labels: `contacts` (which parts touch what, where, with what force), `forces` (ground reaction of each foot,
-            residual at the pelvis), `surface` (256 named points on each person, and which camera sees them). Those
-            that a clip has already are kept.
+        labels: `contacts` (the touching parts, their places and forces), `forces` (ground reaction of each foot,
+            residual at the pelvis), `surface` (256 named points on each person, and their visibility in each camera).
+            Existing labels of a clip are kept.
         workers: Processes; -1 for one per core.
 
     Returns:
-        How many clips lacked any of them.
+        The number of clips that lacked any of these labels.
 
     Raises:
-        FileNotFoundError: there is no clip, or it holds no state of bodies.
+        FileNotFoundError: there is no clip, or it contains no body state.
         ValueError: a label is unknown, a clip is damaged, or its frames are too far apart.
 
     Examples:
@@ -41,13 +41,13 @@ def label(data: str | Path, labels: Sequence[str] = KINDS, *, workers: int = 1) 
 
 
 def physical_labels(clip: str | Path) -> PhysicalLabels:
-    """Read the labels that `label` added to a clip: `contacts`, `forces`, `surface`, None where not asked for.
+    """Read the labels that `label` added to a clip: `contacts`, `forces`, `surface`. Missing ones are None.
 
     Args:
         clip: Folder of the clip.
 
     Raises:
-        FileNotFoundError: the clip has none.
+        FileNotFoundError: the clip has no such labels.
         ValueError: the file is malformed.
 
     Examples:
@@ -68,7 +68,7 @@ def body_state(clip: str | Path) -> BodyState:
         clip: Folder of the clip.
 
     Raises:
-        FileNotFoundError: the clip has no state: it is no simulated one, or of an older version.
+        FileNotFoundError: the clip has no body state, because it was not simulated or comes from an older version.
         ValueError: the file is malformed.
 
     Examples:

@@ -1,4 +1,4 @@
-"""Pictures of clips in the rooms that they were simulated in."""
+"""Draw clips in the rooms in which they were simulated."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from synth.viewing.rooms import draw_rooms
 
 
 def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 480) -> None:
-    """Draw a clip as a PNG, in its room: some frames, all views, each true joint in the colour of what hides it.
+    """Draw a clip in its room as a PNG: some frames, all views, each true joint in the colour of its occluder.
 
     Args:
-        clip: Of one with poses those are drawn, as by `dmae.show`.
-        out: The PNG.
-        frames: How many, evenly spread over the clip; a row each.
-        width: Of a view, px.
+        clip: The clip. If it has poses, these are drawn, as by `dmae.show`.
+        out: The PNG file.
+        frames: Number of frames, evenly spread over the clip, one row each.
+        width: Width of a view, px.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -35,9 +35,9 @@ def show(clip: Clip, out: str | Path, **options: object) -> list[Path]:
     """Draw a clip in its room: a contact sheet, a video, a recording for Rerun.
 
     Args:
-        clip: Any clip; of one that was not simulated there is no room.
+        clip: Any clip. A clip that was not simulated is drawn without a room.
         out: Folder of the files.
-        options: As of `dmae.show`: `frames`, `views`, `width`, `layers`, `video`, `rerun`.
+        options: Options of `dmae.show`: `frames`, `views`, `width`, `layers`, `video`, `rerun`.
 
     Returns:
         The files: `sheet.png`, `clip.mp4`, `clip.rrd`.

@@ -1,4 +1,4 @@
-"""Plan cameras: how many, and where to mount them."""
+"""Plan cameras: their number and their places."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ def plan(
     workers: int = 1,
     out: str | Path | None = None,
 ) -> CameraPlan:
-    """Plan where to mount cameras in a room, and what each number of them captures of simulated people.
+    """Plan where to mount cameras in a room, and measure the capture of simulated people for each number of cameras.
 
         plan = synth.plan("mount.ceiling=false", arena="room.xml", cameras=[4, 8], persons=[1, 4], out="runs/plan")
         clips = synth.generate("rig.path=runs/plan/cameras_4.toml", rig="ring")
 
     Args:
-        overrides: Options as on the command line, for those that are not named here: `"lens.view_deg=[60,90]"`.
-        arena: Room of `scenes/`, or path of an MJCF file; by default that of `scene`, which is `office`.
+        overrides: Options that are not named here, as on the command line: `"lens.view_deg=[60,90]"`.
+        arena: Room of `scenes/`, or path of an MJCF file; by default the room of `scene`, which is `office`.
         cameras: Least and greatest number of cameras.
-        persons: Least and greatest number of people; by default those of `scene`.
-        detector: Name of a preset: how the 2D detector fails.
-        seed: Of people and detector; 0 is a seed.
+        persons: Least and greatest number of people; by default the numbers of `scene`.
+        detector: Name of a preset: errors of the 2D detector.
+        seed: Seed of people and detector; 0 is a valid seed.
         workers: Processes; -1 for one per core.
         out: Folder of the page, the rigs and the lists to print, which must not exist or be empty; by default nothing
             is written.
 
     Returns:
-        `rigs`, one for each number of cameras; `plan[4]` is that of four, with its `rig`, its `figures` (PCP, error,
-        joints not measured, identities confused, each with its interval), the `worth` of each camera, and the coverage
-        of the `floor`.
+        `rigs`, one for each number of cameras. `plan[4]` is the one with four cameras, with its `rig`, its `figures`
+        (PCP, error, joints not measured, identities confused, each with an interval), `worth` (the gain from each
+        camera), and `floor` (the coverage of the floor).
 
     Raises:
         ValueError: the room has no walls to mount cameras on, heights are outside the room, there are fewer places than

@@ -1,4 +1,4 @@
-"""Realism: what a real detector finds in rendered pictures, and how detectors err by what hides a joint."""
+"""Realism: results of a real detector on rendered images, and errors of detectors by the occluder of a joint."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ def realism(
     every: int = 1,
     workers: int = 1,
 ) -> list[Rate]:
-    """Run a detector on people in plain sight in rendered images, and measure how many it finds and the errors of their
-    joints.
+    """Run a detector on rendered images of fully visible people, and measure its detection rate and joint errors.
+
+    A person is used if at least 80 % of the joints are visible, or hidden only by the person's own body.
 
     Args:
         path: Data set with colour images, or a clip.
         extra_data: More data sets for the same table.
         detector: `blazepose`, or `package.module:function`.
-        every: Frames from one picture of a camera that is looked at to the next.
+        every: Number of frames from one examined image of a camera to the next.
         workers: Processes; -1 for one per core.
 
     Returns:
-        Rows: of all people first, then by room, clothing, direction, posture, distance, size, contrast and joint, with
-        `people`, the share that is `found`, and of their visible joints the share that is `near`, within 5 % of the
-        height of the body.
+        Rows: first all people, then groups by room, clothing, direction, posture, distance, size, contrast and joint.
+        Each row has the number of `people`, the share that is `found`, and `near`, the share of their visible joints
+        with an error within 5 % of the height of the body.
 
     Raises:
         FileNotFoundError: there are no clips.
@@ -59,22 +60,22 @@ def detector_errors(
     seed: int = 0,
     workers: int = 1,
 ) -> dict[str, dict]:
-    """Measure the errors of a detector against the truth, by what hides a joint, and those of simulated ones.
+    """Measure the errors of a detector and of simulated detectors against the truth, by the occluder of a joint.
 
     Args:
-        path: Data set with truth and detections, as `dmae detect clip=...` writes it, or a clip.
+        path: Data set or clip with truth and detections, as written by `dmae detect clip=...`.
         extra_data: More data sets for the same table.
         simulated: Presets of the simulated detector that are run on the same clips: names, or YAML files.
-        seed: Of these.
+        seed: Seed of the simulated detectors.
         workers: Processes; -1 for one per core.
 
     Returns:
-        By detector, that of the clips first: rows of `joints` by cause, depth margin, size, crowding, direction and
-        kind; rows of `people`; and the numbers of `pictures`, `ghosts` and `duplicates`.
+        Results by name of the detector, first the detector of the clips: rows of `joints` by occluder, depth margin,
+        size, crowding, direction and kind; rows of `people`; and the numbers of `pictures`, `ghosts` and `duplicates`.
 
     Raises:
         FileNotFoundError: there are no clips.
-        ValueError: a clip has no truth or labels, the clips are of several detectors, or there is no such preset.
+        ValueError: a clip has no truth or labels, the clips come from several detectors, or there is no such preset.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7, out="walks"))

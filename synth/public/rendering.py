@@ -1,4 +1,4 @@
-"""Pictures of simulated clips: forecast their cost, render them again."""
+"""Forecast the cost of simulated clips and their images, and render existing clips again."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from synth.datasets.images import render as rendering
 
 
 def forecast(*overrides: str, out: str | Path = "runs/data") -> Forecast:
-    """Forecast what `generate` takes, from a few short clips that are made and thrown away.
+    """Forecast the time and the disk space of `generate` from a few short clips, which are deleted afterwards.
 
     Args:
         overrides: Options as on the command line: `"clips=100"`, `"images=[rgb,ids]"`.
-        out: Folder of the data set. What it already holds is not counted.
+        out: Folder of the data set. Existing clips in it are not counted.
 
     Returns:
-        Numbers of `clips`, `frames` and `pictures` to be made, `seconds` and `megabytes`.
+        The numbers of `clips`, `frames` and `pictures` to be made, the time in `seconds` and the size in `megabytes`.
 
     Raises:
         ValueError: an option is unknown or cannot be met.
@@ -37,7 +37,7 @@ def forecast(*overrides: str, out: str | Path = "runs/data") -> Forecast:
 
 
 def render(data: str | Path, *overrides: str, out: str | Path, rig: str | None = None) -> Iterator[Clip]:
-    """Render clips again: as other images, at another quality, through other cameras. Nothing is simulated.
+    """Render clips again: as other images, at another quality, or with other cameras. Nothing is simulated.
 
         for clip in synth.render("runs/data", "images=[rgb,flow]", "quality=high", out="runs/high"): ...
         for clip in synth.render("runs/data", "rig.ring.views=8", rig="ring", out="runs/ring"): ...
@@ -46,14 +46,14 @@ def render(data: str | Path, *overrides: str, out: str | Path, rig: str | None =
         data: Data set that `generate` made, or one clip of it.
         overrides: Options as on the command line.
         out: Folder of the data set that is made or completed.
-        rig: Name of a preset: other cameras, for which visibility and detections are made as well.
+        rig: Name of a preset with other cameras. Visibility and detections are then made for these cameras as well.
 
     Yields:
         Clips with images, and with all labels.
 
     Raises:
-        FileNotFoundError: there is no clip, or it holds no state of bodies.
-        ValueError: an option is unknown, or `out` holds something else.
+        FileNotFoundError: there is no clip, or it contains no body state.
+        ValueError: an option is unknown, or `out` contains something else.
 
     Examples:
         >>> short = ("scene.seconds=0.1", "scene.persons=[1,1]", "rig.ring.views=2", "rig.ring.size=[96,72]")

@@ -1,1 +1,1 @@
-"""What does a real detector find in rendered images? Rates on people in plain sight; errors by cause of occlusion."""
+"""Results of a real detector on rendered images: rates on fully visible people, and errors by cause of occlusion."""

@@ -1,4 +1,4 @@
-"""A detector on pictures of single people: each cut out around its true place, without further information."""
+"""Run a detector on crops of single people. Each crop is around the true position; no other information is given."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,33 +13,33 @@ from dmae.detection.registry import PictureDetector
 from synth.recognition.sightings import Sightings
 
 UNOBSTRUCTED = 0.8
-"""A person is in plain sight where at least this share of the joints is visible, or hidden only by the person's own
+"""A person is in plain sight if at least this share of the joints is visible, or hidden only by the person's own
 body."""
 NEAR = 0.05
-"""Of the height of the body: what counts as near the true place."""
+"""Greatest error of a joint that counts as near its true position, as a fraction of the height of the body."""
 _MATCHED = 0.2
-"""Of the height: a detection is of the person if the median of its visible joints is off by less."""
+"""A detection belongs to the person if the median error of its visible joints is below this fraction of the height."""
 SIDES = (1.3, 1.6, 2.0)
-"""Sides of what is cut out, relative to the longer side of the box around the joints. Wider ones are tried where the
-person is not found in narrower ones."""
+"""Sides of the crops, relative to the longer side of the box around the joints. Wider crops are tried if the person is
+not found in narrower ones."""
 _LEAST = 40
-"""px; people lower than this are left out."""
+"""Least height of a person, px. Smaller people are left out."""
 _BLACK = np.zeros((64, 64, 3), np.uint8)
 
 
 @dataclass(frozen=True)
 class Crop:
-    """One person in one picture.
+    """One person in one image.
 
     Attributes:
-        frame, view, person: Of the clip.
+        frame, view, person: Indices in the clip.
         found: Whether the detector found the person.
-        error: (25,) distance of each joint from its true place, relative to the height; NaN where it was not reported.
-        counted: (25,) True for joints in sight that the detector's skeleton has.
-        xy: (25, 2) px of the picture, what was found; NaN where nothing was.
-        corner: (x, y) px of the cut in the picture.
-        side: Of the cut, px.
-        dark: Whether the body is dark before something dark.
+        error: (25,) error of each joint, relative to the height; NaN where it was not reported.
+        counted: (25,) True for visible joints that the detector's skeleton has.
+        xy: (25, 2) detected joints, px of the whole image; NaN where not detected.
+        corner: (x, y) corner of the crop in the image, px.
+        side: Side of the crop, px.
+        dark: Whether a dark body is in front of a dark background.
     """
 
     frame: int
@@ -55,7 +55,7 @@ class Crop:
 
     @property
     def near(self) -> int:
-        """Number of counted joints near their true places."""
+        """The number of counted joints near their true positions."""
         with np.errstate(invalid="ignore"):
             return int((self.counted & (self.error < NEAR)).sum())
 
@@ -64,10 +64,10 @@ def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1
     """Yield each person in plain sight.
 
     Args:
-        clip: With colour images.
-        seen: `sightings` of it.
-        detector: Is called with a black picture before each, so that it knows nothing of the last.
-        every: Frames from one that is used to the next.
+        clip: A clip with colour images.
+        seen: `sightings` of the clip.
+        detector: The detector. It gets a black image before each crop, so that it keeps no state of the previous one.
+        every: Number of frames from one used frame to the next.
 
     Raises:
         ValueError: the clip has no colour images.
@@ -88,14 +88,14 @@ def crops(clip: Clip, seen: Sightings, detector: PictureDetector, every: int = 1
 
 
 def cut(picture: np.ndarray, corner: tuple[int, int], side: int) -> np.ndarray:
-    """Return a square (side, side, 3) of a picture; black outside of it."""
+    """Return a square crop (side, side, 3) of an image. It is black outside the image."""
     left, top = corner
     shift = np.array([[1.0, 0.0, left], [0.0, 1.0, top]])
     return cv2.warpAffine(picture, shift, (side, side), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
 
 
 def _reported(detector: PictureDetector) -> list[str]:
-    """Return the joints of BODY25 that a detector's skeleton gives."""
+    """Return the names of the joints of BODY25 that the detector's skeleton has."""
     skeleton = detector.skeleton
     shape = (1, 1, 1, len(skeleton))
     whole = convert_detections(Detections2D(skeleton, np.zeros((*shape, 2)), np.ones(shape)), BODY25)
@@ -148,11 +148,11 @@ def _looked_for(
 
 
 _BODY_DARK, _BEHIND_DARK = 70, 100
-"""Greatest median brightness, of 255, of a dark body and of what is dark behind it."""
+"""Greatest median brightness, 0 to 255, of a dark body and of a dark background."""
 
 
 def _is_dark(square: np.ndarray, joints: np.ndarray, visible: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
-    """Return whether the trunk and legs are dark, and what is around the box of the joints is too."""
+    """Return whether trunk and legs are dark, and the surroundings of the box around the joints are dark as well."""
     grey = square.mean(-1)
     trunk = BODY25.index("neck", "l_shoulder", "r_shoulder", "mid_hip", "l_hip", "r_hip", "l_knee", "r_knee")
     at = joints[[joint for joint in trunk if visible[joint]]]

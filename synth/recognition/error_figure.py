@@ -15,10 +15,10 @@ _SHORT = (("hidden by ", ""), ("the own body", "self"), ("another person", "pers
 
 
 def draw_errors(studied: dict[str, dict]) -> Figure:
-    """Return curves of nearness, confidence and misses by cause, margin, size and crowding, a line for each detector.
+    """Return curves of near joints, confidence and misses by cause, margin, size and crowding, a line per detector.
 
     Args:
-        studied: By name of the detector, as `synth.recognition.error_tables.numbers` returns it.
+        studied: Results of `synth.recognition.error_tables.numbers` by name of the detector.
     """
     figure = Figure(figsize=(14, 8), layout="constrained")
     axes = figure.subplots(len(_ROWS), len(_COLUMNS), sharey="row", squeeze=False)

@@ -31,22 +31,22 @@ _COLUMNS = (
     ("joints", "inverted", "Joints on that of the other side, %"),
     ("people", "found", "People found, %"),
 )
-"""Tables, the columns that they show, and their captions."""
+"""The tables, their columns, and their captions."""
 _KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
 
 
 @dataclass(frozen=True)
 class JointRow:
-    """The joints of a group, of people who were found. Shares are from 0 to 1; None where none was detected.
+    """The joints of a group, for people that were found. Shares are from 0 to 1; None if no joint was detected.
 
     Attributes:
-        heading, group: As "cause" and "visible".
+        heading, group: For example "cause" and "visible".
         joints: Number of joints.
-        missed: Share that was not detected.
-        near: Share of the detected ones within 5 % of the height from the true place.
-        median, p90: Of their errors, in heights.
-        confidence: Mean of the detected ones.
-        inverted: Share of them on the joint of the other side.
+        missed: Share of joints that were not detected.
+        near: Share of detected joints with an error within 5 % of the height.
+        median, p90: Median and 90 % quantile of the errors of detected joints, in heights.
+        confidence: Mean confidence of detected joints.
+        inverted: Share of detected joints at the position of the same joint of the other side.
     """
 
     heading: str
@@ -65,9 +65,9 @@ class PeopleRow:
     """The people of a group.
 
     Attributes:
-        heading, group: As "visible joints" and "80 % or more".
-        people: Number of them.
-        found: Share that was found.
+        heading, group: For example "visible joints" and "80 % or more".
+        people: Number of people.
+        found: Share of people that were found.
     """
 
     heading: str
@@ -77,7 +77,7 @@ class PeopleRow:
 
 
 def joint_rows(joints: JointsSeen) -> list[JointRow]:
-    """Return the rows of joints; those by size, crowding, direction and kind for visible and hidden joints apart."""
+    """Return the rows of joints. Visible and hidden joints are separate in rows by size, crowding, direction, kind."""
     visible = joints.cause == Visibility.VISIBLE
     groups = [("cause", name, joints.cause == cause) for cause, name in _CAUSES.items()]
     groups += [("margin of hidden joints", *each) for each in _ranges(joints.margin, _MARGINS, "m")]
@@ -88,7 +88,7 @@ def joint_rows(joints: JointsSeen) -> list[JointRow]:
 
 
 def people_rows(people: PeopleSeen) -> list[PeopleRow]:
-    """Return the rows of people; those by size, crowding and direction of people in plain sight alone."""
+    """Return the rows of people. The rows by size, crowding and direction contain only people in plain sight."""
     plain = people.unobstructed >= UNOBSTRUCTED
     groups = [("visible joints", *each) for each in _ranges(people.visible, _SHARES)]
     groups.append(("in plain sight", "", plain))
@@ -101,14 +101,14 @@ def people_rows(people: PeopleSeen) -> list[PeopleRow]:
 
 
 def _sorted(seen: JointsSeen | PeopleSeen) -> list[tuple[str, str, np.ndarray]]:
-    """Return headings and groups, and what belongs to each."""
+    """Return headings and groups, with a mask of the members of each group."""
     found = [("size", *each) for each in _ranges(seen.size, _SIZES, "px")]
     found += [("crowding", *each) for each in _ranges(seen.crowding, _CROWDING, "heights")]
     return found + [("direction", group, seen.direction == group) for group in ("facing", "sideways", "away")]
 
 
 def numbers(found: DetectorObservations) -> dict:
-    """Return the tables of a detector as JSON has them."""
+    """Return the tables of a detector for JSON."""
     return {
         "joints": [asdict(row) for row in joint_rows(found.joints)],
         "people": [asdict(row) for row in people_rows(found.people)],
@@ -119,9 +119,9 @@ def numbers(found: DetectorObservations) -> dict:
 
 
 def tables(studied: dict[str, dict]) -> list[Table]:
-    """Return tables with a column for each detector, as `numbers` returns it; kinds of joints are left out.
+    """Return tables with one column per detector, from the results of `numbers`. Kinds of joints are left out.
 
-    Rows are those of the first detector.
+    The first detector determines the rows.
     """
     names, made = list(studied), []
     for of, column, title in _COLUMNS:
@@ -145,7 +145,7 @@ def _name(row: dict) -> str:
 
 
 def _ranges(values: np.ndarray, edges: Sequence[float], unit: str = "") -> list[tuple[str, np.ndarray]]:
-    """Return the names of the ranges between edges, and the values in each."""
+    """Return the name of each range between edges, with a mask of the values in it."""
     ends = (0.0, *edges, np.inf)
     after = f" {unit}" if unit else ""
     found = []

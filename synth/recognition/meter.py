@@ -1,4 +1,4 @@
-"""The meter: how often a real detector finds people in plain sight, and how near it puts their joints."""
+"""The realism meter: detection rate and joint errors of a real detector on people in plain sight."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -24,12 +24,12 @@ _SIZES = (120.0, 200.0, 400.0)
 
 @dataclass(frozen=True)
 class Judged:
-    """One person in one picture, and what it belongs to.
+    """One person in one image, with its groups.
 
     Attributes:
         clip: Folder of the clip.
-        crop: What was found.
-        groups: What the person belongs to by each heading, as {"room": "office"}.
+        crop: The result of the detector.
+        groups: Group of the person under each heading, for example {"room": "office"}.
     """
 
     clip: Path
@@ -42,12 +42,12 @@ class Rate:
     """A row of the meter.
 
     Attributes:
-        heading, group: As "room" and "office".
+        heading, group: For example "room" and "office".
         people: Number of people in plain sight.
-        found: Share of them that was found.
-        joints: Number of their visible joints, of those who were found.
-        near: Share of these joints that is within 5 % of the height of the body from the true place.
-        median: Of their errors, relative to the height. None where there is nothing to divide by.
+        found: Share of these people that were found.
+        joints: Number of visible joints of the people that were found.
+        near: Share of these joints with an error within 5 % of the height of the body.
+        median: Median error of these joints, relative to the height. Like `found` and `near`, it is None without data.
     """
 
     heading: str
@@ -63,9 +63,9 @@ def judge(folders: Sequence[Path], config: PoseDetectorConfig, every: int = 1, w
     """Run a detector on each person in plain sight in the images of clips.
 
     Args:
-        folders: Of data sets or clips with truth and colour images.
+        folders: Folders of data sets or clips with truth and colour images.
         config: The detector.
-        every: Frames from one that is used to the next.
+        every: Number of frames from one used frame to the next.
         workers: Processes; -1 for one per core.
 
     Raises:
@@ -81,7 +81,7 @@ def judge(folders: Sequence[Path], config: PoseDetectorConfig, every: int = 1, w
 
 
 def rates(judged: Iterable[Judged]) -> list[Rate]:
-    """Return the rows: everything, then each group by heading, then each kind of joint."""
+    """Return the rows: first all people, then each group by heading, then each kind of joint."""
     judged = list(judged)
     rows = [_rate("all", "", [each.crop for each in judged])]
     for heading in dict.fromkeys(heading for each in judged for heading in each.groups):
@@ -115,7 +115,7 @@ def _rate(heading: str, group: str, some: Sequence[Crop]) -> Rate:
 
 
 def _order(value: str) -> tuple:
-    """Ranges by their first number, other groups by name."""
+    """Return the sort key of a group: ranges are sorted by their first number, other groups by name."""
     first = value.split()[0].split("-")[0]
     return (float(first), "") if first.replace(".", "").isdigit() else (float("inf"), value)
 
@@ -150,7 +150,7 @@ def _groups(clip: Clip, seen: Sightings, crop: Crop) -> dict[str, str]:
 
 
 def _is_alone(seen: Sightings, crop: Crop) -> bool:
-    """Return whether no joint of another person lies in the narrowest picture that the person is looked for in."""
+    """Return whether the narrowest crop of the person contains no joint of another person."""
     people = seen.xy[crop.frame, crop.view]
     own, others = people[crop.person], np.delete(people, crop.person, 0)
     low, high = np.nanmin(own, 0), np.nanmax(own, 0)
@@ -173,7 +173,7 @@ def described(row: Rate) -> tuple[str, ...]:
 
 HEAD = ("people in plain sight", "people", "found, %", "visible joints", f"within {NEAR:.0%} of the height, %",
         "median error, % of the height")  # fmt: skip
-"""Of the columns of `described`."""
+"""Headings of the columns of `described`."""
 
 
 def _percent(share: float | None) -> str:

@@ -1,4 +1,4 @@
-"""What a detector made of each true joint and person of a clip: error, miss, confidence, and what hid the joint."""
+"""The result of a detector for each true joint and person of a clip: error, miss, confidence, and occluder."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -19,18 +19,18 @@ _MIRROR = list(BODY25.mirror)
 
 @dataclass(frozen=True)
 class JointsSeen:
-    """The n joints in the image, of the people that a detector found.
+    """The n joints in the images that belong to people found by a detector.
 
     Attributes:
         joint: (n,) index into BODY25.
         cause: (n,) `Visibility`.
-        margin: (n,) m from what hides the joint to the joint; NaN where it is visible.
-        size: (n,) px, height of the body upright at its distance.
-        crowding: (n,) distance of the hips to those of the nearest other person in the image, in heights.
-        direction: (n,) text, as `Sightings.direction`.
-        error: (n,) distance from the true place in heights; NaN where the joint was missed.
+        margin: (n,) distance in depth from the occluder to the joint, m; NaN where the joint is visible.
+        size: (n,) height that the body would have if it stood upright at its distance, px.
+        crowding: (n,) distance in the image from the hips to the hips of the nearest other person, in heights.
+        direction: (n,) text from `Sightings.direction`.
+        error: (n,) distance from the true position, in heights; NaN where the joint was missed.
         score: (n,) confidence; NaN where missed.
-        inverted: (n,) True where the partner of the other side is nearer, by half and by `GROSS`.
+        inverted: (n,) True where the same joint of the other side is nearer, by half and by `GROSS`.
     """
 
     joint: np.ndarray
@@ -58,9 +58,9 @@ class PeopleSeen:
 
     Attributes:
         visible: (n,) share of the joints that are visible.
-        unobstructed: (n,) share that nothing hides but the person's own body.
-        size, crowding, direction: As of `JointsSeen`.
-        found: (n,) True where a detection is of the person.
+        unobstructed: (n,) share of the joints that are visible or hidden only by the person's own body.
+        size, crowding, direction: The same as in `JointsSeen`.
+        found: (n,) True if a detection belongs to the person.
     """
 
     visible: np.ndarray
@@ -73,12 +73,12 @@ class PeopleSeen:
 
 @dataclass(frozen=True)
 class DetectorObservations:
-    """What a detector made of some clips.
+    """The results of a detector on some clips.
 
     Attributes:
-        joints: Of people who were found.
-        people: All in the images.
-        pictures: Number of pictures.
+        joints: Joints of people that were found.
+        people: All people in the images.
+        pictures: Number of images.
         ghosts: Number of detections far from every person.
         duplicates: Number of further detections near a person.
     """
@@ -94,13 +94,13 @@ def observe(clip: Clip) -> DetectorObservations:
     """Compare the detections of a clip with its truth.
 
     Raises:
-        ValueError: the clip has no truth, no labels of visibility, or detections of another body.
+        ValueError: the clip has no truth or no visibility labels, or its detections have an unsuitable skeleton.
     """
     seen = sightings(clip)
     body = convert_detections(clip.detections, BODY25)
     true = replace(clip, rig=clip.true_rig or clip.rig, detections=body, poses=None, detection_labels=None)
     match = match_detections(true, convert(clip.truth, BODY25))
-    # Joints that the detector's skeleton lacks, as small toes, are no misses.
+    # Joints that the detector's skeleton lacks, for example small toes, do not count as misses.
     reported = (~np.isnan(match.score)).any((0, 1, 2))
     counted = match.matched[..., None] & (seen.visibility <= _IN_IMAGE) & reported
     height = seen.height[..., None]
@@ -140,7 +140,7 @@ def observe(clip: Clip) -> DetectorObservations:
 
 
 def _is_cut(xy: np.ndarray, seen: Sightings) -> np.ndarray:
-    """Return (F, V, D) True for detections of people mostly outside the image, which `Match` leaves out."""
+    """Return (F, V, D) True for detections of people that are mostly outside the image. `Match` leaves these out."""
     off = np.linalg.norm(seen.xy[:, :, None] - xy[:, :, :, None], axis=-1) / seen.height[:, :, None, :, None]
     known = ~np.isnan(off)
     middle = np.nanmedian(np.where(known.any(-1, keepdims=True), off, np.inf), -1)

@@ -1,4 +1,4 @@
-"""A picture of the people that a detector does worst on: each as cut out, with true and detected joints."""
+"""An image of the people with the worst detections: the crop of each, with true and detected joints."""
 
 from collections.abc import Sequence
 
@@ -16,12 +16,12 @@ _TRUE, _FOUND, _PAPER, _INK = (60, 220, 90), (240, 60, 50), (22, 25, 30), (233, 
 
 
 def worst(judged: Sequence[Judged], count: int) -> list[Judged]:
-    """Return people who were not found, then those with the smallest shares of joints near their places."""
+    """Return at most `count` people: first people that were not found, then those with the fewest near joints."""
     return sorted(judged, key=lambda each: (each.crop.found, each.crop.near / max(each.crop.counted.sum(), 1)))[:count]
 
 
 def draw_sheet(judged: Sequence[Judged], columns: int = 6) -> np.ndarray:
-    """Return a picture (H, W, 3) uint8 RGB of people, a tile each: true joints green, what was detected red."""
+    """Return an image (H, W, 3) uint8 RGB with one tile per person: true joints in green, detected joints in red."""
     tiles = {}
     for folder in dict.fromkeys(each.clip for each in judged):
         clip = load(DataConfig("clip", str(folder)))[0]

@@ -1,4 +1,4 @@
-"""How each person of a clip with truth appears in each view: size, distance, direction, posture, what is in sight."""
+"""The appearance of each person of a clip in each view: size, distance, direction, posture, visible joints."""
 
 import json
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from dmae.numerics.heading import body_heading
 from synth.scene.spec import SceneSpec
 
 STATURE = 1.7
-"""m; height of a body, if its clip does not state it."""
+"""Height of a body if its clip does not state it, m."""
 _FACING, _AWAY = np.radians(60), np.radians(120)
 _BENT = np.radians(45)
 _SEATED = 0.6
-"""Height of a seated person's hips above the feet, relative to the lengths of thigh and shin together."""
+"""Height of the hips above the feet below which a person counts as seated, relative to the length of the leg."""
 _INDEX = {joint: i for i, joint in enumerate(BODY25.joints)}
 
 
@@ -26,14 +26,15 @@ class Sightings:
     """The P people of a clip in its V views, in F frames.
 
     Attributes:
-        xy: (F, V, P, 25, 2) px, true joints of BODY25; NaN behind the camera.
+        xy: (F, V, P, 25, 2) true joints of BODY25, px; NaN behind the camera.
         visibility: (F, V, P, 25) `Visibility`.
-        depth_margin: (F, V, P, 25) m between a hidden joint and what hides it.
-        height: (F, V, P) px; height that the body would have upright at its distance; NaN behind the camera.
-        distance: (F, V, P) m from the camera to the hips.
-        turned: (F, V, P) rad from the direction of the camera to that in which the body faces, 0 to pi.
+        depth_margin: (F, V, P, 25) distance in depth between a hidden joint and its occluder, m.
+        height: (F, V, P) height that the body would have if it stood upright at its distance, px; NaN behind the
+            camera.
+        distance: (F, V, P) distance from the camera to the hips, m.
+        turned: (F, V, P) angle between the direction to the camera and the direction that the body faces, rad, 0 to pi.
         bent: (F, P) True where the trunk leans by more than 45 degrees.
-        seated: (F, P) True where the hips are as low as on a chair, crouching included.
+        seated: (F, P) True where the hips are as low as on a chair. This includes crouching.
     """
 
     xy: np.ndarray
@@ -47,17 +48,17 @@ class Sightings:
 
     @property
     def visible(self) -> np.ndarray:
-        """(F, V, P, 25) True for joints in sight."""
+        """(F, V, P, 25) True for visible joints."""
         return self.visibility == Visibility.VISIBLE
 
     @property
     def unobstructed(self) -> np.ndarray:
-        """(F, V, P, 25) True for joints that nothing hides but the person's own body."""
+        """(F, V, P, 25) True for joints that are visible or hidden only by the person's own body."""
         return self.visibility <= Visibility.HIDDEN_BY_SELF
 
     @property
     def direction(self) -> np.ndarray:
-        """(F, V, P) text: towards the camera, sideways, or away from it."""
+        """(F, V, P) text: direction of the body towards the camera, sideways, or away from it."""
         return np.select([self.turned < _FACING, self.turned > _AWAY], ["facing", "away"], "sideways")
 
     @property
@@ -67,7 +68,10 @@ class Sightings:
 
     @property
     def crowding(self) -> np.ndarray:
-        """(F, V, P) px from the hips of each person to the nearest other ones, relative to the height; inf alone."""
+        """(F, V, P) distance in the image from the hips of each person to the nearest other hips, in heights.
+
+        It is inf for a person without others.
+        """
         hips = self.xy[..., _INDEX["mid_hip"], :]
         apart = np.linalg.norm(hips[..., :, None, :] - hips[..., None, :, :], axis=-1)
         people = np.arange(apart.shape[-1])
@@ -76,10 +80,10 @@ class Sightings:
 
 
 def sightings(clip: Clip) -> Sightings:
-    """Return how the people of a clip appear.
+    """Return the appearance of the people of a clip in its views.
 
     Raises:
-        ValueError: the clip has no truth, or no labels of visibility.
+        ValueError: the clip has no truth, or no visibility labels.
     """
     if clip.truth is None or clip.occlusion is None or clip.occlusion.depth_margin is None:
         raise ValueError(f"clip {clip.id!r}: expected truth and labels of visibility, as synth generate makes them")
@@ -108,14 +112,14 @@ def sightings(clip: Clip) -> Sightings:
 
 
 def truth_columns(clip: Clip) -> list[int]:
-    """Return the places of the joints of BODY25 in the truth of a clip."""
+    """Return the indices of the joints of BODY25 in the truth of a clip."""
     joints = clip.truth.skeleton.joints
     prefix = "body25." if "body25.nose" in joints else ""
     return clip.truth.skeleton.index(*(prefix + joint for joint in BODY25.joints))
 
 
 def scene_of(clip: Clip) -> SceneSpec | None:
-    """Return the scene that a clip was made of; None for a recording."""
+    """Return the scene of a simulated clip; None for a recording."""
     spec = clip.provenance.get("spec")
     return None if spec is None else SceneSpec.from_json(json.dumps(spec))
 

@@ -1,4 +1,4 @@
-"""The study: a detector and simulated ones on the same clips, held against the same truth."""
+"""Compare a detector and simulated detectors with the same truth on the same clips."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,20 +15,21 @@ from synth.recognition.observations import DetectorObservations, observe, pooled
 def study(
     folders: Sequence[Path], simulated: Mapping[str, DetectorConfig], seed: int = 0, workers: int = 1
 ) -> dict[str, dict]:
-    """Measure the detections of clips, and those that simulated detectors make on them.
+    """Measure the errors of the detections in clips, and of simulated detectors on the same clips.
 
     Args:
-        folders: Of data sets or clips with truth and labels of visibility.
+        folders: Folders of data sets or clips with truth and visibility labels.
         simulated: Simulated detectors by name.
-        seed: Of these.
+        seed: Seed of the simulated detectors.
         workers: Processes; -1 for one per core.
 
     Returns:
-        By name of the detector its tables, see `synth.recognition.error_tables.numbers`; that of the clips comes first.
+        The tables of each detector, by its name, see `synth.recognition.error_tables.numbers`. The detector of the
+        clips is first.
 
     Raises:
         FileNotFoundError: there are no clips.
-        ValueError: a clip has no truth or labels, or the clips are of several detectors.
+        ValueError: a clip has no truth or labels, or the clips come from several detectors.
     """
     tasks = []
     for folder in folders:

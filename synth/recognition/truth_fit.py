@@ -1,8 +1,8 @@
-"""Fit a detector's preset to detections with truth, where it is known which joints were hidden.
+"""Fit a detector's preset to detections with truth and visibility labels.
 
-First all parameters are fitted as to a recording (`synth.detector.fitting`), with the truth as reference. Then errors
-and confidences of visible and of hidden joints are corrected each by their own, kind by kind, and people who are missed
-by what part of them is hidden.
+First, all parameters are fitted as to a recording (`synth.detector.fitting`), with the truth as reference. Then errors
+and confidences are corrected for each kind of joint, separately for visible and hidden joints. Misses of whole people
+are fitted by the share of their joints that is hidden.
 """
 
 from collections.abc import Sequence
@@ -27,27 +27,28 @@ from synth.detector.statistics import ErrorReference
 from synth.recognition.observations import DetectorObservations, JointsSeen, PeopleSeen, observe, pooled
 
 LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)
-"""Greatest distances of a preset that is fitted to truth."""
+"""Greatest allowed distances for a preset that is fitted to truth."""
 _ENOUGH = 150
-"""Fewest joints of a kind and state for their parameters to be fitted."""
+"""Fewest joints of a kind, visible or hidden, for their parameters to be fitted."""
 _STEP = 0.8
 _LOW, _HIGH, _UNSURE_STEP = 0.5, 0.8, 0.5
-"""Low and high confidences; their errors determine how errors and confidences are correlated. And the step of that."""
+"""Limits of low and of high confidence, and the step of a correction. The errors at low and high confidence determine
+the correlation of errors and confidences."""
 _KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
 _INVERTING = BODY25.index("l_shoulder", "r_shoulder")
-"""Shoulders are exchanged where the whole body is."""
+"""Joints that show an exchange of the sides of the whole body: only then are shoulders exchanged."""
 _CAUSES = (Visibility.VISIBLE, Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_PERSON, Visibility.HIDDEN_BY_OBJECT)
 
 
 def fit_to_truth(
     recordings: Sequence[Clip], start: DetectorConfig, *, rounds: int = 8, seed: int = 0, workers: int = 1
 ) -> Fit:
-    """Fit a detector to detections of clips with truth and labels of visibility; it is simulated on the same clips.
+    """Fit a detector to detections of clips with truth and visibility labels, by simulating it on the same clips.
 
     Args:
-        recordings: Clips of one number of cameras.
+        recordings: Clips with equal numbers of cameras.
         start: Start of the fit. Parameters that the clips do not determine keep its values.
-        rounds: Number of simulations, of each of the two parts of the fit.
+        rounds: Number of simulations in each of the two parts of the fit.
         seed: Seed of the detector, the same in all rounds.
         workers: Processes; -1 for one per core.
 
@@ -80,7 +81,7 @@ def fit_to_truth(
 
 
 def distances(recordings: Sequence[Clip], config: DetectorConfig, seed: int = 0, workers: int = 1) -> list[Row]:
-    """Compare the detections of clips with those of a simulated detector on the same clips; `LIMITS` are allowed."""
+    """Compare the detections of clips with those of a simulated detector on the same clips, by the limits `LIMITS`."""
     clips = [on_body25(clip) for clip in recordings]
     real = measure_all(clips, len(clips), workers, ErrorReference.annotated)
     sim = measure_all(_redetected(clips, config, seed), len(clips), workers, ErrorReference.annotated)
@@ -91,7 +92,7 @@ def on_body25(clip: Clip) -> Clip:
     """Return a clip with its detections on BODY25.
 
     Raises:
-        ValueError: the clip has no truth, or no labels of visibility.
+        ValueError: the clip has no truth, or no visibility labels.
     """
     if clip.truth is None or clip.occlusion is None:
         raise ValueError(
@@ -102,7 +103,7 @@ def on_body25(clip: Clip) -> Clip:
 
 
 def _redetected(clips: Sequence[Clip], config: DetectorConfig, seed: int) -> list[Clip]:
-    # Clips of several data sets have the same numbers, and would have the same errors.
+    # Clips of different data sets can have equal ids, and would then get equal random errors.
     return [redetect(replace(clip, id=str(number)), config, seed) for number, clip in enumerate(clips)]
 
 
@@ -111,7 +112,7 @@ def _simulated(clips: Sequence[Clip], config: DetectorConfig, seed: int, workers
 
 
 def _distance(real: JointsSeen, sim: JointsSeen) -> float:
-    """Return how far two detectors' errors and confidences are apart, over kinds, visible and hidden joints."""
+    """Return the distance between errors and confidences of two detectors, over kinds, visible and hidden joints."""
     off = []
     for kind, hidden in product(dict.fromkeys(_KINDS), (False, True)):
         a, b = (_detected(both, kind, hidden) for both in (real, sim))
@@ -141,7 +142,7 @@ def _corrected(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> Det
 
 
 def _unsureness(joints: JointsSeen) -> float:
-    """Return the logarithm of the ratio of median errors at low and at high confidence; 0 where one is rare."""
+    """Return the logarithm of the ratio of median errors at low and high confidence; 0 if there are few of either."""
     some = [joints.error[joints.score < _LOW], joints.error[joints.score >= _HIGH]]
     if min(map(len, some)) < _ENOUGH:
         return 0.0
@@ -151,7 +152,7 @@ def _unsureness(joints: JointsSeen) -> float:
 def _corrected_part(
     part: PartConfig, real: JointsSeen, sim: JointsSeen, hidden: bool, config: DetectorConfig
 ) -> PartConfig:
-    """Correct noise by the median error, its tail by large errors, and confidences by their mean and spread."""
+    """Return a part with noise corrected by the median error, its tail by large errors, scores by mean and spread."""
     noise, tail, score = part.noise, part.tail, part.score
     if hidden:
         noise = part.hidden_noise or max(part.noise, 1e-3) * config.noise.hidden
@@ -168,7 +169,7 @@ def _corrected_part(
 
 
 def _beta(shape: Sequence[float], real: np.ndarray, sim: np.ndarray) -> tuple[float, float]:
-    """Return (a, b) of the Beta distribution with mean and spread corrected towards the real ones."""
+    """Return (a, b) of the Beta distribution with mean and spread corrected towards the real values."""
     a, b = shape if shape[1] > 0 else (30.0, 1.0)
     mean = float(np.clip(a / (a + b) + _STEP * (real.mean() - sim.mean()), 0.02, 0.98))
     size = float(np.clip((a + b) * (sim.var() / max(real.var(), 1e-6)) ** _STEP, 0.3, 500))
@@ -176,7 +177,7 @@ def _beta(shape: Sequence[float], real: np.ndarray, sim: np.ndarray) -> tuple[fl
 
 
 def _corrected_misses(part: PartConfig, real: JointsSeen, sim: JointsSeen, kind: str) -> PartConfig:
-    """Correct the probability of a miss by cause; a kind of joint that is never detected is always missed."""
+    """Return a part with corrected probabilities of misses by cause. A kind that is never detected is always missed."""
     miss = list(part.miss)
     of_kind = [both[_KINDS[both.joint] == kind] for both in (real, sim)]
     if not len(of_kind[0].joint):
@@ -192,7 +193,7 @@ def _corrected_misses(part: PartConfig, real: JointsSeen, sim: JointsSeen, kind:
 
 
 def _exchanged(body: float, real: JointsSeen, sim: JointsSeen) -> float:
-    """Correct how often the sides of whole bodies are exchanged, by how often those of shoulders are."""
+    """Return the corrected probability that the sides of a whole body are exchanged, from exchanges of shoulders."""
     shares = []
     for both in (real, sim):
         some = both[np.isin(both.joint, _INVERTING) & ~both.missed]

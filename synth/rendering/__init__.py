@@ -1,1 +1,1 @@
-"""What do images of a scene look like? OpenGL or ray casting, and the files of images."""
+"""Render images of a scene by OpenGL or by ray casting, and write image files."""

@@ -1,4 +1,4 @@
-"""Find an OpenGL that works without a screen."""
+"""Find an OpenGL backend that works without a screen."""
 
 import functools
 import os
@@ -13,10 +13,10 @@ _PROBE_SECONDS = 60
 
 @functools.cache
 def find_backend() -> str | None:
-    """Return the OpenGL that works without a screen: `egl`, `osmesa` or the one of MUJOCO_GL; None for none.
+    """Return the OpenGL backend that works without a screen: `egl`, `osmesa` or the value of MUJOCO_GL; None for none.
 
-    Each candidate is tried in a process of its own, because a broken OpenGL may abort. The outcome is left in
-    MUJOCO_GL for MuJoCo and for later processes. Warns once where there is none.
+    Each candidate is tried in a separate process, because a broken OpenGL may abort. The result is stored in MUJOCO_GL
+    for MuJoCo and for later processes. Warns once if there is none.
     """
     asked = os.environ.get("MUJOCO_GL", "").lower().strip()
     if asked in _OFF:

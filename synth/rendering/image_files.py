@@ -34,12 +34,13 @@ _WRITERS = {
 
 
 class RenderedImages(NamedTuple):
-    """Images on disk, and the pixels of persons counted in them.
+    """Images on disk, and the numbers of pixels of each person in them.
 
     Attributes:
         images: The images.
-        visible: (F, V, P) int32 number of pixels that show each person; None without images of ids.
-        amodal: (F, V, P) int32 number of pixels that would if nothing else were there; None without images of ids.
+        visible: (F, V, P) int32 number of pixels that show each person; None without id images.
+        amodal: (F, V, P) int32 number of pixels that would show each person if nothing else were there; None without id
+            images.
     """
 
     images: Images
@@ -57,24 +58,24 @@ def render_images(
     rgb: str = "h264",
     seen: Callable[[], None] = lambda: None,
 ) -> RenderedImages:
-    """Write images of every view of every frame in the layout of `dmae.data.images`, one picture in memory at a time.
+    """Write images of every view of every frame in the layout of `dmae.data.images`, with only one in memory at a time.
 
     Args:
-        renderer: Of the scene and the rig.
+        renderer: Renderer of the scene and the rig.
         qpos: (F, nq) states.
         rig: V cameras.
-        folder: Takes the images.
+        folder: Folder to write the images to.
         fps: Frames per second of the videos.
-        kinds: Which images, of `dmae.data.images.KINDS`.
-        rgb: Format of colour images, of `dmae.data.images.RGB_FILES`.
-        seen: Called after each picture.
+        kinds: Kinds of images, from `dmae.data.images.KINDS`.
+        rgb: Format of colour images, from `dmae.data.images.RGB_FILES`.
+        seen: Called after each view of each frame.
     """
     images = Images(folder, rig.names, tuple(range(len(qpos))), kinds, SEGMENTS if "parts" in kinds else (), rgb)
     counted = "ids" in kinds
     visible, amodal = (np.zeros((len(qpos), len(rig), renderer.persons), np.int32) for _ in range(2))
 
     def pictures(view: int) -> Iterator[np.ndarray | None]:
-        """Render the pictures of a view, write those that are no video, and yield the colours."""
+        """Render the images of a view, write all that are not in a video, and yield the colours."""
         for frame, state in enumerate(qpos):
             following = qpos[frame + 1] if frame + 1 < len(qpos) else None
             picture = renderer.picture(state, view, kinds, following)

@@ -10,12 +10,12 @@ from synth.rendering.backend import make_context
 from synth.rigs.lenses import camera_name
 
 _UNDRAWN, _DRAWN = 5, 3
-"""A group of geoms that MuJoCo does not draw, and the first of such groups."""
-_PLAIN = (
+"""A geom group that MuJoCo does not draw, and the number of geom groups that it draws: 0, 1 and 2."""
+_SWITCHED_OFF = (
     mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION, mujoco.mjtRndFlag.mjRND_SKYBOX,
     mujoco.mjtRndFlag.mjRND_FOG, mujoco.mjtRndFlag.mjRND_HAZE,
 )  # fmt: skip
-"""Effects without which images of normals are painted."""
+"""Effects that are switched off for images of normals."""
 
 
 class OpenGLPainter:
@@ -25,8 +25,8 @@ class OpenGLPainter:
         model: The scene, with the rig's cameras in it.
         geom_ids: (ngeom,) uint16 id of each geom.
         rig: V pinhole cameras.
-        backend: As `find_backend` returns it.
-        settings: Shadow map size, samples a pixel, slices, stacks and quads of round shapes.
+        backend: OpenGL backend from `find_backend`.
+        settings: Shadow map size, samples per pixel, slices, stacks and quads of round shapes.
     """
 
     def __init__(self, model, geom_ids, rig, backend, settings):
@@ -35,7 +35,7 @@ class OpenGLPainter:
         quality.shadowsize, quality.offsamples, quality.numslices, quality.numstacks, quality.numquads = settings
         self._lenses, self._poses = rig.K, rig.cam_from_world
         self._moving = model.body_weldid[model.geom_bodyid] != 0
-        # Persons one by one, then all objects that move.
+        # Each person is drawn separately; all moving objects are drawn together.
         owners = np.where(geom_ids < FIRST_OBJECT_ID, geom_ids, FIRST_OBJECT_ID)
         self._movers = {
             int(owner): self._moving & (owners == owner) & (model.geom_group < _DRAWN)
@@ -55,14 +55,14 @@ class OpenGLPainter:
         self._scene = mujoco.MjvScene(self._model, maxgeom=10000)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = settings[0] > 0
         self._colouring = self._drawing()
-        # Ids must not be mixed at edges, and a buffer of one sample a pixel is drawn and read faster.
+        # Ids must not be mixed at edges. A buffer with one sample per pixel is also drawn and read faster.
         quality.shadowsize = quality.offsamples = 0
         self._identifying = self._drawing() if settings[1] else self._colouring
         self._options = mujoco.MjvOption()
         self._options.sitegroup[:] = self._options.tendongroup[:] = self._options.actuatorgroup[:] = 0
 
     def _drawing(self) -> mujoco.MjrContext:
-        """Return buffers to draw into, at the quality that the model states at present."""
+        """Return buffers to draw into, with the current quality settings of the model."""
         drawing = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR.value
         return drawing
@@ -91,10 +91,10 @@ class OpenGLPainter:
         return alone
 
     def _identify(self, data: mujoco.MjData, view: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return (H, W) 1 + index of the geom at each pixel, 0 for none, and nearness as OpenGL's depth buffer has it.
+        """Return two (H, W) images: 1 + index of the geom at each pixel, 0 for none, and the value of the depth buffer.
 
-        What stands still is drawn once for a view. What moves is drawn on its own, person by person, and only the part
-        of the picture around it is read: that also shows what each person would cover alone.
+        Geoms that stand still are drawn once for a view. Moving geoms are drawn separately, person by person, and only
+        the part of the image around them is read. This also gives the pixels that each person would cover alone.
         """
         if self._known is not None and self._known[0] == view and np.array_equal(self._known[1], data.qpos):
             return self._known[2:]
@@ -104,7 +104,7 @@ class OpenGLPainter:
         geoms, nearness = self._still[1].copy(), self._still[2].copy()
         parts = {owner: self._around(data, view, mask) for owner, mask in self._movers.items()}
         self._alone = {}
-        for together in _apart({owner: part for owner, part in parts.items() if part}):
+        for together in _separate_groups({owner: part for owner, part in parts.items() if part}):
             mask = np.any([self._movers[owner] for owner in together], axis=0)
             whole = _hull([parts[owner] for owner in together])
             found, near = self._drawn(data, view, mask, whole)
@@ -120,13 +120,13 @@ class OpenGLPainter:
         return geoms, nearness
 
     def _drawn(self, data: mujoco.MjData, view: int, mask: np.ndarray, part) -> tuple[np.ndarray, np.ndarray]:
-        """Draw the geoms of a mask (ngeom,) alone; return indices and nearness as `_identify`, of a part."""
+        """Draw only the geoms of a mask (ngeom,), and return the two images of `_identify` for a part of the image."""
         self._look(data, view, mask)
         colours, nearness = self._read(view, self._identifying, identify=True, deep=True, part=part)
         return self._geoms(colours), nearness
 
     def _around(self, data: mujoco.MjData, view: int, mask: np.ndarray) -> tuple[slice, slice] | None:
-        """Return rows and columns of the part of the picture that geoms of a mask (ngeom,) may cover, None for none."""
+        """Return rows and columns of the part of the image that geoms of a mask (ngeom,) may cover; None for none."""
         rect, lens, pose = self._rects[view], self._lenses[view], self._poses[view]
         centre = data.geom_xpos[mask] @ pose[:3, :3].T + pose[:3, 3]
         radius = self._model.geom_rbound[mask]
@@ -145,11 +145,11 @@ class OpenGLPainter:
         return (slice(top, bottom), slice(left, right)) if left < right and top < bottom else None
 
     def _look(self, data: mujoco.MjData, view: int, mask: np.ndarray | None = None) -> None:
-        """Point the camera of a view at the geoms of a mask (ngeom,), or at all."""
+        """Update the scene for the camera of a view, with the geoms of a mask (ngeom,) or with all geoms."""
         camera = mujoco.MjvCamera()
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, self._cameras[view]
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        # Rays pass planes from behind. Images have to agree, so that cameras outside a room look into it.
+        # Rays pass through planes from behind. OpenGL images must do the same, so cameras outside a room see into it.
         outward = data.geom_xmat[self._planes, 2::3]
         behind = ((data.cam_xpos[camera.fixedcamid] - data.geom_xpos[self._planes]) * outward).sum(1) < 0
         groups = self._model.geom_group.copy()
@@ -163,16 +163,16 @@ class OpenGLPainter:
     def _read(
         self, view: int, drawing: mujoco.MjrContext, *, identify: bool = False, deep: bool = False, part=None
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Draw the scene; return colours (H, W, 3), or the numbers of segments in their place, and nearness (H, W).
+        """Draw the scene, and return colours (H, W, 3), or segment numbers as colours, and the depth buffer (H, W).
 
-        Only rows and columns of a `part` are read.
+        With a `part`, only these rows and columns are read.
         """
         rect = self._rects[view]
         rows, columns = (
             each.indices(size)[:2]
             for each, size in zip(part or (slice(None),) * 2, (rect.height, rect.width), strict=True)
         )
-        # OpenGL's first row is the lowest.
+        # The first row in OpenGL is the lowest row of the image.
         read = mujoco.MjrRect(columns[0], rect.height - rows[1], columns[1] - columns[0], rows[1] - rows[0])
         colours = np.empty((read.height, read.width, 3), np.uint8)
         nearness = np.empty((read.height, read.width), np.float32) if deep else None
@@ -184,25 +184,26 @@ class OpenGLPainter:
         return colours[::-1], nearness[::-1] if deep else None
 
     def _geoms(self, colours: np.ndarray) -> np.ndarray:
-        """Return (H, W) uint16 1 + index of the geom of an image of segment numbers, 0 for none."""
+        """Return (H, W) uint16 1 + index of the geom at each pixel of an image of segment numbers, 0 for none."""
         geoms = np.zeros(self._scene.ngeom + 1, np.uint16)
         for geom in self._scene.geoms[: self._scene.ngeom]:
             if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM.value:
                 geoms[geom.segid + 1] = 1 + geom.objid
-        # Numbers are spread over the channels, lowest first; two are enough for all geoms of a scene.
+        # The bytes of a number are in the channels, lowest first. Two bytes are enough for all geoms of a scene.
         return np.take(geoms, colours[..., 0] | colours[..., 1].astype(np.uint16) << 8)
 
     def _normals(self, view: int) -> np.ndarray:
-        """Return (H, W, 3) float32 unit normals, world, from the light that white surfaces return.
+        """Return (H, W, 3) float32 unit normals, world, from the light that white surfaces reflect.
 
-        Lights of pure colours shine along the three axes, once from the front and once from behind. What a surface
-        returns of each is the cosine of its angle. It is kept in 8 bits a colour: normals are within half a degree.
+        Lights of pure colours shine along the three axes, once from the front and once from behind. A surface reflects
+        each light in proportion to the cosine of its angle. A colour has 8 bits, so the error of normals is below half
+        a degree.
         """
         scene, effects = self._scene, self._scene.flags.copy()
         for geom in scene.geoms[: scene.ngeom]:
             geom.matid, geom.emission, geom.specular, geom.reflectance = -1, 0, 0, 0
             geom.rgba[:] = 1
-        for effect in _PLAIN:
+        for effect in _SWITCHED_OFF:
             scene.flags[effect] = False
         scene.nlight = 3
         shades = []
@@ -220,7 +221,7 @@ class OpenGLPainter:
         """Return depth, m, from a reversed depth buffer: 1 at the near plane, 0 at the far one, linear in 1/depth."""
         near = self._model.vis.map.znear * self._model.stat.extent
         far = self._model.vis.map.zfar * self._model.stat.extent
-        # Single precision, in place, is faster; its error is some micrometres.
+        # Single precision in place is faster. Its error is a few micrometres.
         depth = nearness * np.float32(far - near) + np.float32(near)
         np.divide(np.float32(near * far), depth, out=depth)
         depth[nearness == 0] = np.nan
@@ -233,8 +234,8 @@ class OpenGLPainter:
         self._gl.free()
 
 
-def _apart(parts: dict[int, tuple[slice, slice]]) -> list[list[int]]:
-    """Return owners in groups in which no two parts of the picture overlap; each group is drawn in one pass."""
+def _separate_groups(parts: dict[int, tuple[slice, slice]]) -> list[list[int]]:
+    """Return groups of owners with parts of the image that do not overlap. Each group is drawn in one pass."""
     groups: list[list[int]] = []
     for owner, part in parts.items():
         for group in groups:

@@ -1,4 +1,4 @@
-"""Paint images of a scene without OpenGL: a ray for every pixel, and plain shading."""
+"""Paint images of a scene without OpenGL: one ray for every pixel, with simple shading."""
 
 import copy
 
@@ -11,7 +11,7 @@ from synth.rooms.rays import cast_rays
 _STATIC, _MOVING, _ALONE, _UNSEEN = 0, 1, 2, 5
 _BLOCK = 8
 _LARGER = 1.5
-"""Factor of the boxes around bodies and surfaces, outside of which MuJoCo tries no rays."""
+"""Enlargement of the boxes around bodies and surfaces. MuJoCo tries no rays outside these boxes."""
 _SKY = np.array([0.55, 0.65, 0.75])
 _SUN = np.array([0.3, 0.2, 0.93])
 
@@ -23,8 +23,8 @@ class RayPainter:
 
     Args:
         model: The scene.
-        geom_ids: (ngeom,) uint16 id of each geom. Geoms with an id are painted, and those that MuJoCo draws.
-        rig: V cameras. Rays leave through their lenses: nothing is warped.
+        geom_ids: (ngeom,) uint16 id of each geom. Geoms with an id are painted, and geoms that MuJoCo draws.
+        rig: V cameras. Rays follow the distortion of their lenses, so images need no warping.
         step: One ray is cast for each block of `step` x `step` pixels.
     """
 
@@ -33,7 +33,7 @@ class RayPainter:
         moves = model.body_weldid[model.geom_bodyid] > 0
         self._model = copy.copy(model)
         self._model.geom_group = np.where(drawn, np.where(moves, _MOVING, _STATIC), _UNSEEN)
-        # MuJoCo leaves out rays beyond the corners of a body's box; near a camera its edges reach beyond the corners.
+        # MuJoCo skips rays outside the angles of a box's corners. Near a camera, edges extend beyond these angles.
         self._model.bvh_aabb[:, 3:] *= _LARGER
         self._moving = np.flatnonzero(drawn & moves)
         self._colour, self._ids = _colours(model), geom_ids
@@ -43,7 +43,7 @@ class RayPainter:
     def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray, ...]:
         """Return colour (H, W, 3) uint8, depth (H, W) m, geoms (H, W) and normals (H, W, 3) from the same rays.
 
-        Geoms are uint16, 1 + index of the geom or 0 for none; normals unit vectors, world, NaN for none.
+        Geoms are uint16, 1 + index of the geom, or 0 for none. Normals are unit vectors, world, NaN for none.
 
         Args:
             data: State of the scene, positions up to date.
@@ -60,7 +60,7 @@ class RayPainter:
         return self._shade(geom, distance, normal)
 
     def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
-        """Return (H, W) True for the pixels that the geoms of id `owner` would cover if nothing else were there."""
+        """Return (H, W) True for the pixels that geoms with the id `owner` would cover if nothing else were there."""
         if view != self._view:
             self._set_view(view, data)
         groups, own = self._model.geom_group.copy(), self._ids == owner
@@ -73,7 +73,7 @@ class RayPainter:
         return self._enlarge(covered)
 
     def close(self) -> None:
-        """Release nothing; the counterpart of `OpenGLPainter.close`."""
+        """Do nothing. This is the counterpart of `OpenGLPainter.close`."""
 
     def _set_view(self, view: int, data: mujoco.MjData) -> None:
         camera, middle = self._rig[view : view + 1], (self._step - 1) / 2
@@ -81,7 +81,7 @@ class RayPainter:
         self._shape = grid[0].shape
         self._center = camera.centers[0]
         self._rays = camera.rays(np.stack(grid, -1)[None, None]).reshape(-1, 3)
-        # The corners of a lens's image may be dark.
+        # Corners of the image may be outside the view of the lens: they have no rays and stay dark.
         self._lit = np.isfinite(self._rays[:, 0])
         self._bounds = _block_bounds(self._rays.reshape(*self._shape, 3) @ camera.cam_from_world[0, :3, :3].T)
         geom, distance, normal = (
@@ -129,7 +129,7 @@ class RayPainter:
 
 
 def _colours(model: mujoco.MjModel) -> np.ndarray:
-    """Return (ngeom, 3) RGB 0..1 of the geoms: of their material, times the mean of its texture."""
+    """Return (ngeom, 3) RGB 0..1 of the geoms: the colour of the material times the mean colour of its texture."""
     materials = model.mat_rgba[:, :3].astype(np.float64)
     for material, texture in enumerate(model.mat_texid[:, mujoco.mjtTextureRole.mjTEXROLE_RGB]):
         if texture >= 0:
@@ -143,14 +143,14 @@ def _colours(model: mujoco.MjModel) -> np.ndarray:
 
 
 def _silhouette(across: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return least and greatest tangents of the directions to spheres, in one plane through the optical axis."""
+    """Return least and greatest tangents of the directions to spheres, in a plane through the optical axis."""
     middle = np.arctan2(across, along)
     distance = np.hypot(across, along)
     half = np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1))
     low, high = middle - half, middle + half
     steep = np.pi / 2 - 1e-3
     tangents = np.tan(np.clip(low, -steep, steep)), np.tan(np.clip(high, -steep, steep))
-    # A sphere around the camera, or one that reaches behind it from side to side, may be anywhere.
+    # A sphere around the camera, or one that extends behind it on both sides, may appear anywhere.
     anywhere = distance <= radius
     behind = ~anywhere & ((low >= steep) | (high <= -steep))
     return (
@@ -160,7 +160,10 @@ def _silhouette(across: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tu
 
 
 def _block_bounds(rays: np.ndarray) -> np.ndarray:
-    """Return (4, h, w) least and greatest x/z and y/z of rays (H, W, 3), camera frame, in blocks; NaN where all are."""
+    """Return (4, h, w) least and greatest x/z and y/z of rays (H, W, 3), camera frame, in each block of pixels.
+
+    The values are NaN in blocks where all rays are NaN.
+    """
     height, width = rays.shape[:2]
     tangents = rays[..., :2] / rays[..., 2:]
     padding = ((0, -height % _BLOCK), (0, -width % _BLOCK), (0, 0))

@@ -1,4 +1,4 @@
-"""Render a scene: colour, depth, ids, parts of bodies, normals, flow and whole persons."""
+"""Render a scene: colour, depth, ids, body parts, normals, flow and amodal masks of persons."""
 
 from enum import Enum
 from typing import NamedTuple
@@ -27,9 +27,9 @@ class ImageQuality(Enum):
     high = "high"
 
 
-# Shadow map size, samples a pixel, slices, stacks and quads of round shapes; then the side, in pixels, of the block
-# that shares a ray where rays are cast instead. Coarser shadow maps give shadows on upright surfaces saw teeth and
-# specks: 4096 has 40 % fewer of them than 2048, and makes a picture a fifth dearer.
+# Shadow map size, samples per pixel, slices, stacks and quads of round shapes. The last number is for ray casting: the
+# side, in pixels, of the block that shares a ray. Coarse shadow maps cause jagged edges and specks in shadows on
+# upright surfaces: a size of 4096 has 40 % fewer of them than 2048, and makes an image a fifth more expensive.
 _SETTINGS = {
     ImageQuality.draft: ((0, 0, 12, 8, 1), 2),
     ImageQuality.standard: ((4096, 4, 20, 12, 2), 1),
@@ -42,13 +42,13 @@ class RenderedView(NamedTuple):
 
     Attributes:
         rgb: (H, W, 3) uint8.
-        depth: (H, W) float32 m along the optical axis; NaN where no surface is.
+        depth: (H, W) float32 m along the optical axis; NaN where there is no surface.
         ids: (H, W) uint16: 0 nothing, 1 + p person p, 256 + k object k.
-        parts: (H, W) uint8: 1 + index in `synth.people.segments.SEGMENTS`; 0 where no person is.
-        normals: (H, W, 3) float32 unit normals of the surface, world; NaN where no surface is.
-        flow: (H, W, 2) float32 px that the surface at a pixel moves until the next state, seen there or not; NaN where
-            no surface is, or where there is no next state.
-        amodal: (H, W) uint32, bit p is 1 where person p would be seen if nothing else were there.
+        parts: (H, W) uint8: 1 + index in `synth.people.segments.SEGMENTS`; 0 where there is no person.
+        normals: (H, W, 3) float32 unit normals of the surface, world; NaN where there is no surface.
+        flow: (H, W, 2) float32 px that the surface at a pixel moves until the next state, even if it is hidden there;
+            NaN where there is no surface, or no next state.
+        amodal: (H, W) uint32; bit p is 1 where person p would be visible if nothing else were there.
     """
 
     rgb: np.ndarray | None = None
@@ -63,14 +63,14 @@ class RenderedView(NamedTuple):
 class Renderer:
     """Render one scene from all cameras of a rig; a context manager.
 
-    Without a working OpenGL (`find_backend`) images are ray cast.
+    Without a working OpenGL (`find_backend`), images are made by ray casting.
 
     Args:
         model: The scene, with the rig's cameras in it (`synth.rigs.lenses.add_cameras`).
-        geom_ids: (ngeom,) uint16 what each geom belongs to: 0 nothing, 1 + p person p, 256 + k object k.
-        rig: V cameras. OpenGL images of distorted cameras are warped: colour is interpolated; depth, ids and parts are
-            those of the nearest pixel, which may lie half a pixel off.
-        quality: Of the images.
+        geom_ids: (ngeom,) uint16 id of the owner of each geom: 0 nothing, 1 + p person p, 256 + k object k.
+        rig: V cameras. OpenGL images of distorted cameras are warped. Colour is interpolated; depth, ids and parts are
+            taken from the nearest pixel, with an error of up to half a pixel.
+        quality: Quality of the images.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Renderer:
             self._painter = RayPainter(model, geom_ids, rig, step)
         self._model, self._data = model, mujoco.MjData(model)
         self._moved, self._bending = False, Bending(model)
-        # 0 stands for no geom.
+        # Index 0 means no geom.
         self._ids = np.concatenate([[0], geom_ids]).astype(np.uint16)
         self._parts = np.concatenate([[0], geom_parts(model)]).astype(np.uint8)
         self._flow = SurfaceFlow(model, rig)
@@ -94,13 +94,13 @@ class Renderer:
     def picture(
         self, qpos: np.ndarray, view: int, kinds: tuple[str, ...] = KINDS, following: np.ndarray | None = None
     ) -> RenderedView:
-        """Render one view of the scene in the state `qpos` (nq,). Fastest when views are not alternated.
+        """Render one view of the scene in the state `qpos` (nq,). It is fastest to render all frames of one view first.
 
         Args:
             view: Index into the rig.
-            kinds: Which images, of `dmae.data.images.KINDS`. Depth, ids and parts cost as much together as one of them;
-                normals cost two more passes, amodal one for each person.
-            following: (nq,) the next state, to which flow leads.
+            kinds: Kinds of images, from `dmae.data.images.KINDS`. Depth, ids and parts together cost as much as one of
+                them. Normals cost two more passes, amodal one for each person.
+            following: (nq,) the next state, which the flow refers to.
         """
         self._move(qpos)
         rgb, depth, geoms, normals = self._painter.paint(self._data, view, kinds)

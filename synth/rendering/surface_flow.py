@@ -1,4 +1,4 @@
-"""Flow: how far the surface at each pixel moves in the image until the next frame."""
+"""Flow: the displacement in the image, until the next frame, of the surface at each pixel."""
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ class SurfaceFlow:
 
     Args:
         model: The scene.
-        rig: V cameras, which do not move.
+        rig: V static cameras.
     """
 
     def __init__(self, model: mujoco.MjModel, rig: CameraRig):
@@ -24,14 +24,14 @@ class SurfaceFlow:
     def __call__(
         self, data: mujoco.MjData, following: np.ndarray | None, view: int, depth: np.ndarray, geoms: np.ndarray
     ) -> np.ndarray:
-        """Return the flow (H, W, 2), float32 px; NaN where no surface is.
+        """Return the flow (H, W, 2), float32 px; NaN where there is no surface.
 
         Args:
             data: State of the scene, positions up to date.
-            following: (nq,) the next state; None for none, which makes all flow NaN.
+            following: (nq,) the next state; None if there is none. Then all flow is NaN.
             view: Index into the rig.
             depth: (H, W) m along the optical axis.
-            geoms: (H, W) 1 + index of the geom that each pixel shows, 0 for none.
+            geoms: (H, W) 1 + index of the geom at each pixel, 0 for none.
         """
         flow = np.full((*depth.shape, 2), np.nan, np.float32)
         if following is None:
@@ -60,7 +60,7 @@ class SurfaceFlow:
         return data.geom_xmat.reshape(-1, 3, 3)
 
     def _rays_of(self, camera: CameraRig, view: int, shape: tuple[int, ...]) -> np.ndarray:
-        """Return (H, W, 3) unit rays through the pixels of a view, world; kept until another view is asked for."""
+        """Return (H, W, 3) unit rays through the pixels of a view, world. They are cached until the view changes."""
         if view != self._view:
             grid = np.stack(np.meshgrid(np.arange(shape[1]), np.arange(shape[0])), -1).astype(float)
             self._view, self._rays = view, camera.rays(grid[None, None]).reshape(*shape, 3)

@@ -1,1 +1,1 @@
-"""Cameras: where they are, what they cover, and how their calibration is wrong."""
+"""Cameras: their placement, their coverage, and the errors of their calibration."""

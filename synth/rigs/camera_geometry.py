@@ -1,27 +1,32 @@
-"""Intrinsics and poses of cameras, and checks of the numbers that they are made from."""
+"""Intrinsics and poses of cameras, and checks of the numbers that define them."""
 
 import numpy as np
 
 
 def intrinsics(focal: float, size: list[int]) -> np.ndarray:
-    """(3, 3) K of a camera with its principal point in the middle of the image, px."""
+    """Return the (3, 3) K of a camera with its principal point in the middle of the image, px."""
     width, rows = size
     return np.array([[focal, 0, (width - 1) / 2], [0, focal, (rows - 1) / 2], [0, 0, 1]])
 
 
 def look_at(centers: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """(V, 3, 3) rotations from the world to upright cameras at (V, 3) centres that look at (3,) or (V, 3) targets."""
+    """Return (V, 3, 3) rotations cam_from_world of upright cameras.
+
+    Args:
+        centers: (V, 3) centres of the cameras, m, world.
+        target: (3,) or (V, 3) points that they look at, m, world.
+    """
     forward = target - centers
     forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
     right = np.cross(forward, [0, 0, 1])
-    # Cameras that look straight up or down have the world's x on the right.
+    # For cameras that look straight up or down, the world's x axis points to the right of the image.
     right[np.linalg.norm(right, axis=-1) < 1e-9] = (1, 0, 0)
     right /= np.linalg.norm(right, axis=-1, keepdims=True)
     return np.stack([right, np.cross(forward, right), forward], 1)
 
 
 def pose(rotation: np.ndarray, centers: np.ndarray) -> np.ndarray:
-    """(V, 4, 4) cam_from_world of cameras at (V, 3) centres."""
+    """Return (V, 4, 4) cam_from_world of cameras with (V, 3, 3) rotations cam_from_world and (V, 3) centres, m."""
     matrix = np.tile(np.eye(4), (len(rotation), 1, 1))
     matrix[:, :3, :3] = rotation
     matrix[:, :3, 3] = -np.einsum("vij,vj->vi", rotation, centers)
@@ -29,7 +34,7 @@ def pose(rotation: np.ndarray, centers: np.ndarray) -> np.ndarray:
 
 
 def check_pairs(group: str, config, names: tuple[str, ...]) -> None:
-    """Raise ValueError, naming the field, unless these fields are pairs of numbers above 0 in order."""
+    """Raise ValueError if a field is not an ascending pair of numbers above 0; the message names the field."""
     for name in names:
         pair = getattr(config, name)
         if len(pair) != 2 or not 0 < pair[0] <= pair[1] < np.inf:
@@ -37,13 +42,13 @@ def check_pairs(group: str, config, names: tuple[str, ...]) -> None:
 
 
 def check_views(group: str, views: int) -> None:
-    """Raise ValueError unless there is a camera."""
+    """Raise ValueError if there is no camera."""
     if views < 1:
         raise ValueError(f"{group}.views: expected at least one camera, found {views}")
 
 
 def check_picture(group: str, focal: float, size: list[int]) -> None:
-    """Raise ValueError, naming the field, unless these are a focal length and an image size."""
+    """Raise ValueError if these are not a focal length, px, and an image size, px; the message names the field."""
     if not 0 < focal < np.inf:
         raise ValueError(f"{group}.focal: expected more than 0 px, got {focal}")
     if len(size) != 2 or min(size) < 1:

@@ -1,4 +1,4 @@
-"""The coverage of the people's area by a rig's cameras, and cameras at impossible places."""
+"""Compute how cameras cover the people's area, and find cameras at impossible places."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,11 +18,12 @@ _TALLEST = 2.0
 """Height of the people's area, m."""
 _SECTORS, _RINGS, _LEVELS = 16, 3, 5
 _GROUPS = tuple(range(6))
-_WORST_AXES = 1e3
-"""Greatest condition number of the point in which the cameras' axes meet; parallel axes have none."""
+_GREATEST_CONDITION = 1e3
+"""Greatest condition number of the system for the point where the cameras' axes meet. Above it the axes count as
+parallel, and there is no such point."""
 # Directions to the corners, edges and faces of a cube.
-_AROUND = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
-_AROUND /= np.linalg.norm(_AROUND, axis=1, keepdims=True)
+_CUBE_DIRECTIONS = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
+_CUBE_DIRECTIONS /= np.linalg.norm(_CUBE_DIRECTIONS, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,11 @@ class Stage:
 
 
 def area(stage: Stage) -> np.ndarray:
-    """(R, S, L, 3) corners of cells; their convex hulls together contain the people's area, m: rings, sectors,
-    levels."""
-    # The polygon is around the circle, so that it holds the circle.
+    """Return the (R, S, L, 3) corners of cells, m: R rings, S sectors, L levels.
+
+    The convex hulls of the cells together contain the people's area.
+    """
+    # The polygon is circumscribed about the circle, so it contains the circle.
     rings = np.linspace(0, stage.radius / np.cos(np.pi / _SECTORS), _RINGS)
     angle = 2 * np.pi * np.arange(_SECTORS) / _SECTORS
     ring, angle, level = np.meshgrid(rings, angle, np.linspace(0, _TALLEST, _LEVELS), indexing="ij")
@@ -52,9 +55,9 @@ def area(stage: Stage) -> np.ndarray:
 
 
 def views_of_cells(rig: CameraRig, stage: Stage) -> np.ndarray:
-    """(R - 1, S, L - 1) number of cameras that have each whole cell of `area` in their image, regardless of walls.
+    """Return the (R - 1, S, L - 1) number of cameras with each whole cell of `area` in their image. Ignores walls.
 
-    A cell is in an image if its corners are: exact for a pinhole, the view of which is convex.
+    A cell counts as in the image if all its corners are. This is exact for a pinhole, because its view is convex.
     """
     corners = area(stage)
     inside = rig.inside(rig.project(corners[None])[0])[0]
@@ -64,7 +67,7 @@ def views_of_cells(rig: CameraRig, stage: Stage) -> np.ndarray:
 
 
 def find_faults(rig: CameraRig, stage: Stage) -> dict[int, str]:
-    """The faults of cameras by view: under the floor, inside an object of the room, or without a view of people."""
+    """Return faults by view: a camera under the floor, inside an object of the room, or without a view of people."""
     points = area(stage).reshape(-1, 3)
     seen = rig.inside(rig.project(points[None])[0])[0]
     faults = {}
@@ -94,11 +97,11 @@ def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float]
         rig: Cameras.
         source: Name of the rig, for the message.
         stage: The people's area and the room.
-        origin: `rig.origin` of cameras that have a world of their own, m.
+        origin: `rig.origin`, m, for cameras that are given in another world.
 
     Raises:
         FailedSimulation: a camera is under the floor, inside an object of the room, or sees no people; the message
-            names camera and object, and the point in which the cameras' axes meet.
+            names the camera and the object, and the point where the cameras' axes meet.
     """
     faults = find_faults(rig, stage)
     if faults:
@@ -107,7 +110,10 @@ def check_rig(rig: CameraRig, source: str, stage: Stage, origin: Sequence[float]
 
 
 def _origin_hint(rig: CameraRig, origin: Sequence[float], stage: Stage) -> str:
-    """Advice to build the scene where the cameras look; empty where that is within the people's area, or nowhere."""
+    """Return the advice to build the scene where the cameras look.
+
+    The text is empty if the cameras look at the people's area, or if their axes do not meet.
+    """
     meeting = meeting_point(rig)
     if meeting is None or np.hypot(*meeting[:2]) <= stage.radius:
         return ""
@@ -119,17 +125,17 @@ def _origin_hint(rig: CameraRig, origin: Sequence[float], stage: Stage) -> str:
 
 
 def meeting_point(rig: CameraRig) -> np.ndarray | None:
-    """(3,) point nearest to the optical axes of all cameras in the least-squares sense, m; None for parallel axes."""
+    """Return the (3,) point nearest to the optical axes of all cameras (least squares), m; None for parallel axes."""
     axes = rig.cam_from_world[:, 2, :3]
     across = np.eye(3) - axes[:, :, None] * axes[:, None]
     normal = across.sum(0)
-    if np.linalg.cond(normal) > _WORST_AXES:
+    if np.linalg.cond(normal) > _GREATEST_CONDITION:
         return None
     return np.linalg.solve(normal, np.einsum("vij,vj->i", across, rig.centers))
 
 
 def check_outside(rig: CameraRig, model: mujoco.MjModel, geom_ids: np.ndarray) -> None:
-    """Check that no camera is inside an object of a compiled scene; people do not count.
+    """Check that no camera is inside an object of a compiled scene. People are ignored.
 
     Args:
         rig: Cameras.
@@ -148,7 +154,10 @@ def check_outside(rig: CameraRig, model: mujoco.MjModel, geom_ids: np.ndarray) -
 
 
 def _surroundings(arena: Path | None, center: np.ndarray, points: np.ndarray) -> tuple[str | None, str | None]:
-    """The object of the room around a point, and the one that hides all (n, 3) points from it; None for none."""
+    """Return the object of the room around a camera centre, and an object that hides all (n, 3) points from it.
+
+    Either is None if there is no such object.
+    """
     if arena is None:
         return None, None
     model, data = _arena(arena, arena.stat().st_mtime_ns)
@@ -158,16 +167,16 @@ def _surroundings(arena: Path | None, center: np.ndarray, points: np.ndarray) ->
     rays = points - center
     reach = np.linalg.norm(rays, axis=1)
     geom, distance, _ = cast_rays(model, data, center, rays / reach[:, None], _GROUPS)
-    # Rays to points of the floor meet the floor there.
+    # A ray to a point on the floor ends at the floor: that point is not hidden.
     hidden = (geom >= 0) & (distance < reach - 1e-3)
     return None, _name(model, np.bincount(geom[hidden]).argmax()) if hidden.all() else None
 
 
 def _around(model: mujoco.MjModel, data: mujoco.MjData, point: np.ndarray, solid: np.ndarray) -> str | None:
-    """Name of the object around a point, among the geoms that are (ngeom,) `solid`; None for none."""
-    geom, _, outward = cast_rays(model, data, point, _AROUND, _GROUPS)
-    # Only from inside do rays meet surfaces from behind. Planes have no inside: cameras may look in from outside.
-    behind = (geom >= 0) & solid[geom] & (np.einsum("rx,rx->r", outward, _AROUND) > 1e-3)
+    """Return the name of the object around a point; None for none. Only geoms with (ngeom,) `solid` count."""
+    geom, _, outward = cast_rays(model, data, point, _CUBE_DIRECTIONS, _GROUPS)
+    # A ray meets a surface from behind only if it starts inside. Planes have no inside: cameras may be behind a wall.
+    behind = (geom >= 0) & solid[geom] & (np.einsum("rx,rx->r", outward, _CUBE_DIRECTIONS) > 1e-3)
     return _name(model, geom[behind][0]) if behind.any() else None
 
 

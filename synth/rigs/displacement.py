@@ -10,7 +10,7 @@ from synth.rigs.camera_geometry import pose
 
 
 def displace(rig: CameraRig, position: float, rotation: float, *, rng: np.random.Generator) -> CameraRig:
-    """Move and turn each camera at random, normally distributed.
+    """Return the rig with each camera moved and turned at random, normally distributed.
 
     Args:
         rig: V cameras.
@@ -23,7 +23,7 @@ def displace(rig: CameraRig, position: float, rotation: float, *, rng: np.random
 
 
 def check_deviations(group: str, config) -> None:
-    """Raise ValueError, naming the field, unless all fields are standard deviations."""
+    """Raise ValueError if a field is not a valid standard deviation; the message names the field."""
     for name, value in vars(config).items():
         if not 0 <= value < np.inf:
             raise ValueError(f"{group}.{name}: expected a standard deviation, 0 or more, got {value}")

@@ -1,4 +1,4 @@
-"""Jitter: cameras displaced from their places in the rig, differently for each clip."""
+"""Jitter: cameras are displaced from their places in the rig, differently in each clip."""
 
 from dataclasses import dataclass
 
@@ -27,5 +27,5 @@ class JitterConfig:
 
 
 def jitter(rig: CameraRig, config: JitterConfig, *, rng: np.random.Generator) -> CameraRig:
-    """Displace the cameras of a rig."""
+    """Return the rig with displaced cameras."""
     return rig if config == JitterConfig() else displace(rig, config.position, config.rotation, rng=rng)

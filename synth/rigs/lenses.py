@@ -1,4 +1,4 @@
-"""Lenses in MuJoCo, which only has pinholes; the only module that converts OpenCV's convention to MuJoCo's."""
+"""Lenses for MuJoCo, which only has pinhole cameras. Only this module converts OpenCV's convention to MuJoCo's."""
 
 from dataclasses import replace
 
@@ -14,23 +14,25 @@ _METRES_PER_PIXEL = 1e-5
 _WIDEST = 4.0
 _WIDEST_FISHEYE = 2.0
 _OVERLAP = 4
-"""Overlap of the pictures of a wide lens, px."""
+"""Overlap of the pinhole images that replace a wide lens, px."""
 ELSEWHERE = -10.0
-"""Coordinate of a pixel outside every picture."""
+"""Coordinate that marks a pixel outside every pinhole image, px."""
 _QUARTER = np.pi / 2
 _SIDES = {"": (0, 0), "right": (0, -_QUARTER), "left": (0, _QUARTER), "down": (_QUARTER, 0), "up": (-_QUARTER, 0)}
-"""Rotations about the camera's x and y that turn it to each side, rad."""
+"""Rotations about the camera's x and y axes that turn it to each side, rad."""
 
 
 def pinholes(rig: CameraRig) -> list[CameraRig]:
-    """The cameras without distortion that are rendered in place of each camera, and see all that it sees.
+    """Return the pinhole cameras that are rendered in place of each camera. Together they see everything that it sees.
 
-    An undistorted camera stays the same. A distorted one gets an image large enough to be warped from, its principal
-    point moved by whole pixels. A fisheye with an image that would be more than twice as wide or high gets five
-    cameras of a right angle: ahead and to all sides, called `<name>`, `<name>/left` and so on.
+    An undistorted camera does not change. A distorted camera is replaced by a pinhole with a larger image, from which
+    the distorted image is warped; its principal point is moved by whole pixels. If this image would be more than twice
+    as wide or high, a fisheye is replaced by five cameras with a 90 degree view each, one ahead and four to the sides.
+    They are called `<name>`, `<name>/left` and so on.
 
     Raises:
-        ValueError: a lens other than a fisheye has a pinhole image over four times as wide or high, or folds its image.
+        ValueError: the pinhole image of a lens other than a fisheye would be over four times as wide or high, or the
+            distortion polynomial of the lens is not invertible within its image.
     """
     return [_pinholes(rig[view : view + 1]) for view in range(len(rig))]
 
@@ -47,7 +49,7 @@ def _pinholes(camera: CameraRig) -> CameraRig:
             return _cube(camera)
         raise _unfit(camera)
     again, _ = camera.project(camera.centers + camera.rays(edge)[0])
-    # A distortion polynomial that turns around is invalid beyond that radius.
+    # Beyond the radius at which a distortion polynomial turns around, it is invalid.
     if not np.allclose(again, edge, atol=0.1):
         raise _unfit(camera)
     K = camera.K.copy()
@@ -64,7 +66,7 @@ def _unfit(camera: CameraRig) -> ValueError:
 
 
 def _cube(camera: CameraRig) -> CameraRig:
-    """Five cameras of a right angle, with the resolution of the fisheye in its middle."""
+    """Return five cameras with a 90 degree view each, with the resolution of the fisheye at its image centre."""
     focal = np.ceil(max(camera.K[0, 0, 0], camera.K[0, 1, 1]))
     side = 2 * (focal + _OVERLAP) + 1
     pose = np.tile(camera.cam_from_world, (len(_SIDES), 1, 1))
@@ -79,12 +81,12 @@ def _cube(camera: CameraRig) -> CameraRig:
 
 
 def _turns() -> np.ndarray:
-    """(5, 3, 3) rotations from a camera to the cameras of `_SIDES`."""
+    """Return (5, 3, 3) rotations from a camera to the cameras of `_SIDES`."""
     return np.array([Rotation.from_euler("xy", turn).as_matrix() for turn in _SIDES.values()])
 
 
 def _edge(width: int, height: int) -> np.ndarray:
-    """(1, 1, E, 2) pixels just outside an image, all around it."""
+    """Return (1, 1, E, 2) pixels just outside an image, all around it."""
     x, y = np.arange(-1, width + 1), np.arange(-1, height + 1)
     rows = [np.stack(np.broadcast_arrays(x, row), -1) for row in (-1, height)]
     columns = [np.stack(np.broadcast_arrays(column, y), -1) for column in (-1, width)]
@@ -92,11 +94,11 @@ def _edge(width: int, height: int) -> np.ndarray:
 
 
 def warps(camera: CameraRig) -> list[np.ndarray] | None:
-    """The positions of one camera's pixels in the images of its `pinholes`; None where they are the same.
+    """Return the positions of one camera's pixels in the images of its `pinholes`; None if they are the same.
 
     Returns:
-        One (H, W, 2) float32 array for each pinhole, px; negative where the pixel comes from another pinhole, or where
-        the lens shows nothing.
+        One (H, W, 2) float32 array for each pinhole, px. It is negative where the pixel comes from another pinhole or
+        where the lens shows nothing.
     """
     if not camera.distorted[0]:
         return None
@@ -121,7 +123,7 @@ def warps(camera: CameraRig) -> list[np.ndarray] | None:
 
 
 def joined(rigs: list[CameraRig]) -> CameraRig:
-    """One rig of the cameras of several."""
+    """Return one rig with the cameras of all `rigs`, in order."""
     longest = max(rig.dist.shape[1] for rig in rigs)
     return CameraRig(
         sum((rig.names for rig in rigs), ()),
@@ -134,7 +136,7 @@ def joined(rigs: list[CameraRig]) -> CameraRig:
 
 
 def add_cameras(spec: mujoco.MjSpec, rig: CameraRig) -> None:
-    """Add the rig's `pinholes` to a scene, in order, named by `camera_name`, with a buffer for their images.
+    """Add the rig's `pinholes` to a scene in order, named by `camera_name`, and set the size of the image buffer.
 
     Raises:
         ValueError: a camera has skew, which MuJoCo cannot render, or a lens that `pinholes` refuses.
@@ -160,5 +162,5 @@ def add_cameras(spec: mujoco.MjSpec, rig: CameraRig) -> None:
 
 
 def camera_name(name: str) -> str:
-    """Name of a camera of the rig within the scene."""
+    """Return the name in the scene of a camera of the rig."""
     return f"rig/{name}"

@@ -1,4 +1,4 @@
-"""Cameras that are listed one by one, as `rig.cameras`."""
+"""Cameras that the configuration lists in `rig.cameras`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -37,14 +37,14 @@ class CameraConfig:
 
 
 def listed_cameras(cameras: Sequence[CameraConfig], source: str) -> CameraRig:
-    """The rig of listed cameras.
+    """Return the rig of listed cameras.
 
     Args:
         cameras: At least one.
         source: Name of the rig, for messages.
 
     Raises:
-        ValueError: numbers are missing or make no camera; the message names the rig, the camera and the field.
+        ValueError: numbers are missing or do not define a camera; the message names the rig, the camera and the field.
     """
     parts = [_numbers(camera, f"{source}, camera {camera.name!r}") for camera in cameras]
     longest = max(len(camera.dist) for camera in cameras)
@@ -62,7 +62,7 @@ def listed_cameras(cameras: Sequence[CameraConfig], source: str) -> CameraRig:
 
 
 def _numbers(camera: CameraConfig, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """K (3, 3) and cam_from_world (4, 4) of a listed camera."""
+    """Return K (3, 3), px, and cam_from_world (4, 4), m, of a listed camera."""
     placed = bool(camera.position or camera.target)
     expected = {"size": (2,), "dist": range(5, 9)}
     expected |= {"position": (3,), "target": (3,)} if placed else {"cam_from_world": (12,)}

@@ -35,13 +35,13 @@ class MiscalibrationConfig:
 
 
 def miscalibrate(rig: CameraRig, config: MiscalibrationConfig, *, rng: np.random.Generator) -> CameraRig | None:
-    """Draw a calibration of a rig; None for one without error."""
+    """Return a random calibration of a rig; None if all errors are 0."""
     if config == MiscalibrationConfig():
         return None
     reported = displace(rig, config.translation, config.rotation, rng=rng)
     focal, k1, *point = rng.normal(size=(4, len(rig)))
     K, dist = rig.K.copy(), rig.dist.copy()
-    # Exponents keep focal lengths positive.
+    # The exponential keeps focal lengths positive.
     K[:, :2, :2] *= np.exp(config.focal * focal)[:, None, None]
     K[:, :2, 2] += config.principal_point * np.transpose(point)
     dist[:, 0] += config.distortion * k1
@@ -49,7 +49,7 @@ def miscalibrate(rig: CameraRig, config: MiscalibrationConfig, *, rng: np.random
 
 
 def calibration_error(true: CameraRig, reported: CameraRig, stage: Stage) -> list[float]:
-    """Root mean square reprojection error of each camera over the people's area, px."""
+    """Return the root mean square reprojection error of each camera over the people's area, px."""
     points = area(stage).reshape(1, -1, 3)
     xy = true.project(points)[0]
     square = np.where(true.inside(xy), ((reported.project(points)[0] - xy) ** 2).sum(-1), np.nan)

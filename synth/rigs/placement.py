@@ -8,8 +8,8 @@ from dmae.data.cameras import CameraRig
 from synth.rigs.camera_geometry import check_pairs, check_picture, check_views, intrinsics, look_at, pose
 from synth.rigs.coverage import Stage, find_faults
 
-_NEARER = np.linspace(0.95, 0.5, 10)
-"""Shares of its distance at which a camera is tried that cannot stand at its place."""
+_DISTANCE_FRACTIONS = np.linspace(0.95, 0.5, 10)
+"""Fractions of the distance to the target that are tried if a camera is at an impossible place."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class DomeConfig:
 
 
 def ring(config: RingConfig, stage: Stage, *, rng: np.random.Generator) -> CameraRig:
-    """The cameras of a ring; those at an impossible place are moved nearer to their target."""
+    """Return the cameras of a ring. A camera at an impossible place is moved nearer to its target."""
     angle = 2 * np.pi * (np.arange(config.views) + rng.uniform()) / config.views
     radius = rng.uniform(*config.radius, config.views)
     height = rng.uniform(*config.height, config.views)
@@ -78,9 +78,9 @@ def ring(config: RingConfig, stage: Stage, *, rng: np.random.Generator) -> Camer
 
 
 def dome(config: DomeConfig, stage: Stage) -> CameraRig:
-    """The cameras of a dome, by the golden angle; those at an impossible place are moved nearer to their target."""
+    """Return the cameras of a dome, spaced by the golden angle. A camera at an impossible place is moved nearer."""
     low, high = np.sin(config.elevation)
-    # Equal steps of height are equal areas of a sphere.
+    # Equal steps of height cut a sphere into bands of equal area.
     up = low + (np.arange(config.views) + 0.5) / config.views * (high - low)
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(config.views)
     flat = np.sqrt(1 - up**2)
@@ -89,7 +89,7 @@ def dome(config: DomeConfig, stage: Stage) -> CameraRig:
 
 
 def _around(name: str, config: RingConfig | DomeConfig, centers: np.ndarray, stage: Stage) -> CameraRig:
-    """Pinhole cameras at (V, 3) centres that look at the middle."""
+    """Return pinhole cameras at (V, 3) centres, m, that look at the middle."""
     target, views = np.array([0, 0, config.target_height]), len(centers)
     rig = CameraRig(
         tuple(f"{name}{view}" for view in range(views)),
@@ -99,7 +99,7 @@ def _around(name: str, config: RingConfig | DomeConfig, centers: np.ndarray, sta
         np.tile(config.size, (views, 1)),
     )
     for view in find_faults(rig, stage):
-        for share in _NEARER:
+        for share in _DISTANCE_FRACTIONS:
             centers[view] = target + share * (centers[view] - target)
             rig = replace(rig, cam_from_world=pose(rig.cam_from_world[:, :3, :3], centers))
             if not find_faults(rig[view : view + 1], stage):

@@ -1,4 +1,4 @@
-"""Cameras at random places with random lenses, of which enough see every point of the people's area."""
+"""Cameras at random places with random lenses. Enough of them see every point of the people's area."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -11,7 +11,7 @@ from synth.rigs.coverage import Stage, find_faults, views_of_cells
 from synth.rigs.lenses import joined
 
 _DRAWS = 1000
-"""Cameras drawn before the rig fails."""
+"""Number of cameras that are drawn before the rig fails."""
 
 
 class Lens(Enum):
@@ -65,10 +65,10 @@ class RandomConfig:
 
 
 def scatter(config: RandomConfig, stage: Stage, *, rng: np.random.Generator) -> CameraRig:
-    """Random cameras at possible places that see enough.
+    """Return random cameras at possible places that together see enough of the people's area.
 
     Raises:
-        ValueError: none were found; the message says what to change.
+        ValueError: no such cameras were found; the message says what to change.
     """
     cameras = [_draw(config, view, stage, rng=rng) for view in range(config.views)]
     counts = [views_of_cells(camera, stage) for camera in cameras]
@@ -92,12 +92,12 @@ def scatter(config: RandomConfig, stage: Stage, *, rng: np.random.Generator) -> 
 
 
 def _missing(counts: list[np.ndarray], least: int) -> np.ndarray:
-    """The number of cameras that each cell lacks."""
+    """Return the number of cameras that each cell lacks."""
     return np.maximum(0, least - np.sum(counts, axis=0))
 
 
 def _draw(config: RandomConfig, view: int, stage: Stage, *, rng: np.random.Generator) -> CameraRig:
-    """One camera at a possible place; the number of draws does not depend on the lens."""
+    """Return one camera at a possible place. The number of random draws does not depend on the lens."""
     for _ in range(_DRAWS):
         angle, radius, height = rng.uniform(-np.pi, np.pi), rng.uniform(*config.radius), rng.uniform(*config.height)
         target = np.array([0, 0, rng.uniform(*config.target_height)])
@@ -121,7 +121,10 @@ def _draw(config: RandomConfig, view: int, stage: Stage, *, rng: np.random.Gener
 
 
 def _distortion(lens: Lens, focal: float, size: list[int], *, rng: np.random.Generator) -> np.ndarray:
-    """(5,) coefficients of a lens. Barrel distortion moves the corner inward by up to an eighth at any focal length."""
+    """Return (5,) distortion coefficients of a lens.
+
+    Barrel distortion moves the corner of the image inward by at most an eighth, at any focal length.
+    """
     strength, left, right = rng.uniform(0.02, 0.12), *rng.normal(0, 5e-4, 2)
     corner = np.hypot(*size) / 2 / focal
     if lens is Lens.radial:

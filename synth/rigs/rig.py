@@ -83,14 +83,14 @@ def make_rig(config: RigConfig, *, rng: np.random.Generator, stage: Stage = _MID
 
     Args:
         config: The rig.
-        rng: Draws placements; jitter is drawn from a child of it, and changes nothing else.
+        rng: Draws placements. Jitter is drawn from a child stream, so it changes no other draw.
         stage: The people's area and the room. Every camera sees some of the area.
 
     Raises:
-        ValueError: numbers are missing or make no camera, or no random cameras see enough; the message names the file
-            or rig, the camera and the field.
-        FailedSimulation: a camera is under the floor, inside an object of the room, or sees no people. For random
-            placements another seed may do better.
+        ValueError: numbers are missing or do not define a camera, or no random cameras see enough; the message names
+            the file or rig, the camera and the field.
+        FailedSimulation: a camera is under the floor, inside an object of the room, or sees no people. Another seed may
+            help if the placement is random.
     """
     (child,) = rng.spawn(1)
     if config.path or config.cameras:
@@ -120,13 +120,16 @@ def _read(config: RigConfig) -> CameraRig:
 
 
 def _exact(rig: CameraRig, origin: list[float]) -> CameraRig:
-    """The nearest exact rotations about the same centres: published ones are rounded, and MuJoCo's are quaternions."""
+    """Return the rig with the nearest exact rotations about the same centres, and with centres relative to `origin`, m.
+
+    Published rotations are rounded, and MuJoCo stores quaternions.
+    """
     rotation = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
     return replace(rig, cam_from_world=pose(rotation, rig.centers - origin))
 
 
 def _checked(rig: CameraRig, config: RigConfig, stage: Stage, origin: list[float] | None = None) -> CameraRig:
-    """The rig, if its names are those of files and every camera sees people."""
+    """Return the rig if its names are valid file names and every camera sees people; otherwise raise an error."""
     for name in rig.names:
         if name in ("", ".", "..") or not {"/", "\\", "\0"}.isdisjoint(name):
             raise ValueError(

@@ -1,1 +1,1 @@
-"""Arenas, furniture and their finish."""
+"""Rooms and props: MJCF files, meshes, coverings, and the floor that they take."""

@@ -1,11 +1,11 @@
-"""The rooms and props that there are: each is one MJCF file in `scenes/` and `scenes/props/`.
+"""The available rooms and props: each is one MJCF file in `scenes/` or `scenes/props/`.
 
-A room has its floor at z = 0 and people around the origin. It has a material "floor" and a material "wall", and lights.
-Its custom elements are all optional: a text "help" of one line; texts "floor" and "wall" that list the finishes
-(`synth.rooms.decor`) that fit, the room's own first; a numeric "props" with the least and greatest number of props that
-`scene=<room>` asks for. Materials called "tint..." take any colour. Its geoms collide with people (contype 0, all bits
-of conaffinity), except for decoration, which takes no space. Walls are planes, so that cameras look through them from
-outside.
+A room has its floor at z = 0 and people around the origin. It has a material "floor", a material "wall", and lights.
+All custom elements are optional: a text "help" of one line; texts "floor" and "wall" that list the possible finishes
+(`synth.rooms.decor`), with the default finish first; a numeric "props" with the least and greatest number of props for
+`scene=<room>`. Materials with names that start with "tint" take any colour. The geoms of a room collide with people
+(contype 0, all bits of conaffinity), except for decoration, which takes no space. Walls are planes, so that cameras can
+look through them from outside.
 """
 
 from pathlib import Path
@@ -16,26 +16,26 @@ from dmae.registry import unknown
 
 
 def arena_file(name: str) -> Path:
-    """The MJCF file of a room of `scenes/`, or of a path.
+    """Return the MJCF file of a room of `scenes/`, or of a path.
 
     Raises:
-        ValueError: there is neither; the message lists the rooms.
+        ValueError: there is no such room or file; the message lists the rooms.
     """
     return _find(name, _folder(), "arena")
 
 
 def prop_file(name: str) -> Path:
-    """The MJCF file of a prop of `scenes/props/`, or of a path. Raises as `arena_file` does."""
+    """Return the MJCF file of a prop of `scenes/props/`, or of a path. Raises the same errors as `arena_file`."""
     return _find(name, _folder() / "props", "prop")
 
 
 def room_choices() -> dict[str, str]:
-    """The line of help of each room by its name, sorted."""
+    """Return the line of help of each room, sorted by name."""
     return {name: _custom(name, "text", "help") or "" for name in _names(_folder())}
 
 
 def room_presets() -> dict[str, dict]:
-    """The values of the options `scene.*` that `scene=<room>` stands for, by room."""
+    """Return for each room the values that `scene=<room>` gives to the options `scene.*`."""
     presets = {}
     for name in _names(_folder()):
         props = _custom(name, "numeric", "props")
@@ -59,6 +59,6 @@ def _find(name: str, folder: Path, what: str) -> Path:
 
 
 def _custom(room: str, kind: str, name: str) -> str | None:
-    """The data of a custom element of a room; None where there is none."""
+    """Return the data of a custom element of a room; None if there is none."""
     element = ElementTree.parse(_folder() / f"{room}.xml").find(f"custom/{kind}[@name='{name}']")
     return None if element is None else element.get("data")

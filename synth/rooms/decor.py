@@ -1,4 +1,4 @@
-"""The look of a room: coverings, colours and light, random in every clip or the room's own."""
+"""The look of a room: coverings, colours and light. It is random in every clip, or as in the room's file."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -27,8 +27,8 @@ class Light:
 
     Attributes:
         turn: Turn of all lights about the vertical through the origin, rad.
-        strength: Factor of all lights.
-        tint: Factors of their red, green and blue.
+        strength: Factor of the brightness of all lights.
+        tint: Factors of the red, green and blue of all lights.
     """
 
     turn: float = 0.0
@@ -80,7 +80,7 @@ _TINTS = ((0.55, 0.42, 0.29), (0.24, 0.36, 0.52), (0.58, 0.20, 0.18), (0.30, 0.4
 
 @lru_cache(maxsize=32)
 def _choices(arena: Path) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """The finishes for floor and wall of a room, and its materials that take any colour."""
+    """Return the possible finishes of the floor and of the walls, and the materials that take any colour."""
     room = read_mjcf(arena)
     texts = {text.name: tuple(text.data.split()) for text in room.texts}
     finishes = []
@@ -93,12 +93,12 @@ def _choices(arena: Path) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, 
 
 
 def sample_decor(arena: Path, *, randomize: bool, rng: np.random.Generator) -> Decor:
-    """The look of a room.
+    """Return the look of a room.
 
     Args:
-        arena: Its MJCF file. A custom text "floor" or "wall" in it lists the finishes that fit, the room's own first;
-            materials called "tint..." take any colour.
-        randomize: Whether to draw the look; otherwise it is the room's own.
+        arena: MJCF file of the room. A custom text "floor" or "wall" in it lists the possible finishes, with the
+            default finish first. Materials with names that start with "tint" take any colour.
+        randomize: Whether to draw the look at random; otherwise the look of the file is used.
         rng: Draws the look.
 
     Raises:
@@ -114,18 +114,18 @@ def sample_decor(arena: Path, *, randomize: bool, rng: np.random.Generator) -> D
         strength=float(rng.uniform(0.85, 1.12)),
         tint=(1 + warmth, 1.0, 1 - warmth),
     )
-    # No two are equal while there are colours left.
+    # Two materials get the same colour only if there are more materials than colours.
     order = np.resize(rng.permutation(len(_TINTS)), len(materials))
     return Decor(floor, wall, light, tuple((name, _TINTS[tint]) for name, tint in zip(materials, order, strict=True)))
 
 
 def sample_tint(*, rng: np.random.Generator) -> Colour:
-    """Draw a colour of paint or cloth."""
+    """Return a random colour of paint or cloth."""
     return _TINTS[rng.integers(len(_TINTS))]
 
 
 def decorate(world: mujoco.MjSpec, decor: Decor) -> None:
-    """Change the lights and colours of a room; `synth.scene.build` paints its coverings."""
+    """Change the lights and colours of a room. `synth.scene.build` paints the coverings."""
     for name, colour in decor.tints:
         world.material(name).rgba = [*colour, 1]
     tint = decor.light.strength * np.array(decor.light.tint)

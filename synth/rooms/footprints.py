@@ -1,4 +1,4 @@
-"""The floor that rooms and props take, as discs."""
+"""The floor space that rooms and props cover, as discs."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -9,19 +9,19 @@ import numpy as np
 from synth.rooms.mjcf import compile_mjcf
 
 _TALLEST = 2.2
-"""Nothing above this height takes space from people, m."""
+"""Height above which objects do not restrict people, m."""
 
 
 @lru_cache(maxsize=32)
 def footprints(path: Path) -> np.ndarray:
-    """(K, 3) `discs` of the obstacles in an MJCF file, m."""
+    """Return the (K, 3) `discs` of the obstacles in an MJCF file, m."""
     return discs(compile_mjcf(path))
 
 
 def discs(model: mujoco.MjModel) -> np.ndarray:
-    """(K, 3) x, y and radius of discs that cover the obstacles of a model, m.
+    """Return (K, 3) x, y and radius of discs that cover the obstacles of a model, m.
 
-    A body is a rectangle along its own axes, covered by discs along its longer side.
+    Each body counts as a rectangle along its own axes. A row of discs along the longer side covers it.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -37,7 +37,7 @@ def discs(model: mujoco.MjModel) -> np.ndarray:
 
 
 def geom_corners(model: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> np.ndarray:
-    """(G, 8, 3) corners of the boxes around geoms (G,), m, world. The kinematics of `data` must be up to date."""
+    """Return (G, 8, 3) corners of boxes around geoms (G,), m, world. The kinematics of `data` must be up to date."""
     corners = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
     boxes = model.geom_aabb[geoms]
     local = boxes[:, None, :3] + corners * boxes[:, None, 3:]

@@ -1,4 +1,5 @@
-"""Mesh files before they are meshes: what they state is held against their size, and they read no file elsewhere."""
+"""Checks of mesh files before they are parsed: stated counts must fit the file size, and only files of the same folder
+are read."""
 
 import json
 import re
@@ -12,13 +13,13 @@ from dmae.files.contents import read_bytes
 from dmae.files.structured import parse_json
 
 _MOST_NEIGHBOUR = 16 << 20
-"""Bytes of a material or texture of a mesh."""
+"""Greatest size of a material or texture file of a mesh, bytes."""
 _PLY_ELEMENT = re.compile(rb"^element\s+\S+\s+(\S+)", re.MULTILINE)
 _GLB_HEAD = struct.Struct("<4sIIII")
 
 
 class Neighbours(Mapping):
-    """Files in the folder of a mesh, by name; others are not there for it."""
+    """Files in the folder of a mesh, by name. Files of other folders cannot be reached."""
 
     def __init__(self, folder: Path):
         self.folder = folder.resolve()
@@ -40,7 +41,7 @@ class Neighbours(Mapping):
 
 
 def check_counts(suffix: str, data: bytes) -> None:
-    """Refuse a file that states more elements than it has bytes; ValueError says which."""
+    """Raise ValueError if a file states more elements than it has bytes; the message gives both numbers."""
     counts: list[float] = []
     if suffix == ".ply":
         counts = [float(count) for count in _PLY_ELEMENT.findall(data[:10_000].partition(b"end_header")[0])]
@@ -52,7 +53,7 @@ def check_counts(suffix: str, data: bytes) -> None:
 
 
 def _glb_counts(data: bytes) -> list[float]:
-    """Return the numbers of elements that the accessors of a glTF state; their data must be in the file."""
+    """Return the numbers of elements that the accessors of a glTF file state. Their data must be in the same file."""
     magic, _, _, length, kind = _GLB_HEAD.unpack_from(data)
     if magic != b"glTF" or kind != 0x4E4F534A or length > len(data):
         raise ValueError("its header is not glTF's")
@@ -71,7 +72,7 @@ def _glb_counts(data: bytes) -> list[float]:
 
 
 def check_repetition(scene: trimesh.Scene, most: int) -> None:
-    """Refuse a scene that places its meshes so often that they have more than `most` faces."""
+    """Raise ValueError if the placed meshes of a scene have more than `most` faces, counted once per placement."""
     placed = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
     faces = sum(len(getattr(mesh, "faces", ())) for mesh in placed)
     if faces > most:

@@ -1,4 +1,4 @@
-"""Triangle meshes of your own as props: find the files, read them, and refuse what cannot be simulated."""
+"""The user's triangle meshes as props: find the files, read them, and refuse meshes that cannot be simulated."""
 
 import io
 from enum import Enum
@@ -25,13 +25,13 @@ class MeshUp(Enum):
     """The axis of a mesh file that points up."""
 
     auto = "auto"
-    """y in .glb files, as their format has it, z in others."""
+    """y in .glb files, as their format defines it; z in other files."""
     y = "y"
     z = "z"
 
 
 class MeshPart(NamedTuple):
-    """A connected part of a prop: its vertices (N, 3) m, faces (M, 3), and RGB colour 0..1 if it has its own."""
+    """A connected part of a prop: vertices (N, 3) m, faces (M, 3), and its RGB colour 0..1 if the file gives one."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -39,11 +39,11 @@ class MeshPart(NamedTuple):
 
 
 def find_meshes(path: str) -> list[str]:
-    """The mesh files of `props.path`, sorted.
+    """Return the mesh files of `props.path`, sorted.
 
     Raises:
         FileNotFoundError: there is no such file or folder.
-        ValueError: the file is no mesh, or the folder holds none.
+        ValueError: the file is not a mesh, or the folder contains no mesh.
     """
     place = Path(path)
     if not place.exists():
@@ -57,13 +57,13 @@ def find_meshes(path: str) -> list[str]:
 
 @lru_cache(maxsize=64)
 def load_mesh(path: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> tuple[MeshPart, ...]:
-    """Read a prop from a mesh file: z up, on the floor, centred above the origin, in connected parts.
+    """Return the connected parts of a prop from a mesh file: z up, on the floor, centred above the origin.
 
     Faces are turned outward. Props of more than 64 parts become one part.
 
     Raises:
-        ValueError: the file cannot be read, holds no triangles, is open, or is too small or too large for a prop; the
-            message names the file and says what to do.
+        ValueError: the file cannot be read, contains no triangles, or has an open surface, or its size does not suit a
+            prop; the message names the file and says what to do.
     """
     turn = np.eye(3)
     if up is MeshUp.y or (up is MeshUp.auto and Path(path).suffix.lower() == ".glb"):
@@ -90,7 +90,7 @@ def load_mesh(path: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> tuple[
 
 
 def _read(path: str) -> list[trimesh.Trimesh]:
-    """The meshes in a file, placed by its scene graph."""
+    """Return the meshes in a file, placed by its scene graph."""
     file = Path(path)
     if (size := check_file(file)) > _MOST_BYTES:
         raise ValueError(f"{path}: {size / 2**20:.0f} MiB are too large for a prop; simplify it to {_MOST_FACES} faces")
@@ -103,7 +103,7 @@ def _read(path: str) -> list[trimesh.Trimesh]:
             )
             check_repetition(scene, _MOST_FACES)
             found = scene.dump()
-    # Readers of foreign formats raise errors of any type.
+    # The readers of trimesh can raise errors of any type.
     except Exception as error:
         raise ValueError(f"{path}: this mesh is broken: {type(error).__name__}: {error}; export it again") from error
     meshes = [mesh for mesh in found if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
@@ -115,7 +115,7 @@ def _read(path: str) -> list[trimesh.Trimesh]:
 
 
 def _pieces(mesh: trimesh.Trimesh, path: str) -> list[trimesh.Trimesh]:
-    """The connected parts of a mesh, corners merged, each closed and with all faces turned outward."""
+    """Return the connected parts of a mesh with merged corners. Each part is closed, and all faces point outward."""
     if not np.isfinite(mesh.vertices).all():
         raise ValueError(f"{path}: this mesh is broken: it has vertices that are not finite; export it again")
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):

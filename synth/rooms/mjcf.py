@@ -1,8 +1,8 @@
-"""Read rooms and props in MJCF, which may come from elsewhere: they read no file outside their folder.
+"""Read rooms and props in MJCF. The files may be untrusted, so they can read no file outside their folder.
 
-What a file asks for is looked at before MuJoCo sees it: the files that it includes and its meshes and pictures, its
-numbers, and how much it makes of little text. Paths are those of MuJoCo's documentation: `meshdir`, `texturedir` and
-`assetdir` hold for meshes and pictures, includes are relative to the file itself.
+A file is checked before MuJoCo reads it: its included files, meshes and textures, its numbers, and how many elements a
+short text expands to. Paths follow MuJoCo's documentation: `meshdir`, `texturedir` and `assetdir` apply to meshes and
+textures, and includes are relative to the file itself.
 """
 
 from dataclasses import dataclass, field
@@ -17,13 +17,13 @@ from dmae.files.numbers import check_numbers
 from dmae.files.pictures import check_picture
 
 _MOST_TEXT, _MOST_ASSET = 4 << 20, 200 << 20
-"""Bytes of an MJCF file, and of a mesh or picture."""
+"""Greatest size of an MJCF file, and of a mesh or texture file, bytes."""
 _MOST_DEPTH, _MOST_ELEMENTS, _MOST_INCLUDES = 64, 10_000, 32
-"""Elements in each other, elements with repeated ones counted each time, and included files in each other."""
+"""Greatest depth of nested elements, number of elements (repeated elements count each time), and depth of includes."""
 _MOST_NUMBER, _FARTHEST = 1e9, 1e5
-"""Of any attribute, and of sizes and positions, m."""
+"""Greatest number in any attribute, and greatest size or position, m."""
 _BITS = {"contype", "conaffinity", "collision", "group"}
-"""Attributes that are no quantities."""
+"""Attributes with bits or numbers of groups, which are not quantities."""
 _PRODUCTS = {
     "hfield": (("nrow", "ncol"), 1 << 22),
     "numeric": (("size",), 1 << 16),
@@ -32,7 +32,7 @@ _PRODUCTS = {
     "composite": (("count",), 1000),
     "flexcomp": (("count",), 1000),
 }
-"""By element, attributes with a product that MuJoCo takes memory for, and the greatest product."""
+"""By element: attributes, and the greatest value of their product. MuJoCo allocates memory in proportion to it."""
 _GREATEST = {
     ("texture", "width"): 4096,
     ("texture", "height"): 6 * 4096,
@@ -49,7 +49,7 @@ _GREATEST = {
     (None, "actdim"): 1e4,
     (None, "nsample"): 1e4,
 }
-"""Greatest number by element and attribute, for the same reason; None stands for any other."""
+"""Greatest number by element and attribute, for the same reason; None means any other element or attribute."""
 _UNITS = {"k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12, "p": 1e15, "e": 1e18}
 _FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "flexcomp": "meshdir", "skin": "meshdir", "texture": "texturedir"}
 _UNSUPPORTED = ("plugin", "extension", "model", "attach")
@@ -57,13 +57,13 @@ _UNSUPPORTED = ("plugin", "extension", "model", "attach")
 
 @dataclass
 class _Found:
-    """What has been read so far."""
+    """The elements and file names that have been read so far."""
 
     folder: Path
     dirs: list[tuple[str, str]] = field(default_factory=list)
     """Attributes of `compiler` that name folders."""
     assets: list[tuple[Path, str, str]] = field(default_factory=list)
-    """The file that names it, its element, and its name."""
+    """For each asset: the file that names it, its element, and its name."""
     elements: int = 0
 
 
@@ -72,7 +72,7 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is malformed, refers to a file outside its folder, or is larger than a room can be; the message
+        ValueError: the file is malformed, refers to a file outside its folder, or exceeds a limit of size; the message
             names both files.
     """
     path = Path(path)
@@ -84,7 +84,7 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
 
 
 def compile_mjcf(path: Path) -> mujoco.MjModel:
-    """Return the model of an MJCF file; errors as in `read_mjcf`."""
+    """Return the model of an MJCF file. Raises the same errors as `read_mjcf`."""
     spec = read_mjcf(path)
     try:
         model = spec.compile()
@@ -98,7 +98,7 @@ def compile_mjcf(path: Path) -> mujoco.MjModel:
 
 
 def check_mjcf(path: Path) -> None:
-    """Check a file and all that it includes; errors as in `read_mjcf`."""
+    """Check a file and all files that it includes. Raises the same errors as `read_mjcf`."""
     found = _Found(path.resolve().parent)
     _read(path, found, ())
     for file, kind, name in found.assets:
@@ -132,7 +132,7 @@ def _read(path: Path, found: _Found, above: tuple[Path, ...]) -> None:
 
 
 def _count(element: ElementTree.Element, depth: int) -> int:
-    """Return the number of elements in one, those in a `replicate` counted as often as it repeats them."""
+    """Return the number of elements within an element. Elements in a `replicate` count once per repetition."""
     if depth > _MOST_DEPTH:
         raise ValueError(f"its elements are nested deeper than {_MOST_DEPTH}")
     inside = sum(_count(child, depth + 1) for child in element)
@@ -145,7 +145,7 @@ def _count(element: ElementTree.Element, depth: int) -> int:
 
 
 def _check_element(element: ElementTree.Element) -> None:
-    """Refuse numbers that are none, and sizes for which MuJoCo takes memory before it reads on."""
+    """Raise ValueError for invalid numbers, and for sizes that make MuJoCo allocate too much memory."""
     tag, values = element.tag, element.attrib
     if tag in _UNSUPPORTED:
         raise ValueError(f"<{tag}>: rooms and props are read without plugins and models in models")
@@ -161,7 +161,7 @@ def _check_element(element: ElementTree.Element) -> None:
 
 
 def _numbers(text: str) -> list[float]:
-    """Return the numbers in an attribute, with a unit of memory multiplied; words count as zero."""
+    """Return the numbers in an attribute. A unit of memory ("K", "M", ...) multiplies its number; words count as 0."""
     found = []
     for word in text.split():
         unit = _UNITS.get(word[-1].lower(), 1.0)
@@ -173,7 +173,7 @@ def _numbers(text: str) -> list[float]:
 
 
 def _follow(path: Path, element: ElementTree.Element, found: _Found, above: tuple[Path, ...]) -> None:
-    """Note the files that an element names; read included ones."""
+    """Add the files that an element names to `found`, and read included files."""
     for name, value in element.attrib.items():
         if element.tag == "compiler" and name in ("assetdir", "meshdir", "texturedir"):
             found.dirs.append((name, value))
@@ -188,8 +188,10 @@ def _follow(path: Path, element: ElementTree.Element, found: _Found, above: tupl
 
 
 def _existing(found: _Found, path: Path, kind: str, names: list[Path]) -> list[Path]:
-    """Return those files of some names that are there: MuJoCo looks next to the first file, or next to the one that
-    names it. Absolute names, and links that lead out of the folder, are refused.
+    """Return the existing files among some names.
+
+    MuJoCo searches the folder of the first file, or of the file that gives the name. Raises ValueError for absolute
+    names and for links that lead out of the folder.
     """
     places = []
     for name in names:

@@ -1,4 +1,4 @@
-"""Props: MJCF files of primitives, and triangle meshes of your own."""
+"""Props: MJCF files of primitives, and the user's triangle meshes."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -36,13 +36,13 @@ class PropsConfig:
 
 
 def prop_spec(kind: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> mujoco.MjSpec:
-    """A prop by itself: one of `scenes/props/`, or an MJCF or mesh file.
+    """Return the MuJoCo specification of one prop: a name in `scenes/props/`, or an MJCF or mesh file.
 
-    Its material "tint", if it has one, takes any colour. A mesh stops rays by its triangles, and people by the convex
-    hull of each of its connected parts.
+    A material "tint" of the prop takes any colour. The triangles of a mesh stop rays; the convex hull of each connected
+    part stops people.
 
     Raises:
-        ValueError: there is no such prop, or its mesh is unfit; the message names it.
+        ValueError: there is no such prop, or its mesh cannot be simulated; the message names it.
     """
     if Path(kind).suffix.lower() not in MESHES:
         return read_mjcf(prop_file(kind))
@@ -64,7 +64,7 @@ def prop_spec(kind: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> mujoco
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=name,
             material=name if part.colour else "tint",
-            # The bits of all objects: see synth/people/mjcf.py.
+            # Contact bits of all objects: see synth/people/mjcf.py.
             contype=0,
             conaffinity=2**31 - 1,
         )
@@ -85,8 +85,8 @@ class PropSize:
 
     Attributes:
         discs: (K, 3) x, y and radius of discs that cover it on the floor, m.
-        size: (3,) of its bounding box along its own axes, m.
-        reach: (3,) greatest x, y and z of the box, m; to the micrometre.
+        size: (3,) size of its bounding box along its own axes, m.
+        reach: (3,) greatest x, y and z of the box, m, rounded to the micrometre.
     """
 
     discs: np.ndarray
@@ -95,13 +95,13 @@ class PropSize:
 
     @property
     def face(self) -> float:
-        """Area of the largest upright face of the bounding box, m^2."""
+        """The area of the largest upright face of the bounding box, m^2."""
         return float(self.size[:2].max() * self.size[2])
 
 
 @lru_cache(maxsize=64)
 def prop_size(kind: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> PropSize:
-    """The space that a prop takes. Raises as `prop_spec` does."""
+    """Return the space that a prop takes. Raises the same errors as `prop_spec`."""
     model = prop_spec(kind, scale, up).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

@@ -7,9 +7,9 @@ import numpy as np
 
 
 def opaque_model(model: mujoco.MjModel, geom_ids: np.ndarray) -> mujoco.MjModel:
-    """A copy in which exactly the geoms with an id stop rays: they are in group 0, and the others in group 5.
+    """Return a copy of a model in which only geoms with an id stop rays. They are in group 0, the others in group 5.
 
-    Rays pass through fully transparent geoms, with an id or without.
+    Rays also pass through fully transparent geoms that have an id.
     """
     opaque = copy.copy(model)
     opaque.geom_group = np.where(np.asarray(geom_ids) > 0, 0, 5)
@@ -19,7 +19,7 @@ def opaque_model(model: mujoco.MjModel, geom_ids: np.ndarray) -> mujoco.MjModel:
 def cast_rays(
     model: mujoco.MjModel, data: mujoco.MjData, center: np.ndarray, directions: np.ndarray, groups: tuple = (0,)
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The first geom that each ray from a point meets.
+    """Find the first geom that each ray from a point meets.
 
     Args:
         model, data: A scene; its kinematics must be up to date.
@@ -30,7 +30,7 @@ def cast_rays(
     Returns:
         geom: (R,) index of the geom met, -1 for none.
         distance: (R,) m, -1 for none.
-        outward: (R, 3) the surface's normal; zero for none.
+        outward: (R, 3) outward unit normal of the surface, world; zero for none.
     """
     count = len(directions)
     geom, distance, normal = np.full(count, -1, np.int32), np.full(count, -1.0), np.zeros(3 * count)

@@ -1,4 +1,4 @@
-"""A room as a MuJoCo specification: an MJCF file of `scenes/`, or any other, with what it lacks filled in."""
+"""A room as a MuJoCo specification, read from `scenes/` or from any MJCF file. Missing parts are filled in."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -13,13 +13,13 @@ FLOOR, WALL = "floor", "wall"
 """Materials that scenes cover with a finish."""
 _OBJECT_BITS = 2**31 - 1
 """Contact bits of rooms and props: they collide with people, never with each other. See synth/people/mjcf.py."""
-_LEVEL = 0.02
+_FLOOR_TOLERANCE = 0.02
 """Distance from z = 0 within which a surface is the floor, m."""
-_SOUGHT = 1.5
-"""The floor is sought this far around the origin, m."""
-_HALF = 10.0
-"""Half of the side of a floor that is added, m."""
-# Direction, diffuse colour, and whether it casts a shadow: a light above, and two that brighten the shadows.
+_FLOOR_SEARCH_RADIUS = 1.5
+"""Distance from the origin within which the floor is searched, m."""
+_HALF_SIDE = 10.0
+"""Half of the side length of a floor that is added, m."""
+# Direction, diffuse colour, and whether the light casts a shadow: a light above, and two that brighten the shadows.
 _LIGHTS = (
     ((-0.18, 0.13, -1.0), 0.46, True),
     ((0.6, -0.5, -0.5), 0.20, False),
@@ -32,7 +32,7 @@ class Room(NamedTuple):
 
     Attributes:
         spec: Its specification; people, props and cameras are added to it.
-        filled: What was filled in or changed, a clause each; nothing for the rooms of `scenes/`.
+        filled: Descriptions of all additions and changes, one clause each; empty for the rooms of `scenes/`.
     """
 
     spec: mujoco.MjSpec
@@ -42,14 +42,14 @@ class Room(NamedTuple):
 def load_room(arena: str) -> Room:
     """Read a room of `scenes/`, or any MJCF file.
 
-    A file that was not written as a room lacks some of what a scene needs. Contacts with people, a floor at z = 0 and
-    lights are then added, and joints, keyframes and physics options are left out.
+    A file that was not written as a room lacks some parts that a scene needs. Contacts with people, a floor at z = 0
+    and lights are then added. Joints, keyframes and physics options are removed.
 
     Args:
         arena: Name of a room, or path of an MJCF file.
 
     Raises:
-        ValueError: there is no such room, or the file is no MJCF; the message names it.
+        ValueError: there is no such room, or the file is not MJCF; the message names it.
     """
     path = arena_file(arena)
     spec = read_mjcf(path)
@@ -62,13 +62,13 @@ def load_room(arena: str) -> Room:
 
 
 def room_name(arena: str) -> str:
-    """Return the name of a room of `scenes/`, or the absolute path of another file, for use from any folder."""
+    """Return the name of a room of `scenes/`, or the absolute path of another file. Both are valid in any folder."""
     return arena if arena in room_choices() else str(Path(arena_file(arena)).resolve())
 
 
 def _filled(spec: mujoco.MjSpec):
-    """Fill in what a room lacks, and yield what that was."""
-    if taken := _hold_still(spec):
+    """Add the missing parts of a room, and yield a description of each."""
+    if taken := _remove_joints(spec):
         yield f"left out {taken}: rooms are static"
     _reset_options(spec)
     for geom in spec.geoms:
@@ -77,10 +77,10 @@ def _filled(spec: mujoco.MjSpec):
     floor = _floor_geoms(spec)
     if not floor:
         floor = [spec.worldbody.add_geom(
-            name=_free_name(spec.geoms, FLOOR), type=mujoco.mjtGeom.mjGEOM_PLANE, size=[_HALF, _HALF, 0.1],
+            name=_free_name(spec.geoms, FLOOR), type=mujoco.mjtGeom.mjGEOM_PLANE, size=[_HALF_SIDE, _HALF_SIDE, 0.1],
             conaffinity=_OBJECT_BITS, contype=0,
         )]  # fmt: skip
-        yield f"added a floor at z = 0, {2 * _HALF:g} m by {2 * _HALF:g} m: the file has no surface there"
+        yield f"added a floor at z = 0, {2 * _HALF_SIDE:g} m by {2 * _HALF_SIDE:g} m: the file has no surface there"
     for geom in floor:
         if not geom.conaffinity:
             geom.conaffinity = _OBJECT_BITS
@@ -101,10 +101,10 @@ def _filled(spec: mujoco.MjSpec):
         yield f"added {len(_LIGHTS)} lights: the file has none"
 
 
-def _hold_still(spec: mujoco.MjSpec) -> str:
-    """Leave out whatever moves or depends on what does; return what there was, in words."""
+def _remove_joints(spec: mujoco.MjSpec) -> str:
+    """Remove joints and all elements that depend on them, and return a description of the removed elements."""
     counts = {}
-    # What refers to joints goes before them.
+    # Elements that refer to joints are removed before the joints.
     for name in ("keys", "sensors", "actuators", "equalities", "tendons", "joints"):
         parts = list(getattr(spec, name))
         for part in parts:
@@ -123,16 +123,20 @@ def _reset_options(spec: mujoco.MjSpec) -> None:
 
 
 def _floor_geoms(spec: mujoco.MjSpec) -> list[mujoco.MjsGeom]:
-    """Return the geoms on which people around the origin stand; none if most of the ground is missing."""
+    """Return the geoms that people around the origin stand on; an empty list if most of the ground is missing."""
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    places = [(x, y) for x in (-_SOUGHT, 0.0, _SOUGHT) for y in (-_SOUGHT, 0.0, _SOUGHT)]
+    places = [
+        (x, y)
+        for x in (-_FLOOR_SEARCH_RADIUS, 0.0, _FLOOR_SEARCH_RADIUS)
+        for y in (-_FLOOR_SEARCH_RADIUS, 0.0, _FLOOR_SEARCH_RADIUS)
+    ]
     found, geom = [], np.zeros(1, np.int32)
     for place in places:
-        # mj_multiRay misses some geoms in rays that are exactly vertical.
-        distance = mujoco.mj_ray(model, data, (*place, _LEVEL), (0, 0, -1), None, 1, -1, geom)
-        if 0 <= distance <= 2 * _LEVEL:
+        # mj_multiRay misses some geoms if a ray is exactly vertical.
+        distance = mujoco.mj_ray(model, data, (*place, _FLOOR_TOLERANCE), (0, 0, -1), None, 1, -1, geom)
+        if 0 <= distance <= 2 * _FLOOR_TOLERANCE:
             found.append(int(geom[0]))
     return [spec.geoms[each] for each in sorted(set(found))] if len(found) > len(places) / 2 else []
 

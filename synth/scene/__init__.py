@@ -1,1 +1,1 @@
-"""What is in a scene, drawn from a seed and built as a MuJoCo model."""
+"""The contents of a scene: drawn from a seed, then built as a MuJoCo model."""

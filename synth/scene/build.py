@@ -1,4 +1,4 @@
-"""From a scene's specification to the MuJoCo model of it."""
+"""Build the MuJoCo model of a scene from its specification."""
 
 from dataclasses import dataclass
 
@@ -28,22 +28,23 @@ _GRIP_DAMPING = 1.0
 STEPS_PER_CONTROL = 2
 """Physics steps between two updates of the controller's forces."""
 SUBSTEPS = 8
-"""Updates of the controller's forces in a frame of the plan. A step of the physics takes 2.5 ms, in two of which a kick
-moves a few centimetres."""
+"""Updates of the controller's forces per frame of the plan. A physics step takes 2.5 ms. A kicking foot moves a few
+centimetres in two steps."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene ready to be simulated.
+    """A scene that is ready for simulation.
 
     Attributes:
         model: The MuJoCo model; people's bodies are named `person<p>/<segment>`.
-        geom_ids: (ngeom,) uint16, as in the ids of images: 1 + p for the visible surface of person p, 256 + k for
+        geom_ids: (ngeom,) uint16 ids, the same as in id images: 1 + p for the visible surface of person p, 256 + k for
             object k, 0 for the solid parts of people, which only collide.
         geom_persons: (ngeom,) index of the person that a geom belongs to, -1 for objects.
         objects: Names of the objects, at least "floor".
         obstacles: (K, 3) x, y and radius of discs that cover the room's objects and the props, without furniture, m.
-        holds: (H, 3) index of each equality constraint by which a hand holds an object, its beginning and end, s.
+        holds: (H, 3) one row per equality constraint that ties a hand to an object: the index of the constraint, and
+            the times at which it begins and ends, s.
     """
 
     model: mujoco.MjModel
@@ -55,7 +56,7 @@ class Scene:
 
     @property
     def geom_names(self) -> list[str]:
-        """Name of what each geom belongs to: `person<p>/<segment>`, or an object."""
+        """The name of the owner of each geom: `person<p>/<segment>`, or the name of an object."""
         return [
             self.model.body(self.model.geom_bodyid[geom]).name
             if person >= 0
@@ -70,7 +71,7 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
     Args:
         spec: The scene.
         rig: The cameras.
-        painted: Whether to add textures and smooth shading, which pictures need and labels do not.
+        painted: Whether to add textures and smooth shading. Images need them, labels do not.
 
     Raises:
         ValueError: an MJCF file is missing or malformed; a camera cannot be rendered.
@@ -78,7 +79,7 @@ def build_scene(spec: SceneSpec, rig: CameraRig, *, painted: bool = True) -> Sce
     """
     world, _ = load_room(spec.arena)
     _set_options(world)
-    # A child of the scene's stream: textures do not change the draws that made the spec.
+    # Textures use a child of the scene's random stream, so they do not change the draws that made the spec.
     rng = generator(spec.seed, spec.clip, Stream.SCENE).spawn(1)[0] if painted else None
     decorate(world, spec.decor)
     for name, finish in ((FLOOR, spec.decor.floor), (WALL, spec.decor.wall)):
@@ -106,19 +107,23 @@ def _set_options(world: mujoco.MjSpec) -> None:
     option = world.option
     option.timestep = 1 / (PLAN_FPS * SUBSTEPS * STEPS_PER_CONTROL)
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    # MuJoCo 4.0.0 solves with a sparse Jacobian wrongly, and scenes of this size would get one.
+    # MuJoCo 4.0.0 gives wrong solutions with a sparse Jacobian, and would choose one for scenes of this size.
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
 def _cover(world: mujoco.MjSpec, name: str, finish: Finish, *, rng: np.random.Generator | None) -> None:
-    """Cover a material of the room, if the room has it, with a texture."""
+    """Cover a material of the room with a texture, if the room has that material."""
     material = world.material(name)
     if rng and material is not None:
         add_texture(world, material, paint(finish.pattern, finish.colours, 512, rng=rng))
 
 
 def add_prop(world: mujoco.MjSpec, prefix: str, prop: PropSpec) -> np.ndarray:
-    """Add a prop to a scene, its names prefixed; return the (K, 3) discs that it takes on the floor, m."""
+    """Add a prop to a scene and prefix its names.
+
+    Returns:
+        (K, 3) x, y and radius of the discs that the prop covers on the floor, m.
+    """
     child = prop_spec(prop.kind, prop.scale, prop.up)
     tint = child.material("tint")
     if tint is not None and prop.tint:
@@ -130,11 +135,11 @@ def add_prop(world: mujoco.MjSpec, prefix: str, prop: PropSpec) -> np.ndarray:
 
 
 def _add_load(world: mujoco.MjSpec, prefix: str, load: Load, persons: tuple[PersonSpec, ...]) -> None:
-    """Add an object that moves freely, tied to palms while they grip it."""
+    """Add an object that moves freely and is tied to palms while they grip it."""
     child = prop_spec(load.kind)
     body = child.worldbody.first_body()
     child_body = body.name
-    # An object between palms does not swing for long.
+    # Damping stops an object between two palms from swinging for long.
     body.add_joint(name="free", type=mujoco.mjtJoint.mjJNT_FREE, damping=_GRIP_DAMPING)
     for number, grip in enumerate(load.grips):
         for side, sign in SIDES.items():
@@ -148,7 +153,7 @@ def _add_load(world: mujoco.MjSpec, prefix: str, load: Load, persons: tuple[Pers
             holder, name = persons[grip.person].body, f"{prefix}grip{number}{side}"
             palm = PALM * (1, sign * holder.arms, 1) * holder.stature
             world.body(f"person{grip.person}/{side}_hand").add_site(name=f"{name}/palm", pos=palm)
-            # The grip keeps hands at the surface; their friction would turn the object.
+            # The grip already keeps the hands at the surface. Friction of the hands would turn the object.
             for part in ("forearm", "hand"):
                 world.add_exclude(bodyname1=prefix + child_body, bodyname2=f"person{grip.person}/{side}_{part}")
             world.add_equality(
@@ -162,7 +167,10 @@ def _add_load(world: mujoco.MjSpec, prefix: str, load: Load, persons: tuple[Pers
 
 
 def _identify(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Ids and persons of geoms, and names of objects: each body is an object, and each geom of the world itself."""
+    """Return ids (ngeom,) and persons (ngeom,) of geoms, and the names of objects.
+
+    Each body that is not part of a person is an object, and so is each geom of the world body.
+    """
     ids, persons = np.zeros(model.ngeom, np.uint16), np.full(model.ngeom, -1)
     objects: list[str] = []
     for geom in range(model.ngeom):

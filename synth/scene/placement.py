@@ -1,4 +1,4 @@
-"""Where people go: close enough to hide each other, never inside each other or an obstacle."""
+"""Place people: close enough to hide each other, but never inside each other or an obstacle."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,18 +17,18 @@ from synth.scene.prop_placement import placed_discs
 
 _DRAWS = 60
 """Placements drawn for a person before the clip fails."""
-_TURNS = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.15, 1.6, 2.2)
-"""Rates at which a path may be bent to stay within the radius, rad/s; the first that does is taken."""
-_APART = 0.8
-"""Least distance of two people's hips in the first frame, m."""
-_BESIDE = 0.3
-"""Distance of hips from an obstacle, m."""
-_HIPS = 0.25
-"""Radius of a person of an interaction around the hips, m."""
+_BEND_RATES = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.15, 1.6, 2.2)
+"""Rates at which a path may be bent, rad/s; the first rate that keeps the path within the radius is used."""
+_START_DISTANCE = 0.8
+"""Least distance between two people's hips in the first frame, m."""
+_OBSTACLE_GAP = 0.3
+"""Least distance between hips and an obstacle, m."""
+_PERSON_RADIUS = 0.25
+"""Radius around the hips that a person of an interaction needs, m."""
 
 
 class Placement(NamedTuple):
-    """Where a motion goes.
+    """The place, heading and bend of a motion in the scene.
 
     Attributes:
         start: x and y of the hips in the first frame, m.
@@ -53,9 +53,10 @@ def place_persons(
     others: np.ndarray | None = None,
     occupied: np.ndarray | None = None,
 ) -> list[Placement]:
-    """Place each motion such that it passes a common meeting point at some time and stays within the radius.
+    """Place each motion so that it passes a common meeting point at some time and stays within the radius.
 
-    Of several draws for a person the one with the fewest sidesteps is taken. People keep clear of each other's stools.
+    Several placements are drawn for each person, and the one with the fewest sidesteps is used. People keep clear of
+    each other's stools.
 
     Args:
         motions: One for each person.
@@ -80,13 +81,13 @@ def place_persons(
     for number, motion in enumerate(motions):
         best, least = None, np.inf
         for attempt in range(_DRAWS):
-            # The more draws fail, the farther from the middle.
+            # Each failed draw widens the search, so later draws are farther from the middle.
             spread = gathering * (1 + attempt / 15)
             placed, path, outside = _draw(motion, meeting + rng.normal(0, spread, 2), middle, radius, rng=rng)
             cost = 10 * outside + _crowding(path, paths, np.concatenate([obstacles, stools]), clearance)
             own = stool_discs(motion, path)
             if len(own):
-                gap = np.linalg.norm(paths[:, :, None] - own[:, :2], axis=-1) - own[:, 2] - _BESIDE
+                gap = np.linalg.norm(paths[:, :, None] - own[:, :2], axis=-1) - own[:, 2] - _OBSTACLE_GAP
                 cost += 3 * np.maximum(0, -gap).max(initial=0.0)
             if cost < least:
                 best, least, kept = placed, cost, path
@@ -107,11 +108,11 @@ def place_persons(
 
 
 def stool_discs(motion: Motion, path: np.ndarray) -> np.ndarray:
-    """(K, 3) x, y and radius of the stools on which a person with hips along a path (F, 2) sits, m."""
+    """Return (K, 3) x, y and radius of the stools of one person, m. The hips follow the path (F, 2), m."""
     radius = float(prop_size(STOOL).reach[0])
     places: list[np.ndarray] = []
     for frame in motion.seats:
-        # A person who sits down at the same place again has the same stool.
+        # A person that sits down at the same place again uses the same stool.
         if all(np.linalg.norm(path[frame] - place) > 2 * radius for place in places):
             places.append(path[frame])
     return np.column_stack([np.reshape(places, (-1, 2)), np.full(len(places), radius)])
@@ -147,7 +148,7 @@ def place_script(
     furniture = [placed_discs(prop_size(prop.kind).discs, prop.at, prop.yaw) for prop in script.furniture]
     obstacles = footprints(arena)
     paths = np.concatenate([motion.root[:, :2] for motion in motions])
-    occupied = np.concatenate([np.column_stack([paths, np.full(len(paths), _HIPS)]), *furniture])
+    occupied = np.concatenate([np.column_stack([paths, np.full(len(paths), _PERSON_RADIUS)]), *furniture])
     reach = float(np.linalg.norm(paths, axis=1).max())
     walking = all(role.walks for role in script.roles)
     best, least = None, np.inf
@@ -157,7 +158,7 @@ def place_script(
         gap = np.linalg.norm(places[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - occupied[:, 2:]
         blocked = np.maximum(0, -gap).max(1, initial=0.0)
         strays = float(np.linalg.norm(places[: len(paths)] - middle, axis=1).max())
-        # People who walk step around obstacles later.
+        # Walking people step around obstacles later, so the mean overlap is enough for them.
         cost = float(blocked.mean() if walking else blocked.max()) + max(0.0, strays - max(radius, reach))
         if cost < least:
             best, least = (at, yaw), cost
@@ -180,11 +181,11 @@ def place_script(
 def _draw(
     motion: Motion, passing: np.ndarray, middle: Sequence[float], radius: float, *, rng: np.random.Generator
 ) -> tuple[Placement, np.ndarray, float]:
-    """A placement that passes a point in some frame, its path (F, 2), and how far that leads beyond the radius, m."""
+    """Return a placement that passes a point in some frame, its path (F, 2) m, and its excess over the radius, m."""
     frame = int(rng.integers(len(motion)))
     yaw, side = float(rng.uniform(-np.pi, np.pi)), float(rng.choice((-1.0, 1.0)))
     best = None
-    for turn in _TURNS:
+    for turn in _BEND_RATES:
         turn = turn * side
         path = redirected_path(motion, (0.0, 0.0), yaw, turn)
         path = path - path[frame] + passing
@@ -197,16 +198,16 @@ def _draw(
 
 
 def _crowding(path: np.ndarray, others: np.ndarray, obstacles: np.ndarray, clearance: float) -> float:
-    """Cost of the sidesteps that a path (F, 2) asks of others (F, P, 2) and for obstacles (K, 3), roughly in metres."""
+    """Return the cost of the sidesteps on a path (F, 2) around others (F, P, 2) and obstacles (K, 3), roughly in m."""
     apart = np.linalg.norm(others - path[:, None], axis=-1)
-    start = np.maximum(0, max(_APART, clearance) - apart[:1]).sum()
+    start = np.maximum(0, max(_START_DISTANCE, clearance) - apart[:1]).sum()
     meeting = np.maximum(0, clearance - apart)
-    gap = np.linalg.norm(path[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - _BESIDE
+    gap = np.linalg.norm(path[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - _OBSTACLE_GAP
     blocked = np.maximum(0, -gap).max(initial=0.0)
     return float(5 * start + 3 * blocked + 2 * meeting.mean(0).sum() + 0.2 * meeting.max(initial=0.0))
 
 
 def _moved(point: np.ndarray, at: Sequence[float], yaw: float) -> tuple[float, float]:
-    """A point (2 or more,), m, turned about the origin by `yaw`, rad, and moved by `at`, m."""
+    """Return x and y, m, of a point (2 or more,) after a turn about the origin by `yaw`, rad, and a shift by `at`."""
     x, y, _ = placed_discs(np.array([(point[0], point[1], 0.0)]), at, yaw)[0]
     return float(x), float(y)

@@ -1,4 +1,4 @@
-"""Where props stand: never in the way of people, and on request between people and cameras."""
+"""Place props: never in the way of people, and on request between people and cameras."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,10 +10,10 @@ from synth.rooms.footprints import footprints
 from synth.rooms.props import PlacedProp, PropSize
 
 _DRAWS = 60
-"""Positions drawn for a prop before it is left out."""
+"""Number of positions that are drawn for a prop before it is left out."""
 _GAP = (0.3, 0.05, 0.6)
 """Least distance of a prop from people's hips, from other objects, and from cameras, m."""
-_BEYOND = 1.5
+_EXTRA_RADIUS = 1.5
 """Distance beyond the radius at which props may stand between people and cameras, m."""
 
 
@@ -36,7 +36,7 @@ def place_props(
     Args:
         count: Number of props wanted.
         kinds: Kinds to draw from, with their sizes.
-        paths: (F, P, 2) hips before people make room for each other, m.
+        paths: (F, P, 2) hips before people step aside for each other, m.
         arena: MJCF file of the room.
         fps: Frames per second.
         middle: x and y of the middle, m.
@@ -44,14 +44,14 @@ def place_props(
         clearance: Distance that people keep between their hips, m.
         occupied: (K, 3) x, y and radius of discs where other props stand, m.
         rng: Draws kinds and positions.
-        cameras: (x, y) of cameras, m. If there are any, each prop stands between one of them and a person, broadside
-            on, up to 1.5 m beyond the radius; and large kinds are drawn more often.
+        cameras: (x, y) of cameras, m. If there are any, each prop stands between a camera and a person, with its broad
+            side across the line of sight, up to 1.5 m beyond the radius. Large kinds are then drawn more often.
     """
     obstacles = footprints(arena)
     walked = (paths + avoid_collisions(paths, fps, clearance=clearance, obstacles=obstacles)).reshape(-1, 2)
     occupied = np.concatenate([obstacles, occupied])
     cameras = np.array(cameras).reshape(-1, 2)
-    reach = radius + _BEYOND * bool(len(cameras))
+    reach = radius + _EXTRA_RADIUS * bool(len(cameras))
     names = sorted(kinds)
     faces = np.array([kinds[name].face for name in names])
     weights = faces / faces.sum() if len(cameras) else None
@@ -75,7 +75,7 @@ def place_props(
 
 
 def placed_discs(discs: np.ndarray, at: Sequence[float], yaw: float) -> np.ndarray:
-    """(K, 3) discs of a prop that is turned by `yaw`, rad, and moved to `at`, m."""
+    """Return the (K, 3) discs of a prop after a turn by `yaw`, rad, and a shift to `at`, m."""
     turn = np.array([(np.cos(yaw), np.sin(yaw)), (-np.sin(yaw), np.cos(yaw))])
     return np.column_stack([discs[:, :2] @ turn + at, discs[:, 2]])
 
@@ -86,7 +86,7 @@ def _anywhere(middle: Sequence[float], radius: float, *, rng: np.random.Generato
 
 
 def _between(walked: np.ndarray, cameras: np.ndarray, *, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """A position between a camera and a point of a person's path, and a heading across that line of sight."""
+    """Return a position between a camera and a point of a person's path, m, and a heading across that line, rad."""
     person, camera = walked[rng.integers(len(walked))], cameras[rng.integers(len(cameras))]
     sight = camera - person
     yaw = float(np.arctan2(sight[1], sight[0]) + np.pi / 2 + rng.normal(0, 0.25))

@@ -36,17 +36,17 @@ from synth.scene.spec import (
 )
 
 _BYSTANDERS, _PLACES, _HANDS = 2, 3, 4
-"""Children of the scene's stream that draw bystanders, their places, and hands, after those of textures and colours."""
-_ASIDE = 0.65
-"""Least distance of bystanders' hips from other people's, m."""
+"""Numbers of the child streams for bystanders, their places, and hands; 0 and 1 draw textures and colours."""
+_BYSTANDER_GAP = 0.65
+"""Least distance between the hips of a bystander and those of other people, m."""
 
 
 class SampledScene(NamedTuple):
-    """A scene as it was drawn.
+    """A drawn scene.
 
     Attributes:
         spec: The scene of P people, as stored.
-        motions: P motions in place, which `load_motions` draws again from a stored spec.
+        motions: P motions, placed in the scene. `load_motions` draws them again from a stored spec.
     """
 
     spec: SceneSpec
@@ -58,12 +58,12 @@ class People:
     """The people of a clip before they are placed.
 
     Attributes:
-        bodies, looks: Of P people.
-        motions: P motions, at the size of the bodies, anywhere on the floor.
+        bodies, looks: Bodies and looks of P people.
+        motions: P motions, scaled to the bodies, anywhere on the floor.
         script: The interaction, if any.
-        clearance: Distance that they keep between their hips, m.
+        clearance: Distance that people keep between their hips, m.
         frames: Length of the planned motion.
-        motion, interaction: What the motions were drawn from.
+        motion, interaction: Configurations that the motions were drawn from.
         seed, clip: Seed of the data set and number of the clip.
     """
 
@@ -88,13 +88,13 @@ def sample_scene(
     seed: int,
     clip: int,
 ) -> SampledScene:
-    """Draw the scene of one clip. The same arguments give the same scene, whatever other clips are drawn.
+    """Draw the scene of one clip. The same arguments always give the same scene, independent of other clips.
 
     Args:
-        config: What the scene is drawn from.
-        motion: Where motion comes from.
-        props: Meshes of your own, in place of `config.prop_kinds`.
-        interaction: What people do together.
+        config: Distributions that the scene is drawn from.
+        motion: Source of the motion.
+        props: The user's meshes, which replace `config.prop_kinds`.
+        interaction: Interaction of the people.
         seed: Seed of the data set.
         clip: Number of the clip.
 
@@ -119,15 +119,15 @@ def sample_people(
     """Draw the people of one clip and their motions.
 
     Args:
-        config, motion, interaction, seed, clip: As for `sample_scene`.
-        rng: The clip's stream `Stream.SCENE`, which is then also used for the layout; a new one by default.
+        config, motion, interaction, seed, clip: The same as in `sample_scene`.
+        rng: The clip's random stream `Stream.SCENE`, which also draws the layout later; by default a new one.
     """
     interaction, rng = interaction or InteractionConfig(), rng or generator(seed, clip, Stream.SCENE)
     count = _count_participants(config, interaction, rng=rng)
     clearance = float(rng.uniform(*config.clearance))
     bodies, looks = _draw_people(count, config.children, rng=rng)
     if interaction.bystanders:
-        # With a stream of their own: those who take part are the same without them.
+        # Bystanders have a separate stream, so the participants do not depend on their number.
         apart = generator(seed, clip, Stream.SCENE).spawn(_BYSTANDERS + 1)[_BYSTANDERS]
         others = _draw_people(interaction.bystanders, config.children, rng=apart)
         bodies, looks = bodies + others[0], looks + others[1]
@@ -138,7 +138,7 @@ def sample_people(
 
 
 def count_people(config: SceneConfig, interaction: InteractionConfig, *, seed: int, clip: int) -> int:
-    """Return the number of people of a clip, bystanders included, which is drawn before all else."""
+    """Return the number of people of a clip, including bystanders. The stream draws the participants' number first."""
     rng = generator(seed, clip, Stream.SCENE)
     return _count_participants(config, interaction, rng=rng) + interaction.bystanders
 
@@ -161,7 +161,7 @@ def _draw_people(count: int, children: float, *, rng: np.random.Generator) -> tu
 
 
 def _with_hands(looks: list[PersonLooks], script: Script | None, *, rng: np.random.Generator) -> list[PersonLooks]:
-    """Give people the hands that their roles ask for, or any."""
+    """Return looks with the hand poses that the roles require; other people get random ones."""
     drawn = [sample_hands(rng=rng) for _ in looks]
     asked = [role.hands for role in script.roles] if script else []
     asked += [None] * (len(looks) - len(asked))
@@ -180,9 +180,9 @@ def lay_out(
 
     Args:
         people: The people.
-        config, props: As for `sample_scene`.
-        layout: A layout in place of the configuration's, with a random stream of its own.
-        rng: The clip's stream after its people were drawn; not needed with a layout.
+        config, props: The same as in `sample_scene`.
+        layout: A layout that replaces the configuration's values. It has a separate random stream.
+        rng: The clip's random stream, after the people were drawn; not needed with a layout.
     """
     props = props or PropsConfig()
     seed, clip = people.seed, people.clip
@@ -201,7 +201,7 @@ def lay_out(
                 bystanders,
                 arena,
                 **where,
-                clearance=max(clearance, _ASIDE),
+                clearance=max(clearance, _BYSTANDER_GAP),
                 others=np.stack(paths, axis=1),
                 occupied=_occupied(furniture),
                 rng=rng.spawn(_PLACES + 1)[_PLACES],
@@ -225,7 +225,7 @@ def lay_out(
         occupied=_occupied(furniture),
         rng=rng,
     )
-    # Of the children of the scene's stream the first paints textures (synth/scene/build.py), the second draws colours.
+    # The first child of the scene's stream paints textures (synth/scene/build.py); the second one draws colours.
     colours = generator(seed, clip, Stream.SCENE).spawn(2)[1]
     decor = sample_decor(arena, randomize=config.randomize, rng=colours)
 
@@ -256,7 +256,7 @@ def lay_out(
 
 
 def load_motions(spec: SceneSpec) -> list[Motion]:
-    """Draw the motions of a stored spec again: in place, at the size of the people's bodies, on the floor."""
+    """Draw the motions of a stored spec again: placed in the scene, scaled to the people's bodies, on the floor."""
     bodies = [person.body for person in spec.persons]
     where = spec.planned_frames, PLAN_FPS, spec.radius, spec.seed, spec.clip
     motions, _ = draw_motions(spec.motion, spec.interaction, bodies, *where)
@@ -268,12 +268,12 @@ def _in_place(motions: list[Motion], placements: Sequence[Placement]) -> list[Mo
 
 
 def _prop_sizes(config: SceneConfig, props: PropsConfig) -> dict[str, PropSize]:
-    """The kinds of props that are drawn from, with their sizes."""
+    """Return the size of each kind of prop that can be drawn, by its name."""
     kinds = find_meshes(props.path) if props.path else config.prop_kinds
     return {kind: prop_size(kind, props.scale, props.up) for kind in kinds}
 
 
 def _occupied(furniture: list[PlacedProp]) -> np.ndarray:
-    """(K, 3) discs of furniture on the floor, m."""
+    """Return the (K, 3) discs that furniture covers on the floor, m."""
     discs = [placed_discs(prop_size(prop.kind).discs, prop.at, prop.yaw) for prop in furniture]
     return np.concatenate([np.empty((0, 3)), *discs])

@@ -18,13 +18,13 @@ from synth.rooms.decor import Colour, Decor
 from synth.rooms.meshes import MeshUp
 
 _MOST_FRAMES, _FARTHEST = 1_000_000, 1000.0
-"""Of a clip, and of people and props from the middle, m."""
+"""Greatest number of frames of a clip, and greatest distance of people and props from the middle, m."""
 MOST_CLIPS = 1_000_000_000
-"""Of a data set."""
+"""Greatest number of clips of a data set."""
 PLAN_FPS = 25.0
-"""Frames per second in which motion is planned and judged, whatever the frame rate of the clip."""
+"""Frame rate at which motion is planned and checked, 1/s. It does not depend on the frame rate of the clip."""
 USUAL_PERSONS = (2, 4)
-"""Least and greatest number of people where none is asked for."""
+"""Least and greatest number of people if the configuration gives none."""
 _LONGEST, _FASTEST = 3600.0, 1000.0
 """Longest clip, s, and highest frame rate, 1/s."""
 
@@ -92,7 +92,7 @@ class SceneConfig:
 
     @property
     def frames(self) -> int:
-        """Frames of a clip."""
+        """The number of frames of a clip."""
         return max(1, round(self.seconds * self.fps))
 
 
@@ -108,7 +108,7 @@ class PersonSpec:
     Attributes:
         body: Proportions.
         looks: Colours and clothes.
-        motion: Name of the motion, for people to read.
+        motion: Descriptive name of the motion; no code depends on it.
         start: x and y of the hips in the first frame, m.
         yaw: Turn of the motion about the vertical, rad.
         turn: Bend of the motion along a curve, rad/s.
@@ -131,11 +131,11 @@ class PropSpec:
     """A prop.
 
     Attributes:
-        kind: One of `scenes/props/`, or path of an MJCF or mesh file.
+        kind: Name of a prop in `scenes/props/`, or path of an MJCF or mesh file.
         at: x and y, m.
         yaw: Heading, rad.
-        tint: RGB colour 0..1 of its material "tint"; None for its own.
-        scale, up: How a mesh file is read, see `synth.rooms.props.PropsConfig`.
+        tint: RGB colour 0..1 of its material "tint"; None keeps the colour of the file.
+        scale, up: Unit and up axis of a mesh file, see `synth.rooms.props.PropsConfig`.
     """
 
     kind: str
@@ -154,7 +154,7 @@ class PropSpec:
 
 @dataclass(frozen=True)
 class SceneSpec:
-    """The scene of a clip. `to_json` writes it, and `from_json` reads the same scene.
+    """The specification of the scene of a clip. `to_json` writes it, and `from_json` reads the same scene.
 
     The motions themselves are not stored: `synth.scene.sampling.load_motions` draws them again from `motion`,
     `interaction`, `seed` and `clip`.
@@ -166,7 +166,7 @@ class SceneSpec:
         clearance: Distance that people keep between their hips, m.
         persons: The people.
         props: Props that people keep clear of.
-        motion, interaction: What the motions are drawn from.
+        motion, interaction: Configurations that the motions are drawn from.
         furniture: Props that belong to the interaction, or that people sit on; people do not keep clear of them.
         loads: Objects that hands carry.
         radius: Greatest distance of hips from the middle, m.
@@ -191,16 +191,16 @@ class SceneSpec:
 
     @property
     def planned_frames(self) -> int:
-        """Frames of the planned motion, `PLAN_FPS` a second."""
+        """The number of frames of the planned motion, at `PLAN_FPS` frames/s."""
         return planned_frames(self.frames / self.fps if self.seconds is None else self.seconds)
 
     def to_json(self) -> str:
-        """The spec as JSON text."""
+        """Return the spec as JSON text."""
         return json.dumps(asdict(self), default=lambda choice: choice.value)
 
     @classmethod
     def from_json(cls, text: str) -> "SceneSpec":
-        """The spec of a text that `to_json` wrote.
+        """Return the spec from a text that `to_json` wrote.
 
         Raises:
             ValueError: the text is no spec; the message names the field.
@@ -222,13 +222,13 @@ class SceneSpec:
 
 @dataclass(frozen=True)
 class Layout:
-    """How the people and props of a scene are placed, in place of the same values of `SceneConfig`.
+    """Values for the placement of people and props, which replace the same values of `SceneConfig`.
 
     Attributes:
-        draw: Number of the draw; each has a random stream of its own.
-        gathering, clearance: As in `SceneConfig`, one value each, m.
+        draw: Number of the draw; each draw has a separate random stream.
+        gathering, clearance: The same as in `SceneConfig`, with one value each, m.
         props: Number of props.
-        cameras: (x, y) of cameras between which and people the props stand, m.
+        cameras: (x, y) of cameras, m. Props stand between these cameras and people.
     """
 
     draw: int

@@ -1,1 +1,1 @@
-"""Where was a clip made? The room of a simulated clip as a picture; `dmae.viewing` draws the people."""
+"""Images of the rooms of simulated clips. `dmae.viewing` draws the people."""

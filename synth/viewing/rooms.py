@@ -1,4 +1,4 @@
-"""Draw the room of a simulated clip, to put behind its people where there are no images."""
+"""Draw the room of a simulated clip as a background for its people if the clip has no images."""
 
 import json
 from dataclasses import replace
@@ -13,11 +13,11 @@ from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
 _BLOCK = 2
-"""px; side of the blocks of pixels that share a ray."""
+"""Side of the blocks of pixels that share a ray, px."""
 
 
 def draw_rooms(clip: Clip) -> list[np.ndarray]:
-    """Render the room of a clip, without its people: (H, W, 3) uint8 a view, dimmed. No OpenGL is needed.
+    """Return a dimmed image of the room of a clip without its people, (H, W, 3) uint8 for each view. Needs no OpenGL.
 
     Raises:
         ValueError: the clip's provenance has no scene, or one of another version.

@@ -1,3 +1,3 @@
-"""Which layouts can a data set be exported in? One module per layout, with the decorator `exporter`."""
+"""Exporters of data sets to the layouts of other programs: one module per layout, with the decorator `exporter`."""
 
 from synth.datasets.exporters.registry import exporter as exporter

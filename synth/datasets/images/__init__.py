@@ -1,1 +1,1 @@
-"""What do pictures of a data set show? Rendered from stored states, now or later, and checked."""
+"""Images of data sets: render them from stored body states, at any time, and check them."""

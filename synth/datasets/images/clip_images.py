@@ -1,4 +1,4 @@
-"""The images of a clip, rendered on request from the states that are stored with its labels."""
+"""The images of a clip, rendered on request from the body states that are stored with its labels."""
 
 import json
 import shutil
@@ -19,7 +19,7 @@ from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 
 IMAGE_CHOICES = ("none", "all", *KINDS)
-"""What `images=` takes, one or a list."""
+"""The values of `images=`: one of these or a list of them."""
 _FOLDER = "images"
 
 
@@ -33,10 +33,10 @@ class RgbFormat(Enum):
 
 @dataclass(frozen=True)
 class ImageOptions:
-    """Images that are rendered.
+    """The images to render.
 
     Attributes:
-        kinds: Of `dmae.data.images.KINDS`.
+        kinds: Kinds of images, from `dmae.data.images.KINDS`.
         quality: Quality of the images.
         rgb: Format of colour images.
     """
@@ -47,10 +47,10 @@ class ImageOptions:
 
 
 def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
-    """Return the kinds that a list of `IMAGE_CHOICES`, or one of them, stands for.
+    """Return the kinds of images that are meant by a list of `IMAGE_CHOICES`, or by one of them.
 
     Raises:
-        ValueError: one is unknown, or `none` is combined with others.
+        ValueError: a choice is unknown, or `none` is combined with others.
     """
     choices = [choices] if isinstance(choices, str) else list(choices)
     unknown = [choice for choice in choices if choice not in IMAGE_CHOICES]
@@ -60,10 +60,10 @@ def image_kinds(choices: list[str] | tuple[str, ...] | str) -> tuple[str, ...]:
 
 
 def check_images(options: ImageOptions, rig: CameraRig) -> None:
-    """Check that images can be rendered, before anything is made, and find the OpenGL that does.
+    """Check that images can be rendered, before any work is done, and find the OpenGL backend.
 
     Raises:
-        ValueError: H.264 is asked for of images of odd width or height.
+        ValueError: H.264 is requested for images with an odd width or height.
     """
     if not options.kinds:
         return
@@ -80,7 +80,7 @@ def missing_kinds(clip: Clip, options: ImageOptions) -> tuple[str, ...]:
     """Return the kinds of images that a clip lacks.
 
     Raises:
-        ValueError: it has images of another quality or format.
+        ValueError: the clip has images of another quality or format.
     """
     if clip.images is None or not options.kinds:
         return options.kinds
@@ -97,17 +97,17 @@ def missing_kinds(clip: Clip, options: ImageOptions) -> tuple[str, ...]:
 def add_images(
     clip: Clip, state: BodyState, folder: Path, options: ImageOptions, seen: Callable[[], None] = lambda: None
 ) -> Clip:
-    """Render the images that a clip lacks, and write it to its folder with them; return it.
+    """Render the missing images of a clip, write them and the clip to its folder, and return the clip.
 
-    Labels stay as they are, except that images of ids add the numbers of pixels of each person. The clip names the new
-    images when all are whole.
+    Labels do not change, except that id images add the numbers of pixels of each person. The clip refers to the new
+    images only when all of them are complete.
 
     Args:
         clip: A simulated clip.
         state: Its states.
         folder: The clip's folder.
         options: The images.
-        seen: Called after each picture.
+        seen: Called after each view of each frame.
 
     Raises:
         ValueError: the clip has images of another quality or format, or the scene is of another version.

@@ -1,4 +1,4 @@
-"""Checks of a clip's images: each returns descriptions of the problems that it finds."""
+"""Checks of the images of a clip. Each check returns descriptions of the problems that it finds."""
 
 from itertools import repeat
 from pathlib import Path
@@ -11,11 +11,11 @@ from dmae.data.images import FIRST_OBJECT_ID, Images
 from synth.labels.silhouettes import agreement
 
 _MIN_AGREEMENT = 0.99
-"""Smallest fraction of joints with a visibility that agrees with the images of ids, by more than chance."""
+"""Least fraction of joints with a visibility that must agree with the id images, beyond statistical chance."""
 
 
 def check_images(clip: Clip) -> list[str]:
-    """Check that images exist, are readable and of the right size, and that ids and parts agree with the labels."""
+    """Check that images exist, are readable and have the right size, and that ids and parts agree with the labels."""
     if clip.images is None:
         return []
     problems = []
@@ -39,7 +39,7 @@ def check_images(clip: Clip) -> list[str]:
 
 
 def _check_view(clip: Clip, kind: str, view: int, name: str) -> list[str]:
-    """Check one kind of images of one view, read once."""
+    """Check one kind of images of one view. The images are read once."""
     width, height = clip.rig.size[view].tolist()
     occlusion = clip.occlusion
     # Without labels, the objects are unknown.
@@ -68,7 +68,7 @@ def _check_view(clip: Clip, kind: str, view: int, name: str) -> list[str]:
 
 
 def _check_parts(clip: Clip, name: str) -> list[str]:
-    """Check the parts of one view: they have names, and are on the pixels of persons only."""
+    """Check the body parts of one view: all have names, and only pixels of persons have a part."""
     persons = clip.images.read("ids", name) if "ids" in clip.images.kinds else repeat(None)
     for frame, (parts, ids) in enumerate(zip(clip.images.read("parts", name), persons, strict=False)):
         if parts.max() > len(clip.images.parts):
@@ -83,7 +83,7 @@ def _check_parts(clip: Clip, name: str) -> list[str]:
 
 
 def check_surplus(clip: Clip) -> list[str]:
-    """Check that a folder of images of a clip holds no others."""
+    """Check that the image folder of a clip contains no other files."""
     if clip.images is None:
         return []
     images, problems = clip.images, []
@@ -99,7 +99,7 @@ def check_surplus(clip: Clip) -> list[str]:
 
 
 def missing_files(clip: Clip) -> list[Path]:
-    """Return the image files that a clip names and that do not exist."""
+    """Return the image files that a clip refers to but that do not exist."""
     return [] if clip.images is None else sorted(path for path in _files(clip.images) if not path.is_file())
 
 
@@ -109,7 +109,7 @@ def _files(images: Images) -> set[Path]:
 
 
 def _check_length(path: Path, frames: int) -> list[str]:
-    """Check that a video holds no more frames than expected, as far as it is readable."""
+    """Check that a video has no more frames than expected. An unreadable video is not reported here."""
     try:
         with av.open(str(path)) as container:
             found = container.streams.video[0].frames

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 FILE = ".pictures"
-"""The file of the numbers, in the folder of a data set while it is made."""
+"""Name of the file with the numbers, in the folder of a data set while it is made."""
 
 
 class PixelTally:
-    """Two numbers of pictures of each clip, in a file that processes share: done, and in all.
+    """Two numbers for each clip, in a file that processes share: rendered pictures, and all pictures.
 
     Args:
-        folder: Of the data set.
+        folder: Folder of the data set.
         clips: Number of clips.
     """
 
@@ -22,18 +22,18 @@ class PixelTally:
         self._path, self._shape = Path(folder) / FILE, (clips, 2)
 
     def begin(self, pictures: Sequence[int]) -> None:
-        """Begin with the number of pictures in each clip."""
+        """Create the file, with the number of pictures of each clip."""
         np.stack([np.zeros(self._shape[0]), pictures], axis=1).astype(np.int64).tofile(self._path)
 
     def count(self) -> tuple[int, int]:
-        """Return how many pictures are done, and how many there are."""
+        """Return the number of rendered pictures, and the number of all pictures."""
         return tuple(np.fromfile(self._path, np.int64).reshape(self._shape).sum(0).tolist())
 
     @contextmanager
     def clip(self, index: int, pictures: int) -> Iterator[Callable[[], None]]:
-        """Say how many pictures a clip has, and yield a function to be called after each.
+        """Store the number of pictures of a clip, and yield a function to call after each picture.
 
-        Without the file, which begins with `begin`, nothing is counted.
+        Nothing is counted if the file does not exist. `begin` creates the file.
         """
         if not self._path.is_file():
             yield lambda: None

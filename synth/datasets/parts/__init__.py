@@ -1,1 +1,1 @@
-"""HOW IS A DATA SET MADE IN PARTS? Which clips a part holds, and how parts become one data set."""
+"""Parts of data sets: merge data sets that were made in parts, and list takes and divide them into sets."""

@@ -1,4 +1,4 @@
-"""Join the parts of a data set into one, the same as if it had been made in one run."""
+"""Join the parts of a data set into one. The result is the same as from a single run."""
 
 import os
 import shutil
@@ -13,27 +13,27 @@ from synth.datasets.clip import clip_id
 from synth.datasets.set_folder import CONFIG
 
 _SHOWN = 3
-"""Most names of clips in a message."""
+"""Greatest number of clip names in a message."""
 
 
 def merge(data: list[Path], out: Path, *, partial: bool = False) -> list[dict]:
-    """Join data sets of one configuration and seed that hold different clips.
+    """Join data sets with the same configuration and seed, which contain different clips.
 
-    Files are hard links to those of the parts where the file system can, and copies elsewhere. The joined data set
-    appears when it is whole.
+    The files are hard links to the files of the parts if the file system allows it, otherwise copies. The joined data
+    set appears only when it is complete.
 
     Args:
         data: Folders of the parts, in any order.
-        out: Folder of the joined data set; it does not exist yet, or is empty.
-        partial: Whether clips may be missing, between others or of shards.
+        out: Folder of the joined data set; it must be empty or not exist.
+        partial: Whether clips may be missing, between other clips or in shards.
 
     Returns:
         The lines of the manifest.
 
     Raises:
-        FileNotFoundError: a part is no data set.
-        ValueError: a part is damaged, or is of another configuration, a clip is in two of them, clips are missing, or
-            `out` is not empty.
+        FileNotFoundError: a part is not a data set.
+        ValueError: a part is damaged or has another configuration, a clip is in two parts, clips are missing, or `out`
+            is not empty.
     """
     data, out = [Path(path) for path in data], Path(out)
     if not data:
@@ -58,7 +58,7 @@ def merge(data: list[Path], out: Path, *, partial: bool = False) -> list[dict]:
 
 
 def _lines(data: list[Path]) -> dict[str, tuple[Path, dict]]:
-    """Return by clip its part and its line of the manifest."""
+    """Return for each clip, by its name, its part and its line of the manifest."""
     lines: dict[str, tuple[Path, dict]] = {}
     settings = None
     for path in data:
@@ -82,7 +82,7 @@ def _lines(data: list[Path]) -> dict[str, tuple[Path, dict]]:
 
 
 def _check_complete(data: list[Path], names: set[str]) -> None:
-    """Raise ValueError where clips between others, or clips of shards that were left out, are missing."""
+    """Raise ValueError if clips between other clips, or clips of absent shards, are missing."""
     shards = [read_json(path / SHARD) for path in data if (path / SHARD).is_file()]
     prefix = read_json(data[0] / CONFIG).get("prefix", "")
     numbers = [int(name.removeprefix(prefix)) for name in names]
@@ -103,5 +103,5 @@ def _link(source: str, target: str) -> None:
     try:
         os.link(source, target)
     except OSError:
-        # Another file system, or one without links.
+        # The folder is on another file system, or the file system has no links.
         shutil.copy2(source, target)

@@ -1,4 +1,4 @@
-"""Lists of takes: which can be read, how long they are, and sets that share no subject."""
+"""Lists of takes with their lengths, and sets of takes that share no subject."""
 
 import csv
 import io
@@ -20,9 +20,9 @@ class Take:
     """A take of a list.
 
     Attributes:
-        listed: Its file, subject and set.
-        seconds, fps: Length and true rate; 0 if it cannot be read.
-        notes: How it was read and what was repaired, or why it cannot be read.
+        listed: File, subject and set of the take.
+        seconds, fps: Length, s, and true frame rate, 1/s; 0 if the take cannot be read.
+        notes: Notes on the reading and on repairs, or the reason why the take cannot be read.
     """
 
     listed: ListedTake
@@ -37,16 +37,16 @@ class Take:
 
 
 def list_takes(path: Path, shares: Mapping[str, float], *, seed: int = 0) -> list[Take]:
-    """Read all takes at a path, and divide those of a folder into sets that share no subject.
+    """Read all takes at a path. Takes of a folder are divided into sets that share no subject.
 
     Args:
-        path: A folder, a file, or a list of takes, which keeps its subjects and sets.
-        shares: Share of the seconds by name of set; empty for no sets.
+        path: A folder, a file, or a list of takes. Subjects and sets of a list are kept.
+        shares: Share of the total duration by name of set; empty for no sets.
         seed: Seed of the order in which subjects are drawn.
 
     Raises:
         FileNotFoundError: there is no take.
-        ValueError: shares that do not add up to 1, sets for a list that has some, or fewer subjects than sets.
+        ValueError: the shares do not add up to 1, the list already has sets, or there are fewer subjects than sets.
     """
     wanted = {name: share for name, share in shares.items() if share > 0}
     if wanted and abs(sum(wanted.values()) - 1) > 1e-6:
@@ -72,7 +72,7 @@ def _read(line: ListedTake) -> Take:
 
 
 def _divided(takes: Sequence[Take], shares: Mapping[str, float], *, seed: int) -> list[Take]:
-    """Return the takes in sets: subjects in random order, each for the set that lacks most seconds."""
+    """Return the takes with their sets. In random order, each subject goes to the set that lacks most time."""
     seconds: dict[str, float] = defaultdict(float)
     for take in takes:
         seconds[take.listed.subject] += take.seconds
@@ -101,19 +101,26 @@ def _divided(takes: Sequence[Take], shares: Mapping[str, float], *, seed: int) -
 
 
 def as_table(takes: Sequence[Take], folder: Path) -> str:
-    """Return the text of a list; takes are named from the folder that it is to lie in."""
+    """Return a list of takes as text. Paths are relative to the folder in which the list will be written."""
     buffer = io.StringIO()
     table = csv.writer(buffer, delimiter="\t", lineterminator="\n")
     table.writerow(["file", "subject", "set", "seconds", "fps", "notes"])
     for take in takes:
         line = take.listed
         table.writerow(
-            [_from(line.path, folder), line.subject, line.set, f"{take.seconds:.2f}", f"{take.fps:.4g}", take.notes]
+            [
+                _relative_path(line.path, folder),
+                line.subject,
+                line.set,
+                f"{take.seconds:.2f}",
+                f"{take.fps:.4g}",
+                take.notes,
+            ]
         )
     return buffer.getvalue()
 
 
-def _from(path: Path, folder: Path) -> str:
-    """Return a path as seen from a folder if it lies below it, else as a whole."""
+def _relative_path(path: Path, folder: Path) -> str:
+    """Return a path relative to a folder if it is inside that folder, otherwise the whole path."""
     path, folder = path.resolve(), folder.resolve()
     return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.as_posix()

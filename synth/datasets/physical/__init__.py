@@ -1,1 +1,1 @@
-"""What do bodies bear, and where is their skin? Labels that only physics has, added to clips that exist."""
+"""Physical labels for existing clips: contacts, forces, and points on body surfaces."""

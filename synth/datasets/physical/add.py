@@ -1,4 +1,4 @@
-"""Add labels that only physics has to clips that exist: from the states of their bodies; nothing is simulated."""
+"""Add physical labels to existing clips. They are computed from the stored body states; nothing is simulated."""
 
 import json
 from collections.abc import Sequence
@@ -36,17 +36,17 @@ from synth.scene.spec import SceneSpec
 
 
 def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) -> int:
-    """Add labels to the clips of a data set, or to one clip, in place; return to how many, of those that lacked any.
+    """Add labels to the clips of a data set, or to one clip, in place. Return the number of clips that lacked any.
 
-    A clip gets `physics.safetensors`; its other files stay as they are. Checksums are kept up to date.
+    A clip gets the file `physics.safetensors`. Its other files do not change. Checksums are updated.
 
     Args:
         data: Data set that `synth generate` made, or one clip of it.
-        kinds: Of `synth.labels.physical_labels.KINDS`. Those that a clip has already are kept.
+        kinds: Kinds from `synth.labels.physical_labels.KINDS`. Existing labels of a clip are kept.
         workers: Processes; -1 for one per core.
 
     Raises:
-        FileNotFoundError: there is no clip, or it holds no state of bodies.
+        FileNotFoundError: there is no clip, or it contains no body states.
         ValueError: a kind is unknown, a clip is damaged, or its frames are too far apart.
     """
     data, kinds = Path(data), check_kinds(kinds)
@@ -72,13 +72,13 @@ def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) ->
 
 
 def _checksums(data_set: Path) -> dict[str, Checksum | None]:
-    """Return the checksums of all clips of a data set, and remove them while it is written to."""
+    """Return the checksums of all clips of a data set, and remove their file until the changes are complete."""
     there = {folder.name: clip_checksum(folder) for folder in clip_folders(data_set)}
     return there | begin_data_set(data_set)
 
 
 def _label(folder: Path, kinds: tuple[str, ...]) -> bool:
-    """Add the labels that one clip lacks; return whether there were any."""
+    """Add the missing labels of one clip, and return whether any were missing."""
     damage = [what for what in find_damage(folder, fast=True) if not what.startswith(FILE)]
     if damage:
         raise ValueError(f"{folder}: {damage[0]}; make the clip again")
@@ -98,11 +98,11 @@ def _label(folder: Path, kinds: tuple[str, ...]) -> bool:
 
 
 def make_labels(folder: Path, kinds: Sequence[str] = KINDS) -> PhysicalLabels:
-    """Return labels of one clip, of these kinds.
+    """Return the labels of one clip, of these kinds.
 
     Raises:
-        FileNotFoundError: there is no clip, no state of its bodies, or a file of its room does not exist.
-        ValueError: it is damaged, its room has changed, or its frames are too far apart.
+        FileNotFoundError: there is no clip, it contains no body states, or a file of its room does not exist.
+        ValueError: the clip is damaged, its room has changed, or its frames are too far apart.
     """
     kinds = check_kinds(kinds)
     clip, state = load_clip(folder), load_state(folder)

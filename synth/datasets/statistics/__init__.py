@@ -1,1 +1,1 @@
-"""What is in a data set? Counts and histograms of its clips, as a page and a picture."""
+"""Statistics of a data set: counts and histograms of its clips, as a page with a figure."""

@@ -1,4 +1,4 @@
-"""How often, and how hard, the people of a clip touch each other."""
+"""Frequency and force of contacts between the people of a clip."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,8 +14,8 @@ class ClipContacts(NamedTuple):
     Attributes:
         frames: Number of frames of the clip.
         touching: Number of frames in which a person touches another.
-        touches: Number of stretches of such frames, of which none is followed by another in the next frame.
-        force: Median over the frames with contact of the greatest force in the frame, N; 0 without contact.
+        touches: Number of uninterrupted stretches of such frames.
+        force: Greatest force in a frame, N: the median over the frames with contact; 0 without contact.
     """
 
     frames: int
@@ -25,7 +25,7 @@ class ClipContacts(NamedTuple):
 
 
 def clip_contacts(state: BodyState) -> ClipContacts:
-    """Count the contacts between people in the state of a clip."""
+    """Return the contacts between people, counted in the body states of a clip."""
     owner = [name.partition("/")[0] if name.startswith("person") else "" for name in state.contact_names]
     one, other = np.array([*owner, ""])[state.contact_between].T
     between = (one != "") & (other != "") & (one != other)
@@ -39,7 +39,7 @@ def clip_contacts(state: BodyState) -> ClipContacts:
 
 
 def spread(clips: Sequence[ClipContacts]) -> dict[str, float]:
-    """Return how contact differs between clips: their number, and least, median and greatest of each measure."""
+    """Return the number of clips, and the least, median and greatest value of each measure of contact over clips."""
     shares = np.array([clip.touching / clip.frames for clip in clips])
     found = {"clips": len(clips), "frames": sum(clip.frames for clip in clips)}
     measures = {"share": shares, "touches": [clip.touches for clip in clips], "force": [clip.force for clip in clips]}

@@ -1,4 +1,4 @@
-"""Counts and histograms of clips, which add up over a data set in flat memory."""
+"""Counts and histograms of clips. They can be added over a data set with constant memory."""
 
 from collections import Counter
 from dataclasses import dataclass, field, fields
@@ -19,18 +19,18 @@ from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import load_state
 
 MOST_CAMERAS = 32
-"""Counts of cameras end here."""
+"""Greatest number of cameras in a histogram."""
 
 
 @dataclass(frozen=True)
 class BinnedQuantity:
-    """A quantity of which there is a histogram.
+    """A quantity with a histogram.
 
     Attributes:
-        name: Key.
-        meaning: For people to read.
-        unit: Of the edges.
-        edges: (N + 1,) of the bins; what lies beyond the ends counts in the first and the last.
+        name: Key in the results.
+        meaning: Description for readers.
+        unit: Unit of the edges.
+        edges: (N + 1,) edges of the bins. Values beyond the ends count in the first and the last bin.
     """
 
     name: str
@@ -60,20 +60,20 @@ QUANTITIES = {
 
 @dataclass
 class Statistics:
-    """What was counted in some clips; `+` adds them up. J joints of the skeleton's first part.
+    """Counts of some clips, for the J joints of the skeleton's first part. `+` adds two of them.
 
     Attributes:
         joints: Names of the J joints.
         counts: `clips`, `clips_without_truth`, `frames`, `pictures`, `seconds`, and clips by number of persons,
             `persons=3`, and of cameras, `cameras=5`.
-        causes: (J, 7) joints in views by `Visibility`.
-        histograms: By name of `QUANTITIES`, counts in its bins.
-        occluders: How often each kind of thing hides a joint: `self`, `person`, or the name of an object.
-        scenes: Clips by arena, interaction, and kind of motion: `arena=office`.
-        contacts: Of each clip with the state of its bodies, by interaction: `ClipContacts`.
-        persons: Names of persons, and `takes` of takes, as `synth.datasets.splits` has them.
-        takes: See `persons`.
-        rigs: Names of rigs.
+        causes: (J, 7) numbers of joints in views, by `Visibility`.
+        histograms: Counts in the bins of each of `QUANTITIES`, by its name.
+        occluders: Number of hidden joints by occluder: `self`, `person`, or the name of an object.
+        scenes: Number of clips by arena, interaction, and kind of motion: `arena=office`.
+        contacts: `ClipContacts` of each clip with body states, by interaction.
+        persons: Names of persons, from `synth.datasets.splits`.
+        takes: Names of takes, from `synth.datasets.splits`.
+        rigs: Names of rigs, from `synth.datasets.splits`.
     """
 
     joints: tuple[str, ...] = ()
@@ -88,10 +88,10 @@ class Statistics:
     rigs: set[str] = field(default_factory=set)
 
     def __add__(self, other: "Statistics") -> "Statistics":
-        """Return what was counted in both.
+        """Return the sum of both counts.
 
         Raises:
-            ValueError: the clips are of different skeletons.
+            ValueError: the clips have different skeletons.
         """
         if self.joints and other.joints and self.joints != other.joints:
             raise ValueError(f"expected clips of one skeleton, found joints {self.joints} and {other.joints}")
@@ -115,12 +115,12 @@ def measure(data: Path | list[Path], *, workers: int = 1) -> Statistics:
     """Return the statistics of data sets, or of clips.
 
     Args:
-        data: The folder, or several.
+        data: One folder, or several.
         workers: Processes; -1 for one per core.
 
     Raises:
         FileNotFoundError: there is neither a clip nor a data set.
-        ValueError: a clip is damaged, or clips are of different skeletons.
+        ValueError: a clip is damaged, or clips have different skeletons.
     """
     each = data if isinstance(data, list) else [data]
     folders = [folder for path in each for folder in clip_folders(Path(path))]
@@ -172,7 +172,7 @@ def _add(found: Statistics, name: str, values) -> None:
 
 
 def _measure_people(clip: Clip, found: Statistics) -> None:
-    """Count where people are for the cameras, and how they move."""
+    """Add to `found` the positions of people relative to the cameras, and their motion."""
     rig = clip.rig if clip.true_rig is None else clip.true_rig
     part = clip.truth.skeleton.parts[0]
     xyz = clip.truth.xyz[:, :, : len(part)].astype(np.float64)
@@ -208,5 +208,5 @@ def _measure_occlusion(clip: Clip, found: Statistics) -> None:
     if clip.occlusion.occluder is not None:
         by = clip.occlusion.occluder[..., : len(part)][code == Visibility.HIDDEN_BY_OBJECT]
         for index, count in enumerate(np.bincount(by[by >= 0], minlength=len(clip.occlusion.objects)).tolist()):
-            # Props are numbered in their scene: 0/drum.
+            # Names of props begin with their number in the scene, for example 0/drum.
             found.occluders[clip.occlusion.objects[index].rpartition("/")[2]] += count

@@ -1,4 +1,4 @@
-"""The page of a data set: what is in it, in words, tables and one picture."""
+"""The page of a data set: its contents in words, tables and one figure."""
 
 import json
 from pathlib import Path
@@ -16,20 +16,20 @@ PAGE, PICTURE, NUMBERS = "README.md", "statistics.png", "statistics.json"
 FORMAT = 1
 _HIDDEN = (Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_PERSON, Visibility.HIDDEN_BY_OBJECT)
 _OCCLUDERS = 12
-"""Number of occluders that are listed."""
+"""Greatest number of listed occluders."""
 
 
 def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statistics:
-    """Write the page of data sets, its picture, and the numbers of both.
+    """Write the page of data sets, its figure, and the numbers of both.
 
     Args:
         data: The data set or clip, or several.
-        out: Folder to write; it does not exist, is empty, or holds an earlier page.
+        out: Folder to write; it must not exist, be empty, or contain an earlier page.
         workers: Processes; -1 for one per core.
 
     Raises:
         FileNotFoundError: there is neither a clip nor a data set.
-        ValueError: the folder holds something else, or a clip is damaged.
+        ValueError: the folder contains something else, or a clip is damaged.
     """
     data, out = [Path(path) for path in (data if isinstance(data, list) else [data])], Path(out)
     if workers == 0:
@@ -49,7 +49,7 @@ def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statist
 
 
 def numbers(found: Statistics, failed: int) -> dict:
-    """Return the statistics as JSON has them."""
+    """Return the statistics for JSON."""
     histograms = {
         name: {"unit": QUANTITIES[name].unit, "edges": QUANTITIES[name].edges.tolist(), "counts": counts.tolist()}
         for name, counts in found.histograms.items()
@@ -71,7 +71,7 @@ def numbers(found: Statistics, failed: int) -> dict:
 
 
 def page(found: Statistics, name: str, failed: int) -> str:
-    """Return the page, in Markdown."""
+    """Return the page in Markdown."""
     counts = found.counts
     rows = [
         ("clips", f"{counts['clips']}{f', and {failed} that failed' if failed else ''}"),
@@ -108,7 +108,7 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 
 def _occlusion(found: Statistics) -> str:
-    """Return a table of joints by cause, and one of occluders."""
+    """Return a table of joints by cause of occlusion, and a table of occluders."""
     if found.causes is None:
         return "Not measured: the clips have no labels of visibility."
     judged = found.causes[:, : Visibility.ABSENT]
@@ -144,7 +144,7 @@ CONTACT_HEAD = ("interaction", "clips", "frames in contact", "touches", "force, 
 
 
 def contact_rows(kept: dict) -> list[tuple[str, ...]]:
-    """Return the rows of the table of contacts, from what `statistics.json` holds."""
+    """Return the rows of the table of contacts, from the content of `statistics.json`."""
 
     def three(row: dict, name: str, style: str) -> str:
         return " / ".join(format(row[f"{name}_{which}"], style) for which in ("least", "median", "most"))
@@ -169,7 +169,7 @@ def _quantities(found: Statistics) -> str:
 
 
 def quantiles(counts: np.ndarray, edges: np.ndarray, shares: tuple[float, ...] = (0.05, 0.5, 0.95)) -> list[float]:
-    """Return the middles of the bins (N,) in which these shares of the counts are reached."""
+    """Return the approximate quantiles of a histogram (N,): the middles of the bins that reach these shares."""
     reached = np.cumsum(counts) / counts.sum()
     bins = [int(np.searchsorted(reached, share - 1e-9)) for share in shares]
     return [float((edges[each] + edges[each + 1]) / 2) for each in bins]

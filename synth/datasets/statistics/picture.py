@@ -1,4 +1,4 @@
-"""One picture of the histograms of a data set."""
+"""A figure of the histograms of a data set."""
 
 import io
 
@@ -22,7 +22,7 @@ _BARS = "#2f6f9f"
 
 
 def draw(found: Statistics) -> bytes:
-    """Return a PNG: joints by cause, and a panel for each of `QUANTITIES`."""
+    """Return a figure as PNG: joints by cause of occlusion, and one panel for each of `QUANTITIES`."""
     figure = Figure(figsize=(13, 9.5), layout="constrained")
     grid = figure.add_gridspec(4, 4)
     _draw_causes(figure.add_subplot(grid[:, 0]), found)

@@ -1,4 +1,4 @@
-"""What the inputs of a data set allow: which parts are free, which bring terms of their own."""
+"""The terms of use of a data set, which follow from its inputs: free parts, and parts with separate terms."""
 
 from synth.datasets.statistics.histograms import Statistics
 from synth.rooms.catalogue import room_choices
@@ -7,7 +7,7 @@ _PROCEDURAL = "procedural"
 
 
 def terms(found: Statistics) -> str:
-    """Return the section of a data set's page on rights, in Markdown."""
+    """Return the section on rights for the page of a data set, in Markdown."""
     motion, rooms = _by(found, "motion="), _by(found, "arena=")
     recorded = {kind: count for kind, count in motion.items() if kind != _PROCEDURAL}
     foreign = {room: count for room, count in rooms.items() if room not in room_choices()}

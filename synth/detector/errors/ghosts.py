@@ -1,4 +1,4 @@
-"""Ghosts: persons that a detector sees where none are."""
+"""Ghosts: persons that a detector reports where there are none."""
 
 from dataclasses import dataclass, field, replace
 
@@ -49,7 +49,7 @@ class Ghosts:
         middle = rng.uniform(0, 1, (places, 1, 2)) * (view.size - 1)
         still = (shape - (low + high)[:, None] / 2) / (high - low)[:, None, 1:] * height + middle
         xy = still + _NOISE * height * ar1_noise((*joints, 2), view.fps, view.times.correlation, rng=rng)
-        # Mostly the same joints of a ghost are detected every time.
+        # Mostly the same joints of a ghost are detected in all frames.
         probability = rng.beta(self.joints, 1 - self.joints, (places, len(BODY25)))
         detected = bursts(probability, multiscale_noise(joints, view.fps, view.times.bursts, rng=rng))
         detected &= bursts(_DUTY, multiscale_noise((frames, places), view.fps, view.times.bursts, rng=rng))[..., None]

@@ -50,7 +50,7 @@ class Inversions:
 
 
 def _inverted(view: View, where: np.ndarray, limbs: list[int]) -> View:
-    """Exchange the left and right joints of `limbs` where (F, D) is True."""
+    """Return the view with the left and right joints of `limbs` exchanged where `where` (F, D) is True."""
     frame, person = (index[:, None] for index in np.nonzero(where))
     mirror = np.array(BODY25.mirror)[limbs]
     arrays = {name: getattr(view, name).copy() for name in ("xy", "score", "owner", "kind")}

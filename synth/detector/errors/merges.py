@@ -62,14 +62,14 @@ def _merge(arrays: dict[str, np.ndarray], frame, host, guest, limbs, keep_rest) 
     Args:
         arrays: `xy`, `score`, `owner` and `kind` of the view.
         frame, host, guest: (n,) frames, and the persons merged in them.
-        limbs: (n, limbs) True for those that the host has from the guest.
+        limbs: (n, limbs) True for the limbs that the host gets from the guest.
         keep_rest: (n,) True where the rest of the guest is reported as well.
     """
     given = (limbs[..., None] & _LIMBS).any(1) & np.isfinite(arrays["score"][frame, guest])
     n, joint = np.nonzero(given)
     for array in arrays.values():
         array[frame[n], host[n], joint] = array[frame[n], guest[n], joint]
-    # A joint of the host that had been swapped onto the guest is back in its place.
+    # A joint of the host that was swapped onto the guest returns to the host.
     another = arrays["owner"][frame[n], host[n], joint] != host[n]
     arrays["kind"][frame[n], host[n], joint] = np.where(another, JointError.MERGED, JointError.GOOD)
     n, joint = np.nonzero(given | ~keep_rest[:, None])

@@ -32,7 +32,7 @@ _OUTER_AND_INNER = tuple(
         ([side + "ankle"], [side + "knee"]),
         ([side + "big_toe", side + "small_toe", side + "heel"], [side + "ankle"]),
         ([side + "eye"], ["nose"]),
-        # OpenPose joins ears to shoulders as well, so that they are found from behind.
+        # OpenPose also joins ears to shoulders, so ears are found from behind.
         ([side + "ear"], [side + "eye", side + "shoulder"]),
     )
 )
@@ -82,10 +82,10 @@ class Misses:
         return view.without(missed)
 
     def probability(self, view: View) -> np.ndarray:
-        """Return the probability (F, P, 25) that each joint is missed, whatever happened before.
+        """Return the marginal probability (F, P, 25) that each joint is missed.
 
-        Of joints that are missed with their inner neighbours it is an estimate between that of events that exclude each
-        other as little as possible, within a limb, and of independent ones.
+        For joints that are missed with their inner neighbours it is an estimate. It interpolates, by the correlation
+        within a limb, between independent misses and misses that overlap as much as possible.
         """
         outside, missed = self._joint_probability(view)
         missed = np.where(outside, 1.0, missed)
@@ -98,7 +98,7 @@ class Misses:
         return 1 - (1 - missed) * (1 - self._person_probability(view)[..., None])
 
     def _person_probability(self, view: View) -> np.ndarray:
-        """Return the probability (F, P) that a person is missed whole."""
+        """Return the probability (F, P) that a person is not detected at all."""
         hidden = (view.visibility != Visibility.VISIBLE).mean(-1)
         share = np.minimum(hidden / self.lost_from, 1) ** self.steepness
         return self.person + (self.hidden_person - self.person) * share
@@ -114,12 +114,12 @@ class Misses:
         return outside | bursts(probability, noise)
 
     def _joint_probability(self, view: View) -> tuple[np.ndarray, np.ndarray]:
-        """Return where joints are outside the image, and the probability that they are missed, (F, P, 25) each."""
+        """Return where joints are outside the image, and the probabilities that they are missed, (F, P, 25) each."""
         joints = view.visibility.shape[-1]
         outside = view.visibility > Visibility.HIDDEN_BY_OBJECT
         code = np.where(outside, Visibility.VISIBLE, view.visibility)
         probability = view.parts["miss"][np.arange(joints), code]
-        # What hides half a limb makes the other half hard to detect; half a face is detected as well as a whole one.
+        # If half a limb is hidden, the other half is harder to detect. Half a face is detected as well as a whole one.
         of_limb = np.stack([probability[..., limb].mean(-1) for limb in _LIMBS], -1)[..., _LIMB]
         alone = (probability == 0) | (probability == 1) | _IN_FACE
         return outside, np.where(alone, probability, (probability + of_limb) / 2)

@@ -1,4 +1,4 @@
-"""Errors of the place of detected joints: noise that is correlated in time, and constant offsets."""
+"""Errors of the position of detected joints: noise that is correlated in time, and constant offsets."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from synth.detector.view import ErrorStream, View, height
 _MIRROR = list(BODY25.mirror)
 _NECK, _MID_HIP = BODY25.index("neck", "mid_hip")
 _SCALES = 3.0
-"""Half of an error decorrelates this many times slower than the whole, half this many times faster."""
+"""Half of an error decorrelates slower than the given time by this factor, the other half faster by this factor."""
 _MAX_WIDTH = 12.0
 """Greatest ratio of the width of the Gaussian under Student's t to its scale."""
 
@@ -45,8 +45,8 @@ class Noise:
     def apply(self, view: View) -> View:
         """Add offsets and noise to each joint.
 
-        The noise is Student's t: a Gaussian with a constant part, of a variance that is itself a random process (chi
-        square, by its quantiles).
+        The noise has Student's t distribution: a Gaussian process with a constant part, scaled by a variance that is a
+        random process as well (from quantiles of the chi-square distribution).
         """
         joints, tail = view.visibility.shape, view.parts["tail"]
         if view.parts["hidden_tail"].any():
@@ -65,7 +65,7 @@ class Noise:
         return replace(view, xy=view.xy + offset + t * self._scale(view)[..., None], error_rank=rank)
 
     def _scale(self, view: View) -> np.ndarray:
-        """(F, P, 25) px: by kind of joint, size in the image, motion, truncation and visibility."""
+        """Return (F, P, 25) scales of the noise, px, by kind of joint, size, motion, truncation and visibility."""
         xy = view.true_xy
         size, hidden = height(xy)[..., None], self.hidden
         scale = view.parts["noise"] * size
@@ -84,7 +84,7 @@ class Noise:
         return scale * np.where(view.hidden, hidden, 1)
 
     def _offset(self, view: View) -> np.ndarray:
-        """(F, P, 25, 2) px from where joints are annotated to where the detector puts them."""
+        """Return (F, P, 25, 2) offsets from the annotated position of joints to the detector's position, px."""
         xy, offset = view.true_xy, view.parts["offset"]
         found = np.zeros(xy.shape)
         if offset.any():

@@ -1,4 +1,4 @@
-"""Confidences that know little of the errors, and joints that are not reported for a low one."""
+"""Confidences, which are only weakly correlated with errors. Joints with a low confidence are not reported."""
 
 from dataclasses import dataclass, field, replace
 
@@ -26,7 +26,7 @@ class Scores:
         check_beta("detector.scores.hidden", self.hidden)
 
     def apply(self, view: View) -> View:
-        """Draw confidences, lower where the error is of higher rank, and drop joints that are not reported."""
+        """Draw confidences, which are lower for errors of higher rank, and drop joints that are not reported."""
         noise = ar1_noise(view.error_rank.shape, view.fps, view.times.correlation, rng=view.random(ErrorStream.SCORE))
         smallness = -ndtri(np.clip(view.error_rank, 1e-9, 1 - 1e-9))
         level = self.error_correlation * smallness + np.sqrt(1 - self.error_correlation**2) * noise

@@ -10,7 +10,7 @@ from synth.detector.ranges import check_probabilities
 from synth.detector.view import ErrorStream, View, height
 
 _NEAR = 0.06
-"""Fraction of a person's height in the image: a joint of another person this near can be confused with one's own."""
+"""Fraction of a person's height in the image. The same joint of another person within this distance can be confused."""
 
 
 @dataclass(frozen=True)

@@ -25,14 +25,14 @@ class Timing:
     def apply(self, view: View) -> View:
         """Move the truth of a view to the times of exposure.
 
-        Positions are interpolated in the image, and extrapolated up to a frame beyond the ends of the clip. Visibility
-        is that of the nearest frame. Farther beyond the ends nothing is known or detected.
+        Positions are interpolated in the image, and extrapolated up to one frame beyond the ends of the clip.
+        Visibility is taken from the nearest frame. Farther beyond the ends, nothing is known or detected.
         """
         frames, xy = len(view.true_xy), view.true_xy
         if not (self.unsynchronised or self.rolling_shutter) or frames < 2:
             return view
         time = np.arange(frames)[:, None, None] + self.unsynchronised * view.random(ErrorStream.TIMING).uniform(-1, 1)
-        # Rows are those of the frame's own time: people move few rows while an image is read out.
+        # Rows are taken at the time of the frame, because people move only a few rows while an image is read out.
         row = np.clip(np.nan_to_num(xy[..., 1]), 0, view.size[1])
         time = time + row / view.size[1] * self.rolling_shutter * view.fps
         before = np.clip(np.floor(time).astype(int), 0, frames - 2)
@@ -44,7 +44,7 @@ class Timing:
         code, occluder = view.visibility[nearest, person, joint], view.occluder[nearest, person, joint]
         with np.errstate(invalid="ignore"):
             inside = ((moved >= -0.5) & (moved <= view.size - 0.5)).all(-1)
-        # A person who leaves the image between two frames is not visible outside it; NaN is left to the codes.
+        # A person that leaves the image between two frames is not visible outside it. Other joints keep their codes.
         code = np.where(~inside & (code <= Visibility.HIDDEN_BY_OBJECT), Visibility.OUTSIDE_IMAGE, code)
         moved = np.where(known[..., None], moved, np.nan)
         code = np.where(known, code, Visibility.ABSENT)
