@@ -1,1 +1,1 @@
-"""Are the cameras right: faults of a calibration, found and named."""
+"""Checks of a calibration: faults of its cameras are found and named."""

@@ -1,6 +1,6 @@
 """Agreement between views: how well detections of pairs of views fit their cameras, without known identities.
 
-S sampled frames; D detections a view; J joints; n pairs of views; m matched detections.
+S sampled frames; D detections per view; J joints; n pairs of views; m matched detections.
 """
 
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from dmae.numerics.robust import mean_known
 Pairs = list[tuple[int, int]]
 """Pairs of views."""
 TOLERANCE = 0.025
-"""Distance of a joint from its epipolar line that counts half, as a share of the person's size in the image.
+"""Distance of a joint from its epipolar line that counts as half a fit, as a share of the person's size in the image.
 
-Real detectors leave about .015 of a person's height.
+Real detectors leave distances of about 0.015 of a person's height.
 """
 SOUND = 0.3
-"""Agreement of views without a gross fault, with people as hidden and cut off as they usually are."""
+"""Agreement of views without a gross fault, with the usual share of people that are hidden or cut off."""
 MATCH = 0.35
 """Smallest agreement of two detections of one person."""
 
@@ -31,10 +31,10 @@ class Agreement:
 
     Attributes:
         total: (n, S) sum of the best fits, from 0 to 1, of the detections of either view with those of the other, in
-            frames in which both have some.
+            frames in which both views have detections.
         detections: (n, S) number of these detections.
-        pair, frame, a, b: (m,) the matches, detections that fit each other best and well: index of the pair, of the
-            frame, and of the two detections.
+        pair, frame, a, b: (m,) the matches: detections that are each other's best fit, and fit well. Indices of the
+            pair, of the frame, and of the two detections.
         residual: (m, J) px from joints to epipolar lines, mean of both views; NaN where a joint is not shared.
     """
 
@@ -48,7 +48,7 @@ class Agreement:
 
 
 def measure_agreement(sample: ViewSample, pairs: Pairs, other: ViewSample | None = None) -> Agreement:
-    """Measure the agreement of pairs of views; the second view of each is taken from `other` if that is given."""
+    """Measure the agreement of pairs of views. The second view of each pair is taken from `other` if it is given."""
     other = other or sample
     a, b = np.asarray(pairs).T
     distance_a, distance_b = epipolar_distances(sample, other, a, b)
@@ -65,7 +65,7 @@ def measure_agreement(sample: ViewSample, pairs: Pairs, other: ViewSample | None
     mutual = np.take_along_axis(best_a, best_b, -1) == np.arange(fit.shape[2])
     pair, frame, i = np.nonzero(counted_a & mutual & (fit.max(-1) >= MATCH))
     j = best_b[pair, frame, i]
-    # Epipolar lines do not distinguish front from back: a match behind a camera is none.
+    # Epipolar lines do not distinguish front from back, so matches behind a camera are excluded.
     _, _, depth_a, depth_b, _ = intersect(sample, other, a[pair], b[pair], frame, i, j)
     in_front = np.where(np.isnan(depth_a), np.nan, (depth_a > 0) & (depth_b > 0))
     fit[pair, frame, i, j] *= np.nan_to_num(mean_known(in_front, -1))
@@ -86,7 +86,7 @@ def triangulate_matches(sample: ViewSample, pairs: Pairs, found: Agreement) -> n
 
 
 def pairs_to_compare(views: int) -> Pairs:
-    """Return all pairs of views, or in a large rig those of each view with its next two and the opposite one."""
+    """Return all pairs of views, or in a large rig the pairs of each view with its next two and the opposite view."""
     steps = {1, 2, views // 2}
     return [
         (a, b) for a, b in combinations(range(views), 2) if views <= 8 or (b - a) in steps or views - (b - a) in steps

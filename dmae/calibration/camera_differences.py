@@ -1,4 +1,4 @@
-"""Differences of single cameras from their calibration, as findings: what moved, by how much, at what cost."""
+"""Findings of single cameras that differ from their calibration: kind, amount and evidence of each difference."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ _SMALLEST = {
     Kind.late: 0.6,
     Kind.displaced: 0.015,
 }
-"""m, rad, relative, k1, frames: below it a calibration counts as sound."""
+"""m, rad, relative, k1, frames; a calibration with smaller differences counts as correct."""
 _MIN_BODIES = 40
 _LENS_GAIN, _CHANCE = 1.03, 0.001
-"""Ratio of the costs that other lenses must save, and the probability at which it is no coincidence."""
+"""Smallest ratio of the costs before and after a change of lenses, and largest probability of a coincidence."""
 _DETERMINED_BY = {
     Kind.moved: "people who walk towards this camera and away from it",
     Kind.turned: "people who walk towards this camera and away from it",
@@ -58,7 +58,7 @@ class CameraFit:
         camera: Its name.
         residual: Median distance between detection and reprojection, px; None if it shares too few people.
         limits: By kind of difference (`moved` m, `turned` degrees, `focal` relative, `lens` k1, `late` frames) the
-            smallest that is surely noticed in this recording, in whatever direction; None if none is.
+            smallest that is certainly noticed in this recording, in any direction; None if no difference is.
     """
 
     camera: str
@@ -82,7 +82,7 @@ class Named:
 
 
 def examined(hypothesis: Hypothesis) -> tuple[Examination, ImageTracks] | None:
-    """Examine the cameras of a hypothesis; None if too few people are seen by two of them."""
+    """Examine the cameras of a hypothesis. Return None if too few people are seen by two of them."""
     if len(hypothesis.rig) < 2:
         return None
     tracks = match_tracks(hypothesis.clip())
@@ -93,7 +93,7 @@ def examined(hypothesis: Hypothesis) -> tuple[Examination, ImageTracks] | None:
 def named_camera(
     hypothesis: Hypothesis, found: Examination, tracks: ImageTracks, offsets: list[int] | None
 ) -> Named | None:
-    """Return the camera that an examination names, if it differs by more than sound calibrations do.
+    """Return the camera that an examination names, if it differs by more than correct calibrations do.
 
     Args:
         offsets: (V,) frames by which detections are delayed already, see `remedy`.
@@ -103,7 +103,7 @@ def named_camera(
         return None
     best, name = kinds[0], hypothesis.rig.names[kinds[0].view]
     fault = _FAULTS[best.kind] if len(kinds) == 1 else Fault.differs
-    # The axes of the world, its vertical included, stay.
+    # The axes of the world, including its vertical, do not change.
     step = np.zeros((len(hypothesis.rig), Q))
     step[best.view] = best.step
     frames = int(np.rint(best.step[OFFSET] * hypothesis.fps))
@@ -127,7 +127,7 @@ def named_camera(
 
 
 def camera_fits(hypothesis: Hypothesis, found: Examination | None) -> tuple[CameraFit, ...]:
-    """Return how each camera fits, and what would go unnoticed."""
+    """Return the fit of each camera, and the smallest differences that would be noticed."""
     if found is None:
         return ()
     residual = found.base.error_px.swapaxes(0, 1).reshape(len(hypothesis.rig), -1)
@@ -144,11 +144,11 @@ def camera_fits(hypothesis: Hypothesis, found: Examination | None) -> tuple[Came
 
 
 def undetermined(hypothesis: Hypothesis, found: Examination | None) -> tuple[str, ...]:
-    """Return what an examination suspects and does not determine."""
+    """Return the suspicions of an examination that the recording does not decide, as text."""
     if found is None:
         return ("too few people are seen by two cameras to find small differences: some seconds are needed",)
     best = max((each for each in found.tried if each.view in found.suspects), key=lambda each: each.gain, default=None)
-    # Every calibration is off by a little: less than this is not worth a word.
+    # Every calibration has small errors. Smaller differences than this are not reported.
     if best is None or _size(best, hypothesis.fps) < 2 * _SMALLEST[best.kind]:
         return ()
     names = " and ".join(hypothesis.rig.names[view] for view in found.suspects)
@@ -159,7 +159,7 @@ def undetermined(hypothesis: Hypothesis, found: Examination | None) -> tuple[str
 
 
 def lens_matters(before: Hypothesis, after: Hypothesis) -> bool:
-    """Return whether other lenses fit better, whatever the poses of the cameras are."""
+    """Return whether other lenses fit better, for any poses of the cameras."""
     tracks = match_tracks(after.clip())
     observations = Observations.of(tracks, Calibration.of(after.rig), BODIES)
     if len(observations) < _MIN_BODIES:
@@ -191,7 +191,7 @@ def _size(difference: CameraDifference, fps: float) -> float:
 
 
 def _amount(difference: CameraDifference, fps: float) -> str:
-    """Return what differs and by how much."""
+    """Return the kind of a difference and its amount, as text."""
     step = difference.step
     moved, turned = 100 * np.linalg.norm(step[CENTRE]), np.degrees(np.linalg.norm(step[ROTATION]))
     return {
@@ -207,7 +207,7 @@ def _amount(difference: CameraDifference, fps: float) -> str:
 def _remedy(
     kinds: list[CameraDifference], undone: Hypothesis, hypothesis: Hypothesis, offsets: list[int] | None
 ) -> str:
-    """Return what undoes a difference."""
+    """Return the remedy that undoes a difference, as text."""
     view = kinds[0].view
     name = hypothesis.rig.names[view]
     if len(kinds) == 1 and kinds[0].kind == Kind.late:

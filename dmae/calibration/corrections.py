@@ -1,4 +1,4 @@
-"""Corrections: a hypothesis with one fault undone, for faults that are either present or not."""
+"""Corrections: hypotheses with one fault undone, for faults that are either present or absent."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ class Correction:
         fault: The fault.
         views: Cameras that had it.
         hypothesis: Cameras and detections without it.
-        amount: Its amount, where that is a number: scale of the detections, k1.
+        amount: Its amount, for faults that have one: scale of the detections, k1.
     """
 
     fault: Fault
@@ -29,11 +29,11 @@ class Correction:
 
 
 Correct = Callable[[Hypothesis, list[int]], Hypothesis]
-"""Undoes a fault of some views."""
+"""A function that undoes a fault of some views."""
 
 
 def binary_corrections(hypothesis: Hypothesis) -> Iterator[Correction]:
-    """Undo each fault that is either present or not, of all cameras and of each one; and exchange any two cameras."""
+    """Undo each fault that is present or absent, of all cameras and of each one; then exchange pairs of cameras."""
     views = list(range(len(hypothesis.rig)))
     for fault, correct in (*_CORRECTIONS.items(), (Fault.mirrored, _unmirrored_image)):
         for part in [views, *([view] for view in views)]:
@@ -41,7 +41,7 @@ def binary_corrections(hypothesis: Hypothesis) -> Iterator[Correction]:
             if corrected.xy is not hypothesis.xy:
                 yield Correction(fault, tuple(part), corrected)
                 continue
-            # Equal focal lengths, lenses without distortion: the correction changes nothing.
+            # The correction changes nothing, for example with equal focal lengths or without distortion.
             parts = [
                 (getattr(hypothesis.rig, name), getattr(corrected.rig, name))
                 for name in ("K", "dist", "fisheye", "cam_from_world")
@@ -75,7 +75,7 @@ def change_distortion(
 
 
 def _extrinsics(change: Callable[[np.ndarray], np.ndarray]) -> Correct:
-    """Change poses (n, 4, 4) as the files write them."""
+    """Change poses (n, 4, 4) in the convention of the files."""
 
     def correct(hypothesis: Hypothesis, views: list[int]) -> Hypothesis:
         written = hypothesis.convention.written_rig(hypothesis.rig)

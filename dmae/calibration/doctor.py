@@ -1,4 +1,4 @@
-"""The doctor: whether the cameras and the detections of a recording agree, and if not, why."""
+"""The doctor: checks whether the cameras and the detections of a recording agree, and finds the faults if not."""
 
 from dataclasses import dataclass, replace
 
@@ -49,9 +49,9 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
 _MIN_SENSITIVITY = 0.08
-"""Agreement that motion must cost at wrong offsets, to decide whether cameras are synchronised."""
+"""Smallest loss of agreement at wrong time offsets from which the doctor decides whether cameras are synchronised."""
 _SAME = 0.005
-"""CameraDifference in agreement of two explanations that are as good as each other."""
+"""Largest difference in agreement between two explanations that count as equally good."""
 _WITH_AMOUNT = (Fault.scale, Fault.distorted, Fault.delay)
 _LENSES = (Fault.distorted, Fault.undistorted, Fault.distortion_sign)
 _POSES = (Kind.moved, Kind.turned, Kind.displaced)
@@ -60,12 +60,12 @@ _EXCLUSIVE = (Fault.inverse, Fault.centre, Fault.transposed_rotation, *_LENSES, 
 
 @dataclass(frozen=True)
 class PairFit:
-    """How two cameras fit each other.
+    """The fit of two cameras with each other.
 
     Attributes:
         cameras: Their names.
-        residual: Median distance of joints from epipolar lines in detections that agree, px; None without any.
-        agreeing: Share of detections that agree with one of the other camera, in frames in which both detect people.
+        residual: Median distance of joints from epipolar lines in detections that agree, px; None if none agree.
+        agreeing: Share of detections that agree with one of the other camera, in frames where both detect people.
         agreement: Mean agreement of these detections, from 0 to 1.
         detections: Number of these detections.
     """
@@ -79,15 +79,15 @@ class PairFit:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What is wrong with a recording.
+    """The faults of a recording, and the fit of its cameras.
 
     Attributes:
-        pairs: How the cameras fit as the recording was read.
-        corrected: How they fit with the findings corrected.
-        findings: Faults, in the order in which to correct them; empty for a sound recording.
-        unknown: What could not be decided, and why.
-        cameras: How each camera fits with the findings corrected, and which differences would go unnoticed.
-        floor: Where the floor is and which way is up, with the findings corrected; None where people cannot be
+        pairs: Fit of the pairs of cameras in the recording as it was read.
+        corrected: The same with the findings corrected.
+        findings: Faults, in the order in which to correct them; empty for a recording without faults.
+        unknown: Questions that could not be decided, and why.
+        cameras: Fit of each camera with the findings corrected, and the smallest differences that would be noticed.
+        floor: Height of the floor and vertical direction, with the findings corrected; None if people cannot be
             measured.
     """
 
@@ -107,8 +107,8 @@ def diagnose(
     Args:
         clip: F frames of V cameras; only cameras and detections are read.
         convention: How the files were assumed to write the calibration; None if the format has no such options.
-        offsets: (V,) frames by which the files' detections are delayed already.
-        max_offset: Largest time offset between two cameras that is tried, in frames, either way.
+        offsets: (V,) frames by which the files' detections are already delayed.
+        max_offset: Largest time offset between two cameras that is tried, in frames, in both directions.
 
     Raises:
         ValueError: `max_offset` is negative.
@@ -130,7 +130,7 @@ def diagnose(
     if sum(fit.detections for fit in fits) < MIN_DETECTIONS:
         return Diagnosis(fits, fits, (), (*unknown, "nothing can be compared: too few people are seen by two cameras"))
     findings, sensitivity, named = [], 0.0, set()
-    # A fault can hide another; every camera can have one.
+    # A fault can hide another one, and every camera can have a fault.
     for _ in range(len(clip.rig) + 2):
         correction, sensitivity = find_fault(hypothesis, max_offset)
         examination = _examine(hypothesis, correction)
@@ -179,7 +179,7 @@ def diagnose(
 
 
 def _corrected(clip: Clip, hypothesis: Hypothesis, changed: bool) -> Clip:
-    """Return the clip with its corrections: with all its joints, where these are of cameras and clocks alone."""
+    """Return the corrected clip, with all its joints if the corrections concern only cameras and clocks."""
     if changed:
         return hypothesis.clip()
     found = Clip(clip.id, clip.fps, hypothesis.rig, clip.detections)
@@ -187,7 +187,7 @@ def _corrected(clip: Clip, hypothesis: Hypothesis, changed: bool) -> Clip:
 
 
 def _examine(hypothesis: Hypothesis, correction: Correction | None) -> tuple[Examination, ImageTracks] | None:
-    """Examine single cameras, unless a fault of all of them explains why people cannot be measured."""
+    """Examine single cameras, unless a fault of all cameras explains that people cannot be measured."""
     if correction is not None and len(correction.views) == len(hypothesis.rig) and correction.fault in _EXCLUSIVE:
         return None
     scale = _scale_to_metres(hypothesis)
@@ -199,7 +199,7 @@ def _examine(hypothesis: Hypothesis, correction: Correction | None) -> tuple[Exa
 
 
 def _scale_to_metres(hypothesis: Hypothesis) -> float:
-    """Return what makes people as large as people are, where they are far from it; otherwise 1."""
+    """Return the factor that gives people human size if they are far from it, otherwise 1."""
     pairs, frames = pairs_to_compare(len(hypothesis.rig)), hypothesis.sample_frames(CHECKED_FRAMES)
     sample = ViewSample.of(hypothesis, frames)
     people = triangulate_matches(sample, pairs, measure_agreement(sample, pairs))
@@ -216,9 +216,9 @@ def _explains(camera: Named, correction: Correction | None, hypothesis: Hypothes
 
 
 def _confirmed(correction: Correction, hypothesis: Hypothesis, found: Examination | None, pairs: Pairs) -> bool:
-    """Return whether a fault of lenses or of a scale is more than a wrong pose of the cameras, which it resembles.
+    """Return whether a fault of lenses or of a scale explains more than a wrong pose of the cameras, which is similar.
 
-    A pose may explain more, and yet not be named, as a short recording does not make it certain.
+    A pose may explain more and still not be named, if the recording is too short for certainty.
     """
     if correction.fault in _LENSES:
         return lens_matters(hypothesis, correction.hypothesis)
@@ -236,13 +236,13 @@ def _confirmed(correction: Correction, hypothesis: Hypothesis, found: Examinatio
 
 
 def _agreements(hypothesis: Hypothesis, pairs: Pairs, *others: Hypothesis) -> list[float]:
-    """Return the mean agreement of each of other hypotheses, in the frames in which one is checked."""
+    """Return the mean agreement of other hypotheses, in the frames sampled for the check of one hypothesis."""
     frames = hypothesis.sample_frames(CHECKED_FRAMES)
     return [mean_agreement(score_pairs(each, frames, pairs)) for each in others]
 
 
 def _pair_fits(hypothesis: Hypothesis, pairs: Pairs, frames: np.ndarray) -> tuple[PairFit, ...]:
-    """Return how each pair of cameras fits in frames (S,)."""
+    """Return the fit of each pair of cameras in frames (S,)."""
     found = measure_agreement(ViewSample.of(hypothesis, frames), pairs)
     fits = []
     for index, (a, b) in enumerate(pairs):

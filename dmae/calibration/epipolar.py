@@ -1,6 +1,6 @@
-"""Epipolar geometry of two views: fundamental matrices, distances from epipolar lines, where rays pass closest.
+"""Epipolar geometry of two views: fundamental matrices, distances from epipolar lines, closest points of rays.
 
-S sampled frames out of F; D detections a view; J joints; n pairs of views.
+S sampled frames out of F; D detections per view; J joints; n pairs of views.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class ViewSample:
     Attributes:
         rig: V cameras without distortion.
         xy: (V, S, D, J, 2) undistorted px; NaN where absent.
-        joints: (V, S, D, J) True where a joint was detected, even if no ray of the lens belongs to its pixel.
+        joints: (V, S, D, J) True where a joint was detected, even if the lens has no ray for its pixel.
         size: (V, S, D) extent of each detection, px.
     """
 
@@ -71,7 +71,7 @@ def fundamental(rig: CameraRig, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def epipolar_distances(
     sample_a: ViewSample, sample_b: ViewSample, a: np.ndarray, b: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return px (n, S, D, D, J) from joints in views a to the epipolar lines of those in views b, and the other way."""
+    """Return px (n, S, D, D, J) from joints in views a to the epipolar lines of joints in views b, and vice versa."""
     F = fundamental(sample_a.rig, a, b).astype(np.float32)[:, None, None]
     xy_a, xy_b = sample_a.homogeneous[a], sample_b.homogeneous[b]
     lines_b, lines_a = xy_a @ F.swapaxes(-1, -2), xy_b @ F
@@ -84,7 +84,7 @@ def epipolar_distances(
 
 
 def intersect(sample_a: ViewSample, sample_b: ViewSample, a, b, frame, i, j) -> tuple[np.ndarray, ...]:
-    """Find where rays of detections i of views a and j of views b, all (m,), pass closest.
+    """Find the closest points of the rays of detections i of views a and j of views b, all (m,).
 
     Returns:
         rays_a, rays_b: (m, J, 3) unit directions.

@@ -1,4 +1,4 @@
-"""Epipolar arrows: how far, and which way, the detections of a camera are from the epipolar lines of the others."""
+"""Epipolar arrows: vectors from the detections of a camera to the epipolar lines of the other cameras."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _MOST_ARROWS = 900
 
 
 def epipolar_arrows(hypothesis: Hypothesis) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return for each camera where joints were detected, (n, 2) undistorted px, and the way from there to the line.
+    """Return for each camera the places of its joints, (n, 2) undistorted px, and the vectors from there to the lines.
 
-    The line is the epipolar line of the joint in another camera with a matching detection. A correct camera has short
-    arrows in all directions; arrows that agree say how the image of the camera is off.
+    A line is the epipolar line of the joint in another camera with a matching detection. A correct camera has short
+    arrows in all directions. Arrows with a common pattern show how the image of the camera is displaced.
     """
     pairs = pairs_to_compare(len(hypothesis.rig))
     sample = ViewSample.of(hypothesis, hypothesis.sample_frames(_FRAMES))
@@ -43,7 +43,7 @@ def epipolar_arrows(hypothesis: Hypothesis) -> list[tuple[np.ndarray, np.ndarray
 
 
 def draw_arrows(hypothesis: Hypothesis, title: str, images: list[np.ndarray | None] | None = None) -> list[bytes]:
-    """Return a PNG for each camera: its epipolar arrows, ten times as long as they are, on its image if there is one.
+    """Return a PNG for each camera: its epipolar arrows, enlarged ten times, on its image if there is one.
 
     Args:
         images: (h, w, 3) RGB by camera; None for a blank one.

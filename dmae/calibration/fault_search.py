@@ -1,4 +1,4 @@
-"""Fault search: the one fault that explains a recording best, its amount included where it has one."""
+"""Fault search: the fault that explains a recording best, with its amount if it has one."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -14,36 +14,36 @@ from dmae.calibration.time_offsets import MIN_OFFSET_GAIN, offset_corrections, r
 
 _SCALE_STEP = 0.04
 _LOG_SCALES = np.arange(-40, 41) * _SCALE_STEP
-"""Logarithms of the scales that are tried, a fifth to five."""
+"""Logarithms of the tested scales, from 1/5 to 5."""
 _K1_STEP = 0.1
 _K1 = np.arange(-6, 7) * _K1_STEP
 _BLOCKS = 10
-"""Blocks of frames over which the standard error of a gain is estimated."""
+"""Number of blocks of frames for the standard error of a gain."""
 _SCREENED_FRAMES = 24
-"""Frames sampled to find candidates."""
+"""Number of frames that are sampled to find candidates."""
 _CHECKED_CANDIDATES = 6
 _CLEAR_GAIN = 0.1
 """Gain in agreement that needs no further check."""
 _MIN_GAIN = 0.02
 """Smallest gain in agreement of a correction."""
 _MIN_GAIN_OF = {Fault.focal: 0.005, Fault.delay: MIN_OFFSET_GAIN, Fault.distorted: 0.008}
-"""The same for faults that change little and that no other fault resembles."""
+"""The same for faults that change little and do not resemble any other fault."""
 _MIN_AGREEMENT_OF_AMOUNT = 0.25
 """Smallest agreement after a correction with an amount."""
 _MIN_DETECTIONS = 150
 """Fewest detections that support such a correction."""
 _SIGMAS = 3.0
-"""Standard errors by which a gain must be above 0."""
+"""Number of standard errors by which a gain must be above 0."""
 
 
 def find_fault(hypothesis: Hypothesis, max_offset: int) -> tuple[Correction | None, float]:
-    """Find the one fault that, once corrected, makes the views agree clearly better.
+    """Find the fault with the correction that increases the agreement of the views most, if the gain is clear.
 
     Args:
-        max_offset: Largest time offset between two cameras that is tried, in frames, either way.
+        max_offset: Largest time offset between two cameras that is tried, in frames, in both directions.
 
     Returns:
-        correction: None if no fault does.
+        correction: The correction; None if no fault gives a clear gain.
         sensitivity: How much the agreement depends on time, see `dmae.calibration.time_offsets.offset_corrections`.
     """
     pairs, frames = pairs_to_compare(len(hypothesis.rig)), hypothesis.sample_frames(_SCREENED_FRAMES)
@@ -75,14 +75,14 @@ def _corrected_scores(base: PairScores, correction: Correction, frames: np.ndarr
 
 
 def _checked_gain(before: PairScores, frames: np.ndarray, correction: Correction) -> float:
-    """Return how much a correction adds to the agreement of all pairs; 0 if it is not clear that it adds any."""
+    """Return the gain in the agreement of all pairs by a correction; 0 if a gain is not clear."""
     after = _corrected_scores(before, correction, frames)
     same = {pair: before[pair] for pair in after}
     gain, agreement = mean_agreement(after) - mean_agreement(same), mean_agreement(after)
-    # Where hardly anything agrees before and after, a small gain is a coincidence.
+    # If there is little agreement before and after, a small gain is a coincidence.
     if gain < (_MIN_GAIN_OF.get(correction.fault, _MIN_GAIN) if agreement >= SOUND else _CLEAR_GAIN):
         return 0.0
-    # Among many amounts, one may fit a few people by coincidence.
+    # One of many amounts may fit a few people by coincidence.
     detected, left = (sum(each[1].sum() for each in scores.values()) for scores in (same, after))
     has_amount = correction.fault in (Fault.scale, Fault.distorted, Fault.delay)
     if has_amount and (agreement < _MIN_AGREEMENT_OF_AMOUNT or left < max(_MIN_DETECTIONS, detected / 2)):
@@ -99,7 +99,7 @@ def _checked_gain(before: PairScores, frames: np.ndarray, correction: Correction
 
 
 def _corrections_with_amount(hypothesis: Hypothesis, frames: np.ndarray, base: PairScores) -> Iterator[Correction]:
-    """Search the best scale of the detections, of all cameras or of one, and the best lens of those without one."""
+    """Search the best scale of detections, of all cameras or of one, and the best distortion of cameras without one."""
     views = list(range(len(hypothesis.rig)))
     searches = [(Fault.scale, _scaled, part, _LOG_SCALES, _SCALE_STEP) for part in [views, *([view] for view in views)]]
     pinholes = np.flatnonzero(~hypothesis.rig.distorted).tolist()
@@ -123,7 +123,7 @@ def _corrections_with_amount(hypothesis: Hypothesis, frames: np.ndarray, base: P
 
 
 def _rounded(log_scale: float) -> float:
-    """Round to a ratio of small numbers, if one is near: most images are scaled by such."""
+    """Round to a ratio of small integers if one is near, because most images are scaled by one."""
     ratio = np.log(float(Fraction(np.exp(log_scale)).limit_denominator(4)))
     return ratio if abs(ratio - log_scale) < 0.02 else log_scale
 

@@ -1,4 +1,4 @@
-"""Faults: what is commonly wrong with calibrations and detections."""
+"""Faults: common errors of calibrations and detections."""
 
 from enum import StrEnum
 

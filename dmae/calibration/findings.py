@@ -15,13 +15,13 @@ from dmae.formats.calibrations.conventions import Convention
 from dmae.numerics.robust import mean_known
 
 MIN_DETECTIONS = 20
-"""Fewest detections from which a pair of views is judged."""
+"""Smallest number of detections for which a pair of views is judged."""
 _UPRIGHT = 0.7
-"""Smallest agreement of people in where up is."""
+"""Smallest agreement of people on the vertical direction."""
 _SOUND_TILT_DEG, _SOUND_HEIGHT_M = 0.3, 0.005
-"""Beyond it, intervals of the tilt and of the height of the floor exclude a sound world."""
+"""A world has a fault if the whole interval of its tilt, or of the error of its floor's height, is above this."""
 _INSIDE = 0.3
-"""Share of joints inside the image above which a camera looks at the people of the others."""
+"""Share of joints inside the image above which a camera is expected to see the people of the others."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Finding:
     Attributes:
         fault: The fault.
         cameras: Names of the cameras that have it.
-        evidence: Why it is believed to be there.
-        remedy: What corrects it.
-        alternatives: Faults of which it is one, where the recording does not determine which.
+        evidence: The reason for the finding.
+        remedy: The change that corrects it.
+        alternatives: Possible faults, one of which is present, if the recording does not determine which.
     """
 
     fault: Fault
@@ -54,8 +54,8 @@ def corrected_fault(
 
     Args:
         before: Cameras and detections with the fault.
-        convention: How the files were assumed to be written; None if the format has no such options.
-        offsets: (V,) frames by which detections are delayed already, see `remedy`.
+        convention: The assumed convention of the files; None if the format has no options for it.
+        offsets: (V,) frames by which detections are already delayed, see `remedy`.
         frames: (S,) frames over which the views are compared.
     """
     rig, views = before.rig, correction.views
@@ -80,8 +80,8 @@ def disagreeing_cameras(
         people: (m, J, 3) matched detections as points.
 
     Returns:
-        disagreeing: Indices of cameras that see the people of the others, and yet disagree.
-        apart: Names of cameras that see no people that the others see.
+        disagreeing: Indices of cameras that see the same people as the others but disagree with them.
+        apart: Names of cameras that do not see any people that the others see.
     """
     views, ends = len(hypothesis.rig), np.asarray(pairs)
     counted = found.detections.sum(1)
@@ -93,7 +93,7 @@ def disagreeing_cameras(
         return tuple(suspects), ()
     disagreeing, apart = [], ()
     for view in suspects:
-        # People as measured by the other cameras: does this one look at them?
+        # Check whether this camera looks at the people that the other cameras measure.
         others = people[~(ends[found.pair] == view).any(1)].reshape(1, -1, 3)
         camera = hypothesis.rig[[view]]
         inside = camera.inside(camera.project(others)[0]).sum() / max(np.isfinite(others).all(-1).sum(), 1)
@@ -118,7 +118,7 @@ def unexplained_fault(hypothesis: Hypothesis, views: tuple[int, ...]) -> Finding
 def world_faults(
     hypothesis: Hypothesis, people: np.ndarray, has_options: bool
 ) -> tuple[list[Finding], tuple[str, ...]]:
-    """Find a wrong unit of length and a wrong vertical axis.
+    """Return findings of a wrong unit of length and of a wrong vertical axis.
 
     Args:
         people: (m, J, 3) matched detections as points.
@@ -126,7 +126,7 @@ def world_faults(
 
     Returns:
         findings: The faults.
-        unknown: What could not be decided.
+        unknown: Questions that could not be decided.
     """
     findings, unknown, names = [], (), hypothesis.rig.names
     ratio, standing = relative_size(people, hypothesis.skeleton), upright_direction(people, hypothesis.skeleton)
@@ -143,11 +143,11 @@ def world_faults(
 
 
 def floor_faults(floor: Floor, expected_m: float, names: tuple[str, ...]) -> list[Finding]:
-    """Find a world that is tilted, or a floor that is not where it is expected.
+    """Return findings of a tilted world, or of a floor at an unexpected height.
 
     Args:
-        expected_m: z of the floor.
-        names: All cameras.
+        expected_m: Expected z of the floor.
+        names: Names of all cameras.
     """
     findings = []
     what = "dmae calibrate with the same data refine.extrinsics=false refine.level=true, or dmae capture level=true"
@@ -171,7 +171,7 @@ def floor_faults(floor: Floor, expected_m: float, names: tuple[str, ...]) -> lis
 
 
 def size_faults(hypothesis: Hypothesis) -> list[Finding]:
-    """Find image sizes with exchanged width and height; all cameras of one size have the fault together."""
+    """Return findings of image sizes with exchanged width and height. All cameras with one size share the fault."""
     findings = []
     for width, height in np.unique(hypothesis.rig.size, axis=0):
         views = np.flatnonzero((hypothesis.rig.size == (width, height)).all(-1))

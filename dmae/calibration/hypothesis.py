@@ -1,4 +1,4 @@
-"""A hypothesis about a recording: cameras and detections as they were read, or as a correction changes them."""
+"""A hypothesis about a recording: its cameras and detections as they were read, or after a correction."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.recordings.selection import shift_views
 
 CHECKED_FRAMES = 150
-"""Frames sampled to check what fewer frames suggest."""
+"""Number of sampled frames for a check of a result from fewer frames."""
 _MIN_JOINTS = 6
-"""Fewest joints of a detection that is compared."""
+"""Smallest number of joints of a detection that is compared."""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Cameras and detections of F frames, V views, D detections a view, J joints.
+    """Cameras and detections of F frames, V views, D detections per view, J joints.
 
     Attributes:
         rig: V cameras.
@@ -65,6 +65,6 @@ class Hypothesis:
         return replace(self, offsets=self.offsets + frames)
 
     def sample_frames(self, most: int) -> np.ndarray:
-        """Return up to `most` frames, evenly spread over those in which two views or more detect people."""
+        """Return up to `most` frames, evenly spread over the frames in which at least two views detect people."""
         frames = np.flatnonzero(np.isfinite(self.xy[..., 0]).any((2, 3)).sum(1) >= 2)
         return frames[np.unique(np.linspace(0, max(len(frames) - 1, 0), most).astype(int))] if len(frames) else frames

@@ -35,12 +35,12 @@ def camera_names(rig: CameraRig, views: tuple[int, ...]) -> str:
 
 
 def remedy(correction: Correction, before: Convention, has_options: bool, offsets: list[int] | None) -> str:
-    """Return what undoes a fault of geometry or time.
+    """Return the remedy for a fault of geometry or time, as text.
 
     Args:
-        before: How the files were assumed to write their extrinsics.
+        before: The assumed convention of the extrinsics in the files.
         has_options: Whether unit, up and inverse are options of the files' format.
-        offsets: Frames by which detections are delayed already; None if not all cameras of the files are read.
+        offsets: Frames by which detections are already delayed; None if some cameras of the files are not read.
     """
     rig, views, fault = correction.hypothesis.rig, correction.views, correction.fault
     names = camera_names(rig, views)
@@ -72,7 +72,7 @@ def remedy(correction: Correction, before: Convention, has_options: bool, offset
 
 
 def unit_remedy(ratio: float, before: Convention, has_options: bool) -> str | None:
-    """Return what gives people human size, given that they are `ratio` times as large; None if they have it."""
+    """Return the remedy for people that are `ratio` times as large as humans, as text; None if their size is right."""
     low, high = 0.45, 1.6
     if low <= ratio <= high:
         return None
@@ -91,7 +91,7 @@ def unit_remedy(ratio: float, before: Convention, has_options: bool) -> str | No
 
 
 def up_remedy(direction: np.ndarray, before: Convention, has_options: bool) -> str | None:
-    """Return what makes z the vertical, given that people stand along `direction` (3,); None if it is."""
+    """Return the remedy if people stand along `direction` (3,) instead of z, as text; None if they stand along z."""
     steep = 0.8
     if direction[2] >= steep:
         return None

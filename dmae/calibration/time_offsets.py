@@ -1,4 +1,4 @@
-"""Time offsets: which cameras are not synchronised with the others, and by how many frames."""
+"""Time offsets: the cameras that are not synchronised with the others, and their offsets in frames."""
 
 from collections import Counter
 
@@ -14,9 +14,9 @@ from dmae.calibration.hypothesis import CHECKED_FRAMES, Hypothesis
 MIN_OFFSET_GAIN = 0.008
 """Smallest gain in agreement that supports an offset."""
 _REFINED_FRAMES = 3
-"""Frames by which an offset found from two views can be wrong."""
+"""Largest expected error, in frames, of an offset found from two views."""
 _INCONSISTENT_FRAMES = 2
-"""Frames by which sound views differ in the offset that they find for another."""
+"""Largest difference, in frames, between the offsets of one view that two correct views find."""
 
 
 def offset_corrections(hypothesis: Hypothesis, frames: np.ndarray, most: int) -> tuple[list[Correction], float]:
@@ -24,11 +24,12 @@ def offset_corrections(hypothesis: Hypothesis, frames: np.ndarray, most: int) ->
 
     Args:
         frames: (S,) sampled frames.
-        most: Largest offset that is tried, in frames, either way.
+        most: Largest offset that is tried, in frames, in both directions.
 
-    Returns:
-        corrections: Each of one camera that may be unsynchronised alone, and one of several together.
-        sensitivity: How far the best agreement of two views is above that at other offsets; near 0 if no person moves.
+        Returns:
+        corrections: One correction for each single camera that may be unsynchronised, and one of several cameras.
+        sensitivity: Difference between the best and the median agreement of two views over all offsets; near 0 if no
+            person moves.
     """
     views, pairs = len(hypothesis.rig), pairs_to_compare(len(hypothesis.rig))
     offsets = np.arange(-most, most + 1)
@@ -36,14 +37,14 @@ def offset_corrections(hypothesis: Hypothesis, frames: np.ndarray, most: int) ->
     found = [measure_agreement(sample, pairs, ViewSample.of(hypothesis.delayed(k * one), frames[::2])) for k in offsets]
     agreement = np.array([each.total.sum(-1) / np.maximum(each.detections.sum(-1), 1) for each in found])
     sensitivity = float((agreement.max(0) - np.median(agreement, 0)).max())
-    # By (view, other): agreement at every offset of the view from the other.
+    # By (view, other): agreement at each offset between the two views.
     by_offset = np.zeros((views, views, len(offsets)))
     for pair, fit in zip(pairs, agreement.T, strict=True):
         by_offset[pair[::-1]], by_offset[pair] = fit, fit[::-1]
-    # In most recordings one camera is offset from all others.
+    # In most recordings with a fault, one camera has an offset from all others.
     alone = offsets[by_offset.sum(1).argmax(-1)]
     starts = [np.where(np.arange(views) == view, alone, 0) for view in np.flatnonzero(alone)]
-    # Otherwise the pairs of highest agreement that connect all cameras give the offsets.
+    # Otherwise the offsets come from the pairs with the highest agreement that connect all cameras.
     connected = np.zeros(views, int)
     tree = minimum_spanning_tree(np.where(by_offset.any(-1), 2 - by_offset.max(-1), 0))
     order, parent = breadth_first_order(tree, 0, directed=False)
@@ -60,7 +61,7 @@ def offset_corrections(hypothesis: Hypothesis, frames: np.ndarray, most: int) ->
 def refine_offsets(hypothesis: Hypothesis, offsets: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Return offsets (V,) near those given at which each view agrees best with the others.
 
-    They are relative to the most common one. Views that others do not find the same offset for get 0.
+    They are relative to the most common offset. A view gets 0 if the others do not find the same offset for it.
     """
     offsets, pairs = offsets.copy(), pairs_to_compare(len(offsets))
     for view in np.flatnonzero(offsets != _most_common(offsets)):
@@ -84,10 +85,10 @@ def _most_common(offsets: np.ndarray) -> int:
 
 
 def _inconsistency(hypothesis: Hypothesis, view: int) -> int:
-    """Return the frames by which the other views differ in the offset at which a view agrees best with them.
+    """Return the spread, in frames, of the offsets at which a view agrees best with each of the other views.
 
-    A camera with an offset has it relative to all others. One with a slightly wrong calibration seems to be late for
-    some and early for others.
+    A camera with a time offset has it relative to all others. A camera with a slightly wrong calibration seems to be
+    late for some of them and early for others.
     """
     pairs = [pair for pair in pairs_to_compare(len(hypothesis.rig)) if view in pair]
     offsets = np.arange(-2 * _REFINED_FRAMES, 2 * _REFINED_FRAMES + 1)

@@ -1,4 +1,4 @@
-"""Which pictures of the cameras were taken at one time: frame rates and offsets from what videos say."""
+"""Alignment in time: which images of the cameras belong to one frame, by the frame rates and offsets of the videos."""
 
 import re
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ from dmae.detection.pictures import CameraPictures
 from dmae.files.numbers import check_rate
 
 _SAME_RATE = 1e-3
-"""Relative difference of rates from which on it is noted."""
+"""Relative difference of frame rates above which a note is written."""
 _MOST_SPAN = 20
-"""Numbers that a folder of pictures may span for each picture; more, and they do not count frames."""
+"""Largest span of the numbers in a folder, per image. With a larger span the numbers are not frame numbers."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Alignment:
 
     Attributes:
         fps: Frames per second.
-        frames: For each camera (N,) the frame that each of its pictures is of; -1 for one that is not used.
+        frames: For each camera (N,) the frame of each of its images; -1 for an image that is not used.
         count: F, the number of frames.
         notes: Decisions that can be wrong.
     """
@@ -33,18 +33,18 @@ class Alignment:
 
 
 def align(cameras: Sequence[CameraPictures], fps: float | None, offsets: Sequence[int] | None) -> Alignment:
-    """Give each picture the frame of its time.
+    """Assign each image to the frame that is nearest in time.
 
-    The frame rate is the highest of the cameras. A camera of a lower one has no picture in some frames. The clip ends
+    The frame rate is the highest of the cameras. A camera with a lower rate has no image in some frames. The clip ends
     with the camera that ends last.
 
     Args:
         cameras: V cameras.
-        fps: Frames per second; None for what the videos say. Folders of pictures do not say it.
-        offsets: (V,) frames by which each camera started late; None for what the videos say.
+        fps: Frames per second; None to take it from the videos. Folders of images do not state it.
+        offsets: (V,) frames by which each camera started late; None to take them from the videos.
 
     Raises:
-        ValueError: the frame rate is not known, or there is not an offset for each camera.
+        ValueError: the frame rate is not known, or the number of offsets differs from the number of cameras.
     """
     notes: list[str] = []
     if offsets is not None and len(offsets) != len(cameras):
@@ -94,7 +94,7 @@ def align(cameras: Sequence[CameraPictures], fps: float | None, offsets: Sequenc
 
 
 def _unique(frames: np.ndarray) -> np.ndarray:
-    """Return the frames with -1 in place of those that an earlier picture has."""
+    """Return the frames, with -1 for each image that has the same frame as an earlier image."""
     _, first = np.unique(frames, return_index=True)
     kept = np.zeros(len(frames), bool)
     kept[first] = True
@@ -102,7 +102,7 @@ def _unique(frames: np.ndarray) -> np.ndarray:
 
 
 def _offsets(cameras: Sequence[CameraPictures], fps: float, notes: list[str]) -> np.ndarray:
-    """Return by how many frames each camera started late, as its video says: by timecode, or else by its first time."""
+    """Return the number of frames by which each camera started late: from the timecodes, else from the first times."""
     starts = np.array([np.nan if each.timecode is None else _seconds(each.timecode, fps) for each in cameras])
     how = "timecodes"
     if np.isnan(starts).any():

@@ -1,4 +1,4 @@
-"""How detections are written: their skeleton, whether with pictures, and without a calibration as 2D keypoints."""
+"""Output of detections: their skeleton, with or without images; 2D keypoints for cameras without a calibration."""
 
 import json
 from dataclasses import dataclass, field
@@ -42,7 +42,7 @@ def write_flat(recording: Recording, detections: Detections2D, config: OutputCon
 
     Args:
         recording: The videos.
-        detections: (F, V, D, J), in pixels of the pictures.
+        detections: (F, V, D, J), in pixels of the images.
         config: Format.
         out: Folder.
     """

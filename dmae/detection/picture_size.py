@@ -1,22 +1,22 @@
-"""Pictures of another size than the calibration: shrunk ones, and those with black margins, are found and undone."""
+"""Images of another size than the calibration: scaling and black margins are detected and undone."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 _RATIO = 0.003
-"""Largest relative difference of the scales of width and height in pictures that were scaled as a whole."""
+"""Largest relative difference between the scales of width and height of an image that was scaled without margins."""
 _BLACK = 40
 """Largest mean brightness of a margin, of 255; compressed black is not quite black."""
 
 
 @dataclass(frozen=True)
 class Fitting:
-    """How pictures lie in those of the calibration.
+    """Scale and margin of images relative to the images of the calibration.
 
     Attributes:
-        scale: Pixels of the picture for a pixel of the calibration.
-        margin: (left, top) black border of the picture, px.
+        scale: Pixels of the image per pixel of the calibration.
+        margin: (left, top) black border of the image, px.
     """
 
     scale: float = 1.0
@@ -24,16 +24,16 @@ class Fitting:
 
     @property
     def is_same(self) -> bool:
-        """Whether pixels are those of the calibration."""
+        """True if the pixels are the same as in the calibration."""
         return self == Fitting()
 
     def to_calibration(self, xy: np.ndarray) -> np.ndarray:
-        """Return pixels (..., 2) of the calibration for pixels of the picture."""
+        """Return pixels (..., 2) of the calibration for pixels of the image."""
         return xy if self.is_same else (xy + 0.5 - np.array(self.margin)) / self.scale - 0.5
 
     @property
     def note(self) -> str:
-        """What was found, to follow the name of the camera."""
+        """The text of a note, to be printed after the name of the camera."""
         left, top = self.margin
         border = f" and have a black border of {left:.2g} px at the sides" if left >= 0.5 else ""
         border += f" and have a black border of {top:.2g} px above and below" if top >= 0.5 else ""
@@ -41,16 +41,16 @@ class Fitting:
 
 
 def fit_pictures(camera: str, picture: tuple[int, int], calibration: tuple[int, int], sample: np.ndarray) -> Fitting:
-    """Return how pictures lie in those of the calibration.
+    """Return the scale and margin of images relative to the images of the calibration.
 
     Args:
         camera: Name, for messages.
-        picture: Width and height of the pictures, px.
+        picture: Width and height of the images, px.
         calibration: Width and height that the calibration is for, px.
-        sample: (N, H, W, 3) uint8 some pictures of the camera.
+        sample: (N, H, W, 3) uint8, some images of the camera.
 
     Raises:
-        ValueError: the calibration is of pictures that these cannot be a smaller or larger copy of.
+        ValueError: the images cannot be smaller or larger copies of the images of the calibration.
     """
     if tuple(picture) == tuple(calibration):
         return Fitting()
@@ -70,7 +70,7 @@ def fit_pictures(camera: str, picture: tuple[int, int], calibration: tuple[int, 
 
 
 def _whole_pixels(picture: tuple[int, int], calibration: tuple[int, int], scale: float) -> bool:
-    """Return whether the sizes differ by rounding alone: one of even numbers moves a side by less than 2 px."""
+    """Return whether the sizes differ only by rounding. Rounding to even numbers changes a side by less than 2 px."""
     return all(abs(a - scale * b) < 2 for a, b in zip(picture, calibration, strict=True))
 
 

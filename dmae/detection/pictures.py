@@ -1,4 +1,4 @@
-"""The pictures of a camera: a video, a folder of pictures, or those of a clip."""
+"""The images of a camera: a video, a folder of images, or those of a clip."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,17 +18,17 @@ PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 
 @dataclass(frozen=True)
 class CameraPictures:
-    """The N pictures of a camera.
+    """The N images of a camera.
 
     Attributes:
         name: Of the camera.
-        path: Video, folder of pictures, or folder of the images of a clip.
+        path: Video, folder of images, or folder of the images of a clip.
         size: Width and height, px, upright.
-        times: (N,) s, when each picture was taken by the clock of its file; of a folder, numbers of the pictures.
-        rate: Pictures per second, None where the files do not say.
-        read: Yields the pictures from one to before another, (H, W, 3) uint8 RGB, None for one that cannot be read.
-        codec: Of a video, "h264" for instance.
-        timecode: Of a video: when it begins, as the camera wrote it.
+        times: (N,) s, when each image was taken by the clock of its file; for a folder, the numbers of the images.
+        rate: Images per second; None if the files do not state it.
+        read: Takes `start` and `stop`; yields these images, (H, W, 3) uint8 RGB, None for an image that cannot be read.
+        codec: Codec of a video, for instance "h264".
+        timecode: Start of a video, as the camera wrote it.
     """
 
     name: str
@@ -45,13 +45,13 @@ class CameraPictures:
 
 
 def find_cameras(path: Path) -> list[CameraPictures]:
-    """Return the cameras of a folder, each a video or a folder of pictures, in the order of their names.
+    """Return the cameras of a folder, each a video or a folder of images, in the order of their names.
 
     Args:
         path: The folder; or a single video.
 
     Raises:
-        FileNotFoundError: there is nothing, or neither a video nor a folder of pictures.
+        FileNotFoundError: there is nothing, or neither a video nor a folder of images.
         ValueError: a video cannot be read, or two are of one camera.
     """
     path = Path(path)
@@ -155,7 +155,7 @@ def _video(path: Path) -> CameraPictures:
 
 
 def _read_video(path: Path, stamps: list[int], start: int, stop: int) -> Iterator[np.ndarray | None]:
-    """Yield frames of a video; one that cannot be decoded is None, and the next ones are read all the same."""
+    """Yield frames of a video. A frame that cannot be decoded is None, and the next frames are still read."""
     import av
 
     position = {stamp: number for number, stamp in enumerate(stamps)}
@@ -185,7 +185,7 @@ def _read_video(path: Path, stamps: list[int], start: int, stop: int) -> Iterato
 
 
 def _upright(frame) -> np.ndarray:
-    """Return the picture of a frame as players show it: phones write how they were held."""
+    """Return the image of a frame, rotated as players show it: phones record their orientation in the video."""
     picture = frame.to_ndarray(format="rgb24")
     quarters = round((getattr(frame, "rotation", 0) or 0) / 90)
     return np.ascontiguousarray(np.rot90(picture, quarters)) if quarters % 4 else picture

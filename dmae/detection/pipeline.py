@@ -1,4 +1,4 @@
-"""From the pictures of cameras to detections: in pieces, in parallel, continued where a run was interrupted."""
+"""From the images of cameras to detections: in pieces, in parallel. An interrupted run is continued."""
 
 import io
 from collections.abc import Iterator, Sequence
@@ -18,27 +18,27 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 
 PIECE = 240
-"""Pictures that are processed together. The results of a piece do not depend on other pieces."""
+"""Number of images that are processed together. The results of a piece do not depend on other pieces."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a detector found in the N pictures of a camera.
+    """What a detector found in the N images of a camera.
 
     Attributes:
-        people: For each picture (D, J, 3): x, y px and confidence; NaN where absent. None for one that cannot be read.
+        people: For each image (D, J, 3): x, y px and confidence; NaN where absent. None for one that cannot be read.
     """
 
     people: list[np.ndarray | None]
 
     @property
     def unreadable(self) -> list[int]:
-        """Numbers of the pictures that cannot be read."""
+        """Numbers of the images that cannot be read."""
         return [number for number, people in enumerate(self.people) if people is None]
 
 
 def make_detector(config: PoseDetectorConfig) -> PictureDetector:
-    """Return a detector for the pictures of one camera.
+    """Return a detector for the images of one camera.
 
     Raises:
         ValueError: there is no such detector, or it cannot be made; the message says why.
@@ -55,19 +55,19 @@ def make_detector(config: PoseDetectorConfig) -> PictureDetector:
 def detect_people(
     cameras: Sequence[CameraPictures], config: PoseDetectorConfig, pieces: Path, workers: int = 1
 ) -> dict[str, Found]:
-    """Run a detector over all pictures of some cameras.
+    """Run a detector over all images of some cameras.
 
     Args:
-        cameras: Each with its pictures.
+        cameras: Each with its images.
         config: The detector.
-        pieces: Folder in which pieces are kept as they are done; those that are there are not done again.
+        pieces: Folder to which each finished piece is written. Pieces that are there are not computed again.
         workers: Processes; -1 for one per core.
 
     Returns:
         By name of the camera, what was found.
 
     Raises:
-        ValueError: the detector cannot be made, or it returns something else than people.
+        ValueError: the detector cannot be made, or its results are not people.
     """
     tasks = [
         (camera, config, start, min(start + PIECE, len(camera)), pieces / f"{number:03d}_{start:08d}.npz")
@@ -92,7 +92,7 @@ def to_detections(found: Sequence[Found], frames: Sequence[np.ndarray], count: i
 
     Args:
         found: For each camera.
-        frames: For each camera (N,) the frame of each picture; -1 for one that is not used.
+        frames: For each camera (N,) the frame of each image; -1 for an image that is not used.
         count: F.
         skeleton: J joints.
     """
@@ -108,7 +108,7 @@ def to_detections(found: Sequence[Found], frames: Sequence[np.ndarray], count: i
 
 
 def _detect_piece(camera: CameraPictures, config: PoseDetectorConfig, start: int, stop: int, file: Path) -> None:
-    """Detect the people of some pictures, and write them to a file."""
+    """Detect the people of some images, and write them to a file."""
     detector = make_detector(config)
     people: list[np.ndarray | None] = []
     readable: list[int] = []

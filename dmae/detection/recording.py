@@ -1,4 +1,4 @@
-"""A recording made of videos: cameras matched, sizes fitted, pictures aligned, people detected, a clip made."""
+"""A recording made of videos: cameras matched, sizes fitted, images aligned, people detected, a clip made."""
 
 import os
 import shutil
@@ -26,7 +26,7 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 
 _SAMPLED = 5
-"""Pictures of a camera, evenly spread, in which black borders are looked for."""
+"""Number of images of a camera, evenly spread, in which black borders are searched."""
 _LISTED = 8
 
 
@@ -35,10 +35,10 @@ class Recording:
     """Videos that belong together.
 
     Attributes:
-        cameras: V cameras with pictures.
-        alignment: The frame of each picture.
-        rig: Their calibration, None without one.
-        fittings: How the pictures of each camera lie in those of its calibration.
+        cameras: V cameras with images.
+        alignment: The frame of each image.
+        rig: Their calibration; None if there is none.
+        fittings: Scale and margin of the images of each camera, relative to the images of its calibration.
         notes: Decisions that can be wrong.
     """
 
@@ -55,7 +55,7 @@ def open_recording(
     """Find the videos of a recording, and match them to its calibration.
 
     Args:
-        videos: Folder of a video, or a folder of pictures, for each camera, named as in the calibration.
+        videos: Folder of a video, or a folder of images, for each camera, named as in the calibration.
         rig: The calibration; None for 2D detections alone.
         fps: Frames per second; by default what the videos say.
         offsets: Frames by which each camera started late, in the order of the calibration; by default read from the
@@ -63,7 +63,7 @@ def open_recording(
 
     Raises:
         FileNotFoundError: there are no videos.
-        ValueError: a video cannot be read, has no calibration, or its pictures are no copy of the calibration's size.
+        ValueError: a video cannot be read, has no calibration, or differs from it in more than scale and margin.
     """
     cameras, notes = find_cameras(videos), []
     fittings = [Fitting()] * len(cameras)
@@ -120,7 +120,7 @@ def detect_clip(
 ) -> Clip:
     """Return a clip with images with new detections in them; truth and occlusion labels stay.
 
-    Labels of the detections it had, and poses made of them, are dropped. Other arguments and errors are those of
+    Labels of the previous detections, and poses made from them, are dropped. Other arguments and errors are those of
     `detect_recording`.
 
     Raises:
@@ -193,7 +193,7 @@ def _encode(
 def _in_frames(
     camera: CameraPictures, frames: np.ndarray, count: int, fit: Callable[[np.ndarray | None], np.ndarray]
 ) -> Iterator[np.ndarray]:
-    """Yield a picture for each frame: where there is none, the one before, or at the start black."""
+    """Yield an image for each frame; for a frame without one the previous image, or a black one at the start."""
     shown, done = fit(None), 0
     for frame, picture in zip(frames, camera.read(0, len(camera)), strict=True):
         if frame < 0:
@@ -208,13 +208,13 @@ def _in_frames(
 
 
 def _resized(fitting: Fitting, size: tuple[int, int], picture: np.ndarray | None) -> np.ndarray:
-    """Return a picture in the pixels of the calibration, of even width and height as H.264 needs them."""
+    """Return an image in the pixels of the calibration, with even width and height, as H.264 requires."""
     even = tuple(side + side % 2 for side in size)
     if picture is None:
         return np.zeros((even[1], even[0], 3), np.uint8)
     left, top = fitting.margin
     scale = fitting.scale
-    # Pixel i of the calibration is pixel (i + 0.5) scale + margin - 0.5 of the picture.
+    # Pixel i of the calibration is pixel (i + 0.5) scale + margin - 0.5 of the image.
     shift = ((0.5 * scale + left - 0.5), (0.5 * scale + top - 0.5))
     affine = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
     return cv2.warpAffine(picture, affine, even, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
@@ -234,7 +234,7 @@ def _target(skeleton: str | None) -> Skeleton | None:
 
 
 def _notes(found: dict[str, Found], what: str = "frame") -> tuple[str, ...]:
-    """Say which pictures cannot be read, and which cameras see no people."""
+    """Say which images cannot be read, and which cameras see no people."""
     notes = []
     for name, camera in found.items():
         if lost := camera.unreadable:

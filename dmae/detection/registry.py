@@ -1,7 +1,7 @@
 """The registry of 2D detectors: each is a function under the decorator `pose_detector`.
 
-It takes a `PoseDetectorConfig` and returns a `PictureDetector` for the pictures of one camera, which come in order. A
-detector of users' own, `detector=module:function`, is such a function too, without the decorator.
+It takes a `PoseDetectorConfig` and returns a `PictureDetector` for the images of one camera, which come in order. A
+user's own detector, `detector=module:function`, is the same kind of function without the decorator.
 """
 
 from dataclasses import dataclass, field
@@ -44,10 +44,10 @@ class PoseDetectorConfig:
 
 
 class PictureDetector(Protocol):
-    """Finds the people in the pictures of one camera.
+    """Finds the people in the images of one camera.
 
-    A detector may also have a method `found_late()`, which is called after each picture. It returns people in earlier
-    pictures that this one led to: how many pictures before, xy (D, J, 2) and score (D, J).
+    A detector may also have a method `found_late()`, which is called after each image. It returns people in earlier
+    images that were found by means of this image: the number of images before, xy (D, J, 2) and score (D, J).
 
     Attributes:
         skeleton: J joints.
@@ -56,7 +56,7 @@ class PictureDetector(Protocol):
     skeleton: Skeleton
 
     def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the people of the next picture.
+        """Return the people of the next image.
 
         Args:
             picture: (H, W, 3) uint8, RGB.

@@ -1,5 +1,5 @@
-"""HOW GOOD IS IT? Metrics of predicted against true poses: one module per family of metrics, and their registry.
+"""Metrics of predicted poses against true poses: one module per family of metrics, and their registry.
 
-Arrays are (F, P, J, 3) of predictions and (F, T, J, 3) of truth, m, world, on the same J joints; T true persons. Frames
+Predictions are (F, P, J, 3) and the truth is (F, T, J, 3), m, world, on the same J joints; T true persons. Frames
 without a true person are not annotated and do not count.
 """

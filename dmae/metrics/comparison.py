@@ -12,19 +12,19 @@ from dmae.metrics.matching import GATE, match, take_matched
 from dmae.numerics.gaps import gap_lengths
 
 GAP_RATE = 25.0
-"""Frames/s in which lengths of gaps are stated, whatever the frame rate of a clip."""
+"""Frames/s in which lengths of gaps are stated, for clips of any frame rate."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A prediction, and the truth to compare it with, on one skeleton of J joints.
+    """A prediction and the truth to compare it with, on one skeleton of J joints.
 
     Attributes:
         pred: P predicted persons.
         captured: The same persons before anything was filled; defines which joints were hidden.
         truth: T true persons.
         actors: True persons that PCP is averaged over.
-        matches: (F, T) index of the predicted person that is each true one, -1 for none; by default by `match`.
+        matches: (F, T) index of the prediction that matches each true person, -1 for none; by default from `match`.
         fps: Frames per second.
         compared: (F, T, J) True where joints count for the error by gap; None for all.
 
@@ -50,7 +50,7 @@ class Comparison:
 
     @cached_property
     def scale(self) -> float:
-        """Size of the bodies as a multiple of that of people, by which thresholds in metres are multiplied."""
+        """Size of the bodies relative to people. Thresholds in metres are multiplied by it."""
         return scale_of(self.truth)
 
     @property
@@ -59,7 +59,7 @@ class Comparison:
 
     @cached_property
     def known(self) -> np.ndarray:
-        """(F, T, J) True for joints that are true."""
+        """(F, T, J) True for joints that the truth contains."""
         return ~np.isnan(self.truth.xyz).any(-1)
 
     @cached_property
@@ -74,7 +74,7 @@ class Comparison:
 
     @cached_property
     def cov(self) -> np.ndarray:
-        """(F, T, J, 3, 3) covariance of matched predictions and of a truth that was itself measured, m^2."""
+        """(F, T, J, 3, 3) covariance of matched predictions, plus that of the truth if it was itself measured, m^2."""
         return take_matched(self.pred.cov, self.matches) + np.nan_to_num(self.truth.cov)
 
     @cached_property
@@ -84,6 +84,6 @@ class Comparison:
 
     @cached_property
     def gap_lengths(self) -> np.ndarray:
-        """(F, T, J) length of the gap around each joint in frames at `GAP_RATE`; 0 where it was measured."""
+        """(F, T, J) length of the gap around each joint in frames at `GAP_RATE`; 0 where the joint was measured."""
         lengths = np.ceil(gap_lengths(self.captured.measured) * (GAP_RATE / self.fps) - 1e-6)
         return take_matched(lengths, self.matches, 0)

@@ -1,4 +1,4 @@
-"""How well persons keep their identity through a clip."""
+"""Metrics of identity: whether persons keep their identity through a clip."""
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -10,9 +10,9 @@ from dmae.numerics.robust import mean_known
 
 
 def identity_switches(matches: np.ndarray) -> int:
-    """Count how often a true person is matched to another prediction than when last matched.
+    """Count how often a true person is matched to another prediction than at the previous match.
 
-    Two predictions of one person that take turns at being the nearer count every time.
+    If two predictions of one person are the nearest one in turn, each change counts.
 
     Args:
         matches: (F, T) index of the prediction, -1 for none, from `match`.
@@ -27,10 +27,10 @@ def identity_switches(matches: np.ndarray) -> int:
 def idf1(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> float:
     """Return the identity F1 score (Ristani et al. 2016), %; NaN where there is neither a person nor a prediction.
 
-    Each true person is assigned one prediction for the whole clip, or none, and each prediction one person or none, so
-    that they are together in as many frames as possible: apart by no more than the gate, on the average of the joints
-    that both have. The score is twice those frames, of all frames of true persons and of predictions. It is too low
-    where not every person is annotated.
+    Each true person is assigned at most one prediction for the whole clip, and each prediction at most one person. The
+    assignment maximises the number of frames in which the two match: their mean distance, over the joints that both
+    have, is within the gate. The score is twice the number of these frames, divided by the number of frames of true
+    persons plus that of predictions. It is too low if some persons are not annotated.
 
     Args:
         pred: (F, P, J, 3) m.

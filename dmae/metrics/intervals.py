@@ -1,8 +1,8 @@
 """Bootstrap intervals of scores and of differences between scores, over blocks of time.
 
 Errors of neighbouring frames are nearly the same, so whole blocks of time are drawn (the block bootstrap of Künsch
-1989, with blocks that do not overlap). Clips are not drawn: an interval is about other moments of these recordings, not
-about other recordings.
+1989, with blocks that do not overlap). Clips are not drawn: an interval covers other moments of these recordings, not
+other recordings.
 """
 
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ import numpy as np
 from dmae.metrics.time_blocks import BlockSums
 
 _FEWEST = 5
-"""Blocks; the spread of fewer says nothing."""
+"""Smallest number of blocks for an interval; the spread of fewer blocks is not meaningful."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A score, or a difference, with its percentile interval. All are NaN where there is nothing to score."""
+    """A score, or a difference, with its percentile interval. All are NaN if there is nothing to score."""
 
     value: float
     low: float
@@ -25,7 +25,7 @@ class Interval:
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether the interval lies on one side of zero: then a difference is more than noise."""
+        """True if the interval is on one side of zero, so that a difference is more than noise."""
         return self.low > 0 or self.high < 0
 
 
@@ -35,16 +35,16 @@ def bootstrap_ratio(sums: BlockSums, *, seed: int = 0, draws: int = 1000, level:
     The interval is NaN with fewer than 5 blocks in all.
 
     Args:
-        sums: What `dmae.metrics.time_blocks.block_sums` returned.
-        seed: Of the draws.
-        draws: How many times blocks are drawn.
-        level: Of the interval.
+        sums: The result of `dmae.metrics.time_blocks.block_sums`.
+        seed: Seed of the draws.
+        draws: Number of draws.
+        level: Probability of the interval, for example 0.95.
     """
     return _interval(_score(sums, None)[0], bootstrap_scores(sums, seed=seed, draws=draws), sums, level)
 
 
 def bootstrap_scores(sums: BlockSums, *, seed: int = 0, draws: int = 1000) -> np.ndarray:
-    """Return the score of each draw of blocks, (draws,). With one seed, scores of the same clips draw the same blocks.
+    """Return the score of each draw of blocks, (draws,). With the same seed and clips, the same blocks are drawn.
 
     The arguments are those of `bootstrap_ratio`.
     """
@@ -54,17 +54,17 @@ def bootstrap_scores(sums: BlockSums, *, seed: int = 0, draws: int = 1000) -> np
 def bootstrap_difference(
     one: BlockSums, other: BlockSums, *, seed: int = 0, draws: int = 1000, level: float = 0.95
 ) -> Interval:
-    """Return `one` minus `other` with its interval. The same blocks are drawn for both: what they share cancels.
+    """Return `one` minus `other` with its interval. The same blocks are drawn for both, so that common errors cancel.
 
     Args:
-        one: Of some clips.
-        other: Of the same clips, in the same order.
-        seed: Of the draws.
-        draws: How many times blocks are drawn.
-        level: Of the interval.
+        one: Sums of a score of some clips.
+        other: Sums of the same clips, in the same order.
+        seed: Seed of the draws.
+        draws: Number of draws.
+        level: Probability of the interval, for example 0.95.
 
     Raises:
-        ValueError: the two have not the same blocks.
+        ValueError: the two do not have the same blocks.
     """
     if not np.array_equal(one.blocks, other.blocks):
         raise ValueError(
@@ -77,7 +77,7 @@ def bootstrap_difference(
 
 
 def _weights(blocks: np.ndarray, longest: int, draws: int, seed: int) -> np.ndarray:
-    """(draws, C, B) how many times each block of each clip is drawn."""
+    """Return (draws, C, B), the number of times that each block of each clip is drawn."""
     rng = np.random.default_rng(seed)
     weights = np.zeros((draws, len(blocks), longest))
     for clip, number in enumerate(blocks):
@@ -87,7 +87,7 @@ def _weights(blocks: np.ndarray, longest: int, draws: int, seed: int) -> np.ndar
 
 
 def _score(sums: BlockSums, weights: np.ndarray | None) -> np.ndarray:
-    """(draws,) scores, one with all blocks where there are no weights. Ratios of nothing are left out of the mean."""
+    """Return (draws,) scores; without weights, one score of all blocks. Ratios with a count of 0 are not averaged."""
     if weights is None:
         total, count = sums.total.sum(1)[None], sums.count.sum(1)[None]
     else:

@@ -1,4 +1,4 @@
-"""Matching: which prediction is which true person."""
+"""Matching: the assignment of predictions to true persons."""
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -6,15 +6,15 @@ from scipy.optimize import linear_sum_assignment
 from dmae.numerics.robust import mean_known
 
 GATE = 0.5
-"""m; a prediction with joints farther off than this on average is another person. Of bodies of a person's size."""
+"""m; a prediction with a larger mean distance of its joints is another person. It applies to bodies of human size."""
 
 
 def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray:
     """Assign predictions to true persons, frame by frame, each at most once (Hungarian algorithm).
 
-    The cost of a pair is the mean, over the joints that are true, of the distance cut at the gate; a joint that is not
-    predicted costs the gate, so that a stray hand never takes the place of a whole body. A pair is allowed when the
-    joints that it has in common are within the gate on average. As many persons as possible are matched, at the least
+    The cost of a pair is the mean distance over the true joints, with each distance limited to the gate. A joint that
+    is not predicted costs the gate, so that a single hand does not replace a whole body. A pair is allowed if the mean
+    distance of its common joints is within the gate. The assignment matches as many persons as possible, with the least
     cost.
 
     Args:
@@ -23,14 +23,14 @@ def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray
         gate: m.
 
     Returns:
-        (F, T) index of the prediction, -1 where a true person is missed or absent.
+        (F, T) index of the prediction, -1 if a true person is missed or absent.
     """
     matches = np.full(truth.shape[:2], -1)
     distance = distances(pred, truth)
     allowed = mean_known(distance, -1) <= gate
     cost = np.where(np.isnan(distance), gate, np.minimum(distance, gate))
     cost = mean_known(np.where(np.isnan(truth).any(-1)[:, :, None], np.nan, cost), -1)
-    # Dearer than any number of allowed pairs.
+    # A forbidden pair costs more than any number of allowed pairs.
     cost = np.where(allowed, cost, 1 + gate * (1 + min(cost.shape[1:])))
     for frame in np.flatnonzero(allowed.any((1, 2))):
         rows, columns = linear_sum_assignment(cost[frame])
@@ -40,7 +40,7 @@ def match(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray
 
 
 def match_nearest(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Assign to every true person the prediction at the least mean distance, however far; persons may share one.
+    """Assign to every true person the prediction at the least mean distance, without a gate. Persons may share one.
 
     Arguments and result are as in `match`.
     """
@@ -51,7 +51,7 @@ def match_nearest(pred: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def match_claimed(pred: np.ndarray, truth: np.ndarray, gate: float = GATE) -> np.ndarray:
-    """Let every prediction claim the true person nearest to it, nearer than the gate; the first claim on one counts.
+    """Assign every prediction to its nearest true person within the gate. The first prediction of a person counts.
 
     Arguments and result are as in `match`.
     """

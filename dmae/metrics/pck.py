@@ -8,26 +8,26 @@ from dmae.metrics.percentage import percent
 from dmae.metrics.registry import Column, metric
 
 PCK_THRESHOLD = 0.2
-"""m. The 0.2 of PCK@0.2 is metres in multi-person capture, not torso sizes as in single images. Of bodies
-of a person's size; of others as much larger or smaller as they are."""
+"""m. The 0.2 of PCK@0.2 is in metres in multi-person capture, not in torso sizes as in single images. It applies to
+bodies of human size, and is scaled with the size of other bodies."""
 
 
 def joints_within_threshold(comparison: Comparison) -> np.ndarray:
-    """Return (F, T, J) True where a joint is within 0.2 m of the true one, or as much as is of bodies of its size."""
+    """Return (F, T, J) True where a joint is within 0.2 m, scaled with the size of the body, of the true joint."""
     return correct_joints(comparison.matched, comparison.truth.xyz, comparison.scale * PCK_THRESHOLD)
 
 
 def correct_joints(matched: np.ndarray, truth: np.ndarray, threshold: float = PCK_THRESHOLD) -> np.ndarray:
-    """Return (F, T, J) True where a predicted joint is within the threshold, m, of the true one."""
+    """Return (F, T, J) True where a predicted joint is within the threshold, m, of the true joint."""
     error = np.linalg.norm(matched - truth.astype(np.float64), axis=-1)
     return np.where(np.isnan(error), np.inf, error) <= threshold
 
 
 def pck(pred: np.ndarray, truth: np.ndarray, matches: np.ndarray, threshold: float = PCK_THRESHOLD) -> dict[str, float]:
-    """Return how many joints are within the threshold, %: `recall` of the true ones, `precision` of the predicted.
+    """Return the share of joints within the threshold, %: `recall` of true joints, `precision` of predicted joints.
 
-    In annotated frames every joint of a prediction that matches no person is a false positive, as is a joint too far
-    off; joints of a matched person that have no truth count neither way.
+    In annotated frames, joints that are too far off, and all joints of a prediction without a match, are false
+    positives. Joints of a matched person without a true position do not count.
 
     Args:
         pred: (F, P, J, 3) m.

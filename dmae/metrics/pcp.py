@@ -15,7 +15,7 @@ _SHELF_LIMBS = (
 
 
 def limb_names(skeleton: Skeleton) -> list[str]:
-    """Return `start-end` of the limbs that PCP counts: the ten of the Shelf protocol, else the skeleton's bones."""
+    """Return the names `start-end` of the limbs that PCP counts: the ten of the Shelf protocol, else all bones."""
     if skeleton.name == SHELF14.name:
         return list(_SHELF_LIMBS)
     return [f"{skeleton.joints[parent]}-{skeleton.joints[child]}" for parent, child in skeleton.bones]
@@ -36,19 +36,19 @@ def limb_ends(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 def correct_limbs(
     matched: np.ndarray, truth: np.ndarray, skeleton: Skeleton, *, at_half: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Decide limb by limb: correct is (d_start + d_end) / 2 <= half the true length, d the distances of the ends.
+    """Return the correct limbs: (d_start + d_end) / 2 <= half the true length, where d are the errors of the ends.
 
-    A limb with an end that was not predicted, and every limb of a missed person, is not correct.
+    Limbs with an end that was not predicted, and all limbs of a missed person, are not correct.
 
     Args:
         matched: (F, T, J, 3) predictions in the order of the truth, from `take_matched`, m.
         truth: (F, T, J, 3) m.
-        skeleton: Of both.
+        skeleton: Skeleton of both.
         at_half: Whether a limb is correct at exactly half the length.
 
     Returns:
         correct: (F, T, L) bool.
-        known: (F, T, L) bool, limbs both ends of which are true: those that count.
+        known: (F, T, L) bool, True for limbs with two known true ends; only these count.
     """
     ends, true_ends = (limb_ends(np.asarray(xyz, np.float64), skeleton) for xyz in (matched, truth))
     error = np.linalg.norm(ends - true_ends, axis=-1).mean(-1)

@@ -9,12 +9,12 @@ from dmae.numerics.robust import mean_known
 
 
 def percent(counted: np.ndarray, known: np.ndarray, axis=None):
-    """Return how many % of the `known` entries are `counted`, over some axes; NaN where nothing is known."""
+    """Return the percentage of the `known` entries that are `counted`, over some axes; NaN where nothing is known."""
     return 100 * mean_known(np.where(known, counted, np.nan), axis)
 
 
 def source_shares(source: np.ndarray, known: np.ndarray) -> dict[str, float]:
-    """Return how many % of the true joints are absent, measured, denoised and completed.
+    """Return the percentages of the true joints that are absent, measured, denoised and completed.
 
     Args:
         source: (F, T, J) `Source` of the matched predictions, ABSENT for missed persons.

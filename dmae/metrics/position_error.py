@@ -11,11 +11,11 @@ from dmae.metrics.uncertainty import in_region
 from dmae.numerics.robust import mean_known
 
 GAPS = ((1, 5), (6, 15), (16, 40), (41, None))
-"""Classes of gaps: the shortest and the longest of each in frames at 25/s."""
+"""Classes of gaps: the shortest and the longest gap of each class, in frames at 25 frames/s."""
 
 
 def mpjpe(matched: np.ndarray, truth: np.ndarray, counted: np.ndarray | None = None) -> float:
-    """Return the mean distance, mm, over the joints known in both and `counted`; NaN if there are none.
+    """Return the mean distance, mm, over the `counted` joints that are known in both; NaN if there are none.
 
     Args:
         matched: (F, T, J, 3) predictions in the order of the truth, from `take_matched`, m.
@@ -32,13 +32,13 @@ def error_by_gap(matched: np.ndarray, truth: np.ndarray, lengths: np.ndarray, co
     Args:
         matched: (F, T, J, 3) filled predictions in the order of the truth, m.
         truth: (F, T, J, 3) m.
-        lengths: (F, T, J) length of the gap around each joint, frames at 25/s; 0 where it was measured.
-        cov: (F, T, J, 3, 3) m^2, of the predictions; NaN where unknown.
+        lengths: (F, T, J) length of the gap around each joint, in frames at 25 frames/s; 0 where it was measured.
+        cov: (F, T, J, 3, 3) covariance of the predictions, m^2; NaN where unknown.
 
     Returns:
-        One entry for each of `GAPS`: `frames`, the class; `hidden`, the number of true joints in such gaps; `filled`,
-        how many of them were filled; `mpjpe` of those, mm; `stated`, how many have a covariance; `held`, how many % of
-        these are within their `in_region`.
+        One entry for each of `GAPS`: `frames`, the class; `hidden`, the number of true joints in gaps of the class;
+        `filled`, the number of filled joints; `mpjpe` of filled joints, mm; `stated`, the number of joints with a
+        covariance; `held`, the percentage of these with a true position inside the stated region (`in_region`).
     """
     known, filled = ~np.isnan(truth).any(-1), ~np.isnan(matched).any(-1)
     within = in_region(matched - truth.astype(np.float64), cov)
@@ -57,7 +57,7 @@ def error_by_gap(matched: np.ndarray, truth: np.ndarray, lengths: np.ndarray, co
 
 
 def pool_gaps(runs: list[list[dict]]) -> list[dict]:
-    """Pool errors by gap of several runs: counts are added up, errors averaged over joints."""
+    """Pool the errors by gap of several runs: counts are added, and errors are averaged over joints."""
 
     def mean(entries: tuple[dict, ...], value: str, count: str) -> float:
         total = sum(entry[count] for entry in entries)

@@ -1,7 +1,7 @@
-"""PCP by protocol: how predictions are assigned to true persons, what counts as missed, and how a head is placed.
+"""Protocols of PCP: how predictions are assigned to true persons, what counts as missed, and how a head is placed.
 
-`strict` is what this project reports. The others are those of published evaluations, read from the code of their
-authors, for comparison with published rows only: in all of them a prediction that is no true person costs nothing.
+This project reports `strict`. The other protocols are those of published evaluations, taken from the code of their
+authors. They serve only for comparison with published rows: none of them penalises a false positive person.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from dmae.numerics.robust import mean_known
 from dmae.registry import Entry, Registry
 
 _UNGATED = 100.0
-"""m; a gate that no pair of persons exceeds."""
+"""m; a gate that is larger than any distance between persons."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Protocol(Entry):
     """A protocol: its function assigns predictions to true persons, as `dmae.metrics.matching.match` does.
 
     Attributes:
-        missed_count: Whether limbs of a person without a prediction count, as not correct.
-        at_half: Whether a limb is correct that is off by exactly half its length.
+        missed_count: Whether limbs of a person without a prediction count as not correct.
+        at_half: Whether a limb with an error of exactly half its length is correct.
         head: How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.head_placement`).
     """
 
@@ -77,9 +77,9 @@ def count_limbs(
 
     Args:
         rules: The protocol.
-        pred: (F, P, J, 3) m, the head placed as the protocol places it.
+        pred: (F, P, J, 3) m, with the head placed as in the protocol.
         truth: (F, T, J, 3) m.
-        skeleton: Of both, L limbs.
+        skeleton: Skeleton of both, with L limbs.
 
     Returns:
         correct: (F, T, L) bool.
@@ -93,20 +93,20 @@ def count_limbs(
 def better_limbs(
     rules: Protocol, first: np.ndarray, second: np.ndarray, truth: np.ndarray, skeleton: Skeleton
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the limbs of the better of two predictions, chosen for each person and frame by looking at the truth.
+    """Return the limbs of the better of two predictions, chosen for each person and frame by means of the truth.
 
-    The released evaluation of Jiang et al. 2022 does so with the poses before and after their fusion. No system can
-    make that choice, so that a score of it is an upper bound of both and comparable with that publication alone.
+    The released evaluation of Jiang et al. 2022 does this with the poses before and after their fusion. No system can
+    make this choice. The score is therefore an upper bound for both, and comparable only with that publication.
 
     Args:
         rules: The protocol.
-        first: (F, P, J, 3) m; decides about the assignment.
+        first: (F, P, J, 3) m; determines the assignment.
         second: (F, P, J, 3) m, the same persons.
         truth: (F, T, J, 3) m.
-        skeleton: Of all.
+        skeleton: Skeleton of all three.
 
-    Returns:
-        correct, counted: As `count_limbs` does.
+        Returns:
+        correct, counted: As from `count_limbs`.
     """
     matches = rules.function(first, truth)
     (one, counted), (other, _) = (
@@ -117,12 +117,12 @@ def better_limbs(
 
 
 def published_pcp(pred: np.ndarray, truth: np.ndarray, skeleton: Skeleton, actors: Sequence[int]) -> dict[str, float]:
-    """Return the average PCP, %, of some true persons by each published protocol, whatever places the head.
+    """Return the average PCP, %, of some true persons by each published protocol, without its placement of the head.
 
     Args:
         pred: (F, P, J, 3) m.
         truth: (F, T, J, 3) m.
-        skeleton: Of both.
+        skeleton: Skeleton of both.
         actors: Indices of true persons.
     """
     counts = {name: count_limbs(rules, pred, truth, skeleton) for name, rules in protocol.items() if name != "strict"}

@@ -1,8 +1,8 @@
-"""The registry of metrics: what becomes a key of `scores.json`, and a column of the tables.
+"""The registry of metrics. Each metric is a key of `scores.json`, and may be a column of the tables.
 
-To add a metric, write a function into a file of this folder under the decorator `metric`. It takes a `Comparison` and
-returns a number, or a list or dictionary of numbers, NaN for a score of nothing; the first line of its docstring says
-what is measured, with the unit. To list metrics imports them, as columns hold functions.
+To add a metric, write a function with the decorator `metric` in a file of this folder. It takes a `Comparison` and
+returns a number, or a list or dictionary of numbers, with NaN if there is nothing to score. The first line of its
+docstring names the measured quantity and its unit. Listing the metrics imports them, as columns contain functions.
 """
 
 from collections.abc import Callable
@@ -17,10 +17,10 @@ class Column:
     """A column of the tables of joints and of identities.
 
     Attributes:
-        heading: Unique among all columns.
-        unit: Of the numbers: "%", "mm" or "".
-        value: Takes the score of the metric, and returns a number, or None for nothing.
-        order: Columns stand in this order, then in that of the metrics.
+        heading: Heading, unique among all columns.
+        unit: Unit of the numbers: "%", "mm" or "".
+        value: Takes the score of the metric, and returns a number, or None if there is none.
+        order: Columns are sorted by this number, then by the order of the metrics.
         table: "joints" or "identities".
     """
 
@@ -36,11 +36,11 @@ class Metric(Entry):
     """A metric.
 
     Attributes:
-        order: Metrics stand in this order, then by name.
+        order: Metrics are sorted by this number, then by name.
         columns: Its columns in the tables of joints and identities.
-        pool: Takes the scores of several runs, and returns that of all of them; None for the mean of each number,
+        pool: Takes the scores of several runs, and returns the score of all runs; None for the mean of each number,
             first over clips, then over subsets of cameras.
-        one_clip: Whether scores of different clips cannot be averaged; then there is no mean over several clips.
+        one_clip: True if scores of different clips cannot be averaged; then there is no mean over several clips.
     """
 
     order: int = 100

@@ -14,7 +14,7 @@ def score_tables(scores: dict) -> list[Table]:
     They are narrow enough, at up to four persons, for a terminal of 80 columns.
 
     Args:
-        scores: What `dmae.evaluation.evaluate.evaluate` returned, or its JSON.
+        scores: The result of `dmae.evaluation.evaluate.evaluate`, or its JSON.
     """
     results = scores["results"]
     means = [result["mean"] for result in results]
@@ -49,7 +49,7 @@ def score_tables(scores: dict) -> list[Table]:
 
 
 def _ranking_table(ranked: list[tuple[tuple[str, str], dict]]) -> Table:
-    """How stated uncertainty ranks hidden joints."""
+    """Return the table of how well stated uncertainty ranks hidden joints."""
     return Table(
         "Hidden joints ranked by stated uncertainty: rank correlation with the error, area under the curve for errors "
         f"over {LARGE:.0f} mm, and mm over the most certain share of them",
@@ -79,7 +79,7 @@ def _pcp_table(scores: dict, firsts: list[tuple[str, str]]) -> Table:
 
 
 def _columns_table(rows: list[tuple[tuple[str, str], dict]], table: str, caption: str) -> Table:
-    """The columns that metrics declare; scores from before a metric was added have nothing in its columns."""
+    """Return the table of the columns that metrics declare; columns are empty for scores older than their metric."""
     columns = [(metric.name, column) for metric in metrics() for column in metric.columns if column.table == table]
     columns.sort(key=lambda each: each[1].order)
     units = dict.fromkeys(column.unit for _, column in columns if column.unit)
@@ -97,9 +97,9 @@ def _columns_table(rows: list[tuple[tuple[str, str], dict]], table: str, caption
 
 
 def _gap_rows(gaps: list[tuple[tuple[str, str], list[dict]]]) -> list[tuple[str, ...]]:
-    """Rows of the methods with one number of views, and a row of how many joints they are compared on."""
+    """Return the rows of the methods with one number of views, and a row with the number of compared joints."""
     columns = list(zip(*(entries for _, entries in gaps), strict=True))
-    # A method that fills little is matched in fewer frames, and then fewer joints are known to be hidden.
+    # A method that fills few joints is matched in fewer frames, and then fewer joints are known to be hidden.
     counts = [(max(gap["filled"] for gap in column), max(gap["hidden"] for gap in column)) for column in columns]
     return [
         *((*first, *(_text(gap["mpjpe"]) for gap in entries)) for first, entries in gaps),

@@ -1,4 +1,4 @@
-"""Scores summed over blocks of time: what intervals are computed from, as neighbouring frames are nearly the same."""
+"""Scores summed over blocks of time. Intervals are computed from them, as neighbouring frames are nearly the same."""
 
 from dataclasses import dataclass
 
@@ -11,17 +11,17 @@ from dmae.metrics.pcp import correct_limbs
 BLOCK = 1.0
 """s; length of a block."""
 FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0, "recall": 100.0}
-"""What is summed, and the factor from the ratio of the sums to the unit of the score: %, mm, mm, %."""
+"""The summed scores, and the factor from the ratio of the sums to the unit of the score: %, mm, mm, %."""
 
 
 def time_blocks(comparison: Comparison) -> dict:
-    """Return sums over the blocks of time in which any joint is true.
+    """Return sums over the blocks of time that contain a true joint.
 
     Returns:
-        JSON-able. `seconds`, the length of a block; `block`, the B indices of the blocks; and `pcp` (limbs that are
-        correct, of each actor), `mpjpe` (mm, of all joints), `hidden` (mm, of the joints that capture did not
-        measure) and `recall` (of these, the ones within 0.2 m), each with `sum` and `count`, (G, B) numbers, where G
-        is the number of actors for `pcp` and else 1.
+        A dictionary for JSON. `seconds` is the length of a block and `block` the B indices of the blocks. `pcp`
+        (correct limbs of each actor), `mpjpe` (mm, all joints), `hidden` (mm, joints that capture did not measure) and
+        `recall` (hidden joints within 0.2 m) each have `sum` and `count`, (G, B) numbers. G is the number of actors for
+        `pcp`, otherwise 1.
     """
     truth, actors = comparison.truth.xyz, list(comparison.actors)
     correct, limbs = correct_limbs(comparison.matched[:, actors], truth[:, actors], comparison.skeleton)
@@ -45,7 +45,7 @@ def time_blocks(comparison: Comparison) -> dict:
 
 
 def block_members(frames: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the blocks of time that some frames lie in.
+    """Return the blocks of time that contain some frames.
 
     Args:
         frames: (N,) indices.
@@ -71,10 +71,10 @@ class BlockSums:
     Attributes:
         total: (G, B) numerators; 0 where a clip has fewer blocks.
         count: (G, B) denominators.
-        clip: (G,) index of the clip that each ratio is of. The ratios of a clip share its blocks.
+        clip: (G,) index of the clip of each ratio. The ratios of a clip share its blocks.
         share: (G,) weight of each ratio.
         blocks: (C,) the number of blocks of each clip.
-        scale: From a ratio to the unit of the score.
+        scale: Factor from a ratio to the unit of the score.
     """
 
     total: np.ndarray

@@ -1,4 +1,4 @@
-"""Whether stated covariances are right: how often the truth lies in the regions that they state, and how they rank."""
+"""Metrics of stated covariances: how often their regions contain the truth, and how well they rank errors."""
 
 import numpy as np
 from scipy.stats import rankdata
@@ -14,13 +14,13 @@ REGION_RADIUS = 2.5003
 """Standard deviations of an isotropic Gaussian in three dimensions within which that probability lies."""
 
 COVERAGES = (10, 25, 50, 75, 90, 100)
-"""% of the joints that are kept, the most certain first."""
+"""Percentages of the joints over which errors are averaged, the most certain joints first."""
 LARGE = 50.0
-"""mm; an error to be warned of."""
+"""mm; errors above this are large."""
 
 
 def in_region(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Decide which errors lie in the ellipsoid of `REGION_PROBABILITY` of a Gaussian.
+    """Return which errors are inside the ellipsoid that contains `REGION_PROBABILITY` of a Gaussian.
 
     Args:
         error: (..., 3) m.
@@ -37,16 +37,16 @@ def in_region(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
 
 
 def rank_scores(error: np.ndarray, stated: np.ndarray) -> dict[str, float]:
-    """Return how well stated errors rank true ones, of n joints.
+    """Return how well stated errors rank the true errors of n joints.
 
     Args:
         error: (n,) mm.
         stated: (n,) in any unit.
 
-    Returns:
-        `spearman`, the rank correlation; `auc`, the probability that a joint with an error over `LARGE` has the greater
-        stated error than one without (area under the curve of the receiver); `risk_10` and so on for `COVERAGES`, mm,
-        the mean error of that share of the joints with the smallest stated errors. NaN where undefined.
+        Returns:
+        `spearman`, the rank correlation; `auc`, the probability that a joint with an error over `LARGE` has a larger
+        stated error than a joint without (area under the ROC curve); `risk_10` and so on for `COVERAGES`, the mean
+        error, mm, of that percentage of the joints with the smallest stated errors. NaN where undefined.
     """
     scores = dict.fromkeys(("spearman", "auc", *(f"risk_{share}" for share in COVERAGES)), float("nan"))
     if len(error) < 2:

@@ -1,1 +1,1 @@
-"""Where is each person: from 2D detections of several views to people in 3D (Adaptive Triangulation)."""
+"""Capture: from 2D detections of several views to people in 3D (Adaptive Triangulation)."""

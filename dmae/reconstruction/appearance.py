@@ -27,7 +27,7 @@ def has_appearance(clip: Clip, config: CaptureConfig) -> bool:
 class TorsoColours:
     """Median colour of a patch in the middle of each detection's torso.
 
-    Videos are decoded once, in order, up to the last frame that is asked for; frames must be asked for in order.
+    Videos are decoded once, in order, up to the last requested frame. Frames must be requested in order.
 
     Raises:
         ValueError: the clip has no colour images.
@@ -51,7 +51,7 @@ class TorsoColours:
         NaN where no joint of the torso is detected, or the patch is outside the image.
 
         Raises:
-            ValueError: the frame is before the one asked for last.
+            ValueError: the frame is before the last requested one.
         """
         if frame < self._next:
             raise ValueError(f"frame {frame} was read already, the next is {self._next}: ask for frames in order")
@@ -84,7 +84,7 @@ def appearance_differs(clip: Clip, assigned: np.ndarray, min_difference: float) 
     """Find the tracks with clothes of different colours, medians over some frames and all views.
 
     Args:
-        assigned: (F, P, V, J) detections that the tracks are made of, or `NONE`.
+        assigned: (F, P, V, J) detections assigned to the tracks, or `NONE`.
         min_difference: Smallest difference of two colours, CIELAB units.
 
     Returns:

@@ -1,6 +1,6 @@
 """Association within one frame: detections to tracks, and detections of different views to each other.
 
-T tracks; D detections a view, padded with NaN; n detections of all views in a row.
+T tracks; D detections per view, padded with NaN; n detections of all views in a row.
 """
 
 from dataclasses import dataclass
@@ -15,9 +15,9 @@ from dmae.reconstruction.config import AssociationConfig
 NONE = -1
 """Index of no track or detection."""
 _PARTNERS = 16
-"""Most detections of another view that are compared further with a detection: those of the highest affinity."""
+"""Largest number of detections of another view that are compared further with a detection, by highest affinity."""
 _ASSIGNED = 100
-"""Most detections of a view that the Hungarian algorithm assigns; of more, all pairs of partners are proposed."""
+"""Largest number of detections of a view for the Hungarian algorithm; with more, all pairs of partners are proposed."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,12 @@ def propagate(closeness: np.ndarray, confirmed: np.ndarray) -> tuple[np.ndarray,
     """Identity propagation: assign detections to the tracks that are reprojected near them.
 
     In each view the Hungarian algorithm maximises the total closeness. Confirmed tracks are assigned first, so that no
-    false positive takes a person's detection. A detection that is left over but lies near a track is a fragment or a
-    duplicate of that person.
+    false positive takes a person's detection. A remaining detection near a track is a fragment or a duplicate of that
+    person.
 
     Args:
-        closeness: (V, T, D, J) how much a detected joint supports being of the track, negative where it contradicts
-            that; NaN where either is absent.
+        closeness: (V, T, D, J) support of a detected joint for the track, negative where it contradicts the track; NaN
+            where either is absent.
         confirmed: (T,) True for tracks that have lasted.
 
     Returns:
@@ -90,14 +90,14 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
 
     The Hungarian algorithm proposes pairs for every two views. Groups are then joined along these pairs, best support
     first: the affinity of the pair plus, in each other view, that of the detection which fits both. Two groups are
-    joined only if their members agree on average, so that what is decided for two views holds in all others.
+    joined only if their members agree on average, so that a decision for two views is consistent with all others.
 
-    Time and memory are bounded where there are many detections: each keeps its 16 best partners in every other view,
-    and of views with more than 100 detections that have partners, all pairs of partners are proposed.
+    Time and memory are bounded for many detections: only the 16 best partners of a detection in every other view are
+    used, and in views with more than 100 detections that have partners, all pairs of partners are proposed.
 
     Args:
         candidates: n detections of V views.
-        config: `ray_distance_m`, `min_affinity`, and how clothes count.
+        config: `ray_distance_m`, `min_affinity`, and the weight of clothes.
 
     Returns:
         (G, V) detections of the groups of two or more, by view, or `NONE`.
@@ -132,9 +132,9 @@ def highest_affinity(candidates: Candidates, config: AssociationConfig) -> float
 
 
 def count_pairs(candidates: Candidates, config: AssociationConfig) -> tuple[int, int]:
-    """Return the number of pairs of detections of different views that share a joint, and of those that agree by rays.
+    """Return the number of pairs of detections of different views with a common joint, and how many agree by rays.
 
-    Of many that agree with a detection, the 16 best of each view count.
+    If many detections agree with one, only the 16 best in each view count.
     """
     view, known = candidates.view, (candidates.weights > 0).astype(np.float32)
     shared = (known @ known.T > 0) & (view[:, None] < view)
@@ -148,8 +148,8 @@ def count_pairs(candidates: Candidates, config: AssociationConfig) -> tuple[int,
 
 
 def _pairs(view: np.ndarray, partners: np.ndarray, affinities: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return pairs that are partners of each other, each once: detections (m,) of the lower view, of the higher, and
-    their affinities."""
+    """Return pairs of mutual partners, each once: detections (m,) of the lower view, detections (m,) of the higher
+    view, and their affinities (m,)."""
     one, _, _ = np.nonzero(partners != NONE)
     other, found = partners[partners != NONE].astype(np.int64), affinities[partners != NONE]
     low, high = np.minimum(one, other), np.maximum(one, other)

@@ -14,16 +14,16 @@ from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.triangulation import Points, triangulate
 
 _BLOCK = 1 << 18
-"""Joints of detections, or of people, in cameras that are computed with at a time: some hundred MB."""
+"""Number of joints of detections, or of people, in all cameras that are processed together: some hundred MB."""
 _FEWEST = 64
 """Frames in a block."""
 
 
 def evidence_blocks(clip: Clip, persons: int = 1) -> list[slice]:
-    """Return the frames of a clip in blocks that are computed with at a time; short clips are one block.
+    """Return the frames of a clip in blocks that are processed together; a short clip is one block.
 
     Args:
-        persons: Number of people who are compared with the detections.
+        persons: Number of people that are compared with the detections.
     """
     frames, views, detections, joints = clip.detections.score.shape
     step = max(_BLOCK // max(views * joints * max(detections, persons), 1), _FEWEST)
@@ -32,7 +32,7 @@ def evidence_blocks(clip: Clip, persons: int = 1) -> list[slice]:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Confident detections of F frames, V views, D detections a view, J joints.
+    """Confident detections of F frames, V views, D detections per view, J joints.
 
     Attributes:
         rig: V pinhole cameras; `xy` is in their undistorted pixels.

@@ -1,4 +1,4 @@
-"""Merging: tracks of one person become one, whether they are duplicates or a person re-entered."""
+"""Merging: the tracks of one person become one track, if they are duplicates or the person re-entered."""
 
 from collections.abc import Callable
 from itertools import permutations
@@ -13,11 +13,11 @@ from dmae.reconstruction.association import NONE
 from dmae.reconstruction.tracks import Tracks
 
 _DUPLICATE_DISTANCE = 0.15
-"""m; two tracks with a smaller median distance between their joints are of one person."""
+"""m; two tracks with a smaller median distance between their joints belong to one person."""
 _REENTRY_DISTANCE, _WALKING_SPEED = 0.5, 1.5
-"""m and m/s: how far from the place of exit a person re-enters."""
+"""m and m/s: largest distance of a re-entry from the place of exit."""
 _BUILD_DIFFERENCE = 0.15
-"""Relative difference of bone lengths from which on two tracks are of different people."""
+"""Relative difference of bone lengths above which two tracks belong to different people."""
 
 
 def same_person(
@@ -27,9 +27,9 @@ def same_person(
     reentry_s: float,
     appearance_differs: Callable[[], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Find the tracks that are of one person.
+    """Find the tracks that belong to one person.
 
-    Duplicates are two tracks at one place for as long as both exist. A re-entry is a track that starts after another
+    Duplicates are two tracks that are at one place while both exist. A re-entry is a track that starts after another
     has ended, within `reentry_s` and the distance walked in that time, with bones of the same lengths and clothes of
     the same colour. The nearest re-entries are merged first, and no person is in two places at the same time.
 
@@ -53,7 +53,7 @@ def same_person(
             if a < b and _median_distance(xyz[both, a], xyz[both, b]) < _DUPLICATE_DISTANCE:
                 _join(label, a, b)
         elif 0 < first - last <= reentry_s * fps:
-            # Only along the floor: the joints seen last may be feet, those seen first a head.
+            # The distance is along the floor, as the last visible joints may be feet and the first ones a head.
             distance = np.linalg.norm(
                 median_over_frames(xyz[last, a, :, :2]) - median_over_frames(xyz[first, b, :, :2])
             )
@@ -69,7 +69,7 @@ def same_person(
 
 
 def merge(tracks: Tracks, label: np.ndarray) -> Tracks:
-    """Return one track a person. Of duplicates the older counts, joint by joint.
+    """Return one track per person. Among duplicates, the older track is used for each joint that it has.
 
     Args:
         label: (P,) as `same_person` returns it.

@@ -28,7 +28,7 @@ from dmae.reconstruction.tracks import Tracks
 from dmae.reconstruction.triangulation import Points
 
 _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0
-"""s around a window of frames by which hidden joints are expected in it, online, and in a block of a long clip."""
+"""s; time around a window, online or in a block of a long clip, from which hidden joints in it are predicted."""
 
 
 def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
@@ -37,32 +37,32 @@ def capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     1. Frame by frame, detections near the reprojection of a tracked person are assigned to that person (identity
        propagation). The others are matched between views by rays and clothes; they start a track or re-enter one
        (identity matching). Joints are triangulated from the views that agree.
-    2. Tracks of one person are merged, false positives dropped, and the people chosen that are asked for.
-    3. With the whole path of each person known, joints with left and right exchanged are put right, and each joint is
-       assigned to detections again, triangulated and pruned. Where cameras disagree on a person by a constant, as
-       after an inexact calibration, joints that four cameras or more see are made of those that agree.
+    2. Tracks of one person are merged, false positives are dropped, and the requested people are selected.
+    3. With the whole path of each person known, joints with left and right exchanged are corrected, and each joint is
+       assigned to detections again, triangulated and pruned. If cameras disagree on a person by a constant offset, as
+       after an inexact calibration, joints that four or more cameras see are triangulated from the agreeing cameras.
 
     `dmae.online.capture` runs the same steps on frames as they come.
 
     Detections may have any defect. Joints with coordinates that are not finite are absent; confidences below 0 and
-    above 1 count as 0 and 1; of duplicates in a view the nearer counts, joint by joint. Cameras that detect no one
-    change nothing. Cameras that share no field of view, or stand too close to each other to measure depth, find no
-    people. Zero people and zero frames are valid results.
+    above 1 count as 0 and 1; of duplicates in a view, the nearer one is used for each joint. Cameras without
+    detections change nothing. Cameras without a common field of view, or too close to each other to measure depth,
+    find no people. Zero people and zero frames are valid results.
 
-    People are bodies of any skeleton. Lengths of the configuration are for bodies of a person's size: where a skeleton
-    has another, they are multiplied by its `Skeleton.scale`.
+    People are bodies of any skeleton. Lengths of the configuration are for bodies of human size. For skeletons of
+    another size they are multiplied by `Skeleton.scale`.
 
     Args:
         clip: F frames of V cameras; only its rig, detections, frame rate and images are read.
         config: Thresholds.
 
     Returns:
-        Tracks (F, P) in the order of their birth, one a person. A joint on which fewer than `th_v` views agree is NaN
-        and `Source.ABSENT`; the others are `MEASURED`, with covariance and number of views. `rays` holds where the most
-        confident camera saw each joint.
+        Tracks (F, P) in the order of their birth, one per person. A joint on which fewer than `th_v` views agree is NaN
+        and `Source.ABSENT`; the others are `MEASURED`, with covariance and number of views. `rays` contains the ray of
+        the most confident camera to each joint.
 
-    Raises:
-        ValueError: the clip has a single camera, or the subject that is asked for cannot be found.
+        Raises:
+        ValueError: the clip has a single camera, or the requested subject cannot be found.
     """
     if len(clip.rig) < 2:
         raise ValueError(f"clip {clip.id!r}: capture needs at least 2 cameras, found {len(clip.rig)}")
@@ -85,7 +85,7 @@ def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
 
 
 def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses3D:
-    """Measure the joints of the people of a whole clip, as `measure` does, in blocks of frames that memory holds."""
+    """Measure the joints of the people of a whole clip, as `measure` does, in blocks of frames that fit in memory."""
     skeleton, fps, reassignment = clip.detections.skeleton, clip.fps, config.reassignment
     (frames, persons, views, joints), sides = tracks.assigned.shape, Sides.of(skeleton)
     th_p = reassignment.th_p if reassignment.distance_m > 0 else config.th_p
@@ -135,8 +135,8 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses
 
 
 def _expected(skeleton: Skeleton, fps: float, xyz: np.ndarray, window: slice, seconds: float) -> np.ndarray:
-    """Return where joints are expected in a window of frames, by (F, P, J, 3) that are known so long around it."""
-    # A joint that is hidden for longer is expected nowhere.
+    """Return the expected places of joints in a window of frames, from the joints (F, P, J, 3) known around it."""
+    # A joint that is hidden for a longer time has no expected place.
     reach = ceil(seconds * fps)
     around = slice(max(window.start - reach, 0), window.stop + reach)
     inside = slice(window.start - around.start, window.stop - around.start)
@@ -151,10 +151,10 @@ def _poses(
     assigned: np.ndarray,
     first_pass: np.ndarray,
 ) -> Poses3D:
-    """Return points (F, P, J) as poses, with the rays on which joints are that were not measured.
+    """Return points (F, P, J) as poses, with the rays of joints that were not measured.
 
     Args:
-        expected: (F, P, J, 3) m, where joints are expected.
+        expected: (F, P, J, 3) m, expected places of the joints.
         assigned: (F, P, V, J) detections that the joints were measured from, or `NONE`.
         first_pass: (F, P, V, J) detections that tracking assigned.
     """
@@ -174,7 +174,7 @@ class MeasuredJoints:
     """Joints of P known people in a window of F frames, as they were triangulated.
 
     Attributes:
-        evidence: Detections of the window, sides put right.
+        evidence: Detections of the window, with corrected sides.
         tracks: The people over N frames, from before the window to after it.
         window: The F frames among the N.
         assigned: (F, P, V, J) detections that the joints were measured from, or `NONE`.
@@ -190,7 +190,7 @@ class MeasuredJoints:
     xyz: np.ndarray
 
     def poses(self, count: int, skeleton: Skeleton, fps: float) -> Poses3D:
-        """Return the first `count` frames of the window, with the rays on which joints are that were not measured."""
+        """Return the first `count` frames of the window, with the rays of joints that were not measured."""
         window = slice(self.window.start, self.window.start + count)
         nearby = np.concatenate([self.xyz, self.tracks.xyz[self.window.stop :]])
         expected = _expected(skeleton, fps, nearby, window, _EXPECTED_BY)

@@ -1,4 +1,4 @@
-"""Rays: where the most confident camera saw each joint."""
+"""Rays from the most confident camera to each joint."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.reassignment import reassign
 
 _MAX_DISTANCE = 0.3
-"""m; a single camera that sees a joint farther than this from where it is expected is not believed."""
+"""m; the ray of a single camera is not used if it is farther than this from the expected place of the joint."""
 
 
 def most_confident_rays(

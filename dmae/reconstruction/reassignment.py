@@ -14,14 +14,14 @@ from dmae.reconstruction.pruning import prune
 
 
 def expected_paths(xyz: np.ndarray, skeleton: Skeleton, fps: float, max_gap_s: float) -> np.ndarray:
-    """Return where joints are expected, (F, P, J, 3) m: pruned, with straight lines through short gaps.
+    """Return the expected places of joints, (F, P, J, 3) m: pruned, with straight lines through short gaps.
 
     Args:
         xyz: (F, P, J, 3) m, NaN where absent.
         max_gap_s: Longest gap that is bridged, s.
     """
     pruned = prune(xyz, skeleton, fps)
-    # In place, as each path is for itself.
+    # The paths are changed in place, as they are independent of each other.
     paths = pruned.reshape(len(pruned), prod(pruned.shape[1:-1]), 3)
     for columns, known in column_blocks(paths):
         before, after = neighbours(~np.isnan(known[..., 0]))
@@ -33,7 +33,7 @@ def expected_paths(xyz: np.ndarray, skeleton: Skeleton, fps: float, max_gap_s: f
 
 
 def reassign(evidence: Evidence, assigned: np.ndarray, paths: np.ndarray, max_distance: float) -> np.ndarray:
-    """Return, for joints with a path, the detections nearest to it that are nearest to no other person.
+    """Return, for joints with a path, the nearest detections that are not nearer to another person.
 
     This corrects detections that were assembled or matched wrongly: the wrist of a neighbour, a forearm that belongs
     to no detected person.

@@ -25,16 +25,16 @@ from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged, ne
 from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
 
 _MIN_JOINTS = 3
-"""Fewest joints of a person that is measured, and of a detection that is compared."""
+"""Smallest number of joints of a measured person, and of a detection that is compared."""
 _LONGEST_BONE = 0.8
-"""m; a person with a longer bone is made of the detections of two. Bodies of your own skeletons have bones up to their
-size."""
+"""m; a person with a longer bone consists of detections of two people. In your own skeletons, bones may have the length
+of the body."""
 _DUPLICATE_DISTANCE = 0.2
 """m; a new person at a smaller median distance from a tracked one is a duplicate of it."""
 _REENTRY_DISTANCE, _WALKING_SPEED = 0.3, 1.5
-"""m and m/s: how far from the predicted place a person re-enters."""
+"""m and m/s: largest distance of a re-entry from the predicted place."""
 _ITERATIONS = 2
-"""Of refinement: for assignment, points need not be exact."""
+"""Number of steps of refinement; points for assignment need not be exact."""
 
 
 class Tracker:
@@ -112,7 +112,7 @@ def _tracked(clip: Clip, config: CaptureConfig) -> Iterator[list[TrackedFrame]]:
 
 
 def _colours(colours: TorsoColours, start: int, frame: int) -> np.ndarray:
-    """Return the colours of a frame that is counted from `start` on."""
+    """Return the colours of a frame, with its index counted from `start`."""
     return colours(start + frame)
 
 
@@ -126,7 +126,7 @@ def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
 
 
 def _fewest(joints: int) -> int:
-    """Return the fewest joints of a measured person, for a skeleton with this number of joints."""
+    """Return the smallest number of joints of a measured person, for a skeleton with a given number of joints."""
     return min(_MIN_JOINTS, fewer_of_few(joints))
 
 
@@ -193,10 +193,10 @@ def _match(
 def _plausible(
     xyz: np.ndarray, assigned: np.ndarray, bones: np.ndarray, longest: float, min_joints: int, views: int
 ) -> np.ndarray:
-    """Return (T,) True where assigned detections (T, V, J) are of one person, judging by their joints (T, J, 3).
+    """Return (T,) True where assigned detections (T, V, J) show one person, judging by their joints (T, J, 3).
 
-    At least `min_joints` are known, and at least half of those that this many views detected: of two people, hardly any
-    two rays meet. No bone is longer than `longest`, m.
+    At least `min_joints` must be known, and at least half of the joints that enough views detected, because the rays of
+    two different people hardly ever meet. No bone may be longer than `longest`, m.
     """
     known = (~np.isnan(xyz[..., 0])).sum(-1)
     detected = ((assigned != NONE).sum(1) >= views).sum(-1)
@@ -224,7 +224,7 @@ def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.nda
 
 
 def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find out which of G new persons re-enter a track that is not measured in this frame.
+    """Assign G new persons to tracks that are not measured in this frame and that they re-enter.
 
     Args:
         new: (G, J, 3) m.

@@ -1,4 +1,4 @@
-"""Tracks: the detections and joints of each person over time, and the state from which the next frame is predicted."""
+"""Tracks: the detections and joints of each person over time, and the state for the prediction of the next frame."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dmae.numerics.robust import median_known
 from dmae.reconstruction.association import NONE
 
 _VELOCITY_FADE = 0.5
-"""s; velocities fall to 1/e in this time unless measured again."""
+"""s; velocities decay to 1/e in this time unless they are measured again."""
 
 
 class TrackedFrame(NamedTuple):
@@ -64,7 +64,7 @@ class Tracks:
 
     @classmethod
     def of_blocks(cls, blocks: Iterable[Sequence[TrackedFrame]], frames: int, views: int, joints: int) -> Tracks:
-        """Return all tracks of `frames` frames, which come in blocks; of several blocks only one is held in memory."""
+        """Return all tracks of `frames` frames, which come in blocks. Only one block is in memory at a time."""
         births, sizes = 0, []
         with TemporaryFile(prefix="dmae-") as file:
             for block in blocks:
@@ -100,7 +100,7 @@ class Tracks:
 
 @dataclass
 class TrackState:
-    """State of the T tracks that are followed now.
+    """State of the T currently followed tracks.
 
     Attributes:
         track: (T,) index of each track in the result.

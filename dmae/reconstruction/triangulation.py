@@ -11,17 +11,17 @@ from dmae.reconstruction.config import NoiseModel
 
 DEFAULT_NOISE = NoiseModel()
 _MIN_DEPTH = 0.05
-"""m; nothing nearer to a camera is used."""
+"""m; points that are nearer to a camera are not used."""
 _CONVERGED = 1e-6
 """m; shorter steps end the refinement of a point."""
 _HUBER = 2.0
 """Sigmas; residuals beyond them count linearly."""
 _CONTRADICTING, _CONTRADICTED = 1.0, 3.0
-"""Sigmas; with `selective`, a view counts less from the first on, and from the second on not at all."""
+"""Sigmas; with `selective`, the weight of a view falls above the first value and is 0 above the second."""
 _SELECTED_VIEWS = 4
-"""Fewest views of a point of which some can be left out: with three, the wrong one cannot be identified."""
+"""Smallest number of views of a point from which some can be left out. With three, the wrong one is ambiguous."""
 _AGREEING = 3
-"""Views that a point is made of where as many agree, before it is made of two that agree more closely."""
+"""A point is triangulated from this number of agreeing views, even if two views agree more closely."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Points:
     Attributes:
         xyz: (..., 3) m, world; NaN where fewer than two views agree.
         cov: (..., 3, 3) covariance, m^2; NaN where xyz is.
-        used: (..., V) True for the views that a point is made of.
+        used: (..., V) True for the views that a point was triangulated from.
         residual: (...) root mean square reprojection error over those views, px; NaN where xyz is.
     """
 

@@ -1,1 +1,1 @@
-"""Which cameras, and which people, fit the detections best: bundle adjustment over the joints of tracked people."""
+"""Bundle adjustment: the cameras and the joints of tracked people that fit the detections best."""

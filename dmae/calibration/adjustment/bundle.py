@@ -1,11 +1,11 @@
 """Bundle adjustment: the cameras and the bodies that fit the detections best.
 
 Levenberg-Marquardt on robust reprojection errors and bone lengths. The bodies are eliminated from the normal equations
-(Schur complement; Triggs et al., Bundle adjustment - a modern synthesis, 2000), so that a step costs what its cameras
-cost, and the covariance of the cameras comes with it. `scipy.optimize.least_squares` has no such elimination: with the
-sparse Jacobian it needs tens of times as long.
+(Schur complement; Triggs et al., Bundle adjustment - a modern synthesis, 2000). The cost of a step then depends mostly
+on the number of cameras, and the covariance of the cameras is a by-product. `scipy.optimize.least_squares` has no such
+elimination: with the sparse Jacobian it takes tens of times as long.
 
-M bodies, V views, J joints, Q parameters a view.
+M bodies, V views, J joints, Q parameters per view.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ class Adjusted:
     Attributes:
         calibration: The cameras.
         xyz: (M, J, 3) m, the bodies; NaN where fewer than two views see a joint.
-        error: (M, V, J) distance between detection and reprojection, in sigmas; NaN where there is none.
+        error: (M, V, J) distance between detection and reprojection, in sigmas; NaN where there is no detection.
         error_px: (M, V, J) the same in px.
-        information: (V Q, V Q) of the parameters, the bodies eliminated; 0 for those that were not free.
+        information: (V Q, V Q) information of the parameters, with the bodies eliminated; 0 for fixed parameters.
         cost: (M,) robust cost of each body.
-        scores: (M, V Q) what each body contributes to the gradient.
-        offset_spread: (V Q, V Q) covariance of the gradient that offsets of joints cause.
-        curvature: Second derivative of the robust cost, relative to the weights that `information` is made of.
+        scores: (M, V Q) contribution of each body to the gradient.
+        offset_spread: (V Q, V Q) covariance of the gradient due to offsets of joints.
+        curvature: Second derivative of the robust cost, relative to the weights in `information`.
     """
 
     calibration: Calibration
@@ -61,17 +61,17 @@ def adjust(
     xyz: np.ndarray | None = None,
     tolerance: float = 1e-5,
 ) -> Adjusted:
-    """Return the cameras and bodies of least robust cost.
+    """Return the cameras and bodies with the least robust cost.
 
     Args:
         observations: M bodies.
-        calibration: Where the search starts.
-        freedom: What may change; by default the bodies alone.
+        calibration: The cameras at the start of the search.
+        freedom: The parameters that may change; by default only the bodies change.
         move_people: Whether the bodies may change.
         iterations: Largest number of steps.
-        bones: Whether the bones of a person have one length at all times.
-        offsets: Whether each joint of a person has a constant offset in each view that may change.
-        xyz: (M, J, 3) m, where the bodies start.
+        bones: Whether the bones of a person have a constant length.
+        offsets: Whether to estimate a constant offset of each joint of a person in each view.
+        xyz: (M, J, 3) m, the bodies at the start of the search.
         tolerance: Relative decrease of the cost below which the search ends.
     """
     freedom = freedom or Freedom.of(len(calibration.rig))
@@ -121,7 +121,7 @@ def _adjusted(state: AdjustmentState) -> Adjusted:
 def _curvature(state: AdjustmentState) -> float:
     """Return the mean second derivative of the robust cost over the mean weight.
 
-    Of the Cauchy cost of a distance in the image, weight w, the mean over directions is w^2.
+    For the Cauchy cost of a distance in the image with weight w, the mean over directions is w^2.
     """
     weight = np.where(state.known, state.scale**2, 0)
     usual = (weight * state.robust).sum()

@@ -1,10 +1,10 @@
 """The cost of an adjustment, and its derivatives.
 
-A detector displaces some joints of a person in a view by nearly constant offsets: 23 % of the energy
-of OpenPose's errors on Shelf, with each view left out in turn. Longer recordings do not average it away. These offsets
-can therefore be unknowns, too, with a prior.
+A detector displaces some joints of a person in a view by nearly constant offsets. They are 23 % of the energy of
+OpenPose's errors on Shelf, with each view left out in turn. Longer recordings do not average them out. These offsets
+can therefore be unknowns too, with a prior.
 
-M bodies, V views, J joints, Q parameters a view, A views with offsets.
+M bodies, V views, J joints, Q parameters per view, A views with offsets.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from dmae.calibration.adjustment.parameters import CENTRE, DRIFT, FOCAL, K1, K2,
 ROBUST = 2.0
 """Sigmas at which the weight of a residual is a half (Cauchy)."""
 _BONE_SIGMA = 0.08
-"""Share of its length by which a bone of a person seems to differ from frame to frame."""
+"""Standard deviation of the measured length of a bone between frames, as a share of its length."""
 OFFSET_M, _ALIKE_S = 0.02, 1.0
-"""m at the depth of the person, standard deviation of constant offsets; s for which the other errors last."""
+"""m at the depth of the person, standard deviation of constant offsets; s, duration of the other errors."""
 _MIN_DEPTH = 0.1
 _MIN_SIGMA_PX = 1.0
 
 
 class AdjustmentProblem:
-    """What stays the same during an adjustment."""
+    """The constants of an adjustment."""
 
     def __init__(
         self, observations: Observations, origin: Calibration, freedom: Freedom, bones: bool, offsets: bool = False
@@ -34,7 +34,7 @@ class AdjustmentProblem:
         self.observations, self.origin, self.freedom = observations, origin, freedom
         self.offset_views = np.arange(len(freedom.free)) if offsets else np.empty(0, int)
         self.people, self.person = np.unique(observations.person, return_inverse=True)
-        # Errors that last count once, however many of the frames in which they last are taken.
+        # An error that lasts for several frames counts once, for any number of these frames.
         self.offset_weight = observations.bodies_a_second() * _ALIKE_S / OFFSET_M**2
         self.free = np.flatnonzero(freedom.free)
         self.bones = np.array(observations.tracks.skeleton.bones).reshape(-1, 2) if bones else np.empty((0, 2), int)
@@ -71,7 +71,7 @@ class AdjustmentState:
             problem.depth = np.where(np.isnan(depth), usual[:, None], depth)
         self.unit = (focal / problem.depth)[:, problem.offset_views]
         self.residual[:, problem.offset_views] += self.offset[problem.person] * self.unit[..., None]
-        # At the depth at the start: if errors grew as a body comes nearer, a smaller world would fit better.
+        # The depth at the start is used: if errors grew with nearness, a smaller world would fit better.
         scale = 1 / np.maximum(sigma * focal / problem.depth, _MIN_SIGMA_PX)
         known = np.isfinite(self.residual).all(-1) & np.isfinite(scale) & np.isfinite(depth)
         # One view alone says nothing about cameras.
@@ -82,7 +82,7 @@ class AdjustmentState:
         self.robust = 1 / (1 + self.error2 / ROBUST**2)
         cost = ROBUST**2 * np.log1p(self.error2 / ROBUST**2)
         self.cost = np.where(known, cost, 0).sum((1, 2))
-        # Joints behind a camera that detected them, or that nothing is known of, cost as an outlier.
+        # Joints that are behind a camera that detected them, and joints at unknown places, cost as much as an outlier.
         lost = np.isfinite(sigma) & ~known & (np.isfinite(sigma).sum(1, keepdims=True) >= 2)
         self.cost = self.cost + 25.0 * lost.sum((1, 2))
         self.bone_cost = self._bones()
@@ -96,7 +96,7 @@ class AdjustmentState:
             return 0.0
         vector = self.xyz[:, bones[:, 1]] - self.xyz[:, bones[:, 0]]
         length = np.linalg.norm(vector, axis=-1)
-        # Both ends must be measured by two views.
+        # Two views must measure both ends.
         measured = self.known.any(1)
         ok = measured[:, bones[:, 0]] & measured[:, bones[:, 1]] & np.isfinite(length)
         usual = np.full(length.shape, np.nan)
@@ -106,7 +106,7 @@ class AdjustmentState:
             enough = np.isfinite(values).sum(0) >= 3
             if enough.any():
                 usual[np.ix_(rows, enough)] = np.nanmedian(values[:, enough], 0)
-        # Relative to its length, so that a smaller world fits no better.
+        # The error is relative to the length, so that a smaller world does not fit better.
         sigma = _BONE_SIGMA * np.maximum(np.nan_to_num(usual, nan=1.0), 1e-6)
         off = np.where(ok & np.isfinite(usual), length - usual, 0) / sigma
         self.bone_off, self.bone_weight = off, np.where(ok & np.isfinite(usual), 1 / (1 + off**2 / ROBUST**2), 0)
@@ -132,7 +132,7 @@ class AdjustmentState:
         by_xyz = np.where(self.known[..., None, None], by_xyz, 0)
         by = np.zeros((*by_xyz.shape[:-1], Q))
         away = np.nan_to_num(xyz[:, None] - rig.centers[:, None])
-        # Turning the camera by w about its centre moves what it sees by -w x (X - C): d = (X - C) x w.
+        # A rotation of the camera by w about its centre moves X, relative to it, by -w x (X - C): d = (X - C) x w.
         by[..., ROTATION] = -np.cross(away[..., None, :], by_xyz)
         by[..., CENTRE] = -by_xyz
         free = self.problem.freedom.free

@@ -1,4 +1,4 @@
-"""The covariance of adjusted cameras, for correlated errors of detectors over time, and constant offsets of joints."""
+"""The covariance of adjusted cameras, if errors of detections are correlated over time and joints have offsets."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import Q
 
 _ALIKE_S = 3.0
-"""s; errors of detections this far apart in time are assumed to be independent, apart from constant offsets."""
+"""s; errors of detections at this distance in time are assumed to be independent, except for constant offsets."""
 
 
 def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedom: Freedom) -> np.ndarray:
@@ -24,7 +24,10 @@ def covariance_of_cameras(observations: Observations, adjusted: Adjusted, freedo
     if len(free):
         scores, index = adjusted.scores[:, free], np.ix_(free, free)
         scatter = scores.T @ scores
-        G = _alike(observations, scores @ np.linalg.pinv(_root(scatter))) * scatter + adjusted.offset_spread[index]
+        G = (
+            _bodies_per_error(observations, scores @ np.linalg.pinv(_root(scatter))) * scatter
+            + adjusted.offset_spread[index]
+        )
         H = np.linalg.pinv(adjusted.information[index] * adjusted.curvature)
         covariance[index] = H @ G @ H
     blocks = covariance.reshape(views, Q, views, Q)
@@ -37,11 +40,14 @@ def _root(matrix: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
 
 
-def _alike(observations: Observations, scores: np.ndarray) -> float:
-    """Return how many bodies of a person have the same error, from contributions (M, P) of bodies to a gradient,
-    uncorrelated.
+def _bodies_per_error(observations: Observations, scores: np.ndarray) -> float:
+    """Return the number of bodies of a person that have the same error.
 
-    It is the energy of sums over stretches of time, relative to the sum of energies.
+    It is the energy of the sums of scores over stretches of time, relative to the sum of the energies of the scores.
+
+    Args:
+        observations: M bodies.
+        scores: (M, P) contributions of the bodies to a gradient, decorrelated.
     """
     seconds = (observations.frame - observations.frame.min()) / observations.tracks.fps
     duration = float(seconds.max()) + 1 / observations.tracks.fps
@@ -50,5 +56,5 @@ def _alike(observations: Observations, scores: np.ndarray) -> float:
     group = np.unique(observations.person * count + stretch, return_inverse=True)[1]
     sums = np.zeros((group.max() + 1, scores.shape[1]))
     np.add.at(sums, group, scores)
-    # At the minimum all contributions add up to nothing, which leaves one stretch less.
+    # At the minimum all contributions add up to zero, so that one stretch fewer is independent.
     return max(float((sums**2).sum() / (scores**2).sum()) * len(sums) / max(len(sums) - 1, 1), 1.0)

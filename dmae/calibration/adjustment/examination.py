@@ -1,6 +1,6 @@
-"""Examination: which camera differs from its calibration, in which way, and which differences would go unnoticed.
+"""Examination: the camera that differs from its calibration, the kind of difference, and the limits of detection.
 
-A difference is judged by how much better it makes the detections fit in frames that it was not fitted on.
+A difference is judged by the improvement of the fit in frames on which it was not fitted.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
 
 BODIES = 200
-"""Most bodies that are compared."""
+"""Largest number of bodies that are compared."""
 _BLOCK_S, _MOST_BLOCKS, _FEWEST_BLOCKS = 0.4, 16, 4
 """s and numbers of the stretches of time that are compared. Errors of detectors last some tenths of a second."""
 _CHANCE = 0.001
-"""Probability at which a gain is no coincidence (t test over the stretches of time, one-sided)."""
+"""Largest probability that a gain is a coincidence (one-sided t test over the stretches of time)."""
 _CHANCE_OF_KIND = 0.01
 """The same for distinguishing two kinds of one camera."""
 _REFERENCE = 4.0
-"""How many times the gain must be that which the other cameras would have from such a change."""
+"""Smallest ratio of the gain to the gain that the other cameras would have from this kind of change."""
 _NEAR = 0.04
-"""Share of the gain by which two kinds may differ and still not be distinguished."""
+"""Largest difference between the gains of two kinds, as a share of the gain, at which they are not distinguished."""
 _RIVAL = 0.7
-"""Share of the gain that a change of another camera may have."""
+"""Largest gain that a change of another camera may have, as a share of the gain."""
 _SURE = 0.1
-"""Share of the cost that a reliably detected difference saves: in some stretches of time it hardly shows."""
+"""Share of the cost that a reliably detected difference saves. In some stretches of time its effect is small."""
 _EXAMINED = 2
-"""Cameras that are examined for every kind."""
+"""Number of cameras that are examined for every kind."""
 _OFFSETS = (0, *(sign * frames for frames in (2, 4, 7, 10, 14, 18) for sign in (-1, 1)))
-"""Frames at which the search of a time offset starts; larger ones are found before, without tracks."""
+"""Frames at which the search of a time offset starts. Larger offsets are found earlier, without tracks."""
 
 
 class Kind(StrEnum):
@@ -61,19 +61,19 @@ PARAMETERS = {
 }
 """The parameters of each kind."""
 CERTAIN = {Kind.moved: 0.02, Kind.turned: 0.0035, Kind.focal: 0.01, Kind.lens: 0.05, Kind.late: 0.0}
-"""Differences that no calibration is expected to be without: 2 cm, 0.2 degrees, 1 %, k1 of 0.05."""
+"""Differences that every calibration is expected to have: 2 cm, 0.2 degrees, 1 %, k1 of 0.05."""
 
 
 @dataclass(frozen=True)
 class CameraDifference:
-    """A difference of one camera that was tried.
+    """A tested difference of one camera.
 
     Attributes:
         view: The camera.
         kind: What differs.
         step: (Q,) from the calibration to the camera, see `Calibration.changed`.
-        gain: Cost per body that it saves in frames that it was not fitted on.
-        cost: (B,) cost per body in each stretch of time, in frames that it was not fitted on.
+        gain: Cost per body that it saves in frames on which it was not fitted.
+        cost: (B,) cost per body in each stretch of time, in frames on which it was not fitted.
         before: (B,) the same without the difference.
     """
 
@@ -86,11 +86,11 @@ class CameraDifference:
 
     @property
     def chance(self) -> float:
-        """Probability that a false difference saves as much."""
+        """Probability that a false difference saves at least the same cost."""
         return _chance(self.before, self.cost)
 
     def beats(self, other: CameraDifference, chance: float = _CHANCE) -> bool:
-        """Return whether it clearly explains more than another difference."""
+        """Return whether this difference clearly explains more than another one."""
         return _chance(other.cost, self.cost) < chance
 
 
@@ -104,15 +104,15 @@ def _chance(worse: np.ndarray, better: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Examination:
-    """What an examination found.
+    """The result of an examination.
 
     Attributes:
-        kinds: Differences of the named camera that explain it equally well, the best first; empty if none is named.
-        suspects: Cameras of which one differs, where it is not determined which; empty otherwise.
+        kinds: Differences of the named camera that fit equally well, the best first; empty if no camera is named.
+        suspects: Cameras, one of which differs, if the recording does not determine which one; empty otherwise.
         tried: All differences that were tried.
-        base: The fit of the calibration as it is.
-        limits: By kind, (V,) smallest amount that would be named: m, rad, relative, k1, s; inf where any would not.
-        reference: By kind, cost per body that a change of a sound camera saves.
+        base: The fit of the unchanged calibration.
+        limits: By kind, (V,) smallest amount that would be named: m, rad, relative, k1, s; inf if no amount would be.
+        reference: By kind, cost per body that a change of a correct camera saves.
     """
 
     kinds: tuple[CameraDifference, ...]
@@ -124,7 +124,7 @@ class Examination:
 
 
 def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None:
-    """Examine each camera against the others; None if they see too few people together."""
+    """Examine each camera against the others. Return None if too few people are seen by several cameras."""
     observations = Observations.of(tracks, calibration, BODIES)
     blocks = _blocks(observations)
     if blocks.max(initial=0) + 1 < _FEWEST_BLOCKS:
@@ -197,7 +197,7 @@ def _refit(observations: Observations, calibration: Calibration, base: Adjusted)
 def _tried(
     observations: Observations, calibration: Calibration, base: Adjusted, block: np.ndarray, view: int, kind: Kind
 ) -> CameraDifference:
-    """Fit a difference on every other block, and measure its gain on the rest; then the other way round."""
+    """Fit a difference on every other block and measure its gain on the rest; then exchange the two halves."""
     cost, steps = np.zeros(len(observations)), []
     for half in (0, 1):
         train, test = np.flatnonzero(block % 2 == half), np.flatnonzero(block % 2 != half)
@@ -210,7 +210,7 @@ def _tried(
 
 
 def _blocks(observations: Observations) -> np.ndarray:
-    """Return the stretch of time (M,) of each body, counted without gaps."""
+    """Return the index (M,) of the stretch of time of each body; empty stretches are not counted."""
     seconds = (observations.frame - observations.frame.min(initial=0)) / observations.tracks.fps
     duration = seconds.max(initial=0)
     count = int(np.clip(duration / _BLOCK_S, 1, _MOST_BLOCKS))
@@ -247,16 +247,16 @@ def _least_gain(tried: list[CameraDifference], kind: Kind, without: int, referen
 
 
 def _limits(state: Adjusted, kind: Kind, least: float) -> np.ndarray:
-    """Return the amount (V,) of a difference that would save so much cost per body, in its weakest direction."""
+    """Return the amount (V,) of a difference that would save a given cost per body, in its weakest direction."""
     views = range(len(state.calibration.rig))
     weakest = [np.linalg.eigvalsh(_linear(state, view, kind)[0] / len(state.cost))[0] for view in views]
     return np.array([np.sqrt(least / each) if each > 0 else np.inf for each in weakest])
 
 
 def _measured_limits(observations: Observations, state: Adjusted, expected: np.ndarray, least: float) -> np.ndarray:
-    """Return the time offsets (V,) s that cost `least`, from those (V,) at which they were expected to.
+    """Return the time offsets (V,), s, that cost `least`, given the offsets (V,) that were expected to cost it.
 
-    Expected costs take the noise of velocities for motion, of which people who stand have little.
+    Expected costs count the noise of velocities as motion, although people that stand still hardly move.
     """
     limits, xyz = np.full(len(expected), np.inf), _start(observations, state)
     for view in np.flatnonzero(np.isfinite(expected)):
@@ -271,14 +271,14 @@ def _measured_limits(observations: Observations, state: Adjusted, expected: np.n
 
 
 def _start(observations: Observations, state: Adjusted) -> np.ndarray:
-    """Return joints (M, J, 3) of an adjustment, and where it has none, of the tracks."""
+    """Return joints (M, J, 3), m, of an adjustment; where it has none, those of the tracks."""
     return np.where(np.isfinite(state.xyz), state.xyz, observations.start)
 
 
 def _judge(
     tried: list[CameraDifference], reference: dict[Kind, float], views: int
 ) -> tuple[tuple[CameraDifference, ...], tuple[int, ...]]:
-    """Return the kinds that explain the recording, and the cameras of which one differs if it is not known which."""
+    """Return the kinds that explain the recording; else the cameras, one of which differs, if one cannot be named."""
     clear = [each for each in tried if each.chance < _CHANCE and each.gain > _REFERENCE * reference[each.kind]]
     if not clear:
         return (), ()
@@ -286,7 +286,7 @@ def _judge(
     rival = max((each for each in tried if each.view != best.view), key=lambda each: each.gain)
     if views < 3 or not best.beats(rival) or rival.gain > _RIVAL * best.gain:
         return (), (best.view, rival.view)
-    # Sound calibrations, too, are off by a little: it takes more than that to tell two kinds apart.
+    # Correct calibrations also have small errors. Two kinds are distinguished only by larger differences.
     least = max(_NEAR * best.gain, _REFERENCE * max(reference.values()))
     near = [
         each

@@ -11,12 +11,12 @@ from dmae.calibration.adjustment.parameters import CENTRE, DRIFT, FOCAL, K1, K2,
 
 @dataclass(frozen=True)
 class Freedom:
-    """Which parameters may change, and how far they are expected to.
+    """The parameters that may change, and the expected size of their changes.
 
     Attributes:
         free: (V, Q) True for parameters that may change.
         prior: (V, Q) standard deviation of their change, inf where nothing is known.
-        robust_prior: Whether most cameras are expected to stay and a few to move far (Cauchy), instead of all a little.
+        robust_prior: True if most cameras should stay and a few may move far (Cauchy); False if all move a little.
     """
 
     free: np.ndarray

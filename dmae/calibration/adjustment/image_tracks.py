@@ -1,4 +1,4 @@
-"""Image tracks: where tracked people are in the images of each view.
+"""Image tracks: the positions of tracked people in the images of each view.
 
 F frames, P people, V views, J joints.
 """
@@ -21,9 +21,9 @@ class ImageTracks:
         skeleton: J joints.
         fps: 1/s.
         xy: (F, P, V, J, 2) px, distorted; NaN where absent.
-        sigma: (F, P, V, J) m, expected error of each at the depth of the person; NaN where absent.
+        sigma: (F, P, V, J) m, expected error of each position at the depth of the person; NaN where absent.
         start: (F, P, J, 3) m, a first estimate of the joints; NaN where unknown.
-        aligned: V cameras as they fit these people, one by one.
+        aligned: V cameras, each aligned separately with these people.
     """
 
     skeleton: Skeleton

@@ -24,14 +24,14 @@ _MIN_INLIERS = 0.5
 
 
 def initial_rig(clip: Clip) -> CameraRig:
-    """Return the cameras of a clip at positions found from their detections; those of its rig are not read.
+    """Return the cameras of a clip at positions found from their detections; the positions in its rig are not read.
 
-    Pairs of cameras get their relative pose from the essential matrix of the joints of the one person that both see
-    (Nister, PAMI 2004), its scale from the length of the limbs. Pairs that agree best are chained. The first camera
-    stays at the origin and looks along y, upright.
+    The relative pose of two cameras comes from the essential matrix of the joints of a person that both see
+    (Nister, PAMI 2004), its scale from the length of the limbs. The pairs that agree best are chained. The first camera
+    is at the origin and looks along y, upright.
 
     Raises:
-        ValueError: too few frames show one person alone in two cameras, or cameras cannot be connected.
+        ValueError: too few frames show a single person in two cameras, or some cameras cannot be connected.
     """
     skeleton, kept = coarse_skeleton(clip.detections.skeleton)
     rig, found = clip.rig, clip.detections
@@ -56,7 +56,7 @@ def initial_rig(clip: Clip) -> CameraRig:
             f"person alone in both of two cameras ({_MIN_FRAMES} are needed, some seconds are better); record "
             "one person who walks through the whole volume"
         )
-    # Camera 0 looks along y of the world, its image upright: z is up.
+    # Camera 0 looks along y of the world with an upright image, so z is up.
     poses = np.tile(np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]), (views, 1, 1))
     for view in order[1:]:
         poses[view] = edges[int(parent[view]), int(view)] @ poses[parent[view]]
@@ -64,7 +64,7 @@ def initial_rig(clip: Clip) -> CameraRig:
 
 
 def _relative_pose(a: np.ndarray, b: np.ndarray, focal: float, skeleton) -> tuple[np.ndarray, float] | None:
-    """Return b_from_a (4, 4), m, from normalised joints (F, J, 2) of one person, and how many joints support it."""
+    """Return b_from_a (4, 4), m, from normalised joints (F, J, 2) of a person, and the number of supporting joints."""
     both = np.isfinite(a).all(-1) & np.isfinite(b).all(-1)
     if (both.sum(-1) >= _MIN_JOINTS).sum() < _MIN_FRAMES:
         return None
@@ -77,7 +77,7 @@ def _relative_pose(a: np.ndarray, b: np.ndarray, focal: float, skeleton) -> tupl
     count, R, t, _ = cv2.recoverPose(E, first, second, np.eye(3))
     if count < _MIN_INLIERS * len(first):
         return None
-    # People have a size, which gives the distance between the cameras.
+    # The known size of people gives the distance between the cameras.
     rays_a = np.concatenate([a, np.ones_like(a[..., :1])], -1)
     rays_b = np.concatenate([b, np.ones_like(b[..., :1])], -1) @ R
     rays_a, rays_b = (rays / np.linalg.norm(rays, axis=-1, keepdims=True) for rays in (rays_a, rays_b))

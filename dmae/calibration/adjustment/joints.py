@@ -3,11 +3,11 @@
 from dmae.data.skeleton import Skeleton
 
 _FINE = ("eye", "ear", "toe", "heel")
-"""Joints so near to others that they add no information."""
+"""Joints that are too near to other joints to add information."""
 
 
 def coarse_skeleton(skeleton: Skeleton) -> tuple[Skeleton, list[int]]:
-    """Return the skeleton without the small joints of face and feet, and the indices of the joints kept."""
+    """Return the skeleton without the small joints of face and feet, and the indices of the remaining joints."""
     kept = [i for i, joint in enumerate(skeleton.joints) if not joint.endswith(_FINE)]
     parents = []
     for joint in kept:

@@ -1,4 +1,4 @@
-"""Matching: the detections of each person in each view, although a camera may be wrong.
+"""Matching: the detections of each person in each view, even if a camera is wrong.
 
 F frames, P people, V views, D detections a view, J joints.
 """
@@ -22,18 +22,18 @@ from dmae.reconstruction.pipeline import capture
 _NOISE = NoiseModel()
 _MIN_SCORE = 0.2
 _GATES = (0.6, 0.35, 0.25)
-"""Largest mean distance of a detection from its person, in sizes of the person in the image, round by round."""
+"""Largest mean distance of a detection from its person in each round, relative to the person's size in the image."""
 _MIN_JOINTS = 5
-"""Fewest joints by which a detection and a person are compared."""
+"""Smallest number of joints for which a detection and a person are compared."""
 _ALIGNED_BODIES = 150
-"""Bodies by which a camera is aligned with people that the others measured."""
+"""Number of bodies for the alignment of a camera with people that the others measured."""
 
 
 def match_tracks(clip: Clip, config: CaptureConfig | None = None) -> ImageTracks:
-    """Match the detections of all views to the people that capture finds, also those of a camera that is wrong.
+    """Match the detections of all views to the people that capture finds, including detections of a wrong camera.
 
-    Each camera is aligned with the people, its detections are assigned to them again, and so on, with narrower gates
-    each time. Only the assignment depends on that alignment.
+    In each round, each camera is aligned with the people and its detections are assigned to them again, with a
+    narrower gate. Only the assignment depends on that alignment.
     """
     skeleton, kept = coarse_skeleton(clip.detections.skeleton)
     xyz = capture(clip, config or CaptureConfig()).xyz[:, :, kept].astype(np.float64)
@@ -77,7 +77,7 @@ def _assigned(
 
 
 def _align(tracks: ImageTracks, calibration: Calibration) -> Calibration:
-    """Move each camera so that it fits the people, which stay."""
+    """Move each camera so that it fits the people, which do not move."""
     everything = Observations.of(tracks, calibration, _ALIGNED_BODIES)
     free = Freedom.of(len(calibration.rig), rotation=True, centre=True)
     return adjust(everything, calibration, free, move_people=False, iterations=12).calibration

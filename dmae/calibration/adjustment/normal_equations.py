@@ -1,6 +1,6 @@
 """Normal equations of an adjustment, with the bodies and the offsets of their joints eliminated.
 
-M bodies, V views, J joints, Q parameters a view, A views with offsets, P free parameters.
+M bodies, V views, J joints, Q parameters per view, A views with offsets, P free parameters.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from dmae.calibration.adjustment.cost import OFFSET_M, AdjustmentState
 from dmae.calibration.adjustment.parameters import Q
 
 _CHUNK = 128
-"""Bodies that are eliminated together, to save memory."""
+"""Number of bodies that are eliminated together, to limit memory."""
 _BODY_DAMPING = 1e-3
-"""1/m^2, relative to its information: keeps a joint that one view sees on its ray."""
+"""1/m^2, relative to the information of a joint: it regularises a joint that only one view sees along its ray."""
 
 
 class Reduced(NamedTuple):
-    """Normal equations of the cameras: bodies and offsets eliminated.
+    """Normal equations of the cameras, with bodies and offsets eliminated.
 
     Attributes:
         information, gradient: (P, P), (P,).
-        scores: (M, P) what each body contributes to the gradient.
-        offset_spread: (P, P) covariance of the gradient that offsets cause, spread as their prior says.
-        eliminated: For each person with offsets, how these follow the cameras, and their step with cameras at rest.
+        scores: (M, P) contribution of each body to the gradient.
+        offset_spread: (P, P) covariance of the gradient due to offsets with the spread of their prior.
+        eliminated: For each person with offsets, their dependence on the cameras, and their step if these stay.
     """
 
     information: np.ndarray
@@ -39,9 +39,9 @@ class _Parts(NamedTuple):
     """Derivatives and weights.
 
     Attributes:
-        by: (M, V, J, 2, Q) of pixels by the parameters of their camera.
+        by: (M, V, J, 2, Q) derivatives of pixels by the parameters of their camera.
         weight: (M, V, J) 1/px^2.
-        weighted: (M, V, J, 2, 3) derivatives by the joints, times the weight.
+        weighted: (M, V, J, 2, 3) derivatives of pixels by the joints, times the weight.
         blocks, gradient: (M, J, 3, 3), (M, J, 3) normal equations of the joints.
     """
 
@@ -53,7 +53,7 @@ class _Parts(NamedTuple):
 
 
 def _derivatives(state: AdjustmentState) -> _Parts:
-    """Return derivatives, and the equations of joints that no bones connect."""
+    """Return the derivatives, and the normal equations of the joints without bones."""
     by_xyz, by = state.jacobians()
     weight = state.scale**2 * state.robust
     weighted = by_xyz * weight[..., None, None]
@@ -139,9 +139,10 @@ def _reduced(
 
 
 def _of_person(state: AdjustmentState, parts: _Parts, inverse: np.ndarray, flat: np.ndarray, rows: np.ndarray):
-    """Return what bodies (m,) of one person add to the equations of cameras and offsets, and to gradients (m, ...).
+    """Return the terms that bodies (m,) of one person add to the equations of cameras and offsets, and to gradients
+    (m, ...).
 
-    What is added is without the equations of the cameras alone.
+    The terms of the cameras alone are not included.
     """
     free, J = state.problem.free, state.xyz.shape[1]
     P, views = len(free), state.problem.offset_views
@@ -191,7 +192,7 @@ def solve(state: AdjustmentState, damping: float, move_people: bool) -> tuple[np
     step, offset = np.zeros(V * Q), np.zeros_like(state.offset)
     if len(free):
         found = _reduced(state, parts, inverse, flat, move_people)
-        # Scaled by the diagonal, as parameters have different units.
+        # The equations are scaled by the diagonal, as parameters have different units.
         scale = 1 / np.sqrt(np.maximum(np.diag(found.information), 1e-9))
         scaled = found.information * scale * scale[:, None] + (damping + 1e-10) * np.eye(len(free))
         step[free] = -scale * np.linalg.lstsq(scaled, scale * found.gradient, rcond=1e-12)[0]
@@ -211,7 +212,7 @@ def solve(state: AdjustmentState, damping: float, move_people: bool) -> tuple[np
 
 
 def _solved(inverse: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return matrices of bodies, inverse, times (m, 3 J, n)."""
+    """Return the product of inverse matrices of bodies and (m, 3 J, n)."""
     if inverse.ndim == 3:
         return inverse @ right
     m, J = inverse.shape[:2]

@@ -1,6 +1,6 @@
-"""Observations: where the joints of bodies were detected, at any time between frames.
+"""Observations: detected positions of the joints of bodies, at any time between frames.
 
-M bodies, each a person at a time; V views, J joints.
+M bodies, each a person at one time; V views, J joints.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dmae.calibration.adjustment.image_tracks import ImageTracks
 from dmae.calibration.adjustment.parameters import Calibration
 
 _LINE_FRAMES = 2
-"""Frames before and after to which a line is fitted."""
+"""Number of frames before and after a time to which a line is fitted."""
 _MOST_SHARE = 0.04
-"""Share of the image's diagonal by which a joint moves from frame to frame."""
+"""Largest movement of a joint from frame to frame, as a share of the image's diagonal."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class Observations:
     """Detections of M bodies.
 
     Attributes:
-        tracks: The tracks that they are of.
-        frame, person: (M,) of each body.
+        tracks: The tracks that contain the bodies.
+        frame, person: (M,) indices of each body.
         start: (M, J, 3) m, a first estimate of the joints; NaN where unknown.
     """
 
@@ -35,9 +35,9 @@ class Observations:
 
     @classmethod
     def of(cls, tracks: ImageTracks, calibration: Calibration, most: int, frames: np.ndarray | None = None):
-        """Return up to `most` bodies, evenly spread over the frames, or over those given.
+        """Return up to `most` bodies, evenly spread over all frames or over the given ones.
 
-        Bodies that more views see come first where there are too many in a frame.
+        If a frame has too many bodies, those that more views see are preferred.
         """
         seen = np.isfinite(tracks.sigma).sum(-1) >= 4
         usable = (seen.sum(-1) >= 2) & np.isfinite(tracks.start[..., 0]).any(-1)
@@ -56,12 +56,12 @@ class Observations:
         return replace(self, frame=self.frame[bodies], person=self.person[bodies], start=self.start[bodies])
 
     def bodies_a_second(self) -> float:
-        """Return how many bodies of a person there are in a second, at most."""
+        """Return the largest number of bodies of one person per second."""
         seconds = np.ptp(self.frame) / self.tracks.fps + 1 / self.tracks.fps if len(self) else 1.0
         return len(self) / max(len(np.unique(self.person)), 1) / seconds
 
     def seen(self, calibration: Calibration) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what the cameras show of each body, given their clocks.
+        """Return the detections of each body in the cameras, given their clocks.
 
         Returns:
             xy: (M, V, J, 2) px.
@@ -79,16 +79,16 @@ class Observations:
         return xy, velocity, sigma
 
     def _line(self, shift: np.ndarray, view: np.ndarray, diagonal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return position (M, V, J, 2) px and velocity, px a frame, of a line through the frames around each.
+        """Return position (M, V, J, 2), px, and velocity, px/frame, of a line fitted to the frames around each time.
 
-        Its noise is the same between frames as on them. Were two frames interpolated, noise would be least half way
-        between them, and any camera would seem to be half a frame late.
+        The noise of a line is the same between frames as on them. Interpolation between two frames has the least noise
+        half way between them, so that any camera would seem to be half a frame late.
         """
         middle = self._sample(self.tracks.xy, shift, view)
         n = k1 = k2 = x = kx = 0
         for k in range(-_LINE_FRAMES, _LINE_FRAMES + 1):
             off = self._sample(self.tracks.xy, shift + k, view) - middle
-            # A jump is another person, or a gross error.
+            # A jump means another person or a gross error.
             known = np.abs(off) < _MOST_SHARE * diagonal * (abs(k) + 1)
             off = np.where(known, off, 0)
             n, k1, k2, x, kx = n + known, k1 + k * known, k2 + k * k * known, x + off, kx + k * off

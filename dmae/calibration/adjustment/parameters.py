@@ -1,6 +1,6 @@
 """Parameters of cameras that are adjusted, and the calibration that they change.
 
-V views; Q parameters a view: rotation (3), centre (3), focal length, k1, k2, time offset, drift.
+V views; Q parameters per view: rotation (3), centre (3), focal length, k1, k2, time offset, drift.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ Q = 11
 
 @dataclass(frozen=True)
 class Calibration:
-    """Cameras, and their clocks.
+    """Cameras and their clocks.
 
     Attributes:
         rig: V cameras, m.
-        offset: (V,) s by which the pictures of a camera are later than its frame numbers say: a body at time t is where
-            the camera shows it at frame (t + offset) fps.
+        offset: (V,) s by which the images of a camera are later than its frame numbers say: frame (t + offset) fps of
+            the camera shows a body at time t.
         drift: (V,) growth of the offset, s/s from the start of the clip.
     """
 
@@ -44,8 +44,9 @@ class Calibration:
     def changed(self, step: np.ndarray) -> Calibration:
         """Return the calibration changed by a step (V, Q).
 
-        The rotation is a vector in the axes of the world, rad: the camera turns by it about its centre. The centre
-        moves in the world, m. The focal length changes by its logarithm; offset and drift in s and s/s.
+        The first entries are a rotation vector in the axes of the world, rad, about the centre of the camera, a
+        movement of the centre in the world, m, and a change of the logarithm of the focal length. Offset and drift are
+        in s and s/s.
         """
         rig = self.rig
         turned = Rotation.from_rotvec(step[:, ROTATION]).as_matrix()
@@ -61,7 +62,7 @@ class Calibration:
         return Calibration(changed, self.offset + step[:, OFFSET], self.drift + step[:, DRIFT])
 
     def difference(self, other: Calibration) -> np.ndarray:
-        """Return the step (V, Q) that leads to another calibration."""
+        """Return the step (V, Q) from this calibration to another one."""
         a, b = self.rig, other.rig
         step = np.zeros((len(a), Q))
         turned = b.cam_from_world[:, :3, :3].swapaxes(-1, -2) @ a.cam_from_world[:, :3, :3]

@@ -1,4 +1,4 @@
-"""Refinement: the cameras of a recording, calibrated again with the people in it."""
+"""Refinement: calibrate the cameras of a recording again, by the people in it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ AUTO = "auto"
 """The cameras that differ from their calibration."""
 ALL = "all"
 _ROUNDS = 3
-"""How often people are captured with the cameras found so far."""
+"""Number of rounds. Each round captures people with the cameras of the previous round."""
 _PRIOR = ((ROTATION, np.radians(3)), (CENTRE, 0.3), (FOCAL, 0.1), (K1, 0.3), (OFFSET, 0.5))
-"""Standard deviations of what is expected to differ: rad, m, relative, k1, s."""
+"""Standard deviations of the expected differences: rad, m, relative, k1, s."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,13 @@ class RefineConfig:
 
     @property
     def frees_cameras(self) -> bool:
-        """Whether anything of a camera may change, apart from the world that it stands in."""
+        """True if any parameter of a camera may change, apart from the choice of the world."""
         return any((self.extrinsics, self.focal, self.distortion, self.offsets, self.drift))
 
 
 @dataclass(frozen=True)
 class CameraChange:
-    """What refinement changed of a camera.
+    """The changes that refinement made to a camera.
 
     Attributes:
         camera: Its name.
@@ -84,10 +84,10 @@ class CameraChange:
         turned_deg: Angle between its directions.
         focal: Focal length after, relative to before.
         k1: k1 after.
-        offset_frames: Frames by which its pictures are later than its frame numbers say, at the start.
-        drift_frames_a_minute: Growth of that.
-        error_cm: Standard error of its centre, root mean square of its axes.
-        error_deg: The same of its direction.
+        offset_frames: Frames by which its images are later than its frame numbers say, at the start.
+        drift_frames_a_minute: Growth of `offset_frames`, frames per minute.
+        error_cm: Standard error of its centre, root mean square over the axes.
+        error_deg: The same for its direction.
         residual_before, residual_after: Median reprojection error, px.
     """
 
@@ -112,11 +112,11 @@ class Refined:
     Attributes:
         rig: The cameras.
         offset, drift: (V,) s and s/s, as in `Calibration`.
-        covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment.parameters`), if the errors
-            of the detector were as they usually are: correlated over some tenths of a second, with a constant part at
-            each joint of a person in a view. 0 where not refined.
-        changes: What changed, a camera each, in the world as it was.
-        floor: Where the floor was and how the world was tilted, if the world was made level.
+        covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment.parameters`). It assumes
+            the usual errors of detectors: correlated over some tenths of a second, with a constant part at each joint
+            of a person in a view. 0 for parameters that were not refined.
+        changes: The changes of each camera, in the original world.
+        floor: The original height of the floor and tilt of the world, if the world was made level.
     """
 
     rig: CameraRig
@@ -132,10 +132,10 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
 
     Args:
         clip: F frames of V cameras, two or more, with a roughly correct calibration.
-        config: What may change.
+        config: The parameters that may change.
 
-    Raises:
-        ValueError: there are too few cameras or people, or no camera of a name.
+        Raises:
+        ValueError: there are too few cameras or people, or no camera has a given name.
     """
     config = config or RefineConfig()
     if len(clip.rig) < 2:
@@ -193,7 +193,7 @@ def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:
 
 
 def _differing(clip: Clip) -> tuple[Calibration, list[int]]:
-    """Return the cameras that clearly differ from their calibration, and the calibration with that undone."""
+    """Return the cameras that clearly differ from their calibration, and the calibration without these differences."""
     calibration, views = Calibration.of(clip.rig), []
     for _ in range(max(len(clip.rig) - 2, 0)):
         tracks = match_tracks(replace(clip, rig=calibration.rig))

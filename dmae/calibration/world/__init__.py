@@ -1,1 +1,1 @@
-"""Where is the world of a rig: its vertical, its floor, its unit of length, from the people in it."""
+"""The world of a rig: its vertical, its floor and its unit of length, from the people in it."""

@@ -1,7 +1,7 @@
-"""The floor: where it lies in the world, and which way is up, as the feet and bodies of people show.
+"""The floor: its place in the world and the vertical direction, from the feet and bodies of people.
 
-One linear least-squares fit: the soles of resting feet lie on a plane, and people who stand lean forward by an angle of
-their own, the same whichever way they face.
+The method is one linear least-squares fit. The soles of resting feet are on a plane. A standing person leans forward by
+a constant angle, which is the same for all headings.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from dmae.files.mapped import by_frames
 from dmae.files.numbers import MOST_METRES
 
 _ROUGHLY_UPRIGHT = 0.7
-"""Smallest agreement of people in where up is."""
+"""Smallest agreement of people on the vertical direction."""
 _PLANES, _STEEPEST = 400, np.tan(np.radians(8))
-"""Planes that are tried, and their slope from the mean direction of the bodies."""
+"""Number of planes that are tried, and their largest slope from the mean direction of the bodies."""
 _ON_FLOOR_M, _BELOW_M = 0.03, 0.06
-"""Distance of soles on a floor, and below it, where there are none."""
+"""m; largest distance of soles on a floor, and distance below it where there are no soles."""
 _NEAR_FLOOR_M = 0.06
 _LEAN, _LEAN_SIGMA, _SIDE_SIGMA = np.radians(2.0), np.radians(3.0), np.radians(1.5)
-"""rad; how far people lean forward, and how they differ."""
+"""rad; mean angle by which people lean forward, and its standard deviation between people."""
 _SHOE_SIGMA, _SOLE_SIGMA = 0.006, 0.012
-"""m; error of the soles of one person, and of all."""
+"""m; common error of the soles of one person, and of all people."""
 _TILT_SIGMA = np.radians(0.15)
-"""rad; error of all people together."""
+"""rad; common error of all people."""
 _ROBUST, _ROBUST_RAISED = 2.0, 1.0
-"""Sigmas at which the weight of a residual is a half (Cauchy), and that of a foot above the floor."""
+"""Sigmas at which the weight of a residual is a half (Cauchy), and the same for a foot above the floor."""
 _FEWEST_STANCES, _FEWEST_PLACES_M = 6, 1.0
-"""Stances, and the distance between two of them, that make the floor known. For a tilt, standing bodies count too."""
+"""Number of stances, and distance between two, that determine the floor. Standing bodies also count for a tilt."""
 _AGREES = 0.5
-"""Weight from which a body agrees with the tilt that is found."""
+"""Smallest weight of a body that agrees with the tilt."""
 _WIDEST_TILT, _WIDEST_HEIGHT = np.radians(1.2), 0.05
-"""Half an interval; beyond it nothing is said."""
+"""Largest half width of an interval; with a wider interval the result is not stated."""
 _CLEAR = 2.0
-"""How many times half its interval a tilt must be to be stated all the same."""
+"""A tilt with a wider interval is still stated if it is this many times the half width."""
 SIGMAS = 1.96
-"""Of an interval that holds the truth with a probability of 95 %."""
+"""Half width, in standard deviations, of an interval that contains the truth with a probability of 95 %."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,12 @@ class Floor:
 
     Attributes:
         up: (3,) unit vector against gravity, in the world; None if it is not determined.
-        tilt_deg: Angle between `up` and z; None likewise.
-        tilt_interval_deg: What holds the tilt with a probability of 95 %.
-        place: (3,) m, a point of the floor, in the middle of the people; None if it is not determined.
-        height_m: Its z; None likewise.
-        height_interval_m: What holds the height with a probability of 95 %.
-        stances: Number of stances of a foot, each at a place of its own.
+        tilt_deg: Angle between `up` and z; None if it is not determined.
+        tilt_interval_deg: Interval that contains the tilt with a probability of 95 %.
+        place: (3,) m, a point of the floor in the middle of the people; None if it is not determined.
+        height_m: z of this point; None if it is not determined.
+        height_interval_m: Interval that contains the height with a probability of 95 %.
+        stances: Number of stances of a foot, each at its own place.
     """
 
     up: tuple[float, float, float] | None
@@ -83,7 +83,7 @@ _NOTHING = Floor(None, None, None, None, None, None, 0)
 
 
 def find_floor(poses: Poses3D, fps: float) -> Floor:
-    """Return where the floor is and which way is up, by people in a world of metres, whichever of its axes is up.
+    """Return the floor and the vertical direction, from people in a world in metres. Any axis may be the vertical.
 
     Args:
         poses: (F, P, J) measured people; joints without a measurement are left out.
@@ -122,7 +122,7 @@ def _fit(soles: Soles, postures: Postures, R: np.ndarray) -> Floor:
     centre = place.mean(0) if len(place) else np.zeros(3)
     A, b, sigma = _equations(soles, postures, on_floor, centre)
     solution, cov, weight = _solved(A, b, sigma, len(place))
-    # The direction of z in the original world, of which the tilt is measured.
+    # The direction of z in the original world. The tilt is measured from it.
     z = R[:, 2]
     spread = cov[:2, :2] + _TILT_SIGMA**2 * np.eye(2)
     up = tilt = interval = None
@@ -131,7 +131,7 @@ def _fit(soles: Soles, postures: Postures, R: np.ndarray) -> Floor:
     angle = np.arccos(np.clip(direction @ z, -1, 1))
     on = weight[: len(place)] > 0.2
     stances = float((1 / soles.same[on_floor][on]).sum())
-    # Both components of a body's direction have to agree with the others'.
+    # Both components of a body's direction must agree with the other bodies.
     agree = (weight[len(place) : len(place) + 2 * len(postures.same)].reshape(2, -1) > _AGREES).all(0)
     seen = stances + float((1 / postures.same[agree]).sum())
     if seen >= _FEWEST_STANCES and (widest <= _WIDEST_TILT or angle > _CLEAR * widest):
@@ -151,7 +151,7 @@ def _fit(soles: Soles, postures: Postures, R: np.ndarray) -> Floor:
 
 
 def _on_floor(soles: Soles) -> np.ndarray:
-    """Return the soles (n,) that rest on the floor, which is the plane with most soles on it and few below it."""
+    """Return (n,) True for soles on the floor, which is the plane with the most soles on it and few below it."""
     xyz, count = soles.xyz, len(soles.xyz)
     if not count:
         return np.zeros(0, bool)
@@ -173,7 +173,7 @@ def _on_floor(soles: Soles) -> np.ndarray:
 def _equations(
     soles: Soles, postures: Postures, on_floor: np.ndarray, centre: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the equations A x = b with standard errors; x: tilt (2), height, and of each person shoe, lean, side."""
+    """Return the equations A x = b with standard errors; x: tilt (2), height, and for each person shoe, lean, side."""
     people = 1 + max(soles.person.max(initial=-1), postures.person.max(initial=-1))
     rows_feet, rows_bodies = int(on_floor.sum()), len(postures.person)
     count = 3 + 3 * people
@@ -188,7 +188,7 @@ def _equations(
     bodies[0, :, 0] = bodies[1, :, 1] = 1
     bodies[0, row, lean[person]], bodies[1, row, lean[person]] = cos, sin
     bodies[0, row, side[person]], bodies[1, row, side[person]] = -sin, cos
-    # Priors; of tilt and height hardly any.
+    # Priors; those of tilt and height are very weak.
     prior = np.eye(count)
     means, errors = np.zeros(count), np.ones(count)
     means[lean] = _LEAN
@@ -202,7 +202,7 @@ def _equations(
 def _solved(A: np.ndarray, b: np.ndarray, sigma: np.ndarray, feet: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the robust solution, its covariance, and the weight of each equation, from 0 to 1; those of feet first."""
     weight = np.ones(len(b))
-    # A foot at rest can be off the floor, but not in it.
+    # A foot at rest can be above the floor, but not below it.
     raised = np.where(np.arange(len(b)) < feet, _ROBUST_RAISED, _ROBUST)
     for _ in range(10):
         rows = A / sigma[:, None] * weight[:, None]

@@ -1,4 +1,4 @@
-"""Gravity and scale: which way is up in the world, and how long its unit is, from the people measured in it."""
+"""Gravity and scale: the vertical direction of the world and the length of its unit, from the people measured in it."""
 
 from functools import partial
 
@@ -9,9 +9,9 @@ from dmae.files.mapped import by_frames
 from dmae.numerics.robust import mean_known
 
 _ADULT = {("shoulder", "hip"): 0.50, ("hip", "knee"): 0.42, ("knee", "ankle"): 0.41}
-"""m, mean of both sides: limbs of an adult of 1.72 m."""
+"""m, mean of both sides: lengths of the limbs of an adult of 1.72 m."""
 _MIN_COUNT = 10
-"""Fewest limbs, or people, for an answer."""
+"""Smallest number of limbs, or of people, for a result."""
 
 
 def relative_size(people: np.ndarray, skeleton: Skeleton) -> float | None:
@@ -30,7 +30,7 @@ def upright_direction(people: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarra
     """Find the direction in which people (n, J, 3) stand.
 
     Returns:
-        The unit vector (3,), and from 0 to 1 how much people agree in it; None if too few people are known.
+        The unit vector (3,), and the agreement of people on it from 0 to 1; None if too few people are known.
     """
     direction = by_frames(partial(_directions, skeleton), people)
     direction = direction[np.isfinite(direction).all(-1)]

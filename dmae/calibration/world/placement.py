@@ -1,4 +1,4 @@
-"""Placement: a rig, or a clip, in a world of another scale, or one that stands upright on its floor."""
+"""Placement of a rig or a clip in another world: with another scale, or upright on the floor."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,19 +13,19 @@ from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import by_frames
 
 FLOOR_KEY = "floor_m"
-"""Key of a clip's provenance: m, the z at which a recording has its floor, where it is not 0."""
+"""Key of a clip's provenance: z of the floor in a recording, m, if it is not 0."""
 _ADULT_STATURE = 1.72
-"""m, of the limbs that `relative_size` compares with."""
+"""m, stature of the adult with which `relative_size` compares people."""
 _UPRIGHT = 0.7
-"""Smallest agreement of people in where up is."""
+"""Smallest agreement of people on the vertical direction."""
 _FLOOR_PERCENTILE, _ANKLE_HEIGHT = 10, 0.09
-"""Of the heights of ankles, those of feet on the floor; m."""
+"""Percentile of the heights of ankles that belongs to feet on the floor; height of an ankle above the floor, m."""
 
 
 def place_world(
     rig: CameraRig, people: np.ndarray, skeleton: Skeleton, stature: float | None, level: bool
 ) -> CameraRig:
-    """Return the rig in a world of another scale, or that stands upright on its floor.
+    """Return the rig in a world with another scale, or in an upright world with its floor at z = 0.
 
     Args:
         people: (n, J, 3) measured people.
@@ -53,9 +53,9 @@ def place_world(
 
 
 def upright_world(floor: Floor) -> np.ndarray | None:
-    """Return new_from_old (4, 4) of a world that stands upright on its floor, as far as they are determined.
+    """Return new_from_old (4, 4) of an upright world with its floor at z = 0, as far as these are determined.
 
-    It turns about the place on the floor, or about the origin. None if nothing is determined.
+    The rotation is about the point on the floor, or about the origin. None if nothing is determined.
     """
     if floor.up is None and floor.height_m is None:
         return None
@@ -69,7 +69,7 @@ def upright_world(floor: Floor) -> np.ndarray | None:
 
 
 def place_clip(clip: Clip, world: np.ndarray) -> Clip:
-    """Return a clip in another world, new_from_old (4, 4): cameras, truth and poses; what cameras see stays."""
+    """Return a clip in another world, new_from_old (4, 4): cameras, truth and poses change, pixels do not."""
     provenance = {key: value for key, value in clip.provenance.items() if key != FLOOR_KEY}
     return replace(
         clip,
@@ -101,7 +101,7 @@ def _placed_poses(poses: Poses3D, world: np.ndarray) -> Poses3D:
 
 
 def _placed(rig: CameraRig, world: np.ndarray, scale: float) -> CameraRig:
-    # new = scale * R old + t; what a camera sees stays if its distances scale as well.
+    # new = scale * R old + t; the pixels do not change if the translation of the camera is scaled as well.
     pose = rig.cam_from_world.copy()
     R = pose[:, :3, :3] @ world[:3, :3].T
     centres = scale * rig.centers @ world[:3, :3].T + world[:3, 3]

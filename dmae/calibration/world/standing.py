@@ -15,28 +15,28 @@ from dmae.files.mapped import release
 from dmae.numerics.heading import body_heading
 
 SOLE = {"heel": 0.018, "big_toe": 0.016, "small_toe": 0.016, "ankle": 0.075}
-"""m above the floor, of a foot that stands flat."""
+"""m; heights of joints above the floor when a foot stands flat."""
 _WINDOW_S = 0.32
 _KNOWN = 0.7
-"""Share of the frames of a window in which a joint must be known."""
+"""Smallest share of the frames of a window in which a joint must be known."""
 _DRIFT, _SCATTER = 0.03, 0.04
-"""m; how far a joint at rest seems to move through a window, and to stray from its median."""
+"""m; largest apparent movement of a joint at rest through a window, and largest deviation from its median."""
 _RAISED = 0.02
-"""m above the lowest joint of a foot, beyond which another does not touch the floor."""
+"""m; a joint that is higher than this above the lowest joint of its foot does not touch the floor."""
 _STRAIGHT = 0.95
-"""Distance from hip to ankle of a straight leg, as a share of thigh and shank."""
+"""Smallest distance from hip to ankle of a straight leg, as a share of the length of thigh and shank."""
 _FOOT_SIGMA, _ANKLE_SIGMA = 0.010, 0.015
 """m; error of the height of a sole in a window, by heels and toes or by the ankle alone."""
 _STANDING_SIGMA, _STEPPING_SIGMA = np.radians(1.5), np.radians(3.5)
-"""rad; how far a person who stands, or walks, strays from the person's usual posture."""
+"""rad; deviation of a person from the usual posture, when standing and when walking."""
 _STANCE_SOLE, _STANCE_POSTURE = 0.005, np.radians(0.8)
-"""m, rad; what the windows of one stance have in common of it."""
+"""m, rad; the part of these errors that is common to the windows of one stance."""
 _SAME_PLACE_M, _SAME_HEADING = 0.15, np.radians(20)
-"""Within these, two windows of a person are one stance: they have their error in common."""
+"""Two windows of a person within these limits are one stance, and share their error."""
 _FRAMES = 4096
-"""Frames of a person that are looked at together."""
+"""Number of frames of a person that are processed together."""
 _MOST = 1200
-"""Windows that are used of each kind, evenly spread."""
+"""Largest number of windows that are used of each kind, evenly spread."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class Soles:
     Attributes:
         xyz: (n, 3) m, the sole.
         person: (n,) index.
-        sigma: (n,) m, expected error of its height, so enlarged that windows of one stance count as independent.
-        same: (n,) number of windows that are of the same stance, itself included.
+        sigma: (n,) m, expected error of its height, enlarged so that windows of one stance count as independent.
+        same: (n,) number of windows of the same stance, including itself.
     """
 
     xyz: np.ndarray
@@ -64,8 +64,8 @@ class Postures:
         direction: (n, 3) unit vector from the ankles to the shoulders.
         heading: (n,) rad.
         person: (n,) index.
-        sigma: (n,) rad, how far the direction strays from the person's usual one, enlarged likewise.
-        same: (n,) number of windows that are of the same stance, itself included.
+        sigma: (n,) rad, expected deviation from the person's usual direction, enlarged in the same way.
+        same: (n,) number of windows of the same stance, including itself.
     """
 
     direction: np.ndarray
@@ -76,10 +76,10 @@ class Postures:
 
 
 def soles_and_postures(poses: Poses3D, fps: float, R: np.ndarray) -> tuple[Soles, Postures]:
-    """Return the feet at rest and the standing bodies in poses, in a world turned by R.
+    """Return the feet at rest and the standing bodies in poses, in a world rotated by R.
 
     Args:
-        R: (3, 3), to a world of which the z axis is roughly up.
+        R: (3, 3) rotation to a world with a z axis that is roughly vertical.
     """
     skeleton, persons = poses.skeleton, poses.xyz.shape[1]
     length = max(round(_WINDOW_S * fps), 3)
@@ -98,7 +98,7 @@ def _windows(xyz: np.ndarray, cov: np.ndarray, length: int) -> tuple[np.ndarray,
     """Cut (W * length, P, J, ...) into windows.
 
     Returns:
-        middle: (W, P, J, 3) m, medians; NaN where too little is known.
+        middle: (W, P, J, 3) m, medians; NaN where too few frames are known.
         resting: (W, P, J) True for joints at rest.
         variance: (W, P, J) m^2, of the height.
     """
@@ -187,5 +187,5 @@ def _spread(count: int) -> np.ndarray:
 
 
 def _index(skeleton: Skeleton, joint: str) -> int | None:
-    """Return the index of a joint; in a fused skeleton that of the first part that has it."""
+    """Return the index of a joint; in a fused skeleton, the index in the first part that has the joint."""
     return next((i for i, name in enumerate(skeleton.joints) if name.rpartition(".")[2] == joint), None)

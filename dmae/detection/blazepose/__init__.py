@@ -1,1 +1,1 @@
-"""How does BlazePose find people? Candidates in windows, regions of people, landmarks, confidences."""
+"""Detection of people with BlazePose: candidates in windows, regions of people, landmarks, confidences."""

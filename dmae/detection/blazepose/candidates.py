@@ -1,4 +1,4 @@
-"""Candidates: where in a picture there may be people, found in windows of it by BlazePose's first network."""
+"""Candidates: regions of an image that may show a person. BlazePose's first network finds them in windows."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from dmae.detection.blazepose.models import Network
 from dmae.detection.blazepose.regions import Region
 
 _GRIDS = ((28, 2), (14, 2), (7, 6))
-"""Grids of anchors: cells in a row, and anchors in a cell."""
+"""Grids of anchors: number of cells in a row, and number of anchors in a cell."""
 _MIN_SCORE = 0.5
 _MAX_OVERLAP = 0.3
-"""Of the boxes of one person, intersection over union."""
+"""Smallest intersection over union of two boxes of one person."""
 _STEP = 0.5
 """Largest step from window to window, relative to the side of a window."""
 _BODY_ENDS, _BODY_HALF_WIDTH = 0.9, 0.3
-"""Extent of a body from the middle of its hips, relative to the circle around it."""
+"""Extent of a body from the middle of its hips, relative to the radius of the circle around the body."""
 _SAME_HIPS = 0.15
 """Boxes of one body: distance of the hips relative to the radius."""
 _SAME_PLACE, _SAME_SIZE = 0.35, 1.6
@@ -27,10 +27,10 @@ _SAME_PLACE, _SAME_SIZE = 0.35, 1.6
 
 @dataclass(frozen=True)
 class Candidate:
-    """A region with a person, perhaps.
+    """A region that may show a person.
 
     Attributes:
-        region: Around the body.
+        region: The square around the body.
         score: From 0 to 1.
     """
 
@@ -39,12 +39,12 @@ class Candidate:
 
 
 def windows_of(width: int, height: int, shares: tuple[float, ...]) -> list[Region]:
-    """Return square windows that cover a picture.
+    """Return square windows that cover an image.
 
     Args:
         width: px.
         height: px.
-        shares: Sides of the windows relative to the longer side of the picture; 1 is the whole picture.
+        shares: Sides of the windows relative to the longer side of the image; 1 is the whole image.
     """
     found = []
     for share in shares:
@@ -55,7 +55,7 @@ def windows_of(width: int, height: int, shares: tuple[float, ...]) -> list[Regio
 
 
 def _starts(length: float, side: float) -> list[float]:
-    """Return where windows begin, px; one that is longer than the picture is in its middle."""
+    """Return where windows begin, px. A window that is longer than the image is centred on it."""
     if side >= length:
         return [(length - side) / 2]
     count = int(np.ceil((length - side) / (_STEP * side))) + 1
@@ -65,11 +65,11 @@ def _starts(length: float, side: float) -> list[float]:
 def find_candidates(
     network: Network, pyramid: list[np.ndarray], windows: Iterable[Region], without: Sequence[Person] = ()
 ) -> list[Candidate]:
-    """Return the candidates in windows of a picture, best first, each person once.
+    """Return the candidates in windows of an image, best first, each person once.
 
     Args:
         network: BlazePose's first network.
-        pyramid: The picture (H, W, 3) uint8 and its smaller copies.
+        pyramid: The image (H, W, 3) uint8 and its smaller copies.
         windows: As `windows_of` returns them.
         without: People that are painted over first.
     """
@@ -148,9 +148,9 @@ def _merged(values: np.ndarray, scores: np.ndarray) -> list[tuple[np.ndarray, fl
 
 
 def _same_body(values: np.ndarray, best: np.ndarray) -> np.ndarray:
-    """Return (n,) whether boxes (n, 6, 2) have the body of another one (6, 2): hips near its own, and its size.
+    """Return (n,) True for boxes (n, 6, 2) of the same body as another box (6, 2): near hips and a similar size.
 
-    Boxes of two people that stand before each other overlap; the mean of both would be a region of neither.
+    The boxes of two people overlap when one stands in front of the other. Their mean would fit neither person.
     """
     radius, own = (np.maximum(np.hypot(*(each[..., 3, :] - each[..., 2, :]).T), 1e-6) for each in (values, best))
     apart = np.hypot(*(values[:, 2] - best[2]).T)
@@ -158,7 +158,7 @@ def _same_body(values: np.ndarray, best: np.ndarray) -> np.ndarray:
 
 
 def _is_cut(region: Region, window: Region, width: int, height: int) -> bool:
-    """Return whether a window cuts a body, at a side that is no side of the picture.
+    """Return whether a window cuts a body at a side that is not a side of the image.
 
     A window that cuts a body often yields a smaller body that looks right.
     """

@@ -14,14 +14,14 @@ from dmae.detection.blazepose.regions import Region, pyramid_of
 from dmae.files.structured import read_json
 
 NEAR = 0.05
-"""Of the height of the body: what counts as near the true place."""
+"""Largest distance, as a share of the height of the body, at which a joint counts as near its true place."""
 _STATURE = 1.7
-"""m; height of a body, to turn pixels at its depth into a share of it."""
+"""m; assumed height of a body, which converts pixels at its depth into a share of the height."""
 _PASSES = 2
 _PENALTY = 1.0
-"""On the square of the weights of the scores, which keeps rare joints from extremes."""
+"""Penalty on the squared weights of the scores. It prevents extreme weights for rare joints."""
 _MATCHED = 0.15
-"""m/m; a person with a greater mean distance from the true joints is another person."""
+"""Largest mean distance of a detection from the true joints, m/m; one with a greater distance is another person."""
 GROUPS = {
     "face": ("nose", "eye", "eye_inner", "eye_outer", "mouth"),
     "ear": ("ear",),
@@ -37,7 +37,7 @@ GROUPS = {
 
 
 def confidence(person: Person) -> np.ndarray:
-    """Return (33,) probabilities that joints lie within 5 % of the height of the body from their true places."""
+    """Return (33,) probabilities that joints are within 5 % of the height of the body from their true places."""
     logits = (_weights() * _features(person)).sum(-1)
     return 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
 
@@ -49,11 +49,11 @@ def fit_confidence(clips: Iterable[Clip], every: int = 4) -> dict[str, dict]:
 
     Args:
         clips: With colour images and truth in `body25+shelf14`.
-        every: Frames from one that is used to the next.
+        every: Step from one used frame to the next.
 
     Returns:
-        By group: `weights` of 1, of the logit of visibility and of that of being inside the picture; `number` of
-        joints; `near`, the share of them that is near its true place. It is what `confidence.json` holds.
+        By group: `weights` of 1, of the logit of visibility and of that of being inside the image; `number` of
+        joints; `near`, the share of joints that are near their true places. `confidence.json` has the same content.
     """
     features, near = zip(*(each for clip in clips for each in _samples(clip, every)), strict=True)
     features, near = np.array(features), np.array(near)
@@ -66,7 +66,7 @@ def fit_confidence(clips: Iterable[Clip], every: int = 4) -> dict[str, dict]:
 
 
 def _features(person: Person) -> np.ndarray:
-    """Return (33, 3): 1, and the two logits, cut off where they say no more."""
+    """Return (33, 3) features: 1 and the two logits, clipped where larger values add no information."""
     logits = np.clip(np.stack([person.visibility, person.inside], -1), -8, 8)
     return np.concatenate([np.ones((len(logits), 1)), logits], -1)
 
@@ -78,7 +78,7 @@ def _members() -> dict[str, list[int]]:
 
 @cache
 def _weights() -> np.ndarray:
-    """(33, 3) weights of the features."""
+    """Return the (33, 3) weights of the features."""
     fitted, weights = read_json(MODELS / "confidence.json"), np.empty((len(BLAZEPOSE33), 3))
     for group, index in _members().items():
         weights[index] = fitted[group]["weights"]
@@ -86,7 +86,7 @@ def _weights() -> np.ndarray:
 
 
 def _samples(clip: Clip, every: int) -> Iterable[tuple[np.ndarray, np.ndarray]]:
-    """Yield features (33, 3) of the people of a clip, and (33,) whether joints are near, NaN where that is unknown."""
+    """Yield for each person features (33, 3), and (33,) whether joints are near their true places, NaN if unknown."""
     network, rig, skeleton = Network("pose_landmark_full"), clip.true_rig or clip.rig, clip.truth.skeleton
     known = [i for i, joint in enumerate(BLAZEPOSE33.joints) if f"body25.{joint}" in skeleton.joints]
     xy, depth = rig.project(clip.truth.xyz[:, :, skeleton.index(*(f"body25.{BLAZEPOSE33.joints[i]}" for i in known))])

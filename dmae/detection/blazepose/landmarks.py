@@ -11,7 +11,7 @@ from dmae.detection.blazepose.models import Network
 from dmae.detection.blazepose.regions import Region
 
 _HIP, _TOP = 33, 34
-"""Landmarks that are no joints: the middle of the hips, and a point on the circle around the body."""
+"""Landmarks that are not joints: the middle of the hips, and a point on the circle around the body."""
 TORSO = BLAZEPOSE33.index("l_shoulder", "r_shoulder", "l_hip", "r_hip")
 _EXCHANGED = BLAZEPOSE33.index("r_shoulder", "l_shoulder", "r_hip", "l_hip")
 _LIMBS = [
@@ -26,9 +26,9 @@ _HEAD = BLAZEPOSE33.index("l_ear", "r_ear", "nose")
 _SAME_HEAD, _SMALLER = 0.25, 0.75
 """Distance of two heads that are one, and size of a torso that is part of another body, relative to its torso."""
 _LIMB_WIDTH, _HEAD_RADIUS = 0.35, 0.3
-"""Of what is painted over, relative to the size of the torso."""
+"""Width of the limbs and radius of the head that are painted over, relative to the size of the torso."""
 _BLUR = 0.3
-"""Side of the box over which colours are averaged to paint with, relative to the picture."""
+"""Side of the box over which colours are averaged for painting, relative to the image."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class Person:
 
     Attributes:
         xy: (33, 2) px; pixel (0, 0) is the centre of the first pixel.
-        visibility: (33,) logit that the joint is in sight.
-        inside: (33,) logit that the joint is in the picture.
+        visibility: (33,) logit that the joint is visible.
+        inside: (33,) logit that the joint is in the image.
         presence: Probability that there is a person.
-        region: Around the landmarks; where to look in the next picture. None where they give no region.
+        region: The square around the landmarks, where the next image is searched. None if they give no region.
     """
 
     xy: np.ndarray
@@ -51,18 +51,18 @@ class Person:
 
     @property
     def torso_size(self) -> float:
-        """Larger of the mean length of the sides of the torso and its width at the shoulders, px."""
+        """Size of the torso, px: the larger of the mean length of its sides and its width at the shoulders."""
         l_shoulder, r_shoulder, l_hip, r_hip = self.xy[TORSO]
         sides = (np.hypot(*(l_shoulder - l_hip)) + np.hypot(*(r_shoulder - r_hip))) / 2
         return float(max(sides, np.hypot(*(l_shoulder - r_shoulder)), 1e-6))
 
 
 def find_person(network: Network, pyramid: list[np.ndarray], region: Region, without: Sequence[Person] = ()) -> Person:
-    """Return the person in a region, whether there is one or not: look at `presence`.
+    """Return the person in a region. A person is always returned; `presence` is the probability that there is one.
 
     Args:
         network: BlazePose's second network.
-        pyramid: The picture (H, W, 3) uint8 and its smaller copies.
+        pyramid: The image (H, W, 3) uint8 and its smaller copies.
         region: Where to look.
         without: People that are painted over first.
     """
@@ -81,10 +81,10 @@ def find_person(network: Network, pyramid: list[np.ndarray], region: Region, wit
 
 
 def same_torso(a: Person, b: Person, nearness: float = 0.4) -> bool:
-    """Return whether two persons are one: their torsos lie at one place, relative to their size.
+    """Return whether two detections show one person: their torsos are at one place, relative to their size.
 
-    Left and right do not count, as a network may take one for the other. Heads would not do: where a window cuts a
-    body, a smaller body with the same head is found.
+    The sides do not matter, as a network may confuse left and right. Heads are not compared: where a window cuts a
+    body, the network finds a smaller body with the same head.
     """
     return bool(min(_apart(a, b, TORSO), _apart(a, b, _EXCHANGED)) < nearness)
 
@@ -96,7 +96,7 @@ def part_of(a: Person, b: Person) -> bool:
 
 
 def disagreement(a: Person, b: Person) -> float:
-    """Return how far apart the torsos of two answers for one person lie, relative to their size."""
+    """Return the distance between the torsos of two detections of one person, relative to their size."""
     return _apart(a, b, TORSO)
 
 
@@ -106,7 +106,7 @@ def _apart(a: Person, b: Person, order: list[int]) -> float:
 
 
 def painted_over(pixels: np.ndarray, region: Region, people: Sequence[Person]) -> np.ndarray:
-    """Return what was cut out of a picture at a region, (S, S, 3) uint8, with people blurred beyond recognition."""
+    """Return the (S, S, 3) uint8 cut-out of an image at a region, with people blurred beyond recognition."""
     if not people:
         return pixels
     size = len(pixels)
@@ -119,7 +119,7 @@ def painted_over(pixels: np.ndarray, region: Region, people: Sequence[Person]) -
         cv2.fillConvexPoly(mask, cv2.convexHull(at[TORSO]), 255)
         head = tuple(np.round(at[_HEAD].mean(0)).astype(int).tolist())
         cv2.circle(mask, head, max(round(_HEAD_RADIUS * torso), 1), 255, -1)
-    # Colours are averaged over what is not painted over.
+    # Colours are averaged over the pixels that are not painted over.
     width = max(round(_BLUR * size), 1)
     left = (mask == 0).astype(np.float32)
     weight = cv2.blur(left, (width, width))

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 MODELS = Path(__file__).parents[2] / "models" / "blazepose"
-"""Folder of the networks, which come with the package."""
+"""Folder of the networks, which are part of the package."""
 
 
 class Network:
-    """A network of one input: pictures (S, S, 3) float32.
+    """A network of one input: images (S, S, 3) float32.
 
     Attributes:
         size: S, px.
@@ -38,7 +38,7 @@ class Network:
         self._outputs = {each["name"]: each["index"] for each in self._interpreter.get_output_details()}
 
     def __call__(self, picture: np.ndarray, *outputs: str) -> list[np.ndarray]:
-        """Return the named outputs for a picture (S, S, 3) float32."""
+        """Return the named outputs for an image (S, S, 3) float32."""
         self._interpreter.set_tensor(self._input, picture[None])
         self._interpreter.invoke()
         return [self._interpreter.get_tensor(self._outputs[name])[0] for name in outputs]
@@ -46,7 +46,7 @@ class Network:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the runtime from writing to the terminal; it writes past `sys.stderr`."""
+    """Prevent the runtime from writing to the terminal; it bypasses `sys.stderr`."""
     try:
         target = sys.stderr.fileno()
     except (OSError, ValueError, AttributeError):

@@ -1,4 +1,4 @@
-"""The people in the pictures of one camera: searched in windows, then followed in regions of their own."""
+"""The people in the images of one camera: searched in windows, then followed in regions of their own."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -14,61 +14,63 @@ from dmae.detection.blazepose.regions import Region, pyramid_of
 from dmae.detection.registry import PoseDetectorConfig
 
 _PASSES = 3
-"""Of the second network on a new person, each on the region that the one before found."""
+"""Passes of the second network on a new person, each on the region that the previous pass found."""
 _RETRIES = 5
-"""Pictures in which a person that was lost is looked for where it was, and a candidate is looked at again."""
+"""Number of images in which a lost person is searched at its last place, and a candidate is examined again."""
 _SETTLED, _STEADY = 0.06, 0.1
-"""The answers of two passes for a new person, or for one that is followed, lie no farther apart, relative to the torso.
-For regions without a person, or with two people, they do. Presence alone is unreliable where people overlap or leave
-the image: with it 93 % of the people in plain sight were found in windows and 9 of 81 others mistaken for people; by
-agreement 93 % and 3."""
+"""Largest distance between the results of two passes for one person, relative to the torso.
+
+In regions without a person, or with two people, the distance is larger. Presence alone is unreliable where people
+overlap or leave the image: with it, windows found 93 % of the people in full view, and 9 of 81 other regions were
+mistaken for people. With this agreement the figures are 93 % and 3."""
 _FAINT = 0.3
-"""Smallest presence in a pass where passes agree."""
+"""Smallest presence in a pass if the passes agree."""
 _CLEAR = 0.42
 """Smallest mean confidence of the joints of a person."""
 _SHIFTS = (-0.4, 0.4)
-"""Offsets of searches next to a region that contains parts of two people, relative to its radius."""
+"""Offsets of the searches next to a region that contains parts of two people, relative to its radius."""
 _NARROWER = 0.8
-"""Side of the region there, relative to the first."""
+"""Side of the regions of these searches, relative to the first region."""
 _CROWD = (1.6, 2.4)
-"""Sides of the windows around people in which others are searched with them painted over, relative to their regions."""
+"""Sides of the windows around people, relative to their regions. Other people are searched there, with these people
+painted over."""
 _CLEARER = 0.05
 """A newly found person replaces a followed one if the mean confidence of the joints is higher by this much."""
 _DROP = 0.12
 """A followed person is searched again if the mean confidence falls by this much below its usual value."""
 _JUMP = 0.25
-"""Way from one picture to the next, relative to the torso, after which a second pass checks the person."""
+"""Movement from one image to the next, relative to the torso, after which a second pass checks the person."""
 _FULL_SEARCHES = 3
-"""First pictures that are searched in all windows; later ones in some of them, in turn."""
+"""Number of first images that are searched in all windows. Later images are searched in some windows, in turn."""
 _DOUBTED = 0.6
-"""Mean confidence of joints below which a person that is followed is compared with what a search finds there."""
+"""Mean confidence of joints below which a followed person is compared with the result of a search at its place."""
 _CHECKED = 5
-"""Pictures after which a second pass checks a person that is followed."""
+"""Number of images after which a second pass checks a followed person."""
 _MEMORY = 0.9
-"""Share of the usual confidence that is kept from picture to picture."""
+"""Weight of the previous value in the running mean of the confidence, per image."""
 _STRAYED = 0.2
-"""A followed person is given up where a second pass puts it farther away than this, relative to the torso."""
+"""A followed person is given up if a second pass finds it farther away than this, relative to the torso."""
 _LOOK_BACK, _LOOK_BACK_BYTES = 25, 100e6
-"""Pictures before in which a new person is looked for, and the most memory that they take."""
+"""Number of previous images in which a new person is searched, and largest memory that they take, bytes."""
 
 
 @dataclass(frozen=True)
 class _Followed:
-    """A person that is followed: as it is now, and how clear it usually is."""
+    """A followed person: its current detection, and its usual mean confidence."""
 
     person: Person
     usual: float
 
     def now(self, person: Person) -> "_Followed":
-        """Return the same person as it is in the next picture."""
+        """Return the followed person with its detection in the next image."""
         return _Followed(person, _MEMORY * self.usual + (1 - _MEMORY) * clearness(person))
 
 
 class PeopleDetector:
-    """Find the people in pictures that come in order."""
+    """Detector of the people in images that are given in order."""
 
     def __init__(self, config: PoseDetectorConfig, look_back: bool = False):
-        """Args: look_back: Whether a new person is also looked for in the pictures before, see `late`."""
+        """Args: look_back: Whether a new person is also searched in previous images, see `late`."""
         self._config, self._look_back = config, look_back
         self._finder, self._joints = Network("pose_detection"), Network("pose_landmark_full")
         self._followed: list[_Followed] = []
@@ -76,10 +78,10 @@ class PeopleDetector:
         self._number = 0
         self._before: deque[tuple[list[np.ndarray], list[Person]]] = deque(maxlen=_LOOK_BACK)
         self.late: list[tuple[int, Person]] = []
-        """People of earlier pictures that the last one led to, each with how many pictures before it."""
+        """People in earlier images that were found by the last image, each with the number of images before it."""
 
     def __call__(self, picture: np.ndarray) -> list[Person]:
-        """Return the people of the next picture (H, W, 3) uint8, RGB."""
+        """Return the people of the next image (H, W, 3) uint8, RGB."""
         pyramid = pyramid_of(np.ascontiguousarray(picture))
         people, lost = self._follow(pyramid)
         self._new: list[Person] = []
@@ -91,7 +93,7 @@ class PeopleDetector:
         height, width = picture.shape[:2]
         windows = windows_of(width, height, tuple(self._config.windows))
         if self._number >= _FULL_SEARCHES:
-            # All windows in turn, so that a person who comes into sight is found soon.
+            # All windows are searched in turn, so that a person that appears is found soon.
             share = -(-len(windows) // self._config.search_every)
             start = self._number * share % len(windows)
             windows = (windows + windows)[start : start + share]
@@ -110,7 +112,7 @@ class PeopleDetector:
         return found
 
     def _follow_back(self, person: Person) -> Iterator[tuple[int, Person]]:
-        """Find a new person in the pictures before, one after the other, until it is known or not there for sure."""
+        """Follow a new person back through the previous images, until it is known there or not found with certainty."""
         for ago, (pyramid, known) in enumerate(reversed(self._before), 1):
             found = find_person(self._joints, pyramid, person.region)
             if found.region is None or _known(found, known) or disagreement(found, person) > _JUMP:
@@ -123,14 +125,14 @@ class PeopleDetector:
             person = found
 
     def _follow(self, pyramid: list[np.ndarray]) -> tuple[list[_Followed], list[Region]]:
-        """Return the people of the picture before, as they are now, and the regions of those that were lost."""
+        """Return the people of the previous image at their current places, and the regions of lost people."""
         seen = [(find_person(self._joints, pyramid, each.person.region), each) for each in self._followed]
         people: list[_Followed] = []
         lost: list[Region] = []
         for number, (person, before) in enumerate(sorted(seen, key=lambda pair: -clearness(pair[0]))):
             others = [each.person for each in people]
             if _known(person, others):
-                # The region went over to another person: look for its own without that one.
+                # The region moved to another person: search its own person with the other one painted over.
                 person = find_person(self._joints, pyramid, before.person.region, others)
             if person.region is None or _known(person, others):
                 lost.append(before.person.region)
@@ -148,7 +150,7 @@ class PeopleDetector:
         return people, lost
 
     def _again(self, pyramid: list[np.ndarray], person: Person, others: Sequence[Person]) -> Person:
-        """Return a person, searched again around where it is; the clearer of the two."""
+        """Search a person again around its place, and return the clearer of the two detections."""
         for candidate in find_candidates(self._finder, pyramid, [_around(person.region, _CROWD[0])], others):
             found = self._settled(pyramid, candidate.region)
             if found is not None and not _known(found, others) and clearness(found) > clearness(person) + _CLEARER:
@@ -156,7 +158,7 @@ class PeopleDetector:
         return person
 
     def _search(self, pyramid: list[np.ndarray], people: list[_Followed], windows: list[Region]) -> None:
-        """Add the people in windows that are new, and put those found clearer in the place of unclear ones."""
+        """Add new people that are found in windows, and replace unclear people by clearer detections of them."""
         failed = []
         for candidate in find_candidates(self._finder, pyramid, windows):
             region = candidate.region
@@ -175,9 +177,9 @@ class PeopleDetector:
                     self._add(people, self._confirmed(pyramid, self._settled(pyramid, beside)))
 
     def _search_crowds(self, pyramid: list[np.ndarray], people: list[_Followed]) -> None:
-        """Add people near others, which the finder does not see: in a window it sees the most prominent person alone.
+        """Add people near others. The first network misses them: in a window it finds only the most prominent person.
 
-        In the first pictures around all people, later around one in turn.
+        In the first images the search is around all people, later around one person per image, in turn.
         """
         looked = 0
         while looked < len(people):
@@ -192,7 +194,7 @@ class PeopleDetector:
                 return
 
     def _add(self, people: list[_Followed], found: Person | None) -> bool:
-        """Put a person among others, unless it is one of them that is as clear; return whether there was a person."""
+        """Add a person to others, unless they contain it at least as clearly; return whether there was a person."""
         if found is None:
             return False
         if any(part_of(found, each.person) for each in people):
@@ -207,7 +209,7 @@ class PeopleDetector:
         return True
 
     def _settled(self, pyramid: list[np.ndarray], region: Region, without: Sequence[Person] = ()) -> Person | None:
-        """Return the person of a region, on which two passes agree; None where there is none."""
+        """Return the person in a region if two passes agree on it, otherwise None."""
         person, most = None, 0.0
         for _ in range(_PASSES):
             before, person = person, find_person(self._joints, pyramid, region, without)
@@ -221,7 +223,7 @@ class PeopleDetector:
         return None
 
     def _confirmed(self, pyramid: list[np.ndarray], found: Person | None) -> Person | None:
-        """Return a person found where the finder saw none, if it is sure and stays the same in the whole picture."""
+        """Return a person that the first network missed, if it is certain and is also found in the unpainted image."""
         if found is None:
             return None
         again = find_person(self._joints, pyramid, found.region)

@@ -1,4 +1,4 @@
-"""Regions of a picture: turned squares around a person, and what is cut out of the picture there."""
+"""Regions of an image: rotated squares around a person, and how they are cut out of the image."""
 
 from dataclasses import dataclass
 from math import floor, log2
@@ -7,20 +7,20 @@ import cv2
 import numpy as np
 
 _MARGIN = 1.125
-"""Side of a region, relative to the circle around the body. MediaPipe takes 1.25; in rendered views of people with
-exact truth, 1.125 puts 2 to 6 % more of the visible joints within 5 % of the height."""
+"""Side of a region, relative to the circle around the body. MediaPipe uses 1.25. In rendered views of people with
+exact truth, 1.125 brings 2 to 6 % more of the visible joints within 5 % of the height."""
 _LEVELS = 4
-"""Of a pyramid; each has half the width and height of the one before."""
+"""Number of levels of a pyramid; each level has half the width and height of the previous one."""
 
 
 @dataclass(frozen=True)
 class Region:
-    """A turned square.
+    """A rotated square in an image.
 
     Attributes:
-        centre: (2,) px, from the corner of the picture (pixel + 0.5).
+        centre: (2,) px, from the corner of the image (pixel + 0.5).
         side: px.
-        up: (2,) unit vector of the picture that points up in the square.
+        up: (2,) unit vector in the image that points up in the square.
     """
 
     centre: np.ndarray
@@ -31,7 +31,7 @@ class Region:
     def around(cls, hip: np.ndarray, top: np.ndarray) -> "Region | None":
         """Return the region of a body from the middle of its hips and a point on the circle around it, (2,) px each.
 
-        None where the two are not apart, or not finite.
+        None if the two points coincide or are not finite.
         """
         along = np.asarray(top, np.float64) - hip
         radius = float(np.hypot(*along))
@@ -41,7 +41,7 @@ class Region:
 
     @classmethod
     def upright(cls, left: float, top: float, side: float) -> "Region":
-        """Return a square that is not turned."""
+        """Return a square that is not rotated."""
         return cls(np.array([left + side / 2, top + side / 2]), side, np.array([0.0, -1.0]))
 
     @property
@@ -50,24 +50,24 @@ class Region:
         return self.side / 2 / _MARGIN
 
     def to_picture(self, points: np.ndarray) -> np.ndarray:
-        """Return the places (..., 2) px in the picture of points (..., 2) in the square, from 0 to 1."""
+        """Return the places (..., 2) px in the image of points (..., 2) in the square, from 0 to 1."""
         return self.centre + (points - 0.5) * self.side @ self._axes
 
     def from_picture(self, places: np.ndarray) -> np.ndarray:
-        """Return the points (..., 2) in the square, from 0 to 1, of places (..., 2) px in the picture."""
+        """Return the points (..., 2) in the square, from 0 to 1, of places (..., 2) px in the image."""
         return (places - self.centre) @ self._axes.T / self.side + 0.5
 
     @property
     def _axes(self) -> np.ndarray:
-        """(2, 2) rows: what points right and down in the square."""
+        """(2, 2) unit vectors in the image, as rows, that point right and down in the square."""
         x, y = self.up
         return np.array([[-y, x], [-x, -y]])
 
     def cut(self, pyramid: list[np.ndarray], size: int) -> np.ndarray:
-        """Return the square (size, size, 3) of a picture; black outside of the picture.
+        """Return the square (size, size, 3) of an image; black outside of the image.
 
         Args:
-            pyramid: The picture, and smaller copies of it, as `pyramid_of` returns them. Nothing is shrunk by more
+            pyramid: The image, and smaller copies of it, as `pyramid_of` returns them. Nothing is shrunk by more
                 than 2 without averaging.
         """
         scale = self.side / size
@@ -80,7 +80,7 @@ class Region:
 
 
 def pyramid_of(picture: np.ndarray) -> list[np.ndarray]:
-    """Return a picture (H, W, 3) and copies of half, a quarter and an eighth of its size."""
+    """Return an image (H, W, 3) and copies of half, a quarter and an eighth of its size."""
     levels = [picture]
     while len(levels) < _LEVELS and min(levels[-1].shape[:2]) >= 2:
         height, width = levels[-1].shape[:2]

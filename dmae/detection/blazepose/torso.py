@@ -1,4 +1,5 @@
-"""Shoulders and hips where other detectors put them: BlazePose's landmarks lie lower, and its hips closer together."""
+"""Correction of shoulders and hips to the places of other detectors: BlazePose's landmarks are lower, and its hips
+closer together."""
 
 import numpy as np
 
@@ -8,7 +9,7 @@ _SHOULDERS_UP, _HIPS_UP, _HIPS_OUT = 0.02, 0.05, 0.02
 """Shifts along the torso, relative to its length, and of each hip away from the other, relative to their distance.
 
 Fitted to the true joints of 3,300 rendered people in four data sets, which gave 0.02 to 0.05 for the hips, 0.02 to 0.03
-for the shoulders. In the videos of Pose2Sim, BlazePose's hips lie 0.05 lower than those that OpenPose's joints give."""
+for the shoulders. In the videos of Pose2Sim, BlazePose's hips are 0.05 lower than OpenPose's."""
 
 
 def corrected_torso(xy: np.ndarray) -> np.ndarray:

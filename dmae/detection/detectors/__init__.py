@@ -1,1 +1,1 @@
-"""Which detectors are there? A file each; to add one, see `dmae.detection.registry`."""
+"""The built-in 2D detectors, one file each. `dmae.detection.registry` says how to add one."""

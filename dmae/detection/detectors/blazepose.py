@@ -1,4 +1,4 @@
-"""BlazePose: people are searched in windows, then followed from picture to picture in regions of their own."""
+"""BlazePose: people are searched in windows, then followed from image to image in regions of their own."""
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class BlazePose:
         return self._joints_of(self._people(picture))
 
     def found_late(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """See `PictureDetector`: people who were first found in the last picture, in those before it."""
+        """Return people that were first found in the last image, in the images before it; see `PictureDetector`."""
         return [(ago, *self._joints_of([person])) for ago, person in self._people.late]
 
     def _joints_of(self, people: list[Person]) -> tuple[np.ndarray, np.ndarray]:
@@ -37,7 +37,7 @@ class BlazePose:
             return np.empty((0, len(self.skeleton), 2)), np.empty((0, len(self.skeleton)))
         xy = corrected_torso(np.stack([person.xy for person in people]))
         score = np.stack([confidence(person) for person in people])
-        # A joint outside of the picture was not seen: its place is a guess.
+        # A joint outside of the image was not seen: its place is a guess.
         height, width = self._size
         inside = ((xy >= -0.5) & (xy <= (width - 0.5, height - 0.5))).all(-1)
         return np.where(inside[..., None], xy, np.nan), np.where(inside, score, np.nan)

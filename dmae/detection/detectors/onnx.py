@@ -1,4 +1,4 @@
-"""Models of users' own in ONNX: from the picture of a person to heat maps, or to SimCC, as RTMPose and ViTPose give."""
+"""ONNX models of users: from the image of a person to heat maps or SimCC, the outputs of ViTPose and RTMPose."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from dmae.files.contents import check_file
 from dmae.formats.openpose import BY_COUNT
 
 _MEAN, _DEVIATION = np.array((123.675, 116.28, 103.53), np.float32), np.array((58.395, 57.12, 57.375), np.float32)
-"""Of colours in ImageNet, with which such models are trained."""
+"""Mean and standard deviation of the colours in ImageNet, with which these models are trained."""
 _BOX_MARGIN = 1.25
 """Height of the box around a person, relative to the circle around the body."""
 
@@ -41,7 +41,7 @@ def onnx(config: PoseDetectorConfig) -> "OnnxDetector":
 class OnnxDetector:
     """A `PictureDetector` of two steps: BlazePose's regions of people, and the joints in each by the model.
 
-    The model takes (1, 3, H, W) RGB, normalised as of ImageNet. It returns heat maps (1, J, h, w), or SimCC: the places
+    The model takes (1, 3, H, W) RGB, normalised as in ImageNet. It returns heat maps (1, J, h, w), or SimCC: the places
     across (1, J, n W) and down (1, J, n H).
     """
 
@@ -77,11 +77,11 @@ class OnnxDetector:
         return xy, np.clip(score, 0, 1)
 
     def _joints(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return places (J, 2), px from the corner, and scores (J,) of the person in a picture (H, W, 3) uint8."""
+        """Return places (J, 2), px from the corner, and scores (J,) of the person in an image (H, W, 3) uint8."""
         pixels = ((picture.astype(np.float32) - _MEAN) / _DEVIATION).transpose(2, 0, 1)
         try:
             outputs = [each[0] for each in self._session.run(None, {self._input: pixels[None]})]
-        # onnxruntime raises errors of its own kinds, and outputs can be of no array.
+        # onnxruntime raises its own kinds of errors, and an output may not be an array.
         except Exception as error:
             first, _, _ = str(error).partition("\n")
             raise ValueError(f"{self._path}: this model cannot be run, {first}") from None
@@ -100,12 +100,12 @@ class OnnxDetector:
 
 
 def _peaks(maps: np.ndarray) -> np.ndarray:
-    """Return the places (J, 2), from 0 to 1, of the peaks of heat maps (J, h, w), a quarter of a cell exact."""
+    """Return the places (J, 2), from 0 to 1, of the peaks of heat maps (J, h, w), to a quarter of a cell."""
     _, height, width = maps.shape
     flat = maps.reshape(len(maps), -1).argmax(-1)
     y, x = flat // width, flat % width
     joint = np.arange(len(maps))
-    # Towards the higher neighbour, as such models are trained.
+    # The peak is shifted towards the higher neighbour, as these models are trained.
     right = maps[joint, y, np.minimum(x + 1, width - 1)] - maps[joint, y, np.maximum(x - 1, 0)]
     down = maps[joint, np.minimum(y + 1, height - 1), x] - maps[joint, np.maximum(y - 1, 0), x]
     return np.stack([(x + 0.5 + 0.25 * np.sign(right)) / width, (y + 0.5 + 0.25 * np.sign(down)) / height], -1)

@@ -21,7 +21,7 @@ _MOST_CLIPS = 1_000_000
 
 
 class BenchmarkSize(StrEnum):
-    """How many clips of each set."""
+    """Number of clips of each set."""
 
     small = "small"
     full = "full"

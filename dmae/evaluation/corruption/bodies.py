@@ -1,4 +1,4 @@
-"""Bodies that hide: how near each camera's line of sight to a joint passes to the bones before it."""
+"""Occlusion by bodies: the distance between each camera's line of sight to a joint and the bones in front of it."""
 
 import numpy as np
 
@@ -10,22 +10,21 @@ _TRUNK = ("hip", "shoulder", "neck")
 _RADII = (0.05, 0.13)
 """m; half the thickness of a limb or head, and of the trunk."""
 _AHEAD = 0.15
-"""m; what is nearer than this to a joint, along the line of sight, does not hide it."""
+"""m; points that are nearer than this to a joint, along the line of sight, do not hide it."""
 _APART = 3
 """A bone hides a joint of the same body if it is this many bones away."""
 
 
 def clearance(centres: np.ndarray, joints: np.ndarray, bodies: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Return by how much the line of sight to each joint misses the nearest of other bodies, (F, V, P, J) m.
+    """Return distances (F, V, P, J), m, from the line of sight to each joint to the surface of the nearest other body.
 
-    It is negative where a body hides the joint, as it is; NaN where the joint is unknown; infinite where no body is
-    known.
+    It is negative where a body hides the joint, NaN where the joint is unknown, and infinite where no body is known.
 
     Args:
         centres: (V, 3) camera centres, m, world.
         joints: (F, P, J, 3) joints to be seen, m.
         bodies: (F, B, J, 3) bodies that hide them, m.
-        skeleton: Of the bodies.
+        skeleton: Skeleton of the bodies.
     """
     points, radii = _surface(bodies, skeleton)
     flat = points.reshape(len(points), -1, 3)
@@ -62,9 +61,9 @@ def _surface(bodies: np.ndarray, skeleton: Skeleton) -> tuple[np.ndarray, np.nda
 
 
 def _clearance(centres: np.ndarray, joints: np.ndarray, points: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Return how far the sights of joints (F, P, J, 3) pass from points (F, N, 3) less their radii (N,), (F, V, P, J).
+    """Return distances (F, V, P, J) from lines of sight to joints (F, P, J, 3) to points (F, N, 3), less radii (N,).
 
-    Frame by frame, as there are many pairs of a sight and a point.
+    Frames are processed one at a time, as there are many pairs of a line and a point.
     """
     frames, people, skeleton = joints.shape[:3]
     found = np.full((frames, len(centres), people * skeleton), np.inf)
@@ -84,7 +83,7 @@ def _clearance(centres: np.ndarray, joints: np.ndarray, points: np.ndarray, radi
 
 
 def _bones_between(skeleton: Skeleton) -> np.ndarray:
-    """Return how many bones lie between each joint and each bone, (J, bones); 0 where the joint is an end of it."""
+    """Return the number of bones between each joint and each bone, (J, bones); 0 if the joint is an end of the bone."""
     steps = np.full((len(skeleton), len(skeleton)), np.inf)
     np.fill_diagonal(steps, 0)
     for a, b in skeleton.bones:

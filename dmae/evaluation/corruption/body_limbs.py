@@ -1,4 +1,4 @@
-"""Which limb each joint of a skeleton belongs to."""
+"""Limbs: the limb to which each joint of a skeleton belongs."""
 
 import numpy as np
 

@@ -13,10 +13,10 @@ def companion(people: np.ndarray, person: int, distance: float, angle: np.ndarra
 
     Args:
         people: (F, P, J, 3) m, world, z up.
-        person: Index of the one who is copied.
-        distance: m, horizontally, between the middles of both bodies.
-        angle: rad, in which direction, (F,) or constant.
-        delay: Frames by which the copy moves later; at the ends of the clip its motion runs back.
+        person: Index of the copied person.
+        distance: m, horizontal distance between the middles of both bodies.
+        angle: rad, direction of the copy from the person, (F,) or constant.
+        delay: Frames by which the copy is delayed; at the ends of the clip its motion is reversed.
     """
     copy = people[delayed(len(people), delay), person]
     to = np.stack([np.cos(angle), np.sin(angle)], -1) * distance
@@ -33,16 +33,16 @@ def delayed(frames: int, delay: int) -> np.ndarray:
 
 
 def with_companions(clip: Clip, bodies: np.ndarray, copied: list[int], delays: list[int]) -> Clip:
-    """Return the clip with the detections of more people, who hide others and are hidden by them.
+    """Return the clip with detections of additional people, which hide others and are hidden by them.
 
-    A joint of a copy is detected as well, or as badly, as that of the person at the time copied: as far off, in
-    proportion to the height in the image, with the same confidence, or not at all. Joints behind any other body are not
-    detected, nor are those outside the image.
+    The detection of a joint of a copy has the same error, in proportion to the height in the image, and the same
+    confidence as that of the person at the copied time; or it is missing in the same way. Joints behind any other body
+    or outside the image are not detected.
 
     Args:
         bodies: (F, B, J, 3) the copies, m.
-        copied: (B,) the person that each copies.
-        delays: (B,) frames by which each is later.
+        copied: (B,) index of the person that each body copies.
+        delays: (B,) frames by which each body is delayed.
     """
     rig, skeleton = clip.true_rig or clip.rig, clip.poses.skeleton
     people, count = clip.poses.xyz.astype(np.float64), clip.poses.xyz.shape[1]

@@ -14,15 +14,15 @@ from dmae.reconstruction.config import CaptureConfig
 
 
 def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0, people: Poses3D | None = None) -> Clip:
-    """Return the clip with corruptions applied; without any above level 0, the clip itself.
+    """Return the clip with corruptions applied; the clip itself if all levels are 0.
 
-    Its truth stays as it is, less the frames that are left out. Images and poses are left out: they are not of these
-    detections.
+    The truth does not change, except that some frames may be removed. Images and poses are removed, because they do not
+    belong to the new detections.
 
     Args:
         clip: Simulated or real.
         levels: Level of each corruption by name (`dmae.evaluation.corruption.registry`), or by `module:function`.
-        seed: Of what is drawn at random. A corruption draws the same numbers whatever others there are.
+        seed: Seed of random numbers. A corruption draws the same numbers with and without other corruptions.
         people: People of the clip, by default `people_of`.
 
     Raises:

@@ -17,7 +17,7 @@ def heights(xy: np.ndarray) -> np.ndarray:
 def redetected(clip: Clip, xy: np.ndarray, score: np.ndarray) -> Clip:
     """Return the clip with other detections (F, V, D, J, ...); a joint is absent where either is NaN.
 
-    Labels of the detections, which are not true of these, are left out.
+    Labels of the previous detections are removed, because they do not apply to the new ones.
     """
     absent = np.isnan(xy).any(-1) | np.isnan(score)
     xy, score = np.where(absent[..., None], np.nan, xy), np.where(absent, np.nan, score)
@@ -35,7 +35,7 @@ def undetected_nearest(clip: Clip, margin: np.ndarray, percent: float) -> Clip:
 
     Args:
         margin: (F, V, D, J); NaN where unknown. Those joints stay, and do not count.
-        percent: Of the joints that count.
+        percent: Percentage of the joints that count.
     """
     margin = np.where(clip.detections.observed, margin, np.nan)
     known = margin[~np.isnan(margin)]

@@ -9,14 +9,15 @@ from dmae.numerics.noise import multiscale_noise
 def share_of_time(
     clip: Clip, shape: tuple[int, ...], percent: float, times: tuple[float, float], *, rng: np.random.Generator
 ) -> np.ndarray:
-    """Draw events (F, *shape) for every frame of a clip; they fill the asked share of all entries.
+    """Draw events (F, *shape) for every frame of a clip; they fill the requested share of all entries.
 
-    Events of a lower share are among those of a higher one. They come in many short bursts and a few long ones.
+    The events of a lower share are a part of the events of a higher share. They occur in many short bursts and a few
+    long ones.
 
     Args:
         clip: F frames.
-        shape: Of what the events happen to.
-        percent: How much of all entries they fill.
+        shape: Shape of the items that have events.
+        percent: Percentage of all entries that events fill.
         times: s; correlation times, mixed half and half.
         rng: Source of randomness.
     """

@@ -1,4 +1,4 @@
-"""The people of a clip, and which detection shows which of them: what corruptions depend on."""
+"""The people of a clip, and the detections that show each of them. Corruptions depend on both."""
 
 import numpy as np
 
@@ -12,15 +12,15 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
 _GATE = 0.25
-"""As a share of a person's height in the image. A detection with a greater mean distance shows another person."""
+"""Share of a person's height in the image. A detection with a greater mean distance shows another person."""
 _FRAMES = 200
-"""Frames that are matched at a time, so that memory stays flat."""
+"""Number of frames that are matched together, to limit memory."""
 
 
 def people_of(clip: Clip, config: CaptureConfig) -> Poses3D:
     """Return the people of a clip on the skeleton of its detections, with gaps filled linearly in the body's frame.
 
-    They are the truth where that has the skeleton of the detections, else what all cameras of the clip measure.
+    They are the truth if it has the skeleton of the detections, otherwise the people that all cameras measure.
     """
     skeleton = clip.detections.skeleton
     known = clip.truth is not None and skeleton.name in clip.truth.skeleton.name.split("+")
@@ -29,7 +29,7 @@ def people_of(clip: Clip, config: CaptureConfig) -> Poses3D:
 
 
 def pixels_of_people(clip: Clip) -> np.ndarray:
-    """Return the pixels (F, V, P, J, 2) of `clip.poses` in the cameras as they truly are."""
+    """Return the pixels (F, V, P, J, 2) of `clip.poses` in the true cameras."""
     return (clip.true_rig or clip.rig).project(clip.poses.xyz)[0]
 
 

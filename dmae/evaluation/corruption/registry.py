@@ -4,10 +4,10 @@
     def blur(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
         '''Joints are smeared along their motion.'''
 
-The function takes a clip and a level above 0 and returns the clip with that much more wrong with its detections,
-cameras or frame rate. It never changes the truth. `clip.poses` are the people of the clip on the skeleton of the
-detections, with gaps filled (`dmae.evaluation.corruption.people`); capture never reads them. As far as possible a
-corruption draws the same random numbers at every level, so that what one level hides the next one hides, too.
+The function takes a clip and a level above 0. It returns the clip with detections, cameras or frame rate corrupted at
+that level. It never changes the truth. `clip.poses` are the people of the clip on the skeleton of the detections, with
+gaps filled (`dmae.evaluation.corruption.people`); capture never reads them. As far as possible, a corruption draws the
+same random numbers at every level, so that the next level also hides the joints that one level hides.
 """
 
 from dataclasses import dataclass, field
@@ -22,11 +22,11 @@ class Corruption(Entry):
     """An axis of the stress matrix.
 
     Attributes:
-        unit: Of its levels, as "%" or "frames".
-        levels: Levels of the full matrix, increasing; 0, at which nothing changes, goes without saying.
-        small: Levels of the small one.
+        unit: Unit of its levels, for example "%" or "frames".
+        levels: Levels of the full matrix, increasing. Level 0, which changes nothing, is not listed.
+        small: Levels of the small matrix.
         order: Corruptions are applied, and listed, in this order.
-        most: Greatest level that there is.
+        most: Greatest possible level.
         whole: Levels are whole numbers.
         people: Smallest number of people that must be in an image at the same time.
         fewer_cameras: A level is the number of cameras that are left out.

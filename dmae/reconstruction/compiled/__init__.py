@@ -1,1 +1,1 @@
-"""HOW IS IT FAST? Inner loops of capture, compiled to machine code."""
+"""Inner loops of capture, compiled to machine code."""

@@ -1,11 +1,11 @@
-"""Which people are no coincidence: how well views agree, against how many figures they show."""
+"""Test whether people are a coincidence: the agreement of views, compared with the number of figures that they show."""
 
 import numpy as np
 
 from dmae.numerics.compiled import compiled
 
 _LEAST_RADIUS = 0.02
-"""m; views agree no better than this, even where residuals are smaller."""
+"""m; smallest assumed residual of views that agree, even if the residual is smaller."""
 _DISAGREEMENT = 0.25
 """m; residual of a joint on which views do not agree."""
 
@@ -14,17 +14,17 @@ _DISAGREEMENT = 0.25
 def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, most, supported):
     """Find the people with views that agree better than unrelated figures would.
 
-    Take the figures of each view as spread over the floor at random, n_v of them, and the area that a view overlooks at
-    the person's depth z_v as z_v^2 width_v / focal_v. A figure then lies within 2 r of a given place with
-    probability p_v = pi (2 r)^2 / area_v, and some figure of the view with a_v = 1 - exp(-n_v p_v). There are 1 / p
-    such places. The number of places at which k of the views agree within 2 r by chance is thus
+    Assume that the n_v figures of each view are spread over the floor at random, and that a view overlooks the area
+    z_v^2 width_v / focal_v at the person's depth z_v. A figure is then within 2 r of a given place with probability
+    p_v = pi (2 r)^2 / area_v, and any figure of the view with probability a_v = 1 - exp(-n_v p_v). There are 1 / p
+    of these places. The number of places at which k of the views agree within 2 r by chance is thus
 
         E = e_k(a_1, ..., a_V) / p,
 
     with e_k the elementary symmetric polynomial, the sum over all choices of k views. A person of k views with median
     residual r is supported if E is at most `most`. This is the a contrario rule of Desolneux, Moisan & Morel (IJCV
-    2000). The figures of supported people are explained, so they no longer count for those that come after; people of
-    more views come first, of equals those of smaller residuals.
+    2000). The figures of supported people are explained, so they do not count for later people. People with more views
+    are tested first; among people with equally many views, those with smaller residuals.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
@@ -104,7 +104,7 @@ def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees):
             x = (P[0, 0] * xyz[j, 0] + P[0, 1] * xyz[j, 1] + P[0, 2] * xyz[j, 2] + P[0, 3]) / z - xy[v, d, j, 0]
             y = (P[1, 0] * xyz[j, 0] + P[1, 1] * xyz[j, 1] + P[1, 2] * xyz[j, 2] + P[1, 3]) / z - xy[v, d, j, 1]
             total += min((x * x + y * y) * (z / focal[v]) ** 2, _DISAGREEMENT**2)
-        # Of 2 n coordinates, three went into the point.
+        # There are 2 n coordinates, and the point has three degrees of freedom.
         squares[detected - 1] = min(total / (2 * counts[j] - 3), _DISAGREEMENT**2)
     for v in range(views):
         shown, fitted = 0, 0

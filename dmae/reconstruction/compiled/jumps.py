@@ -13,8 +13,8 @@ def drop_broken(lengths, usual, bones, stretch, slack, dropped):
         lengths: (F, P, B) m; NaN where unknown.
         usual: (P, B) m; NaN where unknown.
         bones: (B, 2) parent and joint.
-        stretch: Share of its length by which a bone may be off.
-        slack: m, by which it may be off as well.
+        stretch: Largest error of a bone, as a share of its length.
+        slack: Additional error of a bone, m.
         dropped: (F, P, J) filled with False by the caller; True for joints to drop.
     """
     frames, persons, joints = dropped.shape
@@ -42,7 +42,7 @@ def drop_broken(lengths, usual, bones, stretch, slack, dropped):
 
 @compiled()
 def impossible_runs(xyz, known, wanted, fps, widest, noise, acceleration):
-    """Return runs of samples of n paths that are off, (m, 4): by how much, the path, the first sample, and the end.
+    """Return impossible runs of samples of n paths, (m, 4): the deviation, the path, the first sample, and the end.
 
     Samples are counted among the known ones of their path; see `dmae.reconstruction.pruning.jumps`.
 
@@ -118,7 +118,7 @@ def drop_runs(runs, known, widest):
 
 @compiled()
 def _ratio(xyz, kept, before, width, fps, noise, acceleration):
-    """Return the deviation of a run of samples after `before`, of the one that is off least, less than 1 if allowed."""
+    """Return the smallest deviation among the samples of a run after `before`; less than 1 if the run is allowed."""
     first, last = kept[before], kept[before + width + 1]
     a, b, ratio = xyz[first], xyz[last], np.inf
     chord = np.empty(3)

@@ -7,7 +7,7 @@ from dmae.numerics.compiled import compiled
 _PARALLEL = np.float32(1e-8)
 """Squared sine of an angle; lines at smaller ones are parallel."""
 _FIRST = 19
-"""Joints by which most pairs are refused, before the others are looked at."""
+"""Number of joints by which most pairs are rejected, before the other joints are compared."""
 _ROUNDING = np.float32(1e-4)
 """Of affinities, by far."""
 
@@ -23,8 +23,8 @@ def agreement(a, b, rays, weights, base_x, base_y, base_z, half_distance):
         b: Index of the other one.
         rays: (n, 3, J) unit directions; zeros where the joint is absent.
         weights: (n, J) root of the confidence; 0 where the joint is absent.
-        base_x: m, from the camera of a to that of b; so are `base_y` and `base_z`.
-        half_distance: m, at which a joint counts half.
+        base_x: m, x from the camera of a to the camera of b; `base_y` and `base_z` are y and z.
+        half_distance: m, distance at which a joint counts half.
     """
     zero, one = np.float32(0), np.float32(1)
     square = base_x * base_x + base_y * base_y + base_z * base_z
@@ -47,7 +47,7 @@ def agreement(a, b, rays, weights, base_x, base_y, base_z, half_distance):
         back_a, back_b = back_a * back_a, back_b * back_b
         at_start = square - (back_a if back_a > back_b else back_b)
         at_start = at_start if at_start > zero else zero
-        # The distance of the lines is |volume| / sine; one division does for both cases.
+        # The distance of the lines is |volume| / sine; one division serves both cases.
         share = sine2 if ahead else one
         distance2 = volume * volume if ahead else share * at_start
         near += weight * share / (share + distance2 * scale)
@@ -109,7 +109,7 @@ def find_partners(
     count, one = len(view), np.float32(1)
     by_joint, shown = np.ascontiguousarray(rays.transpose(1, 2, 0)), np.ascontiguousarray(weights.T)
     most = np.zeros(count, np.float32)
-    # Lower affinities by rays are too low even with clothes of the same colour.
+    # Below this, the affinity is too low even with clothes of the same colour.
     by_rays = -one if colour_weight >= one else (least - colour_weight) / (one - colour_weight) - _ROUNDING
     for i in range(count):
         a, first = view[i], i + 1
@@ -134,14 +134,14 @@ def find_partners(
 
 @compiled(fastmath=True)
 def _most(i, first, last, rays, weights, base_x, base_y, base_z, half_distance, by_rays, most):
-    """Write `near - by_rays * total` of the sums of `agreement` of detection i and those from `first` up to `last`.
+    """Write an upper bound of `near - by_rays * total`, the sums of `agreement`, of detection i and `first` to `last`.
 
-    The rays of the first joints are compared; those of the others are taken to meet, so that it is that much or more.
+    Only the rays of the first joints are compared. The rays of the others are assumed to meet, which gives the bound.
 
     Args:
         rays: (3, J, n) unit directions; zeros where the joint is absent.
         weights: (J, n) root of the confidence; 0 where the joint is absent.
-        by_rays: Smallest affinity that is of interest.
+        by_rays: Smallest affinity of interest.
         most: (n,) written, from its beginning.
     """
     zero, one = np.float32(0), np.float32(1)
@@ -195,7 +195,7 @@ def _insert(partners, affinities, partner, found):
 def supports(first, second, found, view, partners, affinities):
     """Return the support of pairs of partners (m,).
 
-    It is the affinity of the pair plus, in each other view, that of the detection which fits both.
+    It is the affinity of the pair plus, in each other view, the affinity of the detection that fits both.
 
     Args:
         first: (m,) detections.
@@ -246,7 +246,7 @@ def join(
         second: (m,) their partners.
         view: As for `affinity`; so are the arguments that follow.
         least: Smallest mean affinity between the members of two groups that are joined.
-        members: (n, V) filled with -1; each row the detections of a group by view, or of none.
+        members: (n, V) filled with -1; each row contains the detections of a group by view, or is empty.
     """
     group = np.arange(len(view))
     for i in range(len(view)):

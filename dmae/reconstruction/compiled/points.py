@@ -1,4 +1,4 @@
-"""Triangulation of single points, compiled; see `dmae.reconstruction.triangulation.triangulate` for what it does."""
+"""Triangulation of single points, compiled; `dmae.reconstruction.triangulation.triangulate` describes the method."""
 
 import numpy as np
 
@@ -27,11 +27,11 @@ def triangulate_points(
     used,
     residual,
 ):
-    """Triangulate n points, each on its own, and write those that are found into the last four arrays.
+    """Triangulate n points separately, and write the points that are found into the last four arrays.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
-        rays: (V, 3, 3) matrices that turn homogeneous pixels into directions in the world.
+        rays: (V, 3, 3) matrices from homogeneous pixels to directions in the world.
         centers: (V, 3) m.
         focal: (V,) px.
         xy: (n, V, 2) px.
@@ -40,8 +40,8 @@ def triangulate_points(
         gate: Sigmas; residuals beyond them are not used.
         limits: (6,) least depth, m; length of the last step, m; sigmas up to which errors are squared; largest standard
             error, m; sigmas from which a view counts less, and from which not at all, where views are selected.
-        agreeing: Points on which this many views agree come before others.
-        selected: Fewest views of a point of which those that contradict the others are left out.
+        agreeing: Points on which this number of views agree are preferred.
+        selected: Smallest number of views of a point for which contradicting views are left out.
         iterations: Largest number of Gauss-Newton steps.
         xyz: (n, 3) m, filled with NaN by the caller.
         cov: (n, 3, 3) m^2, filled with NaN by the caller.
@@ -134,7 +134,7 @@ def triangulate_points(
 
 @compiled()
 def _most_certain(seen, count, sigma, best):
-    """Write the views of the smallest sigmas, in order, into `best`; return how many there are."""
+    """Write the views with the smallest sigmas, in order, into `best`; return their number."""
     number = min(count, _PAIRED_VIEWS)
     for place in range(number):
         chosen = -1

@@ -1,4 +1,4 @@
-"""Distances between reprojections of people and detections, and what follows from them, compiled."""
+"""Distances between reprojections of people and detections, and decisions based on them, compiled."""
 
 import numpy as np
 
@@ -77,14 +77,14 @@ def measure_pairs(projections, focal, xy, xyz, detection, pairs, distance, excha
 
 @compiled()
 def nearest_detections(projections, focal, xy, paths, most, assigned):
-    """Write, for joints with a path, the detection nearest to it that is nearest to no other person, or -1.
+    """Write, for joints with a path, the nearest detection that is not nearer to another person, or -1.
 
     Args:
         projections: (V, 3, 4) pinhole projection matrices.
         focal: (V,) px.
         xy: (F, V, D, J, 2) px; NaN where absent.
-        paths: (F, P, J, 3) m; NaN where a joint has no path, and keeps its assignment.
-        most: m, less than which a detection is from its path.
+        paths: (F, P, J, 3) m; NaN where a joint has no path; its assignment then does not change.
+        most: m, upper limit of the distance of a detection from the path.
         assigned: (F, P, V, J), written.
     """
     frames, persons, views, joints = assigned.shape
@@ -114,16 +114,16 @@ def nearest_detections(projections, focal, xy, paths, most, assigned):
 
 @compiled()
 def judge_sides(distance, exchanged, groups, sigma, farthest, most, least, wrong):
-    """Write where pairs of joints are clearly nearer to their expected places with sides exchanged.
+    """Write True for pairs of joints that are clearly nearer to their expected places with sides exchanged.
 
     Args:
-        distance: (m, n, 2) m, of the joints of n pairs from their places.
-        exchanged: (m, n, 2) m, from the places of their partners.
+        distance: (m, n, 2) m, distances of the joints of n pairs from their expected places.
+        exchanged: (m, n, 2) m, distances from the expected places of their partners.
         groups: (G, n) True for the pairs that are exchanged together.
-        sigma: m, of the distances.
+        sigma: m, standard deviation of the distances.
         farthest: m; larger distances count as this.
-        most: m, mean distance of joints once they are exchanged.
-        least: Logarithm of the ratio of likelihoods from which on sides are exchanged.
+        most: m, largest mean distance of joints after the exchange.
+        least: Smallest logarithm of the ratio of likelihoods for an exchange of sides.
         wrong: (m, n) bool, written.
     """
     rows, pairs = wrong.shape

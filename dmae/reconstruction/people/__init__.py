@@ -1,1 +1,1 @@
-"""Which people are wanted, which cameras disagree about them or exchange their sides, and why there are none."""
+"""Captured people: selection, body size, disagreement of cameras, exchanged sides, and diagnosis if there are none."""

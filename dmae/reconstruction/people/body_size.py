@@ -1,4 +1,4 @@
-"""Bodies of other sizes than people's: capture in a world in which they are as large as people."""
+"""Bodies that are larger or smaller than people: capture in a world in which they are as large as people."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,20 +13,20 @@ from dmae.numerics.closest_approach import closest_approach
 from dmae.reconstruction.config import CaptureConfig
 
 _FRAMES, _PAIRS, _DETECTIONS = 40, 10, 8
-"""Most frames in which bodies are measured, pairs of cameras in a frame, and detections of a camera."""
+"""Largest numbers of frames for the measurement of bodies, of pairs of cameras per frame, of detections per camera."""
 _GAP = 0.05
 """Largest median distance between the rays of two cameras to the joints of one body, as a share of its extent."""
 _WHOLE = 0.6
-"""Share of the joints that two cameras have to share."""
+"""Smallest share of the joints that two cameras must have in common."""
 _SIZE_QUANTILE = 0.8
 """As of `dmae.data.skeletons.size.usual_size`."""
 
 
 def in_units_of_people(steps: Callable[[Clip, CaptureConfig], Poses3D], clip: Clip, config: CaptureConfig) -> Poses3D:
-    """Return what steps of capture find in a world in which bodies are as large as people, in the world of the clip.
+    """Run steps of capture in a world in which bodies are as large as people; return their result in the clip's world.
 
     Raises:
-        ValueError: the skeleton states no size, and the detections do not show it.
+        ValueError: the skeleton states no size, and the detections do not determine it.
     """
     skeleton = sized(clip, config)
     if skeleton.scale == 1:
@@ -36,7 +36,7 @@ def in_units_of_people(steps: Callable[[Clip, CaptureConfig], Poses3D], clip: Cl
 
 
 def sized(clip: Clip, config: CaptureConfig) -> Skeleton:
-    """Return the skeleton of a clip with a size, measured where it states none; ValueError where that cannot be."""
+    """Return the skeleton of a clip with a size, measured if it states none; ValueError if it cannot be measured."""
     skeleton = clip.detections.skeleton
     if skeleton.size_m is not None:
         return skeleton
@@ -63,7 +63,7 @@ def resized_clip(clip: Clip, skeleton: Skeleton) -> Clip:
 
 
 def resized_config(config: CaptureConfig, factor: float) -> CaptureConfig:
-    """Return the configuration for a world `factor` times as large: its places move, lengths on the body stay."""
+    """Return the configuration for a world `factor` times as large: places are scaled, lengths on the body are not."""
     subject = config.subject
     if subject.at is not None and subject.camera is None:
         subject = replace(subject, at=[subject.at[0], *(factor * value for value in subject.at[1:])])
@@ -74,10 +74,10 @@ def resized_config(config: CaptureConfig, factor: float) -> CaptureConfig:
 
 
 def measured_size(clip: Clip, th_p: float) -> float | None:
-    """Return the usual distance between the two joints farthest apart, m; None where no two cameras show it.
+    """Return the usual distance between the two joints farthest apart, m; None if no two cameras show it.
 
-    In some frames each detection of a camera is compared with those of another: the rays to the joints of one body
-    nearly meet, and where they do is its extent.
+    In some frames each detection of a camera is compared with the detections of another. The rays to the joints of one
+    body nearly meet, and the points where they meet give its extent.
     """
     xy = np.where((clip.detections.score >= th_p)[..., None], clip.detections.xy, np.nan).astype(np.float64)
     enough = (np.isfinite(xy[..., 0]).sum(-1) >= max(2, _WHOLE * xy.shape[-2])).any(-1)

@@ -1,4 +1,4 @@
-"""Why capture found few people or none: what is left after each step, and what would change that."""
+"""Diagnosis of a capture with few or no people: the result of each step, and suggested changes."""
 
 from dataclasses import dataclass, replace
 from itertools import product
@@ -21,11 +21,11 @@ from dmae.reconstruction.tracking import track
 from dmae.reconstruction.tracks import Tracks
 
 _FRAMES = 10
-"""Frames of which detections are compared."""
+"""Number of frames in which detections are compared."""
 _MIN_JOINTS = 3
-"""Fewest joints of a detection that is compared."""
+"""Smallest number of joints of a detection that is compared."""
 _SHORTEST_BONE, _LONGEST_BONE = 0.1, 0.8
-"""m; of a body some bone is longer than the first, and none longer than the second."""
+"""m; a body has a bone that is longer than the first value, and no bone longer than the second."""
 _SCALES = {
     1.0: "",
     0.001: "lengths of the calibration are in mm: data.unit=mm, or divide its translations by 1000",
@@ -48,11 +48,11 @@ _ZOOMS = {
 
 @dataclass(frozen=True)
 class Explanation:
-    """Why there are few people or none.
+    """The reasons for few or no people.
 
     Attributes:
-        stages: What each step left, in order: words and a number.
-        suggestions: What to change, the likeliest first.
+        stages: What remained after each step, in order: words and a number.
+        suggestions: Suggested changes, the most likely first.
     """
 
     stages: tuple[tuple[str, int], ...]
@@ -66,10 +66,10 @@ class Explanation:
 
 
 def explain_capture(clip: Clip, config: CaptureConfig) -> Explanation:
-    """Repeat the steps of `dmae.reconstruction.pipeline.capture`, and count what is left after each.
+    """Repeat the steps of `dmae.reconstruction.pipeline.capture`, and count what remains after each step.
 
-    Where detections of different cameras do not fit each other, it is tried whether they do with other units, inverted
-    extrinsics, or images of another size.
+    If detections of different cameras do not fit each other, other units, inverted extrinsics and other image sizes are
+    tried.
     """
     if clip.detections.skeleton.defined and clip.detections.observed.any():
         try:
@@ -137,9 +137,9 @@ def _suggestions_without_pairs(clip: Clip, config: CaptureConfig, enough: np.nda
 
 @dataclass(frozen=True)
 class _Compared:
-    """Numbers of pairs of detections, of those that agree, of groups that make a body, and of joints in views of these.
+    """Numbers of pairs of detections, of pairs that agree, of groups that form a body, and of joints in their views.
 
-    Joints count that three views or more agree on: of two views, many agree by coincidence.
+    Joints count if three views or more agree on them, as two views often agree by coincidence.
     """
 
     pairs: int
@@ -175,7 +175,7 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
             whole = (known >= config.tracking.births(len(skeleton))) & ~(
                 length > (PERSON_M if skeleton.defined else _LONGEST_BONE)
             ).any(-1)
-            # In a world that is too small all rays meet, and bones have no length.
+            # In a world that is too small, all rays meet and bones are too short.
             whole &= (length > _SHORTEST_BONE).any(-1) | (not len(start))
             bodies += int(whole.sum())
             views = points.views[whole]
@@ -184,7 +184,7 @@ def _bodies(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, frames: np.n
 
 
 def _other_readings(evidence: Evidence, skeleton: Skeleton, frames: np.ndarray, found: _Compared) -> list[str]:
-    """Return what to change so that cameras agree, where one of the usual mistakes explains that they do not."""
+    """Return suggested changes that make the cameras agree, if a usual mistake explains the disagreement."""
     best, suggestions = max(2 * found.joints, 10 * len(frames)), []
     readings = sorted(product(_SCALES, _INVERSES, _ZOOMS), key=lambda r: (r[0] != 1) + r[1] + (r[2] != 1))
     for scale, inverse, zoom in readings[1:]:
@@ -192,7 +192,7 @@ def _other_readings(evidence: Evidence, skeleton: Skeleton, frames: np.ndarray, 
         world[:, :3, 3] *= scale
         joints = _bodies(evidence, replace(evidence.rig, cam_from_world=world), skeleton, frames, zoom).joints
         if joints > best:
-            # A simpler reading comes first; one with more mistakes has to explain clearly more.
+            # A simpler explanation is preferred; one with more mistakes must explain clearly more.
             best = 1.3 * joints
             parts = [part for part in (_SCALES[scale], _INVERSES[inverse], _ZOOMS[zoom]) if part]
             suggestions = [f"{'; and '.join(parts)} ({joints:,} detected joints then agree, now {found.joints:,})"]
@@ -200,7 +200,7 @@ def _other_readings(evidence: Evidence, skeleton: Skeleton, frames: np.ndarray, 
 
 
 def _kept(tracks: Tracks, clip: Clip, config: CaptureConfig) -> tuple[list[tuple[str, int]], list[str]]:
-    """Return the stages from tracks to people, and what to change so that some are left."""
+    """Return the stages from tracks to people, and suggested changes so that some people remain."""
     skeleton, fps, tracking = clip.detections.skeleton, clip.fps, config.tracking
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s))
     stages, suggestions = [("people that they are of", tracks.xyz.shape[1])], []

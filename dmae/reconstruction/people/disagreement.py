@@ -1,4 +1,4 @@
-"""Cameras that see a person with a constant offset from where the other cameras see it."""
+"""Cameras that see a person with a constant offset from the other cameras."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,22 +11,24 @@ from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.triangulation import Points
 
 _OFFSET = 0.7
-"""Sigmas of the detections; a larger constant offset between a camera and the points is no noise. Over the people of
-Shelf offsets are up to 0.3, in Pose2Sim's demonstration, with cameras that are 5 to 8 cm off, 0.85 and 1.06."""
+"""Sigmas of the detections; a larger constant offset between a camera and the points is not noise.
+
+Offsets are up to 0.3 for the people of Shelf, and 0.85 and 1.06 in Pose2Sim's demonstration, with cameras that are 5 to
+8 cm off."""
 _MIN_FRAMES = 25
-"""Fewest frames in which a camera sees a person that say what is constant."""
+"""Smallest number of frames in which a camera sees a person, for the estimate of a constant offset."""
 
 
 def cameras_disagree(evidence: Evidence, assigned: np.ndarray, points: Points) -> np.ndarray:
     """Return (P,) True for people on which cameras disagree by a constant, as after an inexact calibration.
 
-    The offset of a camera is the median, over joints and frames, of where points reproject less where they were
-    detected, in sigmas of the detection. Noise is on all sides and cancels; a camera that stands elsewhere does not.
+    The offset of a camera is the median, over joints and frames, of the reprojected minus the detected position, in
+    sigmas of the detection. Noise has no direction and cancels; the error of a displaced camera does not.
 
     Args:
         evidence: Detections of F frames.
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
-        points: (F, P, J) triangulated from them.
+        points: (F, P, J) points triangulated from them.
     """
     return _disagree(standardised_offsets(evidence, assigned, points.xyz))
 
@@ -45,7 +47,7 @@ def _disagree(offset: np.ndarray) -> np.ndarray:
 
 
 def standardised_offsets(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray) -> np.ndarray:
-    """Return where joints (F, P, J, 3) reproject less where they were detected, (F, P, V, J, 2), in sigmas."""
+    """Return reprojected minus detected positions of joints (F, P, J, 3), as (F, P, V, J, 2), in sigmas."""
     rig, noise, absent = evidence.rig, evidence.config.noise, assigned == NONE
     frame, view, joint = (
         np.arange(len(assigned))[:, None, None, None],
@@ -64,7 +66,7 @@ def settle_disagreement(
 ) -> None:
     """Triangulate the people on which cameras disagree again, in place, from the cameras that agree most.
 
-    Joints on which too few cameras agree then stay as they are.
+    Joints on which too few cameras then agree are not changed.
 
     Args:
         evidence_of: Returns the evidence of a block.

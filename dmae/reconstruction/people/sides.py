@@ -1,7 +1,7 @@
-"""Left and right: joints that a detector put on the other side of the body are found and put right.
+"""Left and right: joints that a detector put on the other side of the body are found and corrected.
 
-A detector exchanges sides for one frame or for seconds, with full confidence, in one view. The other views, and the
-frames around, show where left and right are.
+A detector may exchange sides for one frame or for seconds, with full confidence, in one view. The other views and
+neighbouring frames show the correct sides.
 """
 
 from dataclasses import dataclass, replace
@@ -18,12 +18,12 @@ from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 
 _SIGMA = 0.04
-"""m; how far joints are from where they are expected, noise of both."""
+"""m; standard deviation of the distance of joints from their expected places, including the noise of both."""
 _MIN_EVIDENCE = 8.0
-"""Of an exchange: logarithm of the ratio of the likelihoods of a pair, a limb or the whole body with sides exchanged
-and as detected. A pair that is alone exchanged is 11 cm wide at least."""
+"""Smallest logarithm of the ratio of likelihoods, with sides exchanged and as detected, for a pair, a limb or the whole
+body to be exchanged. A pair that is exchanged alone is at least 11 cm wide."""
 _FARTHEST, _MAX_DISTANCE = 0.3, 0.15
-"""m; a joint that is farther away counts as so far; and the largest mean distance of joints once they are exchanged."""
+"""m; upper limit of the distance of a joint, and largest mean distance of joints after the exchange."""
 _LIMBS = (
     ("shoulder", "elbow", "wrist", "little_finger", "index_finger", "thumb"),
     ("hip", "knee", "ankle", "heel", "big_toe", "small_toe"),
@@ -45,7 +45,7 @@ class Sides:
 
     @classmethod
     def of(cls, skeleton: Skeleton) -> "Sides":
-        """Return those of a skeleton."""
+        """Return the sides of a skeleton."""
         mirror = np.array(skeleton.mirror, int)
         names = [joint.rpartition(".")[2] for joint in skeleton.joints]
         left = np.array(skeleton.left, int)
@@ -59,7 +59,7 @@ class Sides:
 
 
 def _top(skeleton: Skeleton, joint: int) -> int:
-    """Return the joint from which a limb hangs, its highest one with a partner on the other side."""
+    """Return the first joint of a limb: its highest joint with a partner on the other side."""
     parents, mirror = skeleton.parents, skeleton.mirror
     while parents[joint] >= 0 and mirror[parents[joint]] != parents[joint]:
         joint = parents[joint]
@@ -67,12 +67,12 @@ def _top(skeleton: Skeleton, joint: int) -> int:
 
 
 def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> np.ndarray:
-    """Return distances (..., J) with those of exchanged joints where these are clearly smaller.
+    """Return distances (..., J), replaced by those of exchanged joints where these are clearly smaller.
 
     Args:
-        distance: (..., J) m, of detected joints from where they are expected.
-        exchanged: (..., J) m, of detected joints from where their partners on the other side are expected.
-        sides: Of the skeleton.
+        distance: (..., J) m, distances of detected joints from their expected places.
+        exchanged: (..., J) m, distances from the expected places of their partners on the other side.
+        sides: Sides of the skeleton.
     """
     pairs = sides.pairs
     if not len(pairs):
@@ -90,13 +90,13 @@ def find_exchanged(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the pairs of joints with left and right exchanged in a minority of views, or in half of them.
 
-    Where most views have them exchanged it is the expected place that is wrong.
+    If most views have them exchanged, the expected place is wrong.
 
     Args:
         evidence: Detections.
         frames: F frames of the evidence.
         assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
-        expected: (F, P, J, 3) m, where joints are expected; NaN where that is not known.
+        expected: (F, P, J, 3) m, expected places of the joints; NaN where unknown.
         sides: Of the skeleton.
 
     Returns:
@@ -155,7 +155,7 @@ def _exchanged_detections(clip: Clip, part: slice, xyz: np.ndarray) -> np.ndarra
     found = np.where(closeness.max(-1, initial=-np.inf) > 0, closeness.argmax(-1), NONE).swapaxes(1, 2)
     assigned = np.repeat(found[..., None], xyz.shape[2], -1)
     wrong, _ = find_exchanged(evidence, frames, assigned, xyz, sides)
-    # A pair of ears or eyes alone says little: they are close to each other.
+    # A pair of ears or eyes alone is weak evidence, as they are close to each other.
     return (wrong.sum(-1) >= 2).any(1)
 
 

@@ -1,4 +1,4 @@
-"""Which of the captured people are wanted: those in a volume, a number of them, or one subject."""
+"""Selection of captured people: the people in a volume, a number of people, or one subject."""
 
 import itertools
 
@@ -15,11 +15,11 @@ from dmae.reconstruction.merging import merge
 from dmae.reconstruction.tracks import Tracks
 
 _LINK_BUILD = 0.1
-"""Relative difference of bone lengths from which on two tracks are never linked to one person."""
+"""Relative difference of bone lengths above which two tracks are never linked to one person."""
 _LINK_DISTANCE, _LINK_SPEED = 0.5, 2.0
-"""m and m/s: how far from the end of a track another one of the same person starts."""
+"""m and m/s: largest distance from the end of a track to the start of another track of the same person."""
 _NEAR_SUBJECT_M, _NEAR_SUBJECT = 1.0, 0.1
-"""m, and diagonals of the image: how far from the place that was named the subject may be."""
+"""m, and diagonals of the image: largest distance of the subject from the given place."""
 
 
 def inside_volume(tracks: Tracks, volume: list[float] | None) -> Tracks:
@@ -45,11 +45,11 @@ def inside_volume(tracks: Tracks, volume: list[float] | None) -> Tracks:
 def wanted_people(tracks: Tracks, rig: CameraRig, skeleton: Skeleton, fps: float, config: CaptureConfig) -> Tracks:
     """Return the tracks of the people that `config.persons` and `config.subject` ask for, in the order of their births.
 
-    It is decided over the whole recording: people are those measured most, by joints times frames. Where there are more
-    tracks than people asked for, tracks that follow each other, of the same build and within reach, are linked first.
+    The whole recording decides: the people measured most, by joints times frames, are kept. If there are more tracks
+    than requested people, tracks that follow each other, of the same build and within reach, are linked first.
 
     Raises:
-        ValueError: the subject cannot be found; the message says where people are.
+        ValueError: the subject cannot be found; the message states the places of people.
     """
     subject = config.subject
     if subject.leg_m is not None:
@@ -80,7 +80,7 @@ def leg_lengths(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 
 
 def _person_at(xyz: np.ndarray, rig: CameraRig, subject: SubjectConfig) -> int:
-    """Return the index of the person at the place that is named."""
+    """Return the index of the person at the given place."""
     frame, *place = subject.at
     if frame != int(frame) or not 0 <= frame < len(xyz):
         raise ValueError(f"subject.at={subject.at}: expected a frame from 0 to {len(xyz) - 1}, found {frame:g}")
@@ -106,12 +106,12 @@ def _person_at(xyz: np.ndarray, rig: CameraRig, subject: SubjectConfig) -> int:
 
 
 def _linked(xyz: np.ndarray, skeleton: Skeleton, fps: float, persons: int, only: int | None = None) -> np.ndarray:
-    """Return (P,) for each track the lowest index of the tracks linked with it, until this many people are left.
+    """Return (P,) for each track the lowest index of the tracks linked with it; links stop at a given number of people.
 
-    Of possible links the one between the bones of most similar lengths comes first.
+    The possible link with the most similar bone lengths comes first.
 
     Args:
-        only: A track; other links than with its person are not made.
+        only: A track; only links with its person are made.
     """
     label, present = np.arange(xyz.shape[1]), by_frames(lambda xyz: ~np.isnan(xyz[..., 0]).all(-1), xyz)
     lengths = symmetric_bone_lengths(xyz, skeleton)
@@ -135,7 +135,7 @@ def _linked(xyz: np.ndarray, skeleton: Skeleton, fps: float, persons: int, only:
 def _link_cost(
     xyz: np.ndarray, present: np.ndarray, lengths: np.ndarray, a: np.ndarray, b: np.ndarray, fps: float
 ) -> float | None:
-    """Return the difference in build of two groups of tracks; None where they cannot be of one person."""
+    """Return the difference in build of two groups of tracks; None if they cannot belong to one person."""
     here, there = present[:, a].any(1), present[:, b].any(1)
     if not here.any() or not there.any() or (here & there).any():
         return None
@@ -143,7 +143,7 @@ def _link_cost(
     difference = median_over_frames(np.abs(build[0] - build[1]) / np.maximum(*build))
     if not difference < _LINK_BUILD:
         return None
-    # Every change from one group to the other has to be within reach.
+    # Every change from one group to the other must be within reach.
     owner = np.where(here, 0, np.where(there, 1, -1))
     frames = np.flatnonzero(owner >= 0)
     for last, first in itertools.pairwise(frames):

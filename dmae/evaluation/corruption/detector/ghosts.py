@@ -12,10 +12,10 @@ _TIMES = [3.0, 0.3]
 _DUTY = 0.25
 """Share of the time in which a ghost is detected."""
 _PLACES = 64
-"""Ghosts that are drawn for each view, of which the first are used: at a higher level others join them. Their number
-bounds the level."""
+"""Number of ghosts that are drawn for each view. The first ones are used, so that a higher level only adds ghosts. The
+number is also the largest level."""
 _JITTER = 0.01
-"""Of a ghost's height; standard deviation of its joints."""
+"""Standard deviation of a ghost's joints, as a share of its height."""
 
 
 @corruption("ghosts", order=24, unit="ghosts", levels=(0.5, 1, 2, 4), small=(1, 4), most=16)

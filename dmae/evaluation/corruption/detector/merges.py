@@ -30,7 +30,7 @@ def merges(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     xy = np.where(taken[..., None], np.take_along_axis(found.xy, other[..., None, None], 2), found.xy)
     score = np.where(taken, np.take_along_axis(found.score, other[..., None], 2), found.score)
     lost = np.zeros(persons.shape, bool)
-    for detection in range(persons.shape[2]):  # of two who are each merged with the other, one stays
+    for detection in range(persons.shape[2]):  # If two people are each merged with the other, one of them remains.
         joined = merged[:, :, detection] & ~lost[:, :, detection]
         frame, view = np.nonzero(joined)
         lost[frame, view, other[frame, view, detection]] = True

@@ -9,7 +9,7 @@ from dmae.evaluation.corruption.registry import corruption
 
 _PILLARS = 6
 _DRAWN = 40
-"""Places of which those for pillars are the ones farthest from all people."""
+"""Number of candidate places for pillars; the ones farthest from all people are used."""
 
 
 @corruption("objects", order=10, unit="%", levels=(10, 20, 40, 60), small=(20, 40), most=100)
@@ -34,7 +34,7 @@ def objects(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
 
 
 def _places(centres: np.ndarray, people: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return where pillars stand, (N, 2) m: between cameras (V, 2) and people (F, P, J, 2)."""
+    """Return the places of pillars, (N, 2) m, between cameras (V, 2) and people (F, P, J, 2)."""
     known = people[~np.isnan(people).any(-1)]
     cameras, joints = rng.integers(len(centres), size=_DRAWN), rng.random(_DRAWN)
     along = rng.uniform(0.2, 0.8, (_DRAWN, 1))

@@ -10,7 +10,7 @@ from dmae.evaluation.corruption.people import by_detection
 from dmae.evaluation.corruption.registry import corruption
 
 _DISTANCE = 0.8
-"""m; how far a passer-by walks from the person."""
+"""m; distance of a passer-by from the person."""
 _TURN = 8.0
 """s; time in which a passer-by walks once around the person."""
 

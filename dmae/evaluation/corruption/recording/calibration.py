@@ -1,4 +1,4 @@
-"""Calibrations that are off."""
+"""Calibrations with wrong directions of cameras."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Cameras that are left out."""
+"""Clips with fewer cameras."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""More people, and people who come close."""
+"""Additional people, and people at a small distance from each other."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from dmae.evaluation.corruption.companions import companion, with_companions
 from dmae.evaluation.corruption.registry import corruption
 
 _DRAWN = 32
-"""People who are drawn, of which the first are added: at a higher level others join them."""
+"""Number of people that are drawn. The first ones are added, so that a higher level only adds people."""
 _DISTANCE = (1.0, 2.0)
-"""m; of an added person from the person who is copied."""
+"""m; distance of an added person from the copied person."""
 _DELAY = (0.5, 2.0)
-"""s; by which an added person moves later."""
+"""s; delay of the motion of an added person."""
 
 
 @corruption("crowd", order=1, unit="people more", levels=(1, 2, 4, 8), small=(1, 4), most=32, whole=True)
@@ -39,7 +39,7 @@ def closeness(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
 
 
 def _with_people(clip: Clip, distance: np.ndarray, angle: np.ndarray, delay: np.ndarray) -> Clip:
-    """Return the clip with a copy of its people, in turn, for each distance, m."""
+    """Return the clip with additional copies of its people, one for each distance, m; the people are copied in turn."""
     people = clip.poses.xyz.astype(np.float64)
     if not people.shape[1]:
         return clip
