@@ -92,14 +92,16 @@ def _on_this_machine(function: Callable, tasks: Iterable[tuple], workers: int, o
     how = "generator" if ordered else "generator_unordered"
     with _interrupts_blocked(workers != 1):
         results = Parallel(n_jobs=workers, return_as=how)(
-            delayed(_in_worker)(os.getpid(), function, *task) for task in tasks
+            delayed(_in_worker)(os.getpid(), os.getcwd(), function, *task) for task in tasks
         )
     yield from results
 
 
-def _in_worker(main: int, function: Callable, *task):
+def _in_worker(main: int, folder: str, function: Callable, *task):
     if os.getpid() != main:
         _end_with(main)
+        # joblib keeps workers for later tasks. They start in the folder that was current when they were begun.
+        os.chdir(folder)
     result = function(*task)
     if os.getpid() != main:
         trim()

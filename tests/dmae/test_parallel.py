@@ -1,5 +1,6 @@
 """Tasks in processes give what tasks in this one give."""
 
+import os
 import subprocess
 import sys
 import time
@@ -19,6 +20,13 @@ def test_results_are_those_of_the_tasks(workers, ordered):
     found = list(in_parallel(square, ((number,) for number in range(7)), workers, ordered=ordered))
     assert sorted(found) == [number**2 for number in range(7)]
     assert not ordered or found == sorted(found)
+
+
+def test_workers_resolve_relative_paths_in_the_current_folder(tmp_path, monkeypatch):
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        assert set(in_parallel(os.getcwd, [()] * 4, 2)) == {str(tmp_path / name)}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no masks of signals")
