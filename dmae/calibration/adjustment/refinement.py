@@ -134,7 +134,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
         clip: F frames of V cameras, two or more, with a roughly correct calibration.
         config: The parameters that may change.
 
-        Raises:
+    Raises:
         ValueError: there are too few cameras or people, or no camera has a given name.
     """
     config = config or RefineConfig()
