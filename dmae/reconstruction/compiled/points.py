@@ -199,7 +199,7 @@ def _normal_equations(
     projections, focal, xy, sigma, seen, count, point, min_sigma_px, gate, limits, selected,
     information, gradient, errors, scales, kept, pixels,
 ):  # fmt: skip
-    """Write J^T W J and J^T W r at a point; for each view its error in sigmas, 1 / sigma in 1/px, use, pixels, depth."""
+    """Write J^T W J and J^T W r at a point; for each view its error in sigmas, 1 / sigma in 1/px, use, pixel, depth."""
     min_depth, huber, contradicting, contradicted = limits[0], limits[2], limits[4], limits[5]
     for row in range(3):
         gradient[row] = 0.0
