@@ -112,7 +112,7 @@ def write(rows: list[list]) -> None:
         )  # fmt: skip
     shared = ["recording", "detector", "corrected from"]
     columns = [*shared, "error, cm: median (largest)", "error, degrees", "within 1 cm and 0.2 degrees",
-               "truth in the 90 % region", "error of the camera in the other frames, px: original", "displaced", "corrected",
+               "truth in the 90 % region", "other frames, px: original", "displaced", "corrected",
                "PCP: original", "displaced", "corrected"]  # fmt: skip
     rows_late = []
     for key, found in delayed.items():
