@@ -15,7 +15,7 @@ _SAME_HEAD, _SMALLER = 0.25, 0.75
 _BONES = np.array([bone for limb in LIMBS for bone in pairwise(limb)])
 _ON_LIMBS, _MOST_JOINTS = 0.2, 0.9
 """A body is made of the limbs of a larger one if this share of its joints is within this distance from their bones,
-relative to the larger torso. In rendered views, the distance was at most 0.18 for such bodies and at least 0.25 for
+relative to the larger torso. In rendered views, the distance was at most 0.16 for such bodies and at least 0.25 for
 people."""
 _EYES, _MOUTH = BLAZEPOSE33.index("l_eye", "r_eye"), BLAZEPOSE33.index("l_mouth", "r_mouth")
 _FACE, _LARGE_FACE = 0.14, 0.18
