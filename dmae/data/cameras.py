@@ -117,6 +117,11 @@ class CameraRig:
         return _read_only(np.linalg.solve(R, -t[..., None])[..., 0])
 
     @cached_property
+    def focal(self) -> np.ndarray:
+        """(V,) focal lengths, px: the geometric mean of fx and fy."""
+        return _read_only(np.sqrt(self.K[:, 0, 0] * self.K[:, 1, 1]))
+
+    @cached_property
     def projections(self) -> np.ndarray:
         """(V, 3, 4) pinhole projection matrices K [R | t], for undistorted pixels."""
         return _read_only(self.K @ self.cam_from_world[:, :3])

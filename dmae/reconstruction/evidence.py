@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.reconstruction.association import NONE
+from dmae.reconstruction.compiled.assigned import gather
 from dmae.reconstruction.compiled.reprojection import measure_distances
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.triangulation import Points, triangulate
@@ -76,11 +76,11 @@ class Evidence:
         Returns:
             Points (..., J), with xyz NaN where fewer than `th_v` views agree.
         """
-        view, joint = np.arange(len(self.rig))[:, None], np.arange(assigned.shape[-1])
-        absent = assigned == NONE
-        xy = np.where(absent[..., None], np.nan, self.xy[frame, view, assigned, joint])
-        confidence = np.where(absent, np.nan, self.confidence[frame, view, assigned, joint])
-        xy, confidence = xy.swapaxes(-3, -2), confidence.swapaxes(-2, -1)
+        *shape, views, joints = assigned.shape
+        frames = np.broadcast_to(np.asarray(frame)[..., 0, 0] if np.ndim(frame) else frame, shape)
+        xy, confidence = np.empty((*shape, joints, views, 2)), np.empty((*shape, joints, views))
+        gather(self.xy, self.confidence, frames.ravel(), assigned.reshape(-1, views, joints),
+               xy.reshape(-1, joints, views, 2), confidence.reshape(-1, joints, views))  # fmt: skip
         points = triangulate(self.rig, xy, confidence, self.config.noise, iterations, selective=selective)
         points.xyz[points.views < self.config.th_v] = np.nan
         return points
@@ -100,8 +100,7 @@ class Evidence:
     def distances(self, frames: slice, xyz: np.ndarray, unit: DistanceUnit) -> np.ndarray:
         """Return distances (F, V, P, D, J) from reprojections of people (F, P, J, 3) to detections of F frames."""
         rig, xy = self.rig, self.xy[frames]
-        focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
         scale = np.full(len(rig), np.nan) if unit == DistanceUnit.metres else 1 / np.hypot(*rig.size.T)
         distances = np.empty((len(xy), len(rig), xyz.shape[1], *xy.shape[2:4]))
-        measure_distances(rig.projections, focal, scale, xy, np.asarray(xyz, np.float64), distances)
+        measure_distances(rig.projections, rig.focal, scale, xy, np.asarray(xyz, np.float64), distances)
         return distances

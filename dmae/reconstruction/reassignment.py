@@ -49,7 +49,6 @@ def reassign(evidence: Evidence, assigned: np.ndarray, paths: np.ndarray, max_di
     if not assigned.size:
         return assigned
     rig, reassigned = evidence.rig, assigned.copy()
-    focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
     paths = np.asarray(paths, np.float64)
-    nearest_detections(rig.projections, focal, evidence.xy[: len(paths)], paths, max_distance, reassigned)
+    nearest_detections(rig.projections, rig.focal, evidence.xy[: len(paths)], paths, max_distance, reassigned)
     return reassigned

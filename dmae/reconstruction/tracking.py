@@ -216,7 +216,7 @@ def _supported(evidence: Evidence, frame: int, assigned: np.ndarray, xyz: np.nda
     supported = np.ones(len(assigned), bool)
     if len(assigned) and most is not None:
         figures = ((~np.isnan(evidence.confidence[frame])).sum(-1) >= _fewest(xyz.shape[1])).sum(-1).astype(float)
-        focal, width = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1]), rig.size[:, 0].astype(float)
+        focal, width = rig.focal, rig.size[:, 0].astype(float)
         beyond_chance(
             rig.projections, focal, width, evidence.xy[frame], assigned, xyz, used, figures, float(most), supported
         )

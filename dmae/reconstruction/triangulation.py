@@ -103,7 +103,7 @@ def triangulate(
         rig.projections,
         rig.world_from_pixel,
         rig.centers,
-        np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1]),
+        rig.focal,
         xy,
         np.where(observed, noise.sigma(confidence), np.nan),
         noise.min_sigma_px,

@@ -93,7 +93,7 @@ def sightings(clip: Clip) -> Sightings:
     xy, depth = rig.project(xyz)
     hips = xyz[:, :, _INDEX["mid_hip"]]
     depth = np.where(depth[..., _INDEX["mid_hip"]] > 0, depth[..., _INDEX["mid_hip"]], np.nan)
-    focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
+    focal = rig.focal
     sight = rig.centers[:, None] - hips[:, None]
     heading = body_heading(xyz, BODY25)[:, None]
     turned = np.abs(np.angle(np.exp(1j * (heading - np.arctan2(sight[..., 1], sight[..., 0])))))

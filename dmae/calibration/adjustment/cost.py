@@ -63,7 +63,7 @@ class AdjustmentState:
         xy, self.velocity, sigma = problem.fixed_seen or problem.observations.seen(calibration)
         pixels, depth = rig.project(xyz)
         self.pixels, depth = pixels, np.where(depth > _MIN_DEPTH, depth, np.nan)
-        focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])[:, None]
+        focal = rig.focal[:, None]
         self.residual = pixels - xy
         if problem.depth is None:
             known = np.where(np.isnan(depth).all((0, 2))[:, None], 1.0, depth)

@@ -95,7 +95,7 @@ def _samples(clip: Clip, every: int) -> Iterable[tuple[np.ndarray, np.ndarray]]:
     network, rig, skeleton = Network("pose_landmark_full"), clip.true_rig or clip.rig, clip.truth.skeleton
     known = [i for i, joint in enumerate(BLAZEPOSE33.joints) if f"body25.{joint}" in skeleton.joints]
     xy, depth = rig.project(clip.truth.xyz[:, :, skeleton.index(*(f"body25.{BLAZEPOSE33.joints[i]}" for i in known))])
-    focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
+    focal = rig.focal
     inside = rig.inside(xy)
     for frame in range(0, len(clip), every):
         for view, name in enumerate(rig.names):

@@ -55,7 +55,7 @@ def standardised_offsets(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarr
         np.arange(assigned.shape[-1]),
     )
     pixels, depth = (part.swapaxes(1, 2) for part in rig.project(xyz))
-    focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])[:, None]
+    focal = rig.focal[:, None]
     sigma = np.hypot(noise.min_sigma_px, focal * noise.sigma(evidence.confidence[frame, view, assigned, joint]) / depth)
     offset = (pixels - evidence.xy[frame, view, assigned, joint]) / sigma[..., None]
     return np.where(absent[..., None], np.nan, offset)

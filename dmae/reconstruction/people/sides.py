@@ -108,7 +108,7 @@ def find_exchanged(
     detection = np.where(left == NONE, right, left)
     detection = np.where((right != NONE) & (right != detection), NONE, detection)
     rig, found = evidence.rig, np.empty((2, *detection.shape, 2))
-    focal = np.sqrt(rig.K[:, 0, 0] * rig.K[:, 1, 1])
+    focal = rig.focal
     measure_pairs(
         rig.projections, focal, evidence.xy[frames], np.asarray(expected, np.float64), detection, pairs, *found
     )
