@@ -11,6 +11,7 @@ from contextvars import ContextVar
 from enum import StrEnum
 from functools import cache
 from multiprocessing import resource_tracker
+from pathlib import Path
 
 from joblib import Parallel, cpu_count, delayed, effective_n_jobs
 
@@ -92,7 +93,7 @@ def _on_this_machine(function: Callable, tasks: Iterable[tuple], workers: int, o
     how = "generator" if ordered else "generator_unordered"
     with _interrupts_blocked(workers != 1):
         results = Parallel(n_jobs=workers, return_as=how)(
-            delayed(_in_worker)(os.getpid(), os.getcwd(), function, *task) for task in tasks
+            delayed(_in_worker)(os.getpid(), str(Path.cwd()), function, *task) for task in tasks
         )
     yield from results
 

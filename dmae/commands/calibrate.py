@@ -48,11 +48,11 @@ def run(config: CalibrateCommand, out: Path) -> None:
         "floor": refined.floor and asdict(refined.floor),
     }
     write_atomic(out.with_suffix(".json"), json.dumps(facts, indent=1) + "\n")
-    _print(refined, config.refine.frees_cameras)
+    _print(refined)
     print(out)
 
 
-def _print(refined: Refined, freed: bool) -> None:
+def _print(refined: Refined) -> None:
     header = ("camera", "moved cm", "turned deg", "focal %", "k1", "late frames", "px before", "px after")
     rows = []
     for each in refined.changes:
@@ -72,5 +72,5 @@ def _print(refined: Refined, freed: bool) -> None:
     print_tables([Table("what changed; reprojection errors are medians", header, rows)])
     if refined.floor is not None:
         print(f"the world is made level; before, {refined.floor.describe()}")
-    if freed and not any(each.refined for each in refined.changes):
-        print("no camera clearly differs from its calibration; refine.cameras=[all] refines all the same")
+    if refined.note:
+        print(refined.note)

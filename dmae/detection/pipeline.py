@@ -118,8 +118,7 @@ def _detect_piece(camera: CameraPictures, config: PoseDetectorConfig, start: int
         if picture is not None:
             readable.append(number)
             for ago, *found in late():
-                before = readable[-1 - ago]
-                people[before] = np.concatenate([people[before], _checked(detector, found, config.name)])
+                people[readable[-1 - ago]] = _checked(detector, found, config.name)
     there = [each for each in people if each is not None and len(each)]
     counts = np.array([0 if each is None else len(each) for each in people])
     values = np.concatenate(there) if there else np.empty((0, len(detector.skeleton), 3))

@@ -46,8 +46,9 @@ class PoseDetectorConfig:
 class PictureDetector(Protocol):
     """Finds the people in the images of one camera.
 
-    A detector may also have a method `found_late()`, which is called after each image. It returns people in earlier
-    images that were found by means of this image: the number of images before, xy (D, J, 2) and score (D, J).
+    A detector may also have a method `found_late()`, which is called after each image. It returns earlier images in
+    which people were found by means of this image: the number of images before, and xy (D, J, 2) and score (D, J) of
+    all people in that image, which replace those found before.
 
     Attributes:
         skeleton: J joints.

@@ -22,6 +22,8 @@ BODIES = 200
 """Largest number of bodies that are compared."""
 _BLOCK_S, _MOST_BLOCKS, _FEWEST_BLOCKS = 0.4, 16, 4
 """s and numbers of the stretches of time that are compared. Errors of detectors last some tenths of a second."""
+SHORTEST_S = _FEWEST_BLOCKS * _BLOCK_S
+"""s; duration below which nothing is examined."""
 _CHANCE = 0.001
 """Largest probability that a gain is a coincidence (one-sided t test over the stretches of time)."""
 _CHANCE_OF_KIND = 0.01

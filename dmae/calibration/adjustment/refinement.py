@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.calibration.adjustment.bundle import Adjusted, adjust
 from dmae.calibration.adjustment.covariance import covariance_of_cameras
-from dmae.calibration.adjustment.examination import examine
+from dmae.calibration.adjustment.examination import SHORTEST_S, Examination, examine
 from dmae.calibration.adjustment.freedom import Freedom
 from dmae.calibration.adjustment.initial import initial_rig
 from dmae.calibration.adjustment.matching import match_tracks
@@ -117,6 +117,7 @@ class Refined:
             of a person in a view. 0 for parameters that were not refined.
         changes: The changes of each camera, in the original world.
         floor: The original height of the floor and tilt of the world, if the world was made level.
+        note: Why no camera changed, if `cameras=[auto]` found none; otherwise None.
     """
 
     rig: CameraRig
@@ -125,6 +126,7 @@ class Refined:
     covariance: np.ndarray
     changes: tuple[CameraChange, ...]
     floor: Floor | None = None
+    note: str | None = None
 
 
 def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
@@ -134,7 +136,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
         clip: F frames of V cameras, two or more, with a roughly correct calibration.
         config: The parameters that may change.
 
-        Raises:
+    Raises:
         ValueError: there are too few cameras or people, or no camera has a given name.
     """
     config = config or RefineConfig()
@@ -144,9 +146,9 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
         clip = replace(clip, rig=initial_rig(clip))
         config = replace(config, known=True, cameras=[ALL], extrinsics=True, level=True)
     origin = calibration = Calibration.of(clip.rig)
-    views = _named_views(clip.rig, config)
+    views, note = _named_views(clip.rig, config), None
     if views is None:
-        calibration, views = _differing(clip)
+        calibration, views, note = _differing(clip)
     before = None
     for _ in range(_ROUNDS):
         tracks = match_tracks(replace(clip, rig=calibration.rig))
@@ -175,7 +177,7 @@ def refine(clip: Clip, config: RefineConfig | None = None) -> Refined:
             rig = place_rig(rig, upright_world(floor))
         else:
             rig = place_world(calibration.rig, after.xyz, tracks.skeleton, config.stature, level=True)
-    return Refined(rig, calibration.offset, calibration.drift, covariance, changes, floor)
+    return Refined(rig, calibration.offset, calibration.drift, covariance, changes, floor, note)
 
 
 def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:
@@ -192,9 +194,10 @@ def _named_views(rig: CameraRig, config: RefineConfig) -> list[int] | None:
     return [rig.names.index(name) for name in config.cameras]
 
 
-def _differing(clip: Clip) -> tuple[Calibration, list[int]]:
-    """Return the cameras that clearly differ from their calibration, and the calibration without these differences."""
-    calibration, views = Calibration.of(clip.rig), []
+def _differing(clip: Clip) -> tuple[Calibration, list[int], str | None]:
+    """Return the calibration without the differences that are clear, the cameras that had them, and why there are
+    none."""
+    calibration, views, found = Calibration.of(clip.rig), [], None
     for _ in range(max(len(clip.rig) - 2, 0)):
         tracks = match_tracks(replace(clip, rig=calibration.rig))
         found = examine(tracks, calibration) if tracks.xy.shape[1] else None
@@ -205,7 +208,21 @@ def _differing(clip: Clip) -> tuple[Calibration, list[int]]:
         step[best.view] = best.step
         step[:, OFFSET] = 0
         calibration, views = calibration.changed(step), [*views, best.view]
-    return calibration, sorted(views)
+    return calibration, sorted(views), None if views else _why_none(clip.rig, found)
+
+
+def _why_none(rig: CameraRig, found: Examination | None) -> str:
+    if len(rig) < 3:
+        return "with two cameras it is not determined which one differs: give its name as refine.cameras=[...]"
+    if found is None:
+        return (
+            f"people are seen for less than {SHORTEST_S:g} s, too short to find a camera that differs: "
+            "give its name as refine.cameras=[...]"
+        )
+    if found.suspects:
+        names = " or ".join(rig.names[view] for view in found.suspects)
+        return f"{names} differs, but it is not determined which one: give its name as refine.cameras=[...]"
+    return "no camera clearly differs from its calibration; refine.cameras=[all] refines all cameras"
 
 
 def _freedom(count: int, views: list[int], config: RefineConfig) -> Freedom:

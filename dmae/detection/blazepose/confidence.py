@@ -42,6 +42,11 @@ def confidence(person: Person) -> np.ndarray:
     return 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
 
 
+def clearness(person: Person) -> float:
+    """Return the mean confidence of the joints of a person, from 0 to 1."""
+    return float(confidence(person).mean())
+
+
 def fit_confidence(clips: Iterable[Clip], every: int = 4) -> dict[str, dict]:
     """Fit the confidence of each group of joints by logistic regression.
 

@@ -14,7 +14,7 @@ _HIP, _TOP = 33, 34
 """Landmarks that are not joints: the middle of the hips, and a point on the circle around the body."""
 TORSO = BLAZEPOSE33.index("l_shoulder", "r_shoulder", "l_hip", "r_hip")
 _EXCHANGED = BLAZEPOSE33.index("r_shoulder", "l_shoulder", "r_hip", "l_hip")
-_LIMBS = [
+LIMBS = [
     BLAZEPOSE33.index(*limb)
     for side in "lr"
     for limb in (
@@ -22,9 +22,7 @@ _LIMBS = [
         (f"{side}_hip", f"{side}_knee", f"{side}_ankle", f"{side}_big_toe"),
     )
 ]
-_HEAD = BLAZEPOSE33.index("l_ear", "r_ear", "nose")
-_SAME_HEAD, _SMALLER = 0.25, 0.75
-"""Distance of two heads that are one, and size of a torso that is part of another body, relative to its torso."""
+HEAD = BLAZEPOSE33.index("l_ear", "r_ear", "nose")
 _LIMB_WIDTH, _HEAD_RADIUS = 0.35, 0.3
 """Width of the limbs and radius of the head that are painted over, relative to the size of the torso."""
 _BLUR = 0.3
@@ -89,12 +87,6 @@ def same_torso(a: Person, b: Person, nearness: float = 0.4) -> bool:
     return bool(min(_apart(a, b, TORSO), _apart(a, b, _EXCHANGED)) < nearness)
 
 
-def part_of(a: Person, b: Person) -> bool:
-    """Return whether a person is a part of a larger one, such as its arm: two people do not share a head."""
-    apart = np.hypot(*(a.xy[_HEAD].mean(0) - b.xy[_HEAD].mean(0)))
-    return bool(apart < _SAME_HEAD * b.torso_size and a.torso_size < _SMALLER * b.torso_size)
-
-
 def disagreement(a: Person, b: Person) -> float:
     """Return the distance between the torsos of two detections of one person, relative to their size."""
     return _apart(a, b, TORSO)
@@ -114,10 +106,10 @@ def painted_over(pixels: np.ndarray, region: Region, people: Sequence[Person]) -
     for person in people:
         at = np.round(np.clip(region.from_picture(person.xy + 0.5) * size, -8 * size, 8 * size)).astype(np.int32)
         torso = person.torso_size / region.side * size
-        for limb in _LIMBS:
+        for limb in LIMBS:
             cv2.polylines(mask, [at[limb]], False, 255, max(round(_LIMB_WIDTH * torso), 1))
         cv2.fillConvexPoly(mask, cv2.convexHull(at[TORSO]), 255)
-        head = tuple(np.round(at[_HEAD].mean(0)).astype(int).tolist())
+        head = tuple(np.round(at[HEAD].mean(0)).astype(int).tolist())
         cv2.circle(mask, head, max(round(_HEAD_RADIUS * torso), 1), 255, -1)
     # Colours are averaged over the pixels that are not painted over.
     width = max(round(_BLUR * size), 1)

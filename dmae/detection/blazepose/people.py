@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmae.detection.blazepose.candidates import find_candidates, same_region, windows_of
-from dmae.detection.blazepose.confidence import confidence
-from dmae.detection.blazepose.landmarks import Person, disagreement, find_person, part_of, same_torso
+from dmae.detection.blazepose.confidence import clearness
+from dmae.detection.blazepose.landmarks import Person, disagreement, find_person, same_torso
 from dmae.detection.blazepose.models import Network
+from dmae.detection.blazepose.parts import larger_region, part_of
 from dmae.detection.blazepose.regions import Region, pyramid_of
 from dmae.detection.registry import PoseDetectorConfig
 
@@ -77,8 +78,8 @@ class PeopleDetector:
         self._lost: list[tuple[Region, int]] = []
         self._number = 0
         self._before: deque[tuple[list[np.ndarray], list[Person]]] = deque(maxlen=_LOOK_BACK)
-        self.late: list[tuple[int, Person]] = []
-        """People in earlier images that were found by the last image, each with the number of images before it."""
+        self.late: list[tuple[int, list[Person]]] = []
+        """Earlier images in which people were found by the last image: number of images before, all people in it."""
 
     def __call__(self, picture: np.ndarray) -> list[Person]:
         """Return the people of the next image (H, W, 3) uint8, RGB."""
@@ -105,41 +106,46 @@ class PeopleDetector:
         found = [each.person for each in people]
         if self._look_back:
             new = [person for person in found if any(person is each for each in self._new)]
-            self.late = [late for person in new for late in self._follow_back(person)]
+            changed = {ago for person in new for ago in self._follow_back(person)}
+            self.late = [(ago, list(self._before[-ago][1])) for ago in sorted(changed)]
             while self._before and (len(self._before) + 1) * sum(level.nbytes for level in pyramid) > _LOOK_BACK_BYTES:
                 self._before.popleft()
             self._before.append((pyramid, found))
         return found
 
-    def _follow_back(self, person: Person) -> Iterator[tuple[int, Person]]:
-        """Follow a new person back through the previous images, until it is known there or not found with certainty."""
+    def _follow_back(self, person: Person) -> Iterator[int]:
+        """Follow a new person back through the previous images, until it is known there or not found with certainty.
+
+        In each of these images it is added, and bodies that are parts of it are removed. Yield the numbers of images
+        before the current one.
+        """
         for ago, (pyramid, known) in enumerate(reversed(self._before), 1):
-            found = find_person(self._joints, pyramid, person.region)
+            found = self._person(pyramid, person.region)
             if found.region is None or _known(found, known) or disagreement(found, person) > _JUMP:
                 return
             found = self._confirmed(pyramid, found)
             if found is None or _known(found, known):
                 return
-            known.append(found)
-            yield ago, found
+            known[:] = [*(each for each in known if not part_of(each, found)), found]
+            yield ago
             person = found
 
     def _follow(self, pyramid: list[np.ndarray]) -> tuple[list[_Followed], list[Region]]:
         """Return the people of the previous image at their current places, and the regions of lost people."""
-        seen = [(find_person(self._joints, pyramid, each.person.region), each) for each in self._followed]
+        seen = [(self._person(pyramid, each.person.region), each) for each in self._followed]
         people: list[_Followed] = []
         lost: list[Region] = []
         for number, (person, before) in enumerate(sorted(seen, key=lambda pair: -clearness(pair[0]))):
             others = [each.person for each in people]
             if _known(person, others):
                 # The region moved to another person: search its own person with the other one painted over.
-                person = find_person(self._joints, pyramid, before.person.region, others)
+                person = self._person(pyramid, before.person.region, others)
             if person.region is None or _known(person, others):
                 lost.append(before.person.region)
                 continue
             jumped = disagreement(before.person, person) > _JUMP
             if jumped or (self._number + number) % _CHECKED == 0 or person.presence < self._config.min_presence:
-                again = find_person(self._joints, pyramid, person.region)
+                again = self._person(pyramid, person.region)
                 limit = _STRAYED if person.presence >= self._config.min_presence else _STEADY
                 if disagreement(person, again) > limit or clearness(person) < _CLEAR:
                     lost.append(before.person.region)
@@ -208,11 +214,24 @@ class PeopleDetector:
             people[same[0]] = _Followed(found, clearness(found))
         return True
 
+    def _person(self, pyramid: list[np.ndarray], region: Region, without: Sequence[Person] = ()) -> Person:
+        """Return the person in a region. If its head is too large for its body, search a larger body around the head.
+
+        The second network fits a body into the region. Where the hips or legs are hidden, it returns a body that is too
+        small in a region that is too small, and the region shrinks from image to image.
+        """
+        person = find_person(self._joints, pyramid, region, without)
+        if (larger := larger_region(person)) is None:
+            return person
+        again = find_person(self._joints, pyramid, larger, without)
+        sure = again.presence >= self._config.min_presence and again.region is not None
+        return again if sure and part_of(person, again) else person
+
     def _settled(self, pyramid: list[np.ndarray], region: Region, without: Sequence[Person] = ()) -> Person | None:
         """Return the person in a region if two passes agree on it, otherwise None."""
         person, most = None, 0.0
         for _ in range(_PASSES):
-            before, person = person, find_person(self._joints, pyramid, region, without)
+            before, person = person, self._person(pyramid, region, without)
             if person.region is None:
                 return None
             most = max(most, person.presence)
@@ -226,14 +245,9 @@ class PeopleDetector:
         """Return a person that the first network missed, if it is certain and is also found in the unpainted image."""
         if found is None:
             return None
-        again = find_person(self._joints, pyramid, found.region)
+        again = self._person(pyramid, found.region)
         sure = min(found.presence, again.presence) >= self._config.min_presence and again.region is not None
         return again if sure and disagreement(found, again) < _STEADY and clearness(again) >= _CLEAR else None
-
-
-def clearness(person: Person) -> float:
-    """Return the mean confidence of the joints of a person, from 0 to 1."""
-    return float(confidence(person).mean())
 
 
 def _known(person: Person, others: Sequence[Person]) -> bool:

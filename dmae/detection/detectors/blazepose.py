@@ -29,8 +29,8 @@ class BlazePose:
         return self._joints_of(self._people(picture))
 
     def found_late(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """Return people that were first found in the last image, in the images before it; see `PictureDetector`."""
-        return [(ago, *self._joints_of([person])) for ago, person in self._people.late]
+        """Return earlier images in which people were found by the last image; see `PictureDetector`."""
+        return [(ago, *self._joints_of(people)) for ago, people in self._people.late]
 
     def _joints_of(self, people: list[Person]) -> tuple[np.ndarray, np.ndarray]:
         if not people:

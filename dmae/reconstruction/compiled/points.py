@@ -3,6 +3,7 @@
 import numpy as np
 
 from dmae.numerics.compiled import compiled
+from dmae.reconstruction.compiled.matrices import cholesky, largest_eigenvalue, solve
 
 _PAIRED_VIEWS = 4
 """Largest number of views from which pairs are made."""
@@ -54,6 +55,7 @@ def triangulate_points(
     direction, point, proposal = np.empty((_PAIRED_VIEWS, 3)), np.empty(3), np.empty(3)
     information, factor, gradient = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     errors, scales, kept = np.empty(views), np.empty(views), np.zeros(views, np.bool_)
+    pixels = np.empty((views, 3))
     for i in range(len(xy)):
         count = 0
         for v in range(views):
@@ -81,6 +83,8 @@ def triangulate_points(
                     square = ((x - xy[i, v, 0]) ** 2 + (y - xy[i, v, 1]) ** 2) / (min_sigma_px**2 + near**2)
                     error += min(square, gate**2)
                     near_views += square < gate**2
+                    if error >= least:
+                        break
                 if near_views < agreeing:
                     error += gate**2 * views
                 if error < least:
@@ -91,43 +95,43 @@ def triangulate_points(
         for _ in range(iterations):
             _normal_equations(
                 projections, focal, xy[i], sigma[i], seen, count, point, min_sigma_px, gate, limits, selected,
-                information, gradient, errors, scales, kept,
+                information, gradient, errors, scales, kept, pixels,
             )  # fmt: skip
-            _cholesky(information, factor)
-            _solve(factor, gradient)
+            cholesky(information, factor)
+            solve(factor, gradient)
             for k in range(3):
                 point[k] -= gradient[k]
             if max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) < converged:
                 break
         _normal_equations(
             projections, focal, xy[i], sigma[i], seen, count, point, min_sigma_px, gate, limits, selected,
-            information, gradient, errors, scales, kept,
+            information, gradient, errors, scales, kept, pixels,
         )  # fmt: skip
-        number, weighted, pixels = 0, 0.0, 0.0
+        number, weighted, square = 0, 0.0, 0.0
         for k in range(count):
             v = seen[k]
             if kept[v]:
                 number += 1
                 weighted += errors[v] ** 2
-                pixels += (errors[v] / scales[v]) ** 2
+                square += (errors[v] / scales[v]) ** 2
         if number < 2:
             continue
-        _cholesky(information, factor)
+        cholesky(information, factor)
         # Residuals larger than their sigmas show that the sigmas are too small: the covariance grows with them.
         excess = max(weighted / max(2 * number - 3, 1), 1.0)
         for column in range(3):
             for row in range(3):
                 gradient[row] = excess if row == column else 0.0
-            _solve(factor, gradient)
+            solve(factor, gradient)
             for row in range(3):
                 information[row, column] = gradient[row]
-        if not _largest_eigenvalue(information) <= max_error**2:
+        if not largest_eigenvalue(information) <= max_error**2:
             continue
         for row in range(3):
             xyz[i, row] = point[row]
             for column in range(3):
                 cov[i, row, column] = information[row, column]
-        residual[i] = np.sqrt(pixels / number)
+        residual[i] = np.sqrt(square / number)
         for k in range(count):
             used[i, seen[k]] = kept[seen[k]]
 
@@ -193,9 +197,9 @@ def _project(projection, point):
 @compiled()
 def _normal_equations(
     projections, focal, xy, sigma, seen, count, point, min_sigma_px, gate, limits, selected,
-    information, gradient, errors, scales, kept,
+    information, gradient, errors, scales, kept, pixels,
 ):  # fmt: skip
-    """Write J^T W J and J^T W r at a point, and each view's error in sigmas, 1 / sigma in 1/px, and use."""
+    """Write J^T W J and J^T W r at a point; for each view its error in sigmas, 1 / sigma in 1/px, use, pixel, depth."""
     min_depth, huber, contradicting, contradicted = limits[0], limits[2], limits[4], limits[5]
     for row in range(3):
         gradient[row] = 0.0
@@ -204,8 +208,8 @@ def _normal_equations(
     ahead = 0
     for k in range(count):
         v = seen[k]
-        _, _, depth = _project(projections[v], point)
-        kept[v] = depth > min_depth
+        pixels[v, 0], pixels[v, 1], pixels[v, 2] = _project(projections[v], point)
+        kept[v] = pixels[v, 2] > min_depth
         ahead += kept[v]
     # With few views the point follows each of them: with two, a residual shows half the disagreement.
     limit, within = gate * np.sqrt(1 - 1.5 / max(ahead, 2)), 0
@@ -213,9 +217,8 @@ def _normal_equations(
         v = seen[k]
         if not kept[v]:
             continue
-        x, y, depth = _project(projections[v], point)
-        dx, dy = x - xy[v, 0], y - xy[v, 1]
-        scales[v] = 1 / np.sqrt(min_sigma_px**2 + (focal[v] * sigma[v] / depth) ** 2)
+        dx, dy = pixels[v, 0] - xy[v, 0], pixels[v, 1] - xy[v, 1]
+        scales[v] = 1 / np.sqrt(min_sigma_px**2 + (focal[v] * sigma[v] / pixels[v, 2]) ** 2)
         errors[v] = np.sqrt(dx * dx + dy * dy) * scales[v]
         kept[v] = errors[v] <= limit
         within += kept[v]
@@ -231,64 +234,24 @@ def _normal_equations(
         if down <= 0:
             kept[v] = False
             continue
-        x, y, depth = _project(projections[v], point)
+        x, y, depth = pixels[v, 0], pixels[v, 1], pixels[v, 2]
         dx, dy = x - xy[v, 0], y - xy[v, 1]
         weight = scales[v] ** 2 * down
         P = projections[v]
-        for row in range(3):
-            u, w = (P[0, row] - x * P[2, row]) / depth, (P[1, row] - y * P[2, row]) / depth
-            gradient[row] += weight * (u * dx + w * dy)
-            for column in range(row + 1):
-                other_u = (P[0, column] - x * P[2, column]) / depth
-                other_w = (P[1, column] - y * P[2, column]) / depth
-                information[row, column] += weight * (u * other_u + w * other_w)
+        u0, w0 = (P[0, 0] - x * P[2, 0]) / depth, (P[1, 0] - y * P[2, 0]) / depth
+        u1, w1 = (P[0, 1] - x * P[2, 1]) / depth, (P[1, 1] - y * P[2, 1]) / depth
+        u2, w2 = (P[0, 2] - x * P[2, 2]) / depth, (P[1, 2] - y * P[2, 2]) / depth
+        gradient[0] += weight * (u0 * dx + w0 * dy)
+        gradient[1] += weight * (u1 * dx + w1 * dy)
+        gradient[2] += weight * (u2 * dx + w2 * dy)
+        information[0, 0] += weight * (u0 * u0 + w0 * w0)
+        information[1, 0] += weight * (u1 * u0 + w1 * w0)
+        information[1, 1] += weight * (u1 * u1 + w1 * w1)
+        information[2, 0] += weight * (u2 * u0 + w2 * w0)
+        information[2, 1] += weight * (u2 * u1 + w2 * w1)
+        information[2, 2] += weight * (u2 * u2 + w2 * w2)
     damping = 1e-9 * (information[0, 0] + information[1, 1] + information[2, 2]) + 1e-9
     for row in range(3):
         information[row, row] += damping
         for column in range(row):
             information[column, row] = information[row, column]
-
-
-@compiled()
-def _cholesky(matrix, factor):
-    """Write the lower factor of a positive definite matrix (3, 3)."""
-    for row in range(3):
-        for column in range(row + 1):
-            total = matrix[row, column]
-            for k in range(column):
-                total -= factor[row, k] * factor[column, k]
-            if row == column:
-                factor[row, row] = np.sqrt(max(total, 1e-300))
-            else:
-                factor[row, column] = total / factor[column, column]
-
-
-@compiled()
-def _solve(factor, vector):
-    """Solve L L^T x = vector in place."""
-    for row in range(3):
-        for k in range(row):
-            vector[row] -= factor[row, k] * vector[k]
-        vector[row] /= factor[row, row]
-    for row in range(2, -1, -1):
-        for k in range(row + 1, 3):
-            vector[row] -= factor[k, row] * vector[k]
-        vector[row] /= factor[row, row]
-
-
-@compiled()
-def _largest_eigenvalue(matrix):
-    """Return the largest eigenvalue of a symmetric matrix (3, 3), in closed form."""
-    aside = matrix[0, 1] ** 2 + matrix[0, 2] ** 2 + matrix[1, 2] ** 2
-    mean = (matrix[0, 0] + matrix[1, 1] + matrix[2, 2]) / 3
-    a, b, c = matrix[0, 0] - mean, matrix[1, 1] - mean, matrix[2, 2] - mean
-    spread = np.sqrt((a * a + b * b + c * c + 2 * aside) / 6)
-    if spread == 0:
-        return mean
-    determinant = (
-        a * (b * c - matrix[1, 2] ** 2)
-        - matrix[0, 1] * (matrix[0, 1] * c - matrix[1, 2] * matrix[0, 2])
-        + matrix[0, 2] * (matrix[0, 1] * matrix[1, 2] - b * matrix[0, 2])
-    )
-    half = min(max(determinant / (2 * spread**3), -1.0), 1.0)
-    return mean + 2 * spread * np.cos(np.arccos(half) / 3)

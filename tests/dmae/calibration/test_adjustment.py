@@ -157,3 +157,19 @@ def test_what_cannot_be_refined_is_refused():
         RefineConfig(stature=17)
     with pytest.raises(ValueError, match="record people who walk about"):
         refine(clip.select(frames=slice(0, 2)), RefineConfig(cameras=["all"]))
+
+
+@pytest.mark.parametrize(
+    "views, frames, note",
+    [
+        (2, 100, "with two cameras it is not determined which one differs: give its name"),
+        (4, 30, "people are seen for less than 1.6 s, too short to find a camera that differs: give its name"),
+        (4, 50, "no camera clearly differs from its calibration"),
+    ],
+)
+def test_a_calibration_that_stays_says_why(views, frames, note):
+    clip = exact(noise_px=2.0, frames=frames).select(views=range(views))
+    refined = refine(clip)
+    assert refined.note.startswith(note)
+    np.testing.assert_allclose(refined.rig.centers, clip.rig.centers, atol=1e-9)
+    assert refine(clip, RefineConfig(cameras=[clip.rig.names[1]])).note is None

@@ -1,6 +1,7 @@
 """BlazePose on real pictures, and models of users' own in ONNX."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,11 @@ import pytest
 
 from dmae.data.skeleton import BLAZEPOSE33, BODY25, COCO17
 from dmae.data.skeleton_conversion import convert_detections
+from dmae.detection.blazepose.landmarks import Person, find_person
+from dmae.detection.blazepose.models import Network
+from dmae.detection.blazepose.parts import part_of
 from dmae.detection.blazepose.people import PeopleDetector
+from dmae.detection.blazepose.regions import pyramid_of
 from dmae.detection.pictures import find_cameras
 from dmae.detection.pipeline import detect_people, make_detector, to_detections
 from dmae.detection.registry import PoseDetectorConfig
@@ -60,9 +65,50 @@ def test_a_person_found_late_is_found_in_the_pictures_before(picture):
     empty = np.zeros_like(picture)
     assert [detector(each) for each in (empty, picture)] == [[], []] and not detector.late
     (person,) = detector(picture)
-    ((ago, before),) = detector.late
+    ((ago, (before,)),) = detector.late
     assert ago == 1 and np.abs(before.xy - person.xy).mean() < 10
     assert len(detector(picture)) == 1 and not detector.late
+
+
+class _SeesAPart(PeopleDetector):
+    """Finds a small body with the head of a person in the first picture, and does not follow it."""
+
+    def _follow(self, pyramid):
+        return [], []
+
+    def _search(self, pyramid, people, windows):
+        super()._search(pyramid, people, windows)
+        if self._number == 0:
+            (found,) = people
+            people[0] = replace(found, person=_shrunken(found.person))
+
+
+def _shrunken(person: Person, size: float = 0.4) -> Person:
+    """Return a person and its region, made smaller around the head."""
+    head = person.xy[BLAZEPOSE33.index("l_ear", "r_ear", "nose")].mean(0)
+    centre = head + 0.5 + size * (person.region.centre - head - 0.5)
+    region = replace(person.region, centre=centre, side=size * person.region.side)
+    return replace(person, xy=head + size * (person.xy - head), region=region)
+
+
+@real
+def test_a_person_found_late_replaces_a_part_of_it_in_the_picture_before(picture):
+    detector = _SeesAPart(PoseDetectorConfig(windows=[1.0]), look_back=True)
+    (part,) = detector(picture)
+    (person,) = detector(picture)
+    assert part.torso_size < 0.5 * person.torso_size
+    ((ago, (before,)),) = detector.late
+    assert ago == 1 and np.abs(before.xy - person.xy).mean() < 10
+
+
+@real
+def test_a_body_too_small_for_its_head_becomes_a_larger_one(picture):
+    detector, pyramid = PeopleDetector(PoseDetectorConfig(windows=[1.0])), pyramid_of(picture)
+    (person,) = detector(picture)
+    region = _shrunken(person).region
+    alone = find_person(Network("pose_landmark_full"), pyramid, region)
+    larger = detector._person(pyramid, region)
+    assert part_of(alone, larger) and larger.torso_size > 2 * alone.torso_size
 
 
 class _Late:
@@ -78,7 +124,8 @@ class _Late:
         return np.zeros((1, 17, 2)), np.ones((1, 17))
 
     def found_late(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        return [(1, np.full((1, 17, 2), self.pictures), np.ones((1, 17)))] if self.pictures > 1 else []
+        both = np.stack([np.zeros((17, 2)), np.full((17, 2), self.pictures)])
+        return [(1, both, np.ones((2, 17)))] if self.pictures > 1 else []
 
 
 def late_detector(config: PoseDetectorConfig) -> _Late:

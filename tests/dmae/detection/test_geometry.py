@@ -7,7 +7,8 @@ import pytest
 
 from dmae.data.skeleton import BLAZEPOSE33
 from dmae.detection.blazepose.candidates import _is_cut, _merged, anchors, same_region, windows_of
-from dmae.detection.blazepose.landmarks import TORSO, Person, disagreement, painted_over, part_of, same_torso
+from dmae.detection.blazepose.landmarks import TORSO, Person, disagreement, painted_over, same_torso
+from dmae.detection.blazepose.parts import larger_region, part_of
 from dmae.detection.blazepose.regions import Region, pyramid_of
 from dmae.detection.blazepose.torso import corrected_torso
 
@@ -91,6 +92,43 @@ def test_a_small_body_with_the_head_of_a_larger_one_is_a_part_of_it():
     assert part_of(shrunk(0.5), whole) and not part_of(whole, shrunk(0.5))
     assert not part_of(shrunk(0.9), whole)
     assert not part_of(shrunk(0.5, by=whole.torso_size / 2), whole)
+
+
+def standing(visibility: float) -> Person:
+    """A person of 100 px from shoulders to hips, with straight limbs and a face of 14 px."""
+    xy = np.full((33, 2), (0.0, -30.0))
+    for side, sign in (("l", 1), ("r", -1)):
+        places = {"eye": (4, -36), "mouth": (2, -22), "shoulder": (25, 0), "elbow": (30, 60), "wrist": (35, 110)}
+        places |= {"hip": (15, 100), "knee": (15, 190), "ankle": (15, 270), "heel": (12, 280), "big_toe": (25, 280)}
+        places |= {f"{finger}": (36, 120) for finger in ("index_finger", "little_finger", "thumb")}
+        for joint, (x, y) in places.items():
+            xy[BLAZEPOSE33.index(f"{side}_{joint}")[0]] = (sign * x, y)
+    region = Region.around(np.array([0.5, 100.5]), np.array([0.5, -80.0]))
+    return Person(xy, np.full(33, visibility), np.full(33, visibility), 1.0, region)
+
+
+@pytest.mark.parametrize(
+    ("visibility", "size", "x", "part"),
+    [(0, 0.4, 15, True), (4, 0.4, 15, False), (0, 0.4, 90, False), (0, 0.9, 0, False)],
+    ids=["a leg", "clearer than the larger body", "beside the leg", "as large"],
+)
+def test_a_body_made_of_the_leg_of_a_clearer_one_is_a_part_of_it(visibility, size, x, part):
+    whole, small = standing(2), standing(visibility)
+    small = replace(small, xy=small.xy * (size / 4, size) + (x, 120))
+    assert part_of(small, whole) == part
+
+
+def test_the_region_of_a_body_too_small_for_its_head_grows_around_the_head():
+    whole = standing(2)
+    assert larger_region(whole) is None
+    head = [BLAZEPOSE33.index(joint)[0] for joint in ("l_ear", "r_ear", "nose")]
+    small = whole.xy * np.where(whole.xy[:, 1:] >= 0, 0.5, 1)
+    small = replace(whole, xy=small, region=Region.around(np.array([0.5, 50.5]), np.array([0.5, -40.0])))
+    larger = larger_region(small)
+    assert larger.side == pytest.approx(2 * small.region.side, rel=0.01)
+    place = small.xy[head].mean(0) + 0.5
+    np.testing.assert_allclose(larger.from_picture(place) - 0.5, (small.region.from_picture(place) - 0.5), atol=1e-9)
+    assert larger_region(replace(small, region=None)) is None
 
 
 def test_exchanged_sides_are_the_same_torso_but_disagree():
