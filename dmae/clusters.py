@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 _RETRIES = 3
-"""How often a task is given to another process after the death of the one that had it."""
+"""Number of times that a task is given to another process after its process died."""
 _AHEAD = 2
-"""Tasks that wait for each one that runs."""
+"""Number of waiting tasks for each running task."""
 _CARRIED = ("LP_NUM_THREADS", "MUJOCO_GL", "OMP_NUM_THREADS", "PYOPENGL_PLATFORM")
 """Environment variables of this process that tasks run with."""
 

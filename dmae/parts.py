@@ -15,7 +15,7 @@ from dmae.files.structured import read_json
 SHARD = "shard.json"
 """File in the folder of a shard of a generated data set: the number of the shard and the range of its clips."""
 PART = "part.json"
-"""In the folder of what a command made of some of the clips of a data set: a `Part`."""
+"""File in the folder that a command wrote for some of the clips of a data set: a `Part`."""
 
 
 @dataclass(frozen=True)
