@@ -1,4 +1,4 @@
-"""Ctrl-C, with real processes and signals: one line, status 130, and finished results are named and can be continued."""
+"""Ctrl-C, with real processes and signals: one line, status 130, and finished results are named and can be resumed."""
 
 import os
 import signal
