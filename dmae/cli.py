@@ -117,7 +117,7 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
 
 
 def _copy_presets(command: Command, folders: list[Path], copy: Path) -> None:
-    """Copy the presets of users, checked, of which nothing else reaches Hydra; print notes on renamed options."""
+    """Check and copy the presets of users, so that Hydra reads only the copies; print notes on renamed options."""
     from dmae.command_line.presets import copy_presets  # loads NumPy, which help does without
 
     for folder in folders:

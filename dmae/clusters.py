@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import Any
 
 _RETRIES = 3
-"""How often a task is given to another process after the death of the one that had it."""
+"""Number of times that a task is given to another process after its process died."""
 _AHEAD = 2
-"""Tasks that wait for each one that runs."""
+"""Number of waiting tasks for each running task."""
 _CARRIED = ("LP_NUM_THREADS", "MUJOCO_GL", "OMP_NUM_THREADS", "PYOPENGL_PLATFORM")
 """Environment variables of this process that tasks run with."""
 
 
 class Cluster(ABC):
-    """What both libraries offer: futures of functions, of which the first to end is waited for.
+    """The interface that both libraries offer: submit functions as futures, and wait for the first one to end.
 
     Attributes:
         cores: Number of tasks that the cluster runs at a time.
@@ -143,7 +143,7 @@ def on_cluster(
 
     Args:
         at_once: Tasks that run at a time.
-        ordered: In the order of the tasks, or else as they are ready.
+        ordered: Whether results come in the order of the tasks; otherwise as soon as each is ready.
     """
     carried = {name: os.environ[name] for name in _CARRIED if name in os.environ}
     remaining = ((str(Path.cwd()), carried, function, *task) for task in tasks)

@@ -62,7 +62,7 @@ def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ord
     Args:
         workers: Processes; -1 for one per core, on a cluster of all its machines. With 1 everything runs in this
             process, unless the backend is a cluster.
-        ordered: In the order of the tasks, or else as they are ready.
+        ordered: Whether results come in the order of the tasks; otherwise as soon as each is ready.
     """
     backend = backend_in_use()
     if backend != Backend.loky:

@@ -13,9 +13,9 @@ from dmae.data.store import write_atomic
 from dmae.files.structured import read_json
 
 SHARD = "shard.json"
-"""In the folder of a shard of a generated data set: which one it is, and of which clips."""
+"""File in the folder of a shard of a generated data set: the number of the shard and the range of its clips."""
 PART = "part.json"
-"""In the folder of what a command made of some of the clips of a data set: a `Part`."""
+"""File in the folder that a command wrote for some of the clips of a data set: a `Part`."""
 
 
 @dataclass(frozen=True)

@@ -51,8 +51,8 @@ def counted_progress(items: Iterable, description: str, count: Callable[[], tupl
     """Yield the items, and show progress and the time left on stderr.
 
     Args:
-        items: Those that are yielded.
-        description: What is being done, as "rendering pictures".
+        items: The items to yield.
+        description: What is being done, as "rendering images".
         count: Returns how many parts are done, and how many there are; called from another thread.
     """
     console, over, start = Console(stderr=True), threading.Event(), time.monotonic()

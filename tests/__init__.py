@@ -1,1 +1,1 @@
-"""Tests, in the folders of what they test. A package, so that none of the same name that is installed hides it."""
+"""Tests, in folders that mirror the packages. A package itself, so that no installed package `tests` hides it."""

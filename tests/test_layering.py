@@ -1,4 +1,4 @@
-"""What may import what, read from the source and from fresh interpreters."""
+"""Allowed imports between packages, checked in the source and from fresh interpreters."""
 
 import subprocess
 import sys

@@ -145,7 +145,7 @@ def run(config: CaptureCommand, out: Path) -> None:
 
 
 def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Reprojection) -> None:
-    """Print why there is no person, or what is wrong where the people explain few of the detections."""
+    """Print why no person was found, or the likely fault if the people explain few of the detections."""
     if not persons:
         print(f"{clip.id}: no person was captured; {explain_capture(clip, config)}")
         return
@@ -182,7 +182,7 @@ def _capture(config: CaptureCommand, clips: Clips, frames: int | None = None) ->
 
 
 def _world(clip: Clip) -> str:
-    """Return what is known of the floor and the vertical."""
+    """Return the known facts about the floor and the vertical."""
     facts = dict(clip.provenance["floor"])
     levelled = facts.pop("levelled")
     return f"{'made level; before, ' if levelled else ''}{Floor(**facts).describe()}"

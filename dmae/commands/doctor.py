@@ -1,4 +1,4 @@
-"""`dmae doctor`: what is wrong with a calibration and its detections."""
+"""`dmae doctor`: find faults of a calibration and its detections."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""`dmae review`: which joints may be off, and what is to become of them."""
+"""`dmae review`: rank joints that may be wrong, and record decisions on them."""
 
 import csv
 import io

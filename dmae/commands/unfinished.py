@@ -49,7 +49,7 @@ def begin_run(out: Path, settings: dict) -> None:
 
 
 def end_run(out: Path) -> None:
-    """Remove the settings of a run of which all is written."""
+    """Remove the stored settings of a run after all its results are written."""
     (Path(out) / UNFINISHED).unlink(missing_ok=True)
 
 

@@ -82,8 +82,8 @@ def _drift(observed: np.ndarray, fps: float, rng: np.random.Generator) -> np.nda
         direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
         size, frames = (np.take_along_axis(drawn, edge, 0) for drawn in (size, frames))
         fraction = np.clip(1 - (distance - 1) / np.maximum(frames, 1), 0, 1)
-        beside = observed & (gap >= 0) & (gap < len(observed))
-        drift += np.where(beside, fraction * size, 0)[..., None] * np.take_along_axis(direction, edge[..., None], 0)
+        adjacent = observed & (gap >= 0) & (gap < len(observed))
+        drift += np.where(adjacent, fraction * size, 0)[..., None] * np.take_along_axis(direction, edge[..., None], 0)
     return drift
 
 

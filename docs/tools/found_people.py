@@ -33,7 +33,7 @@ _SEEDS = (1733, 3407)
 _OPTIONS = ("clips=6", "scene=shelf_twin", "scene.persons=[3,3]", "scene.seconds=1.2", "images=[rgb]", "rgb=jpeg")
 _LEAST_PX = 40
 _TORSO = {"shoulders": ("l_shoulder", "r_shoulder"), "hips": ("l_hip", "r_hip")}
-"""Joints of which the median offset from the true ones is recorded, along the torso and relative to its length."""
+"""Joints for which the median offset from the true joints is recorded, along the torso and relative to its length."""
 _EXCHANGED_MM = 50
 
 

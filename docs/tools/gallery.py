@@ -87,9 +87,9 @@ def _moment(state: BodyState) -> int:
     owner = np.array([name.partition("/")[0] for name in state.contact_names])
     leg = np.array([name.endswith(("thigh", "shin", "foot")) for name in state.contact_names])
     one, other = owner[state.contact_between].T
-    told = (one != other) & (one != "floor") & (other != "floor") & ~leg[state.contact_between].all(1)
+    counted = (one != other) & (one != "floor") & (other != "floor") & ~leg[state.contact_between].all(1)
     force = np.zeros(len(state.qpos))
-    np.add.at(force, state.contact_frame[told], np.linalg.norm(state.contact_force[told], axis=1))
+    np.add.at(force, state.contact_frame[counted], np.linalg.norm(state.contact_force[counted], axis=1))
     begin = int(np.argmax(np.convolve(force, np.ones(25), "valid")))
     return begin + int(np.argmax(force[begin : begin + 25])) if force.any() else len(force) // 2
 

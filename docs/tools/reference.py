@@ -20,7 +20,7 @@ def commands_page(name: str) -> str:
 
 
 def corruptions_page() -> str:
-    """A section for each corruption: what it is, its unit and levels."""
+    """Return a section for each corruption: description, unit and levels."""
     about = (
         "What `dmae stress` makes wrong, one axis a corruption, and `dmae.corrupt(clip, {name: level})` at one level. "
         "At level 0 nothing changes. Corruptions work on real clips as on simulated ones: where people are is known by "

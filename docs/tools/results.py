@@ -96,7 +96,7 @@ def benchmark_table(name: str, table: str, methods: list[str] | None = None) -> 
 
 
 def kept_table(name: str, table: str) -> str:
-    """A table that a results file holds as it is: columns and rows of text."""
+    """Return a table that a results file contains as text: columns and rows."""
     kept = load(name)["tables"][table]
     return _table(kept["columns"], kept["rows"])
 
@@ -193,7 +193,7 @@ def reliability_table(name: str) -> str:
 
 
 def origin(name: str, table: str | None = None) -> str:
-    """A line that says which command made a results file, when, and of which commit."""
+    """Return a line with the command, date and commit that made a results file."""
     found = load(name)
     command = found["tables"][table]["command"] if table else found["command"]
     made = found["measured"] if table else f"{found['date']}, commit {found['commit']}, {found['versions']}"

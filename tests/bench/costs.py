@@ -1,4 +1,4 @@
-"""What capture costs, by cameras, people, ghosts and rate, offline and frame by frame: `python -m tests.bench.costs`.
+"""Cost of capture, by cameras, people, ghosts and rate, offline and frame by frame: `python -m tests.bench.costs`.
 
 All in processor time of one thread, so that another program on the machine changes little. Clips are made up; frame by
 frame, the Shelf recording is captured where DMAE_DATA names its folder.

@@ -1,4 +1,4 @@
-"""How fast joints are completed and networks taught, beside a plain transformer."""
+"""Speed of completion and of training, compared with a plain transformer."""
 
 import time
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What reading windows and pictures costs beside the plain reading of their bytes, and the memory that it needs."""
+"""Time to read windows and images, compared with reading their bytes, and the memory that it needs."""
 
 import os
 from pathlib import Path

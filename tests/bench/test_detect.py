@@ -1,4 +1,4 @@
-"""What simulated detections cost beside all else that makes a clip's labels."""
+"""Time of simulated detections, compared with all other steps that make a clip's labels."""
 
 import time
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What rendering costs beside the engine calls it contains, what workers gain, and the memory they need."""
+"""Time of rendering compared with its engine calls, the gain from workers, and the memory they need."""
 
 import os
 import time

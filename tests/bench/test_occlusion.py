@@ -1,4 +1,4 @@
-"""What comes of requested levels of occlusion, and what asking costs beside taking clips as they come."""
+"""Occlusion reached for requested levels, and the extra time compared with clips without a requested level."""
 
 import time
 

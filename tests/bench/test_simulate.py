@@ -1,4 +1,4 @@
-"""The time that labels take beside the engine calls that they contain."""
+"""Time to make labels, compared with the engine calls that they contain."""
 
 import time
 

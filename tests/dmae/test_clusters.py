@@ -1,4 +1,4 @@
-"""Tasks on local clusters of Ray and Dask give what tasks in this process give, and outlive the death of a worker."""
+"""Tasks on local clusters of Ray and Dask give the same results as tasks here, and survive the loss of a worker."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Tasks in processes give what tasks in this one give."""
+"""Tasks in other processes give the same results as tasks in this process."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The documentation says what is so: figures come from files, tutorials were executed, links and files exist."""
+"""The documentation is correct: figures come from files, tutorials were executed, links and files exist."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The page of file formats and what is written say the same: a format changes with its version, and with the page."""
+"""The page of file formats agrees with the written files: a format changes only with its version and the page."""
 
 import json
 import re

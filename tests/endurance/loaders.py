@@ -1,4 +1,4 @@
-"""How fast windows are read, beside how fast training takes them: `python -m tests.endurance.loaders`.
+"""Speed of reading windows, compared with the speed at which training uses them: `python -m tests.endurance.loaders`.
 
 All in processor time of one thread, in the same run. Training takes the batches of `dmae train`, with its default
 network: forward, backward and a step of the optimiser.

@@ -1,4 +1,4 @@
-"""Is what was read nonsense? Numbers that no camera, person or clip has, and that were accepted all the same."""
+"""Find implausible values that a reader accepted: numbers that no camera, person or clip can have."""
 
 from dataclasses import fields, is_dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What is fuzzed: something that reads files, and files for it."""
+"""A reader to fuzz: a function that reads files, and example files for it."""
 
 import hashlib
 import json

@@ -19,7 +19,7 @@ OURS = "capture"
 
 
 class Task(StrEnum):
-    """What is handed in."""
+    """The kind of result that a method hands in."""
 
     completion = "completion"
     """Poses with the holes of our capture filled: all methods on the same holes."""

@@ -72,7 +72,7 @@ def capture_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
 
 
 def clip_sums(levels: dict[str, int], cells: dict[str, dict]) -> BlockSums:
-    """Return errors and numbers of holes, a ratio for each level, with the clips of a level as what is drawn."""
+    """Return errors and numbers of holes, one ratio for each level; the bootstrap draws the clips of a level."""
     groups = [[cells[name] for name in cells if levels[name] == level] for level in _numbers(levels)]
     longest = max(map(len, groups))
     total, count = (

@@ -1,4 +1,4 @@
-"""Table 5: the paper's codes of joint and time, each left out, in the paper's network and on its masks."""
+"""Table 5: ablation of the codes of joint and time, in the paper's network and with its masks."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -97,7 +97,7 @@ def training_plan(config: TableConfig) -> TrainConfig:
 
 
 def _tallies(model: DMAE, plan: TrainConfig, clips: NamedClips, *, interpolated: bool) -> Iterator[list[Tally]]:
-    """Yield recall and error, mm, of the masked joints of each clip; every model is given the same masks."""
+    """Yield recall and error, mm, of the masked joints of each clip; the masks are the same for every model."""
     recipe = Recipe(plan.model, model.rest.numpy().astype(np.float64), plan.examples.masking, plan.examples.augment)
     for number, clip in enumerate(clips):
         pair = pose_pair(replace(clip, poses=None), BODY25, plan.model.fps)

@@ -1,6 +1,6 @@
 """Where published evaluations place the ends of the annotated head of Shelf, which no detector finds.
 
-Each formula has constants that were tuned on that recording. What `dmae.data.skeleton_conversion.convert` does is that
+Each formula has constants that were tuned on that recording. `dmae.data.skeleton_conversion.convert` uses the formula
 of Zhang et al. 2020, here `4da`.
 """
 

@@ -15,7 +15,7 @@ def make_table(config: TableConfig, out: Path) -> dict:
     """Return a table of the paper, see `dmae.evaluation.paper_tables.table.paper_table`.
 
     Args:
-        config: Says which, and of which data.
+        config: The number of the table and its data.
         out: Folder for models: a training that was interrupted is continued, one that is finished is not repeated.
 
     Raises:

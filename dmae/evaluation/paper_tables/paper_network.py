@@ -28,7 +28,7 @@ def paper_network(config: TableConfig, tuning: Clip, out: Path) -> dict[str, Cal
     """Return the paper's network before and after fine-tuning, by the names of their rows.
 
     Args:
-        config: `extra_data` are simulated clips, of which the truth is learned from; `paper` is the size.
+        config: `extra_data` are simulated clips, and the network learns from their truth; `paper` is the size.
         tuning: Annotated frames that are scored in no row.
         out: Folder for the two models.
     """

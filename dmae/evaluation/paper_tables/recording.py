@@ -35,7 +35,7 @@ METHODS = {
     TableSize.full: ("measured", "linear", "pchip_body", "gaussian_process", "dmae", "dmae_denoise"),
 }
 AGAINST = "dmae"
-"""The row that others are compared with: the shipped network, as it is used by default."""
+"""The row that all others are compared with: the shipped network with default settings."""
 SHELF_NOTE = (
     "Published rows are over all 301 frames of Shelf, in which actors 1 to 3 are annotated 279, 37 and 161 times. Rows "
     "measured here are over the frames that are annotated in the data they were given, as the columns state: "
@@ -129,7 +129,7 @@ def tally_trials(
     methods: dict[str, Callable[[Poses3D, float], Poses3D]],
     views: list[int],
 ) -> Iterator[tuple[Trial, dict[str, Poses3D], dict[str, Tally]]]:
-    """Yield every trial, what each method makes of it, and the tally of its limbs by the protocol of the table."""
+    """Yield every trial, the poses of each method, and the tally of its limbs by the protocol of the table."""
     rules = protocol[config.protocol]
     scoring = EvaluateConfig(capture=config.capture, views=views, skeleton=SHELF14.name)
     place: Callable[[Poses3D, Skeleton], Poses3D] = partial(convert_with_head, head=rules.head)
@@ -153,7 +153,7 @@ def annotated_frames(trial: Trial) -> list[int]:
 def _measure(
     config: TableConfig, views: list[int], out: Path
 ) -> tuple[Clip, dict[str, list[Tally]], list[int], list[int]]:
-    """Return what is scored, the tallies of each method, the actors, and in how many frames each is annotated."""
+    """Return the scored clip, the tallies of each method, the actors, and the annotated frames of each actor."""
     clip = load_recording(config)
     methods = load_methods(EvaluateConfig(methods=list(METHODS[config.size]), weights=config.weights))
     if config.extra_data:

@@ -87,8 +87,8 @@ def paper_table(
 
     Returns:
         JSON-able. `number`, `title`, `recording`, `protocol`, `frames`, `against`, `footnotes`, `columns`; and `rows`:
-        `name`, `origin`, `protocol`, `source`, `note`, `cells` (`value`, `low`, `high` by column, None for what is not
-        known) and `differences` from the row `against`, in the same form, in leading columns.
+        `name`, `origin`, `protocol`, `source`, `note`, `cells` (`value`, `low`, `high` by column, None for unknown
+        values) and `differences` from the row `against`, in the same form, in leading columns.
     """
     (reference,) = (row for row in rows if row.name == against)
     made = [_published(row, columns, reference, comparable) for row in published_rows(config.number)]

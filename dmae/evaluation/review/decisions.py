@@ -20,12 +20,12 @@ FORMAT = 1
 
 
 class ReviewVerdict(StrEnum):
-    """What is to become of a joint in some frames."""
+    """The decision on a joint in some frames."""
 
     accept = "accept"
-    """It stays as it is."""
+    """The joint is not changed."""
     blank = "blank"
-    """It is left out of exports, and of what is completed."""
+    """The joint is left out of exports and of completed poses."""
     hand_back = "hand_back"
     """`dmae complete` completes it, as if no camera had measured it; until then exports leave it out."""
 

@@ -41,7 +41,7 @@ def sections(result: dict) -> list[Section]:
     ]
     if result["pairs"]:
         found.append(Section("Two corruptions", "PCP with two corruptions together.", tables=pair_tables(result)))
-    methods = Table("Methods", ("method", "what it is"), list(result["methods"].items()))
+    methods = Table("Methods", ("method", "description"), list(result["methods"].items()))
     found.append(Section("How this was measured", " ".join([_MEASURED, *result["notes"]]), tables=[methods]))
     return found
 

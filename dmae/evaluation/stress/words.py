@@ -43,7 +43,7 @@ def summary(result: dict) -> list[str]:
 def breaking_tables(result: dict) -> list[Table]:
     """Return two tables of the levels at which methods break, by PCP and by hidden joints, with a row for each axis."""
     captions = {
-        "pcp": f"Level at which PCP is {PCP_DROP:g} points below that of the same method on the clips as they are",
+        "pcp": f"Level at which PCP is {PCP_DROP:g} points below that of the same method on the uncorrupted clips",
         "hidden": f"Level at which the mean error of hidden joints passes {HIDDEN_ERROR:g} mm",
     }
     return [

@@ -1,4 +1,4 @@
-"""Diagnoses of recordings with planted faults, and of sound ones.
+"""Diagnoses of recordings with planted faults, and of recordings without faults.
 
 Detections are simulated, with errors measured on a real detector, of people who walk about and occlude each other; four
 rigs, and two real recordings.

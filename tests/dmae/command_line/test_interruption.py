@@ -1,4 +1,4 @@
-"""Ctrl-C, by real processes and signals: one line, status 130, and what is whole is said and can be gone on with."""
+"""Ctrl-C, with real processes and signals: one line, status 130, and finished results are named and can be resumed."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Where results go: one command at a time, and no trace of those that failed."""
+"""Where results go: one command at a time, and failed commands leave nothing behind."""
 
 import pytest
 

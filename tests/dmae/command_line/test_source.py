@@ -1,4 +1,4 @@
-"""Values and dataclasses read from source are those that importing gives."""
+"""Values and dataclasses read from source equal the imported ones."""
 
 import enum
 from dataclasses import MISSING, fields, is_dataclass

@@ -1,4 +1,4 @@
-"""Data sets that were captured or completed have checksums: what changes in them is found and refused."""
+"""Data sets that were captured or completed have checksums: changed files are found and refused."""
 
 import shutil
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What is printed of poses adds up with what is exported of them."""
+"""Counts of poses that are printed agree with the exported poses."""
 
 import re
 from dataclasses import replace

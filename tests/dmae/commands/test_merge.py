@@ -1,4 +1,4 @@
-"""What is made of parts of a data set, joined, is what is made of all of it, byte for byte."""
+"""Joined results of the parts of a data set equal the results of the whole, byte for byte."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Completion methods: what all of a kind must do, how they are found, and how one is added."""
+"""Completion methods: requirements on each kind, lookup by name, and adding a method."""
 
 import subprocess
 import sys

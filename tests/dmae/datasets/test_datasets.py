@@ -1,4 +1,4 @@
-"""What torch gets is what the clips hold, item by item, in any order and by any number of workers."""
+"""Items of the torch data sets equal the data of the clips, in any order and with any number of workers."""
 
 import pickle
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A gate sees what is worse, is silent about noise, and refuses what cannot be compared."""
+"""A gate reports worse figures, ignores noise, and refuses figures that cannot be compared."""
 
 import copy
 import json

@@ -1,4 +1,4 @@
-"""Poses made elsewhere are scored as ours are; those that do not fit are refused with both sides named."""
+"""Poses made elsewhere are scored like our own; poses that do not fit are refused, and the error names both sides."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What `dmae complete` writes is what `dmae evaluate` scores, to the last digit."""
+"""`dmae evaluate` scores exactly the poses that `dmae complete` writes."""
 
 from dataclasses import replace
 

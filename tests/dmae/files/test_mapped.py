@@ -1,4 +1,4 @@
-"""Arrays in files: what is computed by blocks is what is computed at once, and a full disk is an error."""
+"""Arrays in files: results computed by blocks equal those computed in one piece, and a full disk is an error."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""What holds for every format, and adding one."""
+"""Requirements that every format meets, and adding a format."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Intervals: against the normal theory of means, and how often they hold what they should."""
+"""Intervals: against the normal theory of means, and how often they contain the true value."""
 
 import numpy as np
 import pytest

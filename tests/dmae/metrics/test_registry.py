@@ -1,4 +1,4 @@
-"""What holds for every metric, and adding one."""
+"""Requirements that every metric meets, and adding a metric."""
 
 import json
 import sys

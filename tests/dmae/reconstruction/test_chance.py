@@ -1,4 +1,4 @@
-"""People among figures that a detector sees where no person is: no coincidence of them becomes a person."""
+"""People among false detections: no coincidence of false detections becomes a person."""
 
 from dataclasses import replace
 

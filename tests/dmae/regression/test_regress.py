@@ -1,4 +1,4 @@
-"""The pack passes who is right, and tells who is wrong, and in what."""
+"""The regression pack accepts correct solvers, refuses wrong ones, and names their fault."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""What is written of a clip: a sheet, a video and a recording, by the command and by Python."""
+"""Files written for a clip: a sheet, a video and a recording, by the command and by Python."""
 
 import sys
 import types

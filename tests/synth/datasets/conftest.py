@@ -1,4 +1,4 @@
-"""A sound data set, and copies of it to damage."""
+"""A data set without faults, and copies of it to damage."""
 
 import shutil
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The forecast of time and disk: held against what generation takes, in seconds of this process alone."""
+"""The forecast of time and disk: compared with the cost of generation, in seconds of this process alone."""
 
 import time
 from dataclasses import replace

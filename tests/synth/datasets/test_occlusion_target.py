@@ -1,4 +1,4 @@
-"""Occlusion: counted exactly, made to order, or refused with what would help."""
+"""Occlusion: counted exactly, generated at a requested level, or refused with advice."""
 
 from dataclasses import replace
 

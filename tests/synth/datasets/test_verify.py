@@ -1,4 +1,4 @@
-"""Verification: nothing is said of a sound data set, and every damage that is planted is found and named."""
+"""Verification: a data set without faults has no findings, and every damage that is planted is found and named."""
 
 import json
 import re

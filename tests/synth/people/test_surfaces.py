@@ -1,4 +1,4 @@
-"""The cache of surfaces: the same as new ones, made anew when damaged, bounded in number."""
+"""The cache of surfaces: the same as new ones, made again when damaged, bounded in number."""
 
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Rooms from any MJCF file: what is missing is filled in, and told."""
+"""Rooms from any MJCF file: missing parts are filled in and reported."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""A rig that is tilted and lifted: named by the doctor, mended by calibrate and by capture."""
+"""A rig that is tilted and lifted: found by the doctor, corrected by calibrate and by capture."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The paper's network alone: what it may look at, what it learns, how it resumes, and what it fills."""
+"""The paper's network alone: its inputs, training, resumed training, and the joints that it fills."""
 
 from dataclasses import replace
 

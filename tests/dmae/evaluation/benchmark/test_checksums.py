@@ -1,4 +1,4 @@
-"""Frozen checksums: one changed byte is found, other rounding is told from other clips."""
+"""Frozen checksums: one changed byte is found, and rounding differences are distinguished from other clips."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Hand-ins that do not fit are refused with what does not fit."""
+"""Submissions that do not fit the benchmark are refused, and the error names the mismatch."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What holds for every corruption."""
+"""Requirements that every corruption meets."""
 
 from dataclasses import fields, replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""Where people are and what stands before them, against what the clip was made of."""
+"""Estimated positions and occlusions of people, compared with the scene that the clip was generated from."""
 
 from dataclasses import replace
 

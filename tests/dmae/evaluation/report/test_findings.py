@@ -1,4 +1,4 @@
-"""What is found in clips where it is known what there is to find."""
+"""Findings of the report on clips with known faults."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Joints that are displaced come first in the ranking, with the sign that gives them away."""
+"""Joints that are displaced come first in the ranking, with the sign that reveals them."""
 
 from dataclasses import replace
 

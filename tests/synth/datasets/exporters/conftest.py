@@ -1,4 +1,4 @@
-"""A data set, and what an exporter makes of it."""
+"""A data set, and the files that an exporter writes for it."""
 
 from collections.abc import Callable
 from pathlib import Path
