@@ -75,8 +75,8 @@ class CaptureCommand:
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
-    """Only print how many clips and frames are to be captured, and what time and disk that takes, as a piece of some of
-    them shows."""
+    """Only print the number of clips and frames to capture, and the time and disk space that this takes, measured on
+    parts of some clips."""
     out: str = "runs/capture"
     """Folder of the captured clip; of a data set a folder for each clip is made in it."""
 

@@ -43,26 +43,26 @@ class CompleteCommand:
     """Folder that `dmae train` wrote; by default the weights that come with the package, for the skeleton of the
     poses."""
     denoise: bool | None = None
-    """Let the model move joints measured by fewer than three views too; they are then marked denoised. By default where
-    the weights were trained for it."""
+    """Let the model also move joints that fewer than three views measured; they are then marked denoised. By default
+    true if the weights were trained for it."""
     reject: bool = True
-    """Drop joints of two views that the frames around contradict (`dmae.completion.rejection`), and complete them as
-    well."""
+    """Remove joints measured by two views if the frames around contradict them (`dmae.completion.rejection`), and
+    complete them too."""
     smooth: float = 0.1
-    """s; light smoothing after that (0: none). What it moves is marked denoised."""
+    """s; light smoothing after completion (0: none). Joints that it moves are marked denoised."""
     online: bool = False
-    """Complete as while cameras run: each frame by what is known `delay` after it."""
+    """Complete as if cameras were running: each frame from the frames until `delay` after it."""
     delay: float = DELAY
     """s; delay of `online`."""
     damaged: bool = False
-    """Complete even a data set of which files are missing or not as they were written."""
+    """Complete a data set even if files are missing or were changed."""
     workers: int = 1
     """Processes, each with a clip at a time; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
-    """Only print how many clips and frames are to be completed, and what time and disk that takes, as a piece of some
-    of them shows."""
+    """Only print the number of clips and frames to complete, and the time and disk space that this takes, measured on
+    parts of some clips."""
     out: str = "runs/complete"
     """Folder of the completed clip; of a data set a folder for each clip is made in it."""
 
@@ -109,7 +109,7 @@ def _complete(
     completer = (completer_for or _loaded(config))(clip.poses.skeleton)
     notes = completer.notes(clip.poses, clip.fps)
     if config.online:
-        notes.append(f"each frame by what is known {config.delay:g} s after it")
+        notes.append(f"each frame is completed from the frames until {config.delay:g} s after it")
         poses = complete_online(completer, clip.poses, clip.fps, config.delay)
     else:
         poses = completer(clip.poses, clip.fps)

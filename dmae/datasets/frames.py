@@ -70,7 +70,7 @@ class FrameDataset(Dataset):
                         f"synth generate images={'all' if masks else 'rgb'} makes them"
                     )
             if "truth" not in file.persons:
-                raise ValueError(f"{file.folder}: the clip has no truth, of which pictures are labelled")
+                raise ValueError(f"{file.folder}: the clip has no truth, which the labels of images are made from")
         self._ends = np.cumsum([-(-file.frames // every) * len(file.cameras) for file in self.files])
 
     def __len__(self) -> int:

@@ -76,8 +76,8 @@ class EvaluateConfig:
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     dry_run: bool = False
-    """Only print how many clips and frames are to be scored, and what time that takes, as a piece of some of them
-    shows."""
+    """Only print the number of clips and frames to score, and the time that this takes, measured on parts of some
+    clips."""
     out: str = "runs/evaluate"
     """Folder for `scores.json`."""
 

@@ -117,7 +117,7 @@ def check_baseline(baseline: dict, options: dict, changed: Collection[str] = ())
     if refused:
         raise ValueError(
             f"baseline: scores of other options are not compared: {'; '.join(differing[name] for name in refused)}. "
-            f"Use the same, or name those that you changed on purpose: changed=[{','.join(refused)}]"
+            f"Use the same, or name the options that you changed on purpose: changed=[{','.join(refused)}]"
         )
 
 

@@ -25,7 +25,7 @@ def score_tables(scores: dict) -> list[Table]:
     poses = f" in {scores['poses']}" if "poses" in scores else ""
     tables.append(
         Table(
-            f"MPJPE, mm, of joints hidden{poses}, by the number of frames at 25/s, those that all methods filled",
+            f"MPJPE, mm, of joints hidden{poses}, by the number of frames at 25/s; only joints that all methods filled",
             ("method", "views", *lengths),
             [
                 row

@@ -263,7 +263,7 @@ class OnlineCompleter:
 
 @completion_method("dmae_online", learned=True, smooths=True)
 def dmae_online(weights: Path | None) -> Fill:
-    """As dmae_denoise and smoothed, each frame by what is known 0.28 s after it."""
+    """As dmae_denoise, smoothed; each frame is completed from the frames until 0.28 s after it."""
     from dmae.completion.pipeline import SMOOTHING, completers
 
     completer_for = completers(weights, denoise=None, reject=True, smooth=SMOOTHING)

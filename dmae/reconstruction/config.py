@@ -86,8 +86,8 @@ class TrackingConfig:
     min_duration_s: float = 0.3
     """Shortest time for which a person is measured with `birth_joints`, s; shorter tracks are false positives."""
     max_by_chance: float | None = 0.1
-    """Largest number of people that ghosts alone would make in a frame, as well supported as a new person or more. A
-    track of which this is not so for `coasting_s` ends. null accepts all."""
+    """Largest expected number of people per frame that ghosts alone would form with the support of a new person. A
+    track that exceeds it for `coasting_s` ends. null accepts all."""
 
     def births(self, joints: int) -> int:
         """Return `birth_joints`; of skeletons with so few joints that this is nearly all, two thirds of them."""

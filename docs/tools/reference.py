@@ -22,9 +22,9 @@ def commands_page(name: str) -> str:
 def corruptions_page() -> str:
     """Return a section for each corruption: description, unit and levels."""
     about = (
-        "What `dmae stress` makes wrong, one axis a corruption, and `dmae.corrupt(clip, {name: level})` at one level. "
-        "At level 0 nothing changes. Corruptions work on real clips as on simulated ones: where people are is known by "
-        "the truth, or else by what all cameras measure. [Add one](../how-to/add_corruption.md)."
+        "The corruptions of `dmae stress`, one axis for each. `dmae.corrupt(clip, {name: level})` applies one at one "
+        "level. At level 0 nothing changes. Corruptions work on real and on simulated clips: the places of people are "
+        "taken from the truth, or else from the measurement of all cameras. [Add one](../how-to/add_corruption.md)."
     )
     parts = ["# Corruptions", about]
     for entry in corruptions():

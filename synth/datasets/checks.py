@@ -35,7 +35,7 @@ def check_numbers(clip: Clip) -> list[str]:
         if name.endswith((".xy", ".xyz")):
             torn = np.isnan(array).any(-1) != np.isnan(array).all(-1)
             if torn.any():
-                problems.append(f"{name}: {int(torn.sum())} points of which some coordinates are NaN and others not")
+                problems.append(f"{name}: {int(torn.sum())} points with some, but not all, coordinates NaN")
     with np.errstate(invalid="ignore"):
         beyond = (clip.detections.score < 0) | (clip.detections.score > 1)
     if beyond.any():

@@ -85,8 +85,8 @@ def scatter(config: RandomConfig, stage: Stage, *, rng: np.random.Generator) -> 
     if not missing.any():
         return joined(cameras)
     raise ValueError(
-        f"rig.random: in {_DRAWS} draws no {config.views} cameras were found of which {config.views_at_least} see "
-        f"every point of {stage}: {(missing > 0).mean():.0%} of it was left to fewer. Lower rig.random.views_at_least, "
+        f"rig.random: in {_DRAWS} draws no {config.views} cameras were found such that {config.views_at_least} "
+        f"see every point of {stage}: fewer see {(missing > 0).mean():.0%} of it. Lower rig.random.views_at_least, "
         "rig.random.focal or scene.radius, or raise rig.random.views or rig.random.radius"
     )
 

@@ -47,7 +47,7 @@ class ExamplesConfig:
     """Share of the clips that are held back for validation, at least one if there are two; unused with
     `validation_data`."""
     damaged: bool = False
-    """Learn even from data sets of which files are missing or not as they were written."""
+    """Train even on data sets with files that are missing or were changed."""
     workers: int = 0
     """Processes that make batches for the one that trains; 0: the training process makes them."""
 

@@ -94,9 +94,9 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
     rows += [MeasuredRow(name, missing=missing) for name in (PRETRAINED, TUNED, BETTER) if name not in tallies]
     shelf = clip.provenance.get("format") == "shelf"
     notes = [
-        f"{TUNED}: the first {used} frames of this recording are learned from as well. They and the {apart} after them "
-        "are scored in no row, so that no published row is compared with. The paper tunes on frames outside those that "
-        "are evaluated; this data has no others.",
+        f"{TUNED}: also trained on the first {used} frames of this recording. These and the next {apart} frames are "
+        "not scored in any row. Published rows are therefore not compared. The paper fine-tunes on frames that it does not "
+        "evaluate; this data has no other frames.",
         *([SHELF_NOTE] if shelf else []), PROTOCOL_NOTE, NOISE_NOTE,
     ]  # fmt: skip
     return paper_table(

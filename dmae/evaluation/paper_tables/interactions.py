@@ -35,12 +35,12 @@ _STEPS = {TableSize.small: (60, 200), TableSize.full: (1000, 6000)}
 _OBSERVED_WEIGHT = 0.2
 """Settings with which the shipped weights were trained."""
 _NOTES = (
-    "The paper's own recordings of interactions (BU-Mocap) are replaced by simulated ones, so that no published row is "
-    "compared with. The first half of the clips of each data set is learned from, the second half is scored.",
-    f"dmae: weights that were learned elsewhere. {TUNED}: the same weights, then trained on the first half. {ALONE}: "
-    "from nothing.",
-    "PCP, recall and precision of joints within 0.2 m, and MPJPE are of all joints; hidden ones are those that capture "
-    "did not measure. A row that fills fewer of these has an error over fewer.",
+    "The paper's own recordings of interactions (BU-Mocap) are replaced by simulated ones. Published rows are "
+    "therefore not compared. The first half of the clips of each data set is used for training, the second half is scored.",
+    f"dmae: weights trained on other data. {TUNED}: the same weights, then trained on the first half. {ALONE}: trained "
+    "on the first half only.",
+    "PCP, recall and precision of joints within 0.2 m, and MPJPE are of all joints; hidden joints are the joints that "
+    "capture did not measure. If a row fills fewer of them, its error is over fewer joints.",
 )
 _COLUMNS = (
     TableColumn("pcp", "PCP", lead=True),

@@ -12,11 +12,11 @@ from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
 
 _MEASURED = (
-    "Strict PCP, one-to-one matching within 0.5 m. Hidden joints are those that the capture of the method did not "
-    "measure, of people that it found; the error is over those that the method filled. Intervals are of 95 %, from "
-    "resampled whole seconds; they describe other moments of these clips, not other clips. Level 0 is the original "
-    f"clip. A method breaks where its PCP is {PCP_DROP:g} points below its own at level 0, or where the mean error "
-    f"of hidden joints exceeds {HIDDEN_ERROR:g} mm, interpolated linearly between levels."
+    "Strict PCP, one-to-one matching within 0.5 m. Hidden joints are the joints that the capture of the method did "
+    "not measure, of people that it found; the error is over the hidden joints that the method filled. Intervals are "
+    "of 95 %, from resampled whole seconds; they describe other moments of these clips, not other clips. Level 0 is "
+    f"the original clip. A method breaks where its PCP is {PCP_DROP:g} points below its own at level 0, or where the "
+    f"mean error of hidden joints exceeds {HIDDEN_ERROR:g} mm, interpolated linearly between levels."
 )
 
 
