@@ -95,8 +95,8 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
     shelf = clip.provenance.get("format") == "shelf"
     notes = [
         f"{TUNED}: also trained on the first {used} frames of this recording. These and the next {apart} frames are "
-        "not scored in any row. Published rows are therefore not compared. The paper fine-tunes on frames that it does not "
-        "evaluate; this data has no other frames.",
+        "not scored in any row. Published rows are therefore not compared. The paper fine-tunes on frames that it does "
+        "not evaluate; this data has no other frames.",
         *([SHELF_NOTE] if shelf else []), PROTOCOL_NOTE, NOISE_NOTE,
     ]  # fmt: skip
     return paper_table(

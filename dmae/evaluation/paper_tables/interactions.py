@@ -36,7 +36,7 @@ _OBSERVED_WEIGHT = 0.2
 """Settings with which the shipped weights were trained."""
 _NOTES = (
     "The paper's own recordings of interactions (BU-Mocap) are replaced by simulated ones. Published rows are "
-    "therefore not compared. The first half of the clips of each data set is used for training, the second half is scored.",
+    "therefore not compared. The first half of the clips of each data set is used for training, the second is scored.",
     f"dmae: weights trained on other data. {TUNED}: the same weights, then trained on the first half. {ALONE}: trained "
     "on the first half only.",
     "PCP, recall and precision of joints within 0.2 m, and MPJPE are of all joints; hidden joints are the joints that "
