@@ -1,4 +1,4 @@
-"""Bundle adjustment, examination and refinement: cameras whose truth is known."""
+"""Bundle adjustment, examination and refinement of cameras with known truth."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Presets that people share are data: whatever such a file holds, no other file is written and nothing is called."""
+"""Presets that people share are data: they never write another file or call a function."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""`dmae calibrate`: cameras that every command reads, and what changed."""
+"""`dmae calibrate` writes cameras that every command reads, and the changes."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What `dmae export` and `dmae convert` write, read back by the readers and by JSON alone."""
+"""Files of `dmae export` and `dmae convert`, read back by the readers and by JSON alone."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Long recordings in pieces: each frame once, with 20 s on both sides, whatever the rate."""
+"""Long recordings in pieces: each frame is completed once, with 20 s on both sides, at any rate."""
 
 from dataclasses import fields
 

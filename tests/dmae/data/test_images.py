@@ -1,4 +1,4 @@
-"""Images on disk: what is written is read back, and what is missing is named."""
+"""Images on disk: written images are read back, and errors name missing ones."""
 
 import av
 import numpy as np

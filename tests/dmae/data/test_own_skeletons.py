@@ -1,4 +1,4 @@
-"""Skeletons that a YAML file defines, and what is wrong with some."""
+"""Skeletons that a YAML file defines, and errors in such files."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Files of safetensors in pieces: the bytes of the library, and what it reads."""
+"""Safetensors files written in pieces have the bytes of the library, and are read back."""
 
 import hashlib
 

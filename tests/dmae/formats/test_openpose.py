@@ -1,4 +1,4 @@
-"""OpenPose's JSON, as it is written by others, and by ourselves."""
+"""OpenPose's JSON, written by other programs and by this one."""
 
 import json
 from dataclasses import replace

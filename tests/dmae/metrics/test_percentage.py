@@ -1,4 +1,4 @@
-"""Percentages of what is known."""
+"""Percentages of known values."""
 
 import numpy as np
 import pytest

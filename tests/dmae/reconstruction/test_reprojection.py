@@ -1,4 +1,4 @@
-"""Compiled distances and what follows from them, against the same written with arrays."""
+"""Compiled distances, and functions that use them, compared with the same computation on arrays."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is drawn of a clip: the right joints, at their places, in the right colours and shapes."""
+"""Drawings of a clip show the right joints, at the right places, in the right colours and shapes."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""All interactions: fit for use, deterministic, and with every source of motion; and what each of them shows."""
+"""All interactions: usable, deterministic, with every source of motion, and each with its characteristic contacts."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What carries people: analytic motions, MuJoCo's own contacts, and the balance of weight at rest."""
+"""Support of people: analytic motions, MuJoCo's own contacts, and the balance of weight at rest."""
 
 from dataclasses import replace
 

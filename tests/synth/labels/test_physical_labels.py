@@ -1,4 +1,4 @@
-"""Physical labels on disk: what was saved is loaded, and what is damaged is refused with its name."""
+"""Physical labels on disk: saved labels are loaded, and errors name damaged ones."""
 
 from dataclasses import fields, replace
 

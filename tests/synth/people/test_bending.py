@@ -1,4 +1,4 @@
-"""Trunks bend in small steps, hands have shapes, palms lie on what they touch."""
+"""Trunks bend in small steps, hands have shapes, and palms lie on the surfaces that they touch."""
 
 from dataclasses import replace
 

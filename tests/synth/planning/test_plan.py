@@ -1,4 +1,4 @@
-"""Whole plans, of small searches: what is planned, what is written, and input that cannot be."""
+"""Whole plans from small searches: results, files, and input that is refused."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Kernels that were learned: their file, what they predict, and how they are learned."""
+"""Learned kernels: their file, their predictions, and how they are learned."""
 
 import numpy as np
 import pytest

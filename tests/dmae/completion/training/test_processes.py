@@ -1,4 +1,4 @@
-"""Training in two processes gives the losses of one, and half precision nearly those."""
+"""Training in two processes gives the losses of one process; half precision gives nearly the same losses."""
 
 import json
 from dataclasses import replace

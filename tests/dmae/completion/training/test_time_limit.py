@@ -1,4 +1,4 @@
-"""A time limit bounds what the user waits for, what follows training included."""
+"""A time limit of training includes the steps that follow training."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Calibrations of every format: read from files somebody else wrote, written and read again."""
+"""Calibrations of every format: read from files of other programs, written and read again."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Calibrations that are malformed: what is wrong is named with file, camera and key."""
+"""Malformed calibrations: the error names the file, the camera and the key."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Covariances of joints in the image: what scattered points show, and in the files that hold them."""
+"""Covariances of joints in the image: estimated from scattered points, and read from files."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Why capture found nothing: the stage is named, and what to change."""
+"""When capture finds no person, it names the stage that failed and what to change."""
 
 from dataclasses import replace
 

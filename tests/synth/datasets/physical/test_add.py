@@ -1,4 +1,4 @@
-"""Labels that are added to clips that exist: the rest stays as it is, and exports have them."""
+"""Labels that are added to existing clips: the rest does not change, and exports contain the labels."""
 
 import json
 import shutil

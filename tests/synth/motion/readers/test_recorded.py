@@ -1,4 +1,4 @@
-"""Real takes: the same motion whatever the format, on the floor, heads up, joints bending as joints do."""
+"""Real takes: the same motion from each format, on the floor, heads up, with natural bending of joints."""
 
 import csv
 from pathlib import Path
