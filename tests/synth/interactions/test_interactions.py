@@ -1,4 +1,4 @@
-"""All interactions: usable, deterministic, with every source of motion, and each with its characteristic contacts."""
+"""All interactions: usable, deterministic, with every source of motion, and each with its characteristic features."""
 
 from dataclasses import replace
 from pathlib import Path
