@@ -113,12 +113,13 @@ def nearest_detections(projections, focal, xy, paths, most, assigned):
 
 
 @compiled()
-def judge_sides(distance, exchanged, groups, sigma, farthest, most, least, wrong):
+def judge_sides(distance, exchanged, pairs, groups, sigma, farthest, most, least, wrong):
     """Write True for pairs of joints that are clearly nearer to their expected places with sides exchanged.
 
     Args:
-        distance: (m, n, 2) m, distances of the joints of n pairs from their expected places.
-        exchanged: (m, n, 2) m, distances from the expected places of their partners.
+        distance: (m, J) m, distances of joints from their expected places.
+        exchanged: (m, J) m, distances from the expected places of their partners.
+        pairs: (n, 2) indices of the left and the right joint.
         groups: (G, n) True for the pairs that are exchanged together.
         sigma: m, standard deviation of the distances.
         farthest: m; larger distances count as this.
@@ -126,13 +127,13 @@ def judge_sides(distance, exchanged, groups, sigma, farthest, most, least, wrong
         least: Smallest logarithm of the ratio of likelihoods for an exchange of sides.
         wrong: (m, n) bool, written.
     """
-    rows, pairs = wrong.shape
-    evidence, after, count = np.empty(pairs), np.empty(pairs), np.empty(pairs)
+    rows, number = wrong.shape
+    evidence, after, count = np.empty(number), np.empty(number), np.empty(number)
     for i in range(rows):
-        for pair in range(pairs):
+        for pair in range(number):
             evidence[pair], after[pair], count[pair] = 0.0, 0.0, 0.0
             for side in range(2):
-                here, there = distance[i, pair, side], exchanged[i, pair, side]
+                here, there = distance[i, pairs[pair, side]], exchanged[i, pairs[pair, side]]
                 if not (np.isnan(here) or np.isnan(there)):
                     here, there = min(here, farthest), min(there, farthest)
                     evidence[pair] += (here * here - there * there) / (2 * sigma * sigma)
@@ -140,14 +141,24 @@ def judge_sides(distance, exchanged, groups, sigma, farthest, most, least, wrong
                     count[pair] += 1
             wrong[i, pair] = evidence[pair] > least and after[pair] <= most * count[pair]
         for group in range(len(groups)):
-            total, near, number = 0.0, 0.0, 0.0
-            for pair in range(pairs):
+            total, near, joints = 0.0, 0.0, 0.0
+            for pair in range(number):
                 if groups[group, pair]:
                     total += evidence[pair]
                     near += after[pair]
-                    number += count[pair]
-            if total > least and near <= most * number:
-                for pair in range(pairs):
+                    joints += count[pair]
+            if total > least and near <= most * joints:
+                for pair in range(number):
                     wrong[i, pair] |= groups[group, pair]
-        for pair in range(pairs):
+        for pair in range(number):
             wrong[i, pair] &= evidence[pair] > -least and count[pair] > 0
+
+
+@compiled()
+def take_sides(exchanged, pairs, wrong, distance):
+    """Replace distances (m, J) by exchanged ones (m, J) at the joints of pairs (n, 2) that are wrong, (m, n)."""
+    for i in range(len(wrong)):
+        for pair in range(len(pairs)):
+            if wrong[i, pair]:
+                for side in range(2):
+                    distance[i, pairs[pair, side]] = exchanged[i, pairs[pair, side]]

@@ -13,7 +13,7 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import release
 from dmae.reconstruction.association import NONE
-from dmae.reconstruction.compiled.reprojection import judge_sides, measure_pairs
+from dmae.reconstruction.compiled.reprojection import judge_sides, measure_pairs, take_sides
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
 
@@ -74,14 +74,11 @@ def nearer_side(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> np
         exchanged: (..., J) m, distances from the expected places of their partners on the other side.
         sides: Sides of the skeleton.
     """
-    pairs = sides.pairs
-    if not len(pairs):
+    if not len(sides.pairs):
         return distance
-    wrong = _is_exchanged(distance[..., pairs], exchanged[..., pairs], sides)
     chosen = distance.copy()
-    for side in (0, 1):
-        joints = pairs[:, side]
-        chosen[..., joints] = np.where(wrong, exchanged[..., joints], distance[..., joints])
+    rows = [each.reshape(-1, distance.shape[-1]) for each in (chosen, np.ascontiguousarray(exchanged))]
+    take_sides(rows[1], sides.pairs, _is_exchanged(*rows, sides.pairs, sides.groups), rows[0])
     return chosen
 
 
@@ -112,7 +109,8 @@ def find_exchanged(
     measure_pairs(
         rig.projections, focal, evidence.xy[frames], np.asarray(expected, np.float64), detection, pairs, *found
     )
-    wrong = _is_exchanged(*found, sides)
+    rows, both = found.reshape(2, prod(detection.shape[:-1]), pairs.size), np.arange(pairs.size).reshape(pairs.shape)
+    wrong = _is_exchanged(*rows, both, sides.groups).reshape(detection.shape)
     observing = (assigned != NONE).any(-1).sum(2)[:, :, None, None]
     return wrong & (2 * wrong.sum(2, keepdims=True) <= observing), detection
 
@@ -159,13 +157,16 @@ def _exchanged_detections(clip: Clip, part: slice, xyz: np.ndarray) -> np.ndarra
     return (wrong.sum(-1) >= 2).any(1)
 
 
-def _is_exchanged(distance: np.ndarray, exchanged: np.ndarray, sides: Sides) -> np.ndarray:
-    """Return (..., n) True for pairs (..., n, 2) that are clearly nearer to their expected places with sides exchanged.
+def _is_exchanged(distance: np.ndarray, exchanged: np.ndarray, pairs: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """Return (m, n) True for pairs that are clearly nearer to their expected places with sides exchanged.
 
     The whole body is judged first, then its limbs, then each pair alone.
+
+    Args:
+        distance, exchanged: (m, J) m.
+        pairs: (n, 2) indices of the left and the right joint.
+        groups: (G, n), see `Sides`.
     """
-    *shape, pairs, _ = distance.shape
-    wrong = np.empty((prod(shape), pairs), bool)
-    rows = [np.ascontiguousarray(each).reshape(*wrong.shape, 2) for each in (distance, exchanged)]
-    judge_sides(*rows, sides.groups, _SIGMA, _FARTHEST, _MAX_DISTANCE, _MIN_EVIDENCE, wrong)
-    return wrong.reshape(*shape, pairs)
+    wrong = np.empty((len(distance), len(pairs)), bool)
+    judge_sides(distance, exchanged, pairs, groups, _SIGMA, _FARTHEST, _MAX_DISTANCE, _MIN_EVIDENCE, wrong)
+    return wrong
