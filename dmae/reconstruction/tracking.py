@@ -18,6 +18,7 @@ from dmae.numerics.robust import median_known
 from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
+from dmae.reconstruction.compiled.assigned import assign_joints
 from dmae.reconstruction.compiled.chance import beyond_chance
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit, fewer_of_few
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
@@ -152,16 +153,8 @@ def _propagate(
         distance = nearer_side(distance, exchanged, sides)
     closeness = confidence[:, None] * np.maximum(1 - distance / config.th_d, -1)
     owner, primary = propagate(closeness, state.age > config.tracking.confirmation_s)
-    view = np.arange(len(primary))[:, None]
-    assigned = np.where(present[view, primary] & (primary != NONE)[..., None], primary[..., None], NONE)
-    # A fragment or a duplicate supplies the joints that the primary detection lacks in this view, if they are near.
-    fragment = owner != NONE
-    matched = np.nonzero(primary != NONE)
-    fragment[matched[0], primary[matched]] = False
-    for v, d in np.argwhere(fragment):
-        t = owner[v, d]
-        supplied = present[v, d] & (assigned[v, t] == NONE) & ~(closeness[v, t, d] <= 0)
-        assigned[v, t, supplied] = d
+    assigned = np.empty((*primary.shape, confidence.shape[-1]), np.int64)
+    assign_joints(primary, owner, present, closeness, assigned)
     return assigned.swapaxes(0, 1), owner
 
 
