@@ -13,10 +13,11 @@ import pytest
 
 from tests.support.browser import find_chromium
 
-# In continuous integration a red run means that a change broke something: the same examples are tried every time.
-hypothesis.settings.register_profile("ci", derandomize=True)
-if os.environ.get("CI"):
-    hypothesis.settings.load_profile("ci")
+# In continuous integration a red run means that a change broke something: the same examples are tried every time. An
+# example may take any time, because other processes can load the machine.
+hypothesis.settings.register_profile("local", deadline=None)
+hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
 @pytest.fixture(scope="session")

@@ -92,7 +92,8 @@ def check(options: Group, overrides: list[str], flags: list[str]) -> None:
     if looking or flag_values(flags, *PRESET_FLAGS):
         return
     if missing := required(options, set(given)):
-        raise ValueError(f"expected {', '.join(f'{key}=...' for key in missing)}; --help says what they are")
+        texts = (f"{key}=... ({options.find(key).meaning.partition('. ')[0].strip(' .')})" for key in missing)
+        raise ValueError(f"expected {', '.join(texts)}; --help lists all options")
 
 
 def required(options: Group, given: Collection[str] = ()) -> list[str]:
@@ -115,7 +116,7 @@ def _check(options: Group, override: str, sweep: bool) -> str:
     if key.split(".")[0].split("/")[0] == "hydra":
         return key
     if not match["equals"] and prefix != "~":
-        raise ValueError(f"{override}: expected key=value{_meant(options, key)}")
+        raise ValueError(f"{override}: expected key=value{_meant(options, key) or _intended(options, override)}")
     found = options.find(key)
     if found is None:
         if _below_dictionary(options, key):
@@ -221,6 +222,11 @@ def _meant(options: Group, word: str) -> str:
     keys = [member.key for member in options.walk()]
     near = word if word in keys else nearest(word, keys)
     return f", as in {near}=..." if near else ""
+
+
+def _intended(options: Group, value: str) -> str:
+    """Return the option for which a value without key was probably meant: the first that is required."""
+    return "".join(f", as in {key}={value}" for key in required(options)[:1])
 
 
 def _below_dictionary(options: Group, key: str) -> bool:

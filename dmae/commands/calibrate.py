@@ -71,6 +71,8 @@ def _print(refined: Refined) -> None:
         )
     print_tables([Table("what changed; reprojection errors are medians", header, rows)])
     if refined.floor is not None:
-        print(f"the world is made level; before, {refined.floor.describe()}")
+        known = refined.floor.up is not None and refined.floor.height_m is not None
+        how = "; before" if known else " only roughly, by the mean direction of people who stand. Before"
+        print(f"the world is made level{how}, {refined.floor.describe()}")
     if refined.note:
         print(refined.note)

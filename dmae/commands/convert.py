@@ -36,7 +36,7 @@ def run(config: ConvertCommand, out: Path) -> None:
             for note in clip.provenance.get("notes", ()):
                 print(f"  {note}")
             if lacking:
-                print(f"  read it with {lacking}, which the format does not hold")
+                print(f"  read it with {lacking}, which its files do not state")
 
 
 def interrupted(config: ConvertCommand, out: Path) -> str:

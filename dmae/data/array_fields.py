@@ -1,5 +1,6 @@
-"""Convert array fields of frozen dataclasses to their type, and check their shape."""
+"""Array fields of frozen dataclasses: convert them to their type, check their shape, print them."""
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,8 @@ from dmae.files.mapped import LARGE
 
 _LONGEST_EMPTY = 1_000_000
 """Largest length of an axis in an array of size zero. A file can state any length if another axis has length 0."""
+_MOST_SHOWN = 8
+"""Longest tuple that is printed whole."""
 ANY = -1
 """Marks an axis of any length in an expected shape."""
 
@@ -35,6 +38,39 @@ def set_array(owner: Any, name: str, dtype: type, shape: tuple[int, ...], defaul
     if array.size == 0 and max(array.shape, default=0) > _LONGEST_EMPTY:
         raise ValueError(f"{type(owner).__name__}.{name}: found an empty array of shape {array.shape}")
     object.__setattr__(owner, name, array)
+
+
+def check_type(owner: Any, name: str, expected: type, advice: str = "") -> None:
+    """Raise TypeError if a field of a dataclass is neither None nor of the expected type."""
+    value = getattr(owner, name)
+    if value is not None and not isinstance(value, expected):
+        raise TypeError(
+            f"{type(owner).__name__}.{name}: expected a {expected.__name__}, found {type(value).__name__}{advice}"
+        )
+
+
+def short_repr(self: Any) -> str:
+    """Return a dataclass as text: arrays by type and shape, skeletons by name, dictionaries by their keys.
+
+    Fields that are None or empty are left out. A class uses it by `__repr__ = short_repr`.
+    """
+    found = {field.name: getattr(self, field.name) for field in fields(self)}
+    shown = (f"{name}={_short(value)}" for name, value in found.items() if not _empty(value))
+    return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def _empty(value: Any) -> bool:
+    return value is None or (isinstance(value, dict | tuple) and not value)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}[{', '.join(map(str, value.shape))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(map(str, value))}}}"
+    if isinstance(value, tuple) and len(value) > _MOST_SHOWN:
+        return f"({value[0]!r}, ..., {value[-1]!r})"
+    return value.name if hasattr(value, "joints") else repr(value)
 
 
 def _full(shape: tuple[int, ...], value: float, dtype: type) -> np.ndarray:

@@ -7,6 +7,7 @@ from math import prod
 import cv2
 import numpy as np
 
+from dmae.data.array_fields import short_repr
 from dmae.files.numbers import LEAST_FOCAL, MOST_DISTORTION, MOST_FOCAL, MOST_METRES, MOST_SIZE, check_numbers
 
 # OpenCV's default criteria leave up to 0.07 px; these converge to 1e-10.
@@ -35,6 +36,8 @@ class CameraRig:
     cam_from_world: np.ndarray
     size: np.ndarray
     fisheye: np.ndarray = None
+
+    __repr__ = short_repr
 
     def __post_init__(self):
         object.__setattr__(self, "names", tuple(str(name) for name in self.names))
@@ -88,7 +91,11 @@ class CameraRig:
 
     def __getitem__(self, views) -> "CameraRig":
         """Return the rig of some views: a slice, or a list of indices. One camera is `rig[2:3]`."""
-        index = np.arange(len(self))[views]
+        try:
+            index = np.arange(len(self))[views]
+        except IndexError:
+            named = ", ".join(f"{index} ({name})" for index, name in enumerate(self.names))
+            raise IndexError(f"cameras {views}: expected a slice or a list of indices; there are {named}") from None
         if index.ndim != 1:
             raise TypeError(f"a rig is indexed by a slice or a list; for one camera use rig[{views}:{views} + 1]")
         return CameraRig(

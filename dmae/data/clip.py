@@ -5,7 +5,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from dmae.data.array_fields import ANY, set_array
+from dmae.data.array_fields import ANY, check_type, set_array, short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
@@ -32,6 +32,9 @@ class Source(IntEnum):
     """Not measured: interpolated, or predicted by a model."""
 
 
+_BY_NAME = "; get_skeleton(name) returns one"
+
+
 @dataclass(frozen=True)
 class Detections2D:
     """The output of a 2D detector in V views. The order of the D detections within a view has no meaning.
@@ -46,7 +49,10 @@ class Detections2D:
     xy: np.ndarray
     score: np.ndarray
 
+    __repr__ = short_repr
+
     def __post_init__(self):
+        check_type(self, "skeleton", Skeleton, _BY_NAME)
         set_array(self, "xy", np.float32, (ANY, ANY, ANY, len(self.skeleton), 2))
         set_array(self, "score", np.float32, self.xy.shape[:-1])
         parts = frame_blocks(self.xy, self.score)
@@ -88,7 +94,10 @@ class Poses3D:
     views: np.ndarray = None
     rays: np.ndarray = None
 
+    __repr__ = short_repr
+
     def __post_init__(self):
+        check_type(self, "skeleton", Skeleton, _BY_NAME)
         set_array(self, "xyz", np.float32, (ANY, ANY, len(self.skeleton), 3))
         joints = self.xyz.shape[:-1]
         absent = by_frames(lambda xyz: np.isnan(xyz).any(-1), self.xyz)
@@ -142,6 +151,10 @@ class Poses3D:
         return Poses3D(self.skeleton, **arrays)
 
 
+_KINDS = {"rig": CameraRig, "detections": Detections2D, "truth": Poses3D, "poses": Poses3D, "true_rig": CameraRig}
+"""Types of the fields of a clip that a caller may confuse with arrays or with each other."""
+
+
 @dataclass(frozen=True)
 class Clip:
     """A section of a multi-view recording with F frames and V views.
@@ -177,7 +190,11 @@ class Clip:
     true_rig: CameraRig | None = None
     provenance: dict = field(default_factory=dict)
 
+    __repr__ = short_repr
+
     def __post_init__(self):
+        for name, kind in _KINDS.items():
+            check_type(self, name, kind)
         frames, views = self.detections.xy.shape[:2]
         if views != len(self.rig):
             raise ValueError(f"clip {self.id!r}: {len(self.rig)} cameras but detections in {views} views")

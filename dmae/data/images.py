@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dmae.data.array_fields import short_repr
 from dmae.files.names import child
 from dmae.files.pictures import read_picture
 from dmae.files.videos import kept_open, open_video
@@ -50,6 +51,8 @@ class Images:
     parts: tuple[str, ...] = ()
     rgb: str = "h264"
     files: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self):
         if self.files and len(self.files) != len(self.views):

@@ -5,7 +5,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from dmae.data.array_fields import ANY, set_array
+from dmae.data.array_fields import ANY, set_array, short_repr
 from dmae.files.numbers import MOST_METRES, MOST_PIXELS, check_numbers
 
 
@@ -70,6 +70,8 @@ class OcclusionLabels:
     amodal_pixels: np.ndarray | None = None
     objects: tuple[str, ...] = ()
 
+    __repr__ = short_repr
+
     def __post_init__(self):
         set_array(self, "visibility", np.uint8, (ANY,) * 4)
         joints = self.visibility.shape
@@ -127,6 +129,8 @@ class DetectionLabels:
     joint_person: np.ndarray | None = None
     error: np.ndarray | None = None
     offset_px: np.ndarray | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self):
         set_array(self, "person", np.int16, (ANY,) * 3)

@@ -5,6 +5,7 @@ from pathlib import Path
 from dmae.data.skeletons.definition import define, read_skeleton
 from dmae.data.skeletons.tree import Skeleton as Skeleton
 from dmae.data.skeletons.tree import fuse as fuse
+from dmae.registry import unknown
 
 _FILES = (".yaml", ".yml")
 
@@ -114,12 +115,9 @@ def get_skeleton(name: str) -> Skeleton:
     if name.endswith(_FILES):
         return check_name(read_skeleton(Path(name)), name)
     parts = name.split("+")
-    unknown = [part for part in parts if part not in SKELETONS]
-    if unknown or len(parts) > 2:
-        raise KeyError(
-            f"no skeleton {name!r}; there are {sorted(SKELETONS)}, two of them joined by '+', and your own in a YAML "
-            "file, by its path"
-        )
+    if len(parts) > 2 or not all(part in SKELETONS for part in parts):
+        known = unknown("skeleton", name, sorted(SKELETONS))
+        raise KeyError(f"{known}; two of them joined by '+'; and your own in a YAML file, by its path")
     return SKELETONS[name] if len(parts) == 1 else fuse(SKELETONS[parts[0]], SKELETONS[parts[1]])
 
 

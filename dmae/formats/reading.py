@@ -73,6 +73,10 @@ class Clips(Sequence):
             if str(folder) in str(error):
                 raise
             raise ValueError(f"{folder}: {error}") from None
+        except FileNotFoundError as error:
+            if folder.exists():
+                raise
+            raise FileNotFoundError(f"{folder}: no such file or folder. {error}") from None
         return select_views(select_frames(shift_views(clip, offsets), config.frames), config.cameras)
 
 

@@ -17,11 +17,24 @@ _SUFFIXES = {"coco": ".json", "movement": ".nc"}
 
 
 def export_path(path: Path, format: str) -> Path:
-    """Return the path that `write_poses` writes. A file without a suffix gets the suffix of the format."""
+    """Return the path that `write_poses` writes. A file without a suffix gets the suffix of the format.
+
+    Raises:
+        ValueError: the format is unknown, or the file has the suffix of another format.
+    """
     writer, path = pose_writer.find(format), Path(path)
-    if writer.folder or path.suffix or writer.name not in pose_writer:
+    if writer.folder or writer.name not in pose_writer:
         return path
-    return path.with_suffix(_SUFFIXES.get(writer.name, f".{writer.name}"))
+    if not path.suffix:
+        return path.with_suffix(_suffix(writer))
+    for other in pose_writer.values():
+        if not other.folder and path.suffix == _suffix(other) != _suffix(writer):
+            raise ValueError(f"{path}: format={writer.name}, but {path.suffix} is of format={other.name}; give that")
+    return path
+
+
+def _suffix(writer: PoseWriter) -> str:
+    return _SUFFIXES.get(writer.name, f".{writer.name}")
 
 
 def write_poses(

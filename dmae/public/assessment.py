@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import get_skeleton
 from dmae.data.skeleton_conversion import convert
+from dmae.public.arguments import checked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from dmae.viewing.layers import LayersConfig
 
 
+@checked
 def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None = None) -> dict:
     """Score poses against the truth of their clip.
 
@@ -87,6 +89,7 @@ def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, ch
     return gates.compare_scores(*found, changed)
 
 
+@checked
 def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> Figure:
     """Draw one frame: the poses in every view, and the world from the side and from above. Completed joints are red.
 
@@ -116,6 +119,7 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
     return views_figure(clip, frames_to_draw(clip, 1)[0] if frame is None else frame)
 
 
+@checked
 def report(
     clip: Clip | Sequence[Clip],
     out: str | Path,
@@ -139,6 +143,8 @@ def report(
     """
     from dmae.evaluation.report.page import write_clips_report
 
+    if not isinstance(clip, Clip) and not len(clip) and not len(scores):
+        raise ValueError("nothing to report: expected a clip, several, or scores")
     write_clips_report(Path(out), [clip] if isinstance(clip, Clip) else clip, scores, title=title)
 
 
@@ -225,6 +231,7 @@ def regress(solver: Callable, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
     return check(solver, skip)
 
 
+@checked
 def show(
     clip: Clip,
     out: str | Path,

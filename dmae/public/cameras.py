@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dmae.data.clip import Clip
+from dmae.public.arguments import checked
 
 if TYPE_CHECKING:
     from dmae.calibration.adjustment.refinement import RefineConfig, Refined
     from dmae.calibration.doctor import Diagnosis
 
 
+@checked
 def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
     """Find what is wrong with a calibration, by comparing what its cameras detect.
 
@@ -35,6 +37,7 @@ def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
     return diagnose(clip, max_offset=max_offset)
 
 
+@checked
 def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
     """Refine the calibration of a clip by the people in it: bundle adjustment over their joints and bones.
 

@@ -13,6 +13,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.numerics import filling
+from dmae.public.arguments import checked
 from dmae.public.options import composed
 from dmae.reconstruction import pipeline, triangulation
 from dmae.reconstruction.config import CaptureConfig
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from dmae.completion.completer import Completer
 
 
+@checked
 def capture(
     clip: Clip, config: CaptureConfig | str | None = None, *, fill: str = "none", smooth: float = 0.0
 ) -> Poses3D:
@@ -52,6 +54,8 @@ def capture(
     from dmae.completion.methods import METHODS
 
     if isinstance(config, str):
+        if "=" in config:
+            raise ValueError(f"config={config!r}: expected a preset, as 'tight', or dmae.CaptureConfig with options")
         config = composed("capture", f"capture={config}").capture
     poses = pipeline.capture(clip, config or CaptureConfig())
     if fill != "none":
@@ -59,6 +63,7 @@ def capture(
     return filling.smooth(poses, clip.fps, smooth)
 
 
+@checked
 def complete(
     poses: Poses3D,
     fps: float,
@@ -107,6 +112,7 @@ def complete(
     return complete_online(completer_for, poses, fps, delay) if online else completer_for(poses, fps)
 
 
+@checked
 def completer(
     skeleton: Skeleton,
     *,
@@ -147,6 +153,7 @@ def _loaded(weights: str | None, denoise: bool | None, reject: bool, smooth: flo
     return completers(weights and Path(weights), denoise=denoise, reject=reject, smooth=smooth)
 
 
+@checked
 def train(
     clips: Iterable[Clip],
     out: str | Path,
@@ -208,6 +215,7 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
     return model_card(Path(weights), [Path(folder) for folder in scores], command)
 
 
+@checked
 def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray) -> Points:
     """Triangulate points robustly from pixels of several cameras.
 

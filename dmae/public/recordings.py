@@ -18,6 +18,7 @@ from dmae.formats.recordings import pose_files
 from dmae.formats.recordings.data_config import DataConfig
 from dmae.formats.recordings.pose_files import PoseFile
 from dmae.formats.writing import write_poses, write_recording
+from dmae.public.arguments import checked
 
 
 def read(path: str | Path, fps: float | None = None, format: str | None = None, **options: object) -> Clip:
@@ -149,6 +150,7 @@ def load(folder: str | Path) -> Clip:
     return load_clip(Path(folder))
 
 
+@checked
 def save(clip: Clip, folder: str | Path) -> None:
     """Write a clip to a folder: `clip.json` and `arrays.safetensors`.
 
@@ -183,6 +185,7 @@ def load_dataset(path: str | Path) -> Sequence[Clip]:
     return Clips(DataConfig(path=str(path)))
 
 
+@checked
 def export(
     clip: Clip,
     out: str | Path,
@@ -218,6 +221,7 @@ def export(
     write_poses(given, Path(out), format, skeleton=skeleton, unit=unit, keep_mm=keep_mm)
 
 
+@checked
 def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:
     """Write the detections and cameras of a clip in the format of another program.
 

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 
 from dmae.data.clip import Clip
 from dmae.evaluation.review.decisions import Decision, ReviewVerdict, decided, save_decisions
+from dmae.public.arguments import checked
 
 if TYPE_CHECKING:
     from dmae.evaluation.review.ranking import Doubt
 
 
+@checked
 def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
     """Rank the joints of a clip by how far off they may be, the most doubtful first.
 
@@ -41,6 +43,7 @@ def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
     return rank_doubts(clip, decisions)
 
 
+@checked
 def decide(clip: Clip, decisions: Sequence[Decision], folder: str | Path | None = None) -> Clip:
     """Return a clip without the joints that decisions blank or hand back.
 

@@ -7,9 +7,11 @@ from pathlib import Path
 
 from dmae.data.clip import Clip
 from dmae.evaluation.corruption import corrupt as corruption
+from dmae.public.arguments import checked
 from dmae.public.options import composed
 
 
+@checked
 def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:
     """Return a clip, simulated or real, with something wrong with its detections, cameras or frame rate.
 
@@ -31,9 +33,12 @@ def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:
         >>> len(fewer.rig) == len(clip.rig) - 2
         True
     """
+    if not isinstance(levels, Mapping):
+        raise TypeError(f"levels: expected levels by name, as {{'objects': 40}}, found {levels!r:.80}")
     return corruption.corrupt(clip, levels, seed=seed)
 
 
+@checked
 def stress(clips: Sequence[Clip], out: str | Path | None = None, *overrides: str) -> dict:
     """Corrupt clips step by step, and score every method at each step.
 

@@ -22,6 +22,8 @@ def views_figure(clip: Clip, frame: int) -> Figure:
     """
     if clip.poses is None:
         raise ValueError(f"clip {clip.id!r} has no poses to draw; capture it first")
+    if not 0 <= frame < len(clip):
+        raise ValueError(f"frame={frame}: clip {clip.id!r} has frames 0 to {len(clip) - 1}")
     views = len(clip.rig)
     rows = -(-(views + 2) // _COLUMNS)
     width, height = clip.rig.size[0]

@@ -43,6 +43,8 @@ def write_sheet(
 
     With many views a frame takes several rows.
     """
+    if rows < 1:
+        raise ValueError(f"frames={rows}: expected 1 or more frames in the contact sheet")
     columns = min(len(clip.rig), _COLUMNS)
     overlay = Overlay(clip, _fitting(width, columns), layers, rooms)
     frames = np.unique(((np.arange(rows) + 0.5) * len(clip) / rows).astype(int))

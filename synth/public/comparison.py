@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
+from dmae.public.arguments import checked
 
 if TYPE_CHECKING:
     from synth.datasets.motion_realism import Difference
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from synth.detector.fitting import Fit
 
 
+@checked
 def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, workers: int = 1) -> list[Row]:
     """Compare the detections of a recording with those of its simulation.
 
@@ -46,6 +48,7 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
     return comparison.compare(measure(real), measure_all(clips, len(clips), workers), limits or comparison.Limits())
 
 
+@checked
 def compare_motion(
     real: str | Path | Iterable[Clip], sim: Iterable[Clip], *, takes: Sequence[str] = ("*",), longest: float = 10.0
 ) -> list[Difference]:
@@ -85,6 +88,7 @@ def compare_motion(
     return motion_realism.compare(*samples, rng=generator(0, 0, Stream.VALIDATION))
 
 
+@checked
 def fit_detector(
     recording: Clip,
     clips: Sequence[Clip],

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip
+from dmae.public.arguments import checked
 from dmae.viewing.layers import LayersConfig, chosen_layers
 from dmae.viewing.sheet import has_images, write_sheet
 from dmae.viewing.show import of_views, show_clip
 from synth.viewing.rooms import draw_rooms
 
 
+@checked
 def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 480) -> None:
     """Draw a clip in its room as a PNG: some frames, all views, each true joint in the colour of its occluder.
 
@@ -31,6 +33,7 @@ def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 
     write_sheet(clip, Path(out), chosen_layers(clip, LayersConfig()), rows=frames, width=width, rooms=_rooms(clip))
 
 
+@checked
 def show(clip: Clip, out: str | Path, **options: object) -> list[Path]:
     """Draw a clip in its room: a contact sheet, a video, a recording for Rerun.
 

@@ -55,6 +55,8 @@ def _find(name: str, folder: Path, what: str) -> Path:
     for path in (folder / f"{name}.xml", Path(name)):
         if path.is_file():
             return path
+    if Path(name).suffix:
+        raise FileNotFoundError(f"{name}: no such file; expected an MJCF file, or one of {', '.join(_names(folder))}")
     raise ValueError(f"{unknown(what, name, _names(folder))}, and the path of an MJCF file names another")
 
 

@@ -75,8 +75,13 @@ class Floor:
             tilt = f"z is tilted by {self.tilt_deg:.1f} degrees (95 %: {low:.1f} to {high:.1f})"
         if self.height_m is not None:
             low, high = self.height_interval_m
-            height = f"the floor is at z = {100 * self.height_m:+.0f} cm (95 %: {100 * low:+.0f} to {100 * high:+.0f})"
+            height = f"the floor is at z = {_cm(self.height_m)} cm (95 %: {_cm(low)} to {_cm(high)})"
         return f"{tilt}; {height}"
+
+
+def _cm(metres: float) -> str:
+    """Return whole centimetres with their sign; less than half a centimetre is +0, not -0."""
+    return f"{round(100 * metres):+d}"
 
 
 _NOTHING = Floor(None, None, None, None, None, None, 0)

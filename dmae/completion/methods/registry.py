@@ -67,7 +67,8 @@ class _Untrained(Mapping):
         except ValueError as error:
             raise KeyError(str(error)) from error
         if method.learned:
-            raise KeyError(f"completion method {name!r} needs weights: use find_method({name!r}).load(weights)")
+            load = f"find_method({name!r}).load(weights)"
+            raise KeyError(f"completion method {name!r} needs weights: dmae.complete has them, or use {load}")
         return _of_any_size(method.function)
 
     def __iter__(self) -> Iterator[str]:

@@ -136,7 +136,7 @@ def with_cameras(
 
 def known_rate(fps: float | None, found: NumberedDetections, path: Path) -> float:
     """Return the given frame rate, or else the rate that the files state; raise ValueError if both are unknown."""
-    fps = fps or found.fps
+    fps = found.fps if fps is None else fps
     if fps is None:
         raise ValueError(f"{path}: no file states the frame rate; give data.fps=...")
     return fps

@@ -78,7 +78,10 @@ def _divided(takes: Sequence[Take], shares: Mapping[str, float], *, seed: int) -
         seconds[take.listed.subject] += take.seconds
     people = sorted(person for person, length in seconds.items() if length > 0)
     if len(people) < len(shares):
-        raise ValueError(f"{len(people)} subjects with takes that can be read, too few for {len(shares)} sets")
+        raise ValueError(
+            f"{len(people)} subjects with takes that can be read, {', '.join(people)}: too few for {len(shares)} sets, "
+            f"{', '.join(shares)}; set the share of a set to 0, or add takes of other subjects"
+        )
     total = sum(seconds.values())
     lacking = {name: share * total for name, share in shares.items()}
     chosen: dict[str, str] = {}

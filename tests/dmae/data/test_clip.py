@@ -118,3 +118,13 @@ def test_select_keeps_poses_only_with_all_views():
 def test_select_of_all_is_the_clip():
     clip = full_clip()
     np.testing.assert_array_equal(clip.select().detections.xy, clip.detections.xy)
+
+
+def test_a_clip_is_printed_in_a_few_lines():
+    clip = full_clip()
+    printed = repr(clip)
+    assert len(printed) < 3000
+    assert f"names={clip.rig.names}" in printed
+    assert f"xyz=float32[{', '.join(map(str, clip.truth.xyz.shape))}]" in printed
+    assert "skeleton=body25" in printed
+    assert "None" not in printed

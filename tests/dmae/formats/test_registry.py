@@ -174,7 +174,7 @@ def test_commands_take_a_new_format(captured, tmp_path):
 
     said = run("convert", "data=a", "format=lizard", "out=b")
     assert "b: 12 frames" in said
-    assert "read it with data.fps=25, which the format does not hold" in said
+    assert "read it with data.fps=25, which its files do not state" in said
     run("convert", "data=lizard", "data.path=b", "out=c")
     run("convert", "data=lizard_format:read_lizard", "data.path=b", "out=d")
     assert "data=lizard " in run("convert", "--help", "data")
