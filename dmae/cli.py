@@ -75,7 +75,7 @@ def _run_program(program: Program) -> None:
         try:
             _run_command(command, arguments, interrupted)
         except BrokenPipeError:
-            # The reader has closed the pipe, as in `dmae train --help | head`; Python must not flush into it at exit.
+            # The reader closed the pipe, as in `dmae train --help | head`. Python must not write to it at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             sys.exit(1)
         except (ValueError, KeyError, OSError) as error:
@@ -118,7 +118,7 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
 
 def _copy_presets(command: Command, folders: list[Path], copy: Path) -> None:
     """Check and copy the presets of users, so that Hydra reads only the copies; print notes on renamed options."""
-    from dmae.command_line.presets import copy_presets  # loads NumPy, which help does without
+    from dmae.command_line.presets import copy_presets  # it loads NumPy, which `--help` does not need
 
     for folder in folders:
         if not folder.is_dir():
@@ -150,15 +150,15 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
             raise
         except Exception as error:
             if interrupted.signal:
-                # What fails as workers end with the command is no error of its own.
+                # The command was interrupted: an error of its workers, which end with it, is a consequence.
                 raise KeyboardInterrupt from None
             if full or not isinstance(error, (ValueError, KeyError, OSError, OmegaConfBaseException)):
                 raise
-            # Hydra, too, would say something of an error that leaves its job.
+            # Exit here: Hydra would print a message of its own for an error that leaves the job.
             sys.exit(f"{command}: error: {_in_one_line(error)}")
 
     full = os.environ.get("HYDRA_FULL_ERROR")
-    # Hydra would print errors in several lines; so it hands them on.
+    # With this setting Hydra raises errors instead of printing them in several lines.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     try:
         application()
@@ -201,7 +201,7 @@ def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -
         except SystemExit:
             if interrupted.signal:
                 raise
-            # Commands that end with a verdict have done their work, whatever it is.
+            # A command that exits with a verdict has finished its work, whatever the verdict is.
             record(OmegaConf.to_yaml(config, resolve=True), out)
             raise
         if not getattr(values, "dry_run", False):
@@ -259,7 +259,7 @@ def _schema(configuration: type):
     def thaw(part):
         part._set_flag("readonly", None)
         if OmegaConf.get_type(part) is dict and not part:
-            # A dictionary without entries of its own takes any; the command checks them.
+            # An empty dictionary accepts any entries; the command checks them.
             part._set_flag("struct", False)
         for _, child in part.items_ex(resolve=False):
             if isinstance(child, DictConfig):
@@ -278,7 +278,7 @@ def _in_one_line(error: Exception) -> str:
     first, *more = str(error).splitlines()
     reason = str(error.__cause__).splitlines()[0] if error.__cause__ else ""
     if first.endswith("raised while composing config:") and more:
-        # "In 'detector/mine': ConfigKeyError raised while composing config:", and what is wrong.
+        # The first line is "In 'detector/mine': ConfigKeyError raised while composing config:", the second the reason.
         first, reason = first.partition(": ")[0], more[0]
     first, reason = first.rstrip("."), reason.rstrip(".")
     return first if reason in ("", first) else f"{first}: {reason}"

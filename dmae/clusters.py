@@ -55,7 +55,7 @@ class Ray(Cluster):
     def __init__(self, processes: int):
         import ray
 
-        # Tasks ask for no GPU, and still see those of their machine. Nothing is reported to the makers of Ray.
+        # Tasks request no GPU, but can still use those of their machine. Ray must not send usage statistics.
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         if not ray.is_initialized():

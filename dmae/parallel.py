@@ -18,7 +18,7 @@ from joblib import Parallel, cpu_count, delayed, effective_n_jobs
 from dmae.clusters import Cluster, connect, on_cluster
 from dmae.files.mapped import trim
 
-# joblib replaces workers that have grown by 300 MB, as with many people in one clip; their tasks are not lost.
+# joblib replaces workers that grew by 300 MB, for example because a clip has many people. No task is lost.
 warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
 
 _CHECKED_EVERY = 0.5
@@ -80,7 +80,7 @@ def process_count(workers: int) -> int:
 
 
 def _cluster(backend: Backend, workers: int) -> Cluster:
-    # Its processes and threads never get Ctrl-C.
+    # Processes and threads of the cluster never receive Ctrl-C.
     with _interrupts_blocked(True):
         return connect(backend, cpu_count() if workers < 1 else workers)
 
@@ -101,7 +101,7 @@ def _on_this_machine(function: Callable, tasks: Iterable[tuple], workers: int, o
 def _in_worker(main: int, folder: str, function: Callable, *task):
     if os.getpid() != main:
         _end_with(main)
-        # joblib keeps workers for later tasks. They start in the folder that was current when they were begun.
+        # joblib reuses workers. Their current folder is the one in which they were started.
         os.chdir(folder)
     result = function(*task)
     if os.getpid() != main:
@@ -127,7 +127,7 @@ def _interrupts_blocked(wanted: bool) -> Iterator[None]:
     if not wanted:
         yield
         return
-    # Python 3.11 unblocks SIGINT once it has started this process, which joblib would have it do in the block.
+    # Python 3.11 unblocks SIGINT when it starts the resource tracker. joblib would start it inside the block.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -25,7 +25,7 @@ def load_function(option: str, name: str, example: str = "my_module:my_function"
         sys.path.insert(0, str(Path.cwd()))
     try:
         module = importlib.import_module(module_name)
-    # Anything that a module does when it is imported, SystemExit included, is reported in one line.
+    # Any error that the import of the module raises, SystemExit included, is reported in one line.
     except (Exception, SystemExit) as error:
         raise ValueError(
             f"{option}={name}: cannot import {module_name}: {type(error).__name__}: {error} (looked in {Path.cwd()} "
@@ -34,7 +34,7 @@ def load_function(option: str, name: str, example: str = "my_module:my_function"
     function = getattr(module, function_name, None)
     if not callable(function):
         functions = {key: value for key, value in vars(module).items() if inspect.isfunction(value)}
-        # Imported functions may be named, too; those that a module imports from the standard library are not meant.
+        # List functions that the module imports as well, except those of the standard library.
         foreign = sys.stdlib_module_names - {module_name}
         known = [
             key

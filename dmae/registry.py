@@ -148,7 +148,7 @@ class Registry(Mapping[str, E], Generic[E]):
             home = f"{module}:{function.name}"
             try:
                 settings = {each.arg: ast.literal_eval(each.value) for each in call.keywords}
-            except ValueError:  # not a literal: the decorator has the value once the module is imported
+            except ValueError:  # not a literal: import the module to get the value
                 import_module(module)
                 entry = self._imported[home]
             else:

@@ -44,24 +44,24 @@ def one_line(label: str) -> Iterator[Interruption]:
     interruption, main = Interruption(), os.getpid()
 
     def press(number: int, _) -> None:
-        if os.getpid() != main:  # a forked worker, which leaves the message to its parent
+        if os.getpid() != main:  # in a forked worker: the parent prints the message
             raise KeyboardInterrupt
         if interruption.signal:
             os._exit(interruption.status)
         interruption.signal = number
         raise KeyboardInterrupt
 
-    # A shell that starts a command in the background has it ignore Ctrl-C.
+    # A command that a shell starts in the background ignores Ctrl-C; this does not change here.
     main_thread = threading.current_thread() is threading.main_thread()
     ours = [number for number in _SIGNALS if main_thread and signal.getsignal(number) != signal.SIG_IGN]
     before = {number: signal.signal(number, press) for number in ours}
     try:
         yield interruption
     except BaseException as error:
-        # An import that is interrupted can fail with another error.
+        # An interrupted import can raise another error than KeyboardInterrupt.
         if not (interruption.signal or isinstance(error, KeyboardInterrupt)):
             raise
-        clear = "\r" if sys.stderr.isatty() else ""  # over the terminal's ^C
+        clear = "\r" if sys.stderr.isatty() else ""  # overwrites the ^C that the terminal shows
         print(f"{clear}{label}: interrupted; {interruption.describe()}", file=sys.stderr, flush=True)
         sys.exit(interruption.status)
     finally:

@@ -60,7 +60,7 @@ def locked(out: Path) -> Iterator[None]:
 def record(configuration: str, out: Path) -> None:
     """Write the resolved configuration, as YAML, to the output of its command."""
     from dmae.data.store import write_atomic
-    from dmae.files.checksums import RECORD, with_own_checksum  # loads NumPy, which help does without
+    from dmae.files.checksums import RECORD, with_own_checksum  # it loads NumPy, which `--help` does not need
 
     folder = out if out.is_dir() else out.parent
     name = RECORD if out.is_dir() else f"{out.name}.{RECORD}"

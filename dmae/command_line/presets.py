@@ -78,7 +78,7 @@ def _read(options: Group, group: Group, file: Path, rename: Rename) -> tuple[lis
     _check(options, file, group.key, values)
     if above is not None:
         values = {"defaults": _checked_defaults(group, file, above)} | values
-    # Hydra reads lines with @ in more spellings than one.
+    # Hydra accepts several spellings of lines with @.
     return [line for line in top if "@" not in line], values, notes
 
 

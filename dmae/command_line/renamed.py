@@ -152,7 +152,7 @@ def renamed(command: str, overrides: list[str]) -> tuple[list[str], list[str]]:
 def _key(override: str, old: str, new: str) -> str:
     key, equals, value = override.partition("=")
     plain = key.lstrip("+~")
-    # An option that became a group of its name has no old options under it.
+    # If an option became a group with the same name, the options below it are new ones.
     below = plain.startswith(f"{old}.") and not new.startswith(f"{old}.")
     if plain != old and not below:
         return override
@@ -164,6 +164,6 @@ def _choice(override: str, old: str, new: str) -> str:
     (old_key, _, old_value), (new_key, _, new_value) = old.partition("="), new.partition("=")
     if key.lstrip("+~") != old_key:
         return override
-    # Lists, and several values of a sweep, too.
+    # Also replace it in lists, and among the values of a sweep.
     replaced = re.sub(rf"(?<![\w.:/-]){re.escape(old_value)}(?![\w.:/-])", new_value, value)
     return override if replaced == value else f"{key.replace(old_key, new_key)}={replaced}"

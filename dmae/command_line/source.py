@@ -83,7 +83,7 @@ class Module:
             case ast.ClassDef():
                 return self._class(statement)
             case ast.Assign(value=ast.Call(func=ast.Name(id="Registry"))):
-                # A registry reads its entries from their source; its own module is light.
+                # A registry reads its entries from source files, so that its module imports quickly.
                 return getattr(importlib.import_module(self.name), name)
             case _:
                 return self.evaluate(statement.value)

@@ -134,7 +134,7 @@ def _check(options: Group, override: str, sweep: bool) -> str:
         )
     for each in values:
         if any(sign in each for sign in "$("):
-            continue  # an interpolation, or a sweep of Hydra's own
+            continue  # an interpolation, or Hydra's syntax of a sweep
         if isinstance(found, Group):
             _check_preset(found, each)
         else:
@@ -165,8 +165,8 @@ def _check_value(option: Option, value: str) -> None:
     for each in _elements(value[1:-1]) if bracketed else [value]:
         plain = each.strip().strip("'\"")
         if option.kind == "text" and ":" in plain:
-            continue  # module:function, a user's own
-        # A function of users' own, module:function, is checked when it is imported.
+            continue  # module:function of a user
+        # A user's module:function is checked when it is imported.
         if option.choices and plain not in option.choices and ":" not in plain:
             raise ValueError(
                 f"{option.key}={value}: {_no(option, plain, bracketed)}; {_choices(plain, option.choices)}"

@@ -23,7 +23,7 @@ def run_steps(steps: Sequence[Sequence[str]]) -> None:
         try:
             status = process.wait()
         except BaseException:
-            # Ctrl-C in a terminal has reached the step as well; a signal to this process alone has not.
+            # Ctrl-C in a terminal also reaches the step; a signal to this process alone does not.
             process.terminate()
             process.wait()
             raise

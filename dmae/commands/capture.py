@@ -132,14 +132,14 @@ def run(config: CaptureCommand, out: Path) -> None:
             errors = reprojection(captured)
             measured, completed = added_groups(measured, errors.measured), added_groups(completed, errors.completed)
             _print_doubts(captured, config.capture, poses.xyz.shape[1], errors)
-    # People of different clips are different people.
+    # A person 0 of one clip is not the person 0 of another, so there is no table by person for several clips.
     tables = residual_tables(measured, completed, BREAKDOWNS if len(part) == 1 else ("camera", "joint"))
     if tables:
         print("Reprojection errors, px, of joints that a camera detected:")
         print_tables(tables)
     if frames:
         print(f"{out}: {frames / spent:.0f} frames/s")
-    # A part of a data set may be of empty rooms.
+    # A part of a data set may contain only empty rooms.
     if not persons and len(part) == len(clips):
         sys.exit(1)
 
@@ -150,7 +150,7 @@ def _print_doubts(clip: Clip, config: CaptureConfig, persons: int, errors: Repro
         print(f"{clip.id}: no person was captured; {explain_capture(clip, config)}")
         return
     if (config.persons, config.volume, config.subject) != (None, None, SubjectConfig()):
-        return  # others were left out on purpose
+        return  # people were left out on purpose
     detected = int((clip.detections.score >= config.th_p).sum())
     explained = errors.measured["all"]["all"].compared / max(detected, 1)
     if explained < _FEW:

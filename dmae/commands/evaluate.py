@@ -35,14 +35,14 @@ def run(config: EvaluateConfig, out: Path) -> None:
     """Score, print and write; with a baseline exit with `WORSE` where a figure is worse."""
     baseline = None if config.baseline is None else read_scores(Path(config.baseline))
     if baseline is not None:
-        # Before the work: what cannot be compared is no use afterwards.
+        # Check this first, so that a long run does not end with scores that cannot be compared.
         check_baseline(baseline, scored_options(config), config.changed)
     if config.dry_run:
         print(f"{out}: {forecast(config)}")
         return
     scores = evaluate(config)
     path = out / "scores.json"
-    # Until all is written, a part of an earlier run is none of this one.
+    # Remove the `part.json` of an earlier run until everything of this run is written.
     write_part(out, None)
     write_atomic(path, json_text(scores))
     clips = load(config.data)

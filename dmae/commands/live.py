@@ -64,13 +64,13 @@ def run(config: LiveCommand, out: None) -> None:
 
     class Handler(StreamRequestHandler):
         def handle(self) -> None:
-            # A line is cut at the longest, and refused then, so that no sender can fill the memory.
+            # A longer line is cut and then refused, so that no sender can fill the memory.
             read = iter(lambda: self.rfile.readline(LONGEST + 1), b"")
             try:
                 for line in answers(part.decode(errors="replace") for part in read):
                     self.wfile.write(f"{line}\n".encode())
             except OSError:
-                pass  # the program has gone
+                pass  # the connected program has closed the connection
 
     with TCPServer(_address(config.listen), Handler) as server:
         host, port = server.server_address[:2]

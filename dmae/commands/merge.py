@@ -120,5 +120,5 @@ def _link(source: str, target: str) -> None:
     try:
         os.link(source, target)
     except OSError:
-        # Another file system, or one without links.
+        # The folder is on another file system, or the file system has no links.
         shutil.copy2(source, target)

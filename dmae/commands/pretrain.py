@@ -103,7 +103,7 @@ def _steps(config: PretrainCommand, out: Path) -> list[list[str]]:
     steps.append([*scoring, *captured, f"out={out}/scores"])
     # Gaps made in true poses are scored on the skeleton of the detections.
     steps.append([*scoring, "input=true_poses", "smooth=0", f"out={out}/scores_true"])
-    # What the card states is free of folders: any path works again.
+    # The command on the card contains no folders, so that it can be repeated with other paths.
     made = [f"clips={config.clips}", f"seconds={config.seconds}", f"steps={config.steps}", f"seed={config.seed}"]
     made += [f"detector={config.detector}", f"rig={Path(config.rig).name}"]
     command = shlex.join(["dmae", "pretrain", *(["motion=..."] if config.motion else []), *made])

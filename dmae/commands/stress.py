@@ -30,7 +30,7 @@ def run(config: StressConfig, out: Path) -> None:
         print(f"{matrix.forecast}: about {duration(time_of(matrix))}")
         return
     print(matrix.forecast, flush=True)
-    # Until all is written, a part of an earlier run is none of this one.
+    # Remove the `part.json` of an earlier run until everything of this run is written.
     write_part(out, None)
     result = compute(matrix)
     write_result(result, out)

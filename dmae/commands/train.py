@@ -26,7 +26,7 @@ def run(config: TrainConfig, out: Path) -> None:
         for path in (config.data.path, *config.extra_data, *config.validation_data):
             refuse_damaged(path, "examples.damaged=true")
     extra, validation = ([load(DataConfig(path=path)) for path in group] for group in paths)
-    # What the user waits for begins with the command, not when torch is loaded.
+    # The time that the user waits begins with the command, not when torch is loaded.
     since = time.monotonic() if interruption.began is None else interruption.began
     print(train(config, _named([load(config.data)]), out, _named(validation), _named(extra, first=1), since=since))
 

@@ -47,7 +47,7 @@ class TrainPaperCommand:
 
 
 def run(config: TrainPaperCommand, out: Path) -> None:
-    # Torch is loaded when something is trained, not when options are listed.
+    # Torch is loaded for training only, not to list options.
     from dmae.completion.paper.training import SKELETON, fine_tune, pretrain
     from dmae.completion.training.pose_pairs import pose_pair
     from dmae.data.skeleton import get_skeleton

@@ -74,7 +74,7 @@ def pickled_values(data: bytes):
     """
     machine = _Machine()
     try:
-        with warnings.catch_warnings(action="ignore"):  # about escape sequences in texts that are none
+        with warnings.catch_warnings(action="ignore"):  # warnings about invalid escape sequences
             for opcode, argument, position in pickletools.genops(io.BytesIO(data)):
                 if machine.step(opcode.name, argument):
                     break
@@ -217,7 +217,7 @@ def _array(shape, kind, fortran, contents) -> np.ndarray:
         for place, item in enumerate(contents):
             array[place] = item
     else:
-        if isinstance(contents, str):  # of Python 2
+        if isinstance(contents, str):  # a string of Python 2
             contents = contents.encode("latin1")
         if len(_expect(contents, bytes)) != count * dtype.itemsize:
             raise ValueError(f"it holds an array of shape {shape} and {dtype} with {len(contents)} bytes")

@@ -76,7 +76,7 @@ def read_yaml(path: Path, *, texts: bool = False):
 
 def parse_yaml(text: str, *, texts: bool = False):
     """Return the value of a YAML text; errors as in `read_yaml`, without the file."""
-    import yaml  # help does without
+    import yaml  # `--help` does not need it
 
     name = "BaseLoader" if texts else "SafeLoader"
     loader = getattr(yaml, f"C{name}", getattr(yaml, name))
@@ -100,7 +100,7 @@ def parse_yaml(text: str, *, texts: bool = False):
 
 def _check_events(events, yaml) -> None:
     """Refuse aliases, too deep nesting and repeated keys before any value is built."""
-    open_tables: list[list | None] = []  # of each: its keys and whether a key is next; None of a list
+    open_tables: list[list | None] = []  # for each: its keys, and whether a key is next; None for a list
 
     def next_value(key: str | None) -> None:
         table = open_tables[-1] if open_tables else None

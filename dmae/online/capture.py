@@ -98,7 +98,7 @@ class OnlineCapture:
         if complete:
             delay = DELAY if look_ahead is None else min(look_ahead, DELAY)
             self._completing = OnlineCompleter(complete, fps, delay, turns=max(round(TURN * fps), 1))
-        # Of more than one frame the rays are found one frame later.
+        # If frames are processed in batches, rays are found one frame later.
         self.delay = self._ahead + min(self._batch - 1, 1) + (self._completing.delay if self._completing else 0)
         self._memory = ceil(max(_MIN_MEMORY, 2 * config.tracking.reentry_s) * fps)
         self._tracked: list[TrackedFrame] = []
@@ -138,7 +138,7 @@ class OnlineCapture:
 
     def _evidence(self, frames: list[Detections2D], th_p: float) -> Evidence:
         """Return the evidence of frames with different numbers of detections."""
-        # Tracks go on through frames in which no camera detects anyone.
+        # Tracks also continue in frames in which no camera detects anyone.
         most = max(1, *(frame.xy.shape[2] for frame in frames))
         xy = np.full((len(frames), len(self._rig), most, len(self._skeleton), 2), np.nan)
         score = np.full(xy.shape[:-1], np.nan)

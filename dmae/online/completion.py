@@ -105,7 +105,7 @@ class OnlineCompleter:
         self._known_after, self._turns = round(delay * fps), turns
         self._pushes = ceil(turns / _GROUPS)
         self.delay = self._known_after + (turns + self._pushes - 2 if turns > 1 else 0)
-        # Smoothing takes frames that were completed before, so that they are not completed again.
+        # Completion does not smooth: smoothing is applied later, to frames that are already completed.
         self._completer, self._smooth, self._fps = replace(completer, smooth=0.0), completer.smooth, fps
         self._reach = ceil(3 * completer.smooth * fps)
         self._step = max(round(completer.stride * fps), 1)
@@ -134,7 +134,7 @@ class OnlineCompleter:
             return self._take(end - first)
         last = self._frames[-1].number + 1 - self.delay
         self._work(people, end)
-        # What is needed now, as there are more people than a moment ago, is completed immediately.
+        # If a person's frames are already due, because there are more people than before, complete them immediately.
         if self._job is not None and min(map(self._end_of, self._job.people)) < last:
             self._finish(self._job)
         self._finish(self._started([person for person in people if self._end_of(person) < last], end))
@@ -148,7 +148,7 @@ class OnlineCompleter:
         if job is None:
             return
         job.pushes += 1
-        # As much as would complete people like those before in the pushes of a turn.
+        # Do the work that completes the job within the pushes of a turn, if it costs as much as earlier jobs.
         due = self._usual * len(job.people) * job.pushes / self._pushes
         while not job.over and job.cost < due:
             self._step_on(job)
@@ -157,7 +157,7 @@ class OnlineCompleter:
         """Return the people to be completed next, those with the most frames that wait; none while it is early."""
         done = sorted((self._end_of(person), person) for person in people)
         size = ceil(len(done) / _GROUPS)
-        # Early enough for those after them, who wait until they are completed.
+        # Begin early enough for the people of later groups, who wait until this group is completed.
         waited = (end - each + self._turns * (k // size) / _GROUPS for k, (each, _) in enumerate(done))
         return sorted(person for _, person in done[:size]) if max(waited, default=0) >= self._turns else []
 
@@ -212,7 +212,7 @@ class OnlineCompleter:
                 job.over = True
                 self._keep(job, over.value)
                 found = job.cost / len(job.people)
-                # Jobs that cost more than those before would end in a rush.
+                # The expected cost rises immediately. Otherwise the last pushes of expensive jobs would take long.
                 self._usual = max(found, self._usual + _CHANGE * (found - self._usual))
         if job is self._job and job.over:
             self._job = None
@@ -233,7 +233,7 @@ class OnlineCompleter:
             return []
         first, reach = self._first, self._reach
         around = max(first - reach, 0)
-        # Frames of which a person has none are absent.
+        # Joints of a person are absent in frames that are not completed for that person.
         skeleton = self._completer.target or self._frames[-1].poses.skeleton
         people = np.array(sorted(self._completed), int)
         length = first + count + reach - around
@@ -250,8 +250,8 @@ class OnlineCompleter:
         self._waiting -= count
         first += count
         for person, done in list(self._completed.items()):
-            # Those frames stay that smoothing still takes.
-            # The number of the first frame that is not completed yet stays while the person may be measured again.
+            # Frames that smoothing still needs are kept. The number of the first frame that is not completed yet is
+            # kept while the person may be measured again.
             if done.end < first - reach - ceil(LONGEST_ABSENCE * self._fps):
                 del self._completed[person]
             else:

@@ -53,7 +53,7 @@ def same_person(
             if a < b and _median_distance(xyz[both, a], xyz[both, b]) < _DUPLICATE_DISTANCE:
                 _join(label, a, b)
         elif 0 < first - last <= reentry_s * fps:
-            # The distance is along the floor, as the last visible joints may be feet and the first ones a head.
+            # Use the horizontal distance: the last visible joints may be feet, and the first ones a head.
             distance = np.linalg.norm(
                 median_over_frames(xyz[last, a, :, :2]) - median_over_frames(xyz[first, b, :, :2])
             )

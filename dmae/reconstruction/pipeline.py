@@ -92,7 +92,7 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses
     paths = expected_paths(tracks.xyz, skeleton, fps, reassignment.max_gap_s)
     blocks = evidence_blocks(clip, persons)
 
-    # That of a single block is made once.
+    # If there is a single block, its evidence is computed only once.
     @lru_cache(maxsize=1)
     def evidence_between(start: int, stop: int) -> Evidence:
         part = slice(start, stop)

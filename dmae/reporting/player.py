@@ -145,7 +145,7 @@ def _steady(xy: np.ndarray) -> np.ndarray:
     centre = mean_known(xy, 3)
     order = np.zeros(xy.shape[:3], int)
     for view in range(xy.shape[1]):
-        last = np.full((xy.shape[2], 2), -1e6)  # an empty place is far from everything
+        last = np.full((xy.shape[2], 2), -1e6)  # places without a detection are far from everything
         for frame in range(len(xy)):
             known = np.isfinite(centre[frame, view]).all(-1)
             here = np.where(known[:, None], centre[frame, view], 1e6)

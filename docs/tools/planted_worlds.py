@@ -30,7 +30,8 @@ def captured(number: int) -> Poses3D:
 
 
 def measured(number: int, index: int) -> list:
-    """Return tilt and height as found, and their errors as true, m and degrees; None where not determined."""
+    """Return the error of the vertical, degrees, whether the tilt is reported, the error of the floor, m, and whether
+    its height is reported. Errors are None where not determined."""
     clip, (tilt, height) = sound_clip(number), WORLDS[index]
     angle = np.random.default_rng([number, index]).uniform(0, 2 * np.pi)
     axis, world = np.array([np.cos(angle), np.sin(angle), 0]), np.eye(4)

@@ -1,4 +1,4 @@
-"""Pages of reference that are generated from the code: every command with all of its options."""
+"""Generate pages of the reference from the code: all commands with all of their options."""
 
 import inspect
 
@@ -12,7 +12,7 @@ PROGRAMS = {program.name: program for program in (DMAE, SYNTH)}
 
 
 def commands_page(name: str) -> str:
-    """A section for each command of a program: what it does, examples, presets, and a table for each group."""
+    """Return a page with a section for each command: what it does, examples, presets, and a table for each group."""
     program = PROGRAMS[name]
     parts = [f"# The `{name}` command\n\n{program.about}\n\n{_overview(program)}"]
     parts += [_command(command) for command in program.commands.values()]

@@ -1,8 +1,8 @@
 """Figures in pages: every number that was measured comes from a file in `docs/results/`, which a command wrote.
 
-In a page, `{{ ... }}` holds an expression of the functions below, as in `{{ pcp_table("shelf") }}`. In the README,
-which is read without being built, `<!-- results: pcp_table("shelf") -->` and `<!-- end -->` enclose what the expression
-gave; `python docs/tools/results.py` rewrites it, and `--check` fails if it differs.
+In a page, `{{ ... }}` contains an expression of the functions below, as in `{{ pcp_table("shelf") }}`. In the README,
+which is read without being built, `<!-- results: pcp_table("shelf") -->` and `<!-- end -->` enclose the result of
+the expression; `python docs/tools/results.py` rewrites it, and `--check` fails if it differs.
 """
 
 import json
@@ -55,7 +55,7 @@ def value(name: str, *keys: str | int, digits: int = 1, scale: float = 1) -> str
 
 
 def pcp_table(name: str, methods: list[str] | None = None) -> str:
-    """A row for each method, a column for each number of cameras: mean PCP, and the worst subset's in brackets."""
+    """Return a table with the mean PCP, and that of the worst subset, of each method by number of cameras."""
     results = _results(name)
     views = list(dict.fromkeys(count for _, count in results))
     names = methods or list(dict.fromkeys(method for method, _ in results))
@@ -72,7 +72,7 @@ def pcp_table(name: str, methods: list[str] | None = None) -> str:
 
 
 def gaps_table(name: str, methods: list[str] | None = None) -> str:
-    """A row for each method: mean error, mm, of hidden joints by how many frames they were hidden."""
+    """Return a table with the mean error of hidden joints, mm, of each method by length of the gap in frames."""
     results = _results(name)
     names = methods or [method for method, _ in results if method != "measured"]
     first = next(iter(results.values()))["mean"]["gaps"]
@@ -85,7 +85,7 @@ def gaps_table(name: str, methods: list[str] | None = None) -> str:
 
 
 def benchmark_table(name: str, table: str, methods: list[str] | None = None) -> str:
-    """A table of `dmae benchmark`, see `dmae.evaluation.benchmark.tables.benchmark_tables`; of some methods, or all."""
+    """Return a table of `dmae benchmark` (`dmae.evaluation.benchmark.tables`), of some methods or all."""
     from dmae.evaluation.benchmark.tables import benchmark_tables
 
     scores = load(name)["scores"]
@@ -102,14 +102,14 @@ def kept_table(name: str, table: str) -> str:
 
 
 def contacts_table(name: str) -> str:
-    """A row for each interaction: how often and how hard its people touch, from what `synth stats` counts."""
+    """Return a table of interactions: how often and how hard people touch, as `synth stats` counts."""
     from synth.datasets.statistics.page import CONTACT_HEAD, contact_rows
 
     return _table(list(CONTACT_HEAD), [list(row) for row in contact_rows(load(name))])
 
 
 def motion_table(names: dict[str, str]) -> str:
-    """A row for each of several comparisons: how far generated motion is from recorded, by `synth compare-motion`."""
+    """Return a table of comparisons by `synth compare-motion`: distances of generated from recorded motion."""
     rows = []
     for name, words in names.items():
         ratios = [each["wasserstein"] / each["halves_wasserstein"] for each in load(name)["differences"]]
@@ -119,7 +119,7 @@ def motion_table(names: dict[str, str]) -> str:
 
 
 def realism_table(name: str, headings: list[str]) -> str:
-    """Rows of `synth realism` of some headings."""
+    """Return a table with the rows of `synth realism` under some headings."""
     from synth.recognition.meter import HEAD, Rate, described
 
     rows = [Rate(**row) for row in load(name)["rows"]]
@@ -127,7 +127,7 @@ def realism_table(name: str, headings: list[str]) -> str:
 
 
 def errors_table(name: str, of: str, column: str, headings: list[str]) -> str:
-    """A row for each group of `joints` or `people` of `synth detector-errors`, %, a column for each detector."""
+    """Return a table of `synth detector-errors`, %: a row for each group, a column for each detector."""
     detectors = load(name)["detectors"]
     keyed = {
         detector: {(row["heading"], row["group"]): row for row in each[of]} for detector, each in detectors.items()
@@ -144,7 +144,7 @@ def errors_table(name: str, of: str, column: str, headings: list[str]) -> str:
 
 
 def distances_table(name: str) -> str:
-    """The distances of a preset that are limited, on the clips that it was fitted to and on those held back."""
+    """Return a table of the distances of a preset with limits, on the clips of the fit and on held-back clips."""
     found = load(name)
     held = {row["what"]: row for row in found["held_back"]}
     rows = []
@@ -157,7 +157,7 @@ def distances_table(name: str) -> str:
 
 
 def paper_table(name: str) -> str:
-    """A table of the paper with its notes, as `dmae table` writes it."""
+    """Return a table of the paper with its notes, as `dmae table` writes it."""
     from dmae.evaluation.paper_tables.rendering import markdown
 
     return markdown(load(name)["table"]).rstrip()
@@ -176,7 +176,7 @@ def protocols() -> str:
 
 
 def stress_table(name: str, figure: str = "pcp") -> str:
-    """A row for each corruption: at which level each method breaks, by `pcp` or by the error of `hidden` joints."""
+    """Return a table of breaking points, by `pcp` or by the error of `hidden` joints: corruptions by methods."""
     from dmae.evaluation.stress.words import breaking_tables
 
     table = breaking_tables(load(name)["stress"])[["pcp", "hidden"].index(figure)]
@@ -184,7 +184,7 @@ def stress_table(name: str, figure: str = "pcp") -> str:
 
 
 def reliability_table(name: str) -> str:
-    """A row for all joints, each range of confidence and kind of joint: stated confidence, and share near its place."""
+    """Return a table of stated confidence and share of joints near their place, by confidence and kind of joint."""
     rows = [
         [each["joints"], str(each["number"]), *(f"{100 * each[key]:.1f}" for key in ("confidence", "near", "error"))]
         for each in load(name)["rows"]
@@ -226,7 +226,7 @@ def evaluated(expression: str) -> str:
 
 
 def expanded(page: str) -> str:
-    """A page with its expressions evaluated."""
+    """Return a page with its expressions evaluated."""
     return _EXPRESSION.sub(lambda found: evaluated(found[1]), page)
 
 

@@ -9,7 +9,7 @@ from dmae.evaluation.corruption.people import by_detection, detections_of_people
 
 
 def companion(people: np.ndarray, person: int, distance: float, angle: np.ndarray | float, delay: int) -> np.ndarray:
-    """Return a copy (F, J, 3) of a person that keeps a distance from the person.
+    """Return a copy (F, J, 3) of a person, at a constant distance from that person.
 
     Args:
         people: (F, P, J, 3) m, world, z up.
@@ -35,8 +35,8 @@ def delayed(frames: int, delay: int) -> np.ndarray:
 def with_companions(clip: Clip, bodies: np.ndarray, copied: list[int], delays: list[int]) -> Clip:
     """Return the clip with detections of additional people, which hide others and are hidden by them.
 
-    The detection of a joint of a copy has the same error, in proportion to the height in the image, and the same
-    confidence as that of the person at the copied time; or it is missing in the same way. Joints behind any other body
+    A joint of a copy is detected as the same joint of the copied person at the copied time: with the same error, in
+    proportion to the height in the image, and the same confidence, or not at all. Joints behind any other body
     or outside the image are not detected.
 
     Args:

@@ -1,4 +1,4 @@
-"""Other detections for a clip: changed, or left out."""
+"""Replace the detections of a clip, or leave out some of them."""
 
 from dataclasses import replace
 
@@ -31,10 +31,10 @@ def undetected(clip: Clip, joints: np.ndarray) -> Clip:
 
 
 def undetected_nearest(clip: Clip, margin: np.ndarray, percent: float) -> Clip:
-    """Return the clip without the share of its detected joints that have the least margin.
+    """Return the clip without the detected joints with the smallest margins, a given share of all.
 
     Args:
-        margin: (F, V, D, J); NaN where unknown. Those joints stay, and do not count.
+        margin: (F, V, D, J); NaN where unknown. Joints with an unknown margin stay, and do not count.
         percent: Percentage of the joints that count.
     """
     margin = np.where(clip.detections.observed, margin, np.nan)

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def nearest_other(xy: np.ndarray) -> np.ndarray:
-    """Return the index (F, V, D) of the nearest other detection in the same image; the own index if there is no other.
+    """Return the index (F, V, D) of the nearest other detection in the image; its own index if there is no other.
 
     Args:
         xy: (F, V, D, J, 2) px.

@@ -117,7 +117,7 @@ def triangulate_points(
         if number < 2:
             continue
         cholesky(information, factor)
-        # Residuals larger than their sigmas show that the sigmas are too small: the covariance grows with them.
+        # Residuals larger than their sigmas show that the sigmas are too small, so the covariance is increased.
         excess = max(weighted / max(2 * number - 3, 1), 1.0)
         for column in range(3):
             for row in range(3):

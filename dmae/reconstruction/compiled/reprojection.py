@@ -63,7 +63,7 @@ def measure_pairs(projections, focal, xy, xyz, detection, pairs, distance, excha
                     d = detection[f, p, v, n]
                     for side in range(2):
                         x, y, depth = project(projections[v], xyz[f, p, pairs[n, side]])
-                        # The left joint's place is compared with both detected joints, so is the right one's.
+                        # The positions of the left and of the right joint are each compared with both detected joints.
                         for shown in range(2):
                             found = np.nan
                             if d >= 0:

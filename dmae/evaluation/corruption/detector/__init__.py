@@ -1,1 +1,1 @@
-"""Corruptions of what a detector says, a file each."""
+"""Corruptions of the output of a detector, one module each."""

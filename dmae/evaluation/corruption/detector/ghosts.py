@@ -1,4 +1,4 @@
-"""People who are detected where there are none."""
+"""Detections of people where there are none."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Left and right that are confused."""
+"""Detections with left and right exchanged."""
 
 import numpy as np
 

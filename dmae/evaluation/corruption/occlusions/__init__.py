@@ -1,1 +1,1 @@
-"""Corruptions that hide joints from cameras, a file each."""
+"""Corruptions that hide joints from cameras, one module each."""

@@ -1,1 +1,1 @@
-"""Corruptions of cameras, calibration, times and the number of people, a file each."""
+"""Corruptions of cameras, calibration, times and the number of people, one module each."""
