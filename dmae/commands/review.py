@@ -63,7 +63,7 @@ def run(config: ReviewCommand, out: Path) -> None:
     if found and found.off:
         print(
             f"by the truth: {found.off} joints are more than {OFF:.0f} mm off; "
-            f"the first {FIRST:.0%} of the entries hold {found.found / found.off:.0%} of them"
+            f"the first {FIRST:.0%} of the entries contain {found.found / found.off:.0%} of them"
         )
 
 

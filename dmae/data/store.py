@@ -181,7 +181,8 @@ def load_clip(folder: Path) -> Clip:
     """
     folder = Path(folder)
     if not (folder / "clip.json").is_file():
-        raise FileNotFoundError(f"{folder}: expected a clip folder holding clip.json and arrays.safetensors")
+        data_set = "; this is a data set, name the folder of one clip in it" if (folder / MANIFEST).is_file() else ""
+        raise FileNotFoundError(f"{folder}: expected a clip folder holding clip.json and arrays.safetensors{data_set}")
     meta = read_json(folder / "clip.json")
     found = meta.get("format") if isinstance(meta, dict) else None
     if found != FORMAT:
@@ -256,8 +257,7 @@ def _labels(part: str, kind: type, arrays: dict[str, np.ndarray], **more) -> Occ
 
 
 def clip_folders(path: Path) -> list[Path]:
-    """Return the folders of the clips of a data set that have status ok, in the order of its manifest; or the clip
-    itself.
+    """Return the folders of the clips of a data set with status ok, in the order of its manifest; or the clip itself.
 
     Raises:
         FileNotFoundError: the path is neither a clip nor a data set.
@@ -267,7 +267,8 @@ def clip_folders(path: Path) -> list[Path]:
         return [path]
     if (path / MANIFEST).is_file():
         return [path / line["id"] for line in read_manifest(path) if line["status"] == "ok"]
-    raise FileNotFoundError(f"{path}: expected a clip (clip.json) or a data set ({MANIFEST}), found neither")
+    expected = f"expected a clip (clip.json) or a data set ({MANIFEST}), found neither"
+    raise FileNotFoundError(f"{path}: {expected}; dmae capture data=... makes a clip of a recording")
 
 
 def read_manifest(path: Path) -> list[dict]:

@@ -47,8 +47,8 @@ def run(config: VerifyCommand, out: Path) -> None:
     print(out)
     if found.without:
         print(
-            f"{len(found.without)} of {len(found.clips)} clips have no checksums, as they were made before there were "
-            "any: changes that contradict nothing are not found in them"
+            f"{len(found.without)} of {len(found.clips)} clips have no checksums: an older version made them, or "
+            "they were captured as single recordings. Changes that cause no contradiction are not found in them"
         )
     for clip, check, what in found.problems[:_SHOWN]:
         print(f"{clip}: {check}: {what}")

@@ -14,6 +14,14 @@ POSES = CLIP.poses or CLIP.truth
 ARRAY = np.zeros((12, 2, 25, 3))
 
 
+def data_set() -> str:
+    """Return the path of a data set without clips, below the current folder's parent."""
+    folder = Path("../set")
+    folder.mkdir(exist_ok=True)
+    (folder / "manifest.jsonl").touch()
+    return str(folder)
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
@@ -64,6 +72,11 @@ def test_an_argument_of_another_type_is_named(call, said: str):
             "^nowhere: no such file or folder",
         ),
         (lambda: CLIP.select(views=["left"]), IndexError, r"cameras \['left'\]: expected a slice or a list of indices"),
+        (
+            lambda: dmae.load(data_set()),
+            FileNotFoundError,
+            "set: expected a clip folder .* name the folder of one clip",
+        ),
         (lambda: synth.plan(arena="nowhere.xml"), FileNotFoundError, r"nowhere\.xml: no such file; expected an MJCF"),
     ],
 )
