@@ -27,15 +27,15 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
     Args:
         clip: Has truth.
         poses: Captured or completed poses; by default `clip.poses`.
-        skeleton: Compare on this skeleton; by default that of the truth, of two fused the second.
+        skeleton: Compare on this skeleton; by default that of the truth, or the second one of two fused.
 
     Returns:
         The scores of `dmae evaluate` for one clip: `pcp` %, `mpjpe` mm by source, `hidden` {recall %, mpjpe mm},
         `pck`, `gaps`, `identity_switches`, `idf1` and more (`dmae.evaluation.scores.score`).
 
     Raises:
-        ValueError: the clip has no truth, there are no poses, or they differ from the truth in length or unit or have
-            none of its joints.
+        ValueError: the clip has no truth, there are no poses, or they differ from the truth in length or unit, or
+            have none of its joints.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -61,16 +61,16 @@ def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, ch
 
     Args:
         baseline: The `scores.json` that `dmae evaluate` wrote before, its folder, or its content.
-        scores: The same of now: equal clips, options, skeleton.
-        changed: Options, or groups of them, that differ on purpose.
+        scores: The new scores, in the same form, of the same clips, options and skeleton.
+        changed: Options, or groups of options, that differ on purpose.
 
     Returns:
         `passed`; `changes`, each figure with both values, the interval of the difference and whether it is `worse` or
-        `better`; `refused`, what could not be compared. As text it is the verdict that the command prints.
+        `better`; `refused`, what could not be compared. `str(gate)` is the verdict that the command prints.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: the scores are of other clips, options or skeleton, or of a version without sums by time.
+        ValueError: the scores belong to other clips, options or skeletons, or to a version that stored no sums by time.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -130,10 +130,13 @@ def report(
     """Write the report of a clip: a player, the worst moments, errors by group, as one HTML file without network.
 
     Args:
-        clip: With truth and images or without, captured and completed or not yet; or several, as `load_dataset` gives.
+        clip: Any clip, captured and completed or not; or several, as `load_dataset` returns.
         out: The file.
-        scores: Contents of `scores.json` of `dmae evaluate`, to be shown below.
+        scores: Contents of `scores.json` of `dmae evaluate`, shown at the end of the page.
         title: Heading of the page.
+
+    Raises:
+        ValueError: there is neither a clip nor a score.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -158,12 +161,13 @@ def benchmark(
     workers: int = 1,
     out: str | Path = "runs/benchmark",
 ) -> dict:
-    """Compare completion and capture on a benchmark of occlusion, made here from its definition.
+    """Compare completion and capture on a benchmark of occlusion, which is generated from its definition.
 
     Args:
-        methods: What fills the holes of captured poses: functions of poses and frames per second that return poses,
-            names of completion methods, or folders of poses.
-        captures: What makes poses of detections: functions of a clip, `capture` (ours), or folders of poses.
+        methods: Methods that fill the holes of captured poses: functions of poses and frames per second that return
+            poses, names of completion methods, or folders of poses.
+        captures: Methods that compute poses from detections: functions of a clip, `capture` (of this package), or
+            folders of poses.
         name: The benchmark, or a YAML file of your own.
         size: `small` or `full`.
         against: Earlier scores to compare with.
@@ -175,7 +179,7 @@ def benchmark(
         `clips`, `checksums` and `differences` (`dmae.evaluation.benchmark.run.benchmark`).
 
     Raises:
-        ValueError: poses do not fit a clip, or clips are not those that were frozen; the message names the clip.
+        ValueError: poses do not fit a clip, or a clip differs from the published checksum; the message names the clip.
 
     Examples:
         >>> tiny = "{about: One clip, seed: 5, small: 1, full: 1, levels: "
@@ -216,10 +220,10 @@ def regress(solver: Callable, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
         skip: Names of cases.
 
     Returns:
-        A verdict a case: `passed`, `measured`, `bounds`, and as text what is broken.
+        A verdict for each case: `passed`, `measured`, `bounds`. `str(verdict)` lists the bounds that are exceeded.
 
     Raises:
-        ValueError: there is no case of a name in `skip`.
+        ValueError: a name in `skip` is not the name of a case.
 
     Examples:
         >>> from dmae.regression.solvers import ours
@@ -246,14 +250,14 @@ def show(
     """Draw a clip, captured, completed, simulated or as recorded: a contact sheet, a video, a recording for Rerun.
 
     Args:
-        clip: Any clip. What it has is drawn: images, detections, poses, truth.
+        clip: Any clip. Its images, detections, poses and truth are drawn, as far as it has them.
         out: Folder of the files.
-        frames: How many the sheet shows, a row each.
+        frames: Number of frames on the sheet, one row each.
         views: Names of the cameras; by default all.
-        width: Of a view, px.
-        layers: What is drawn; by default the poses, or else the truth, and of real clips the detections.
+        width: Width of a view, px.
+        layers: What is drawn; by default the poses, or the truth if there are none, and the detections of real clips.
         video: Whether to write the video, all views of all frames.
-        rerun: Whether to write the recording.
+        rerun: Whether to write the recording for Rerun.
 
     Returns:
         The files: `sheet.png`, `clip.mp4`, `clip.rrd`.

@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
 @checked
 def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
-    """Find what is wrong with a calibration, by comparing what its cameras detect.
+    """Find faults of a calibration by comparing the detections of its cameras.
 
     Args:
         clip: F frames of V cameras; only cameras and detections are read.
-        max_offset: Largest time offset between two cameras that is tried, in frames, either way.
+        max_offset: Largest time offset between two cameras that is tried, in frames, in both directions.
 
     Returns:
-        `findings`, each with fault, cameras, evidence and remedy, in the order to correct them; none where nothing is
-        wrong. `pairs` says how every two cameras fit.
+        `findings`, each with fault, cameras, evidence and remedy, in the order to correct them; empty if nothing is
+        wrong. `pairs`: how well every two cameras agree.
 
     Raises:
         ValueError: `max_offset` is negative.
@@ -47,10 +47,10 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
             the cameras that clearly differ from their calibration.
 
     Returns:
-        `rig`, the cameras; `offset` and `drift` of their clocks; `covariance`; `changes`, what moved and by how much.
+        `rig`, the cameras; `offset` and `drift` of their clocks; `covariance`; `changes`, the corrections of each camera.
 
     Raises:
-        ValueError: there are too few cameras or people, or no camera of a name.
+        ValueError: there are too few cameras or people, or `refine` names a camera that does not exist.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=3", clips=1, seed=7))

@@ -31,7 +31,7 @@ def capture(
 
     Args:
         clip: V views, at least 2.
-        config: Thresholds and steps, or the name of a preset of `dmae capture`, as "tight".
+        config: Thresholds and steps, or the name of a preset of `dmae capture`, for example "tight".
         fill: How joints that no camera measured are filled: a completion method of `dmae capture`, or `none`.
         smooth: Length of a light smoothing after that, s; 0 for none.
 
@@ -81,19 +81,19 @@ def complete(
         poses: Captured poses (F, P, J).
         fps: Their frames per second; another rate than the model's is resampled.
         weights: Folder that `dmae train` wrote; by default the weights that come with the package.
-        denoise: Also move joints that fewer than three views measured; they become `Source.DENOISED`. By default
-            where the weights were trained for it.
-        reject: First drop joints of fewer than three views that the frames around them contradict.
-        smooth: Length of a light smoothing at the end, s; 0 for none. What it moves becomes `Source.DENOISED`.
-        online: Complete each frame from what is known `delay` seconds after it, as while cameras run.
+        denoise: Also move joints that fewer than three views measured; they become `Source.DENOISED`. By default True
+            if the weights were trained for it.
+        reject: First remove joints that two views measured and that the frames before and after contradict.
+        smooth: Length of a light smoothing at the end, s; 0 for none. Joints that it moves become `Source.DENOISED`.
+        online: Complete each frame from the frames up to `delay` seconds after it, as during a recording.
         delay: s.
 
     Returns:
-        Poses of the same shape. Completed joints have a covariance, unknown (NaN) farther than 0.2 s from any
-        measurement of the person. No person is completed before the first or after the last measurement.
+        Poses of the same shape. Completed joints have a covariance, which is NaN (unknown) more than 0.2 s from any
+        measurement of the person. Persons are completed only between their first and their last measurement.
 
     Raises:
-        FileNotFoundError: there are no such weights, or none for this skeleton.
+        FileNotFoundError: the weights do not exist, or there are none for this skeleton.
         ValueError: the skeletons have no joint in common, fps is not positive, or `smooth` is negative.
 
     Examples:
@@ -124,7 +124,7 @@ def completer(
     """Load a model once, to complete many clips with it, or the frames of `OnlineCapture`.
 
     Args:
-        skeleton: Of the poses that are to be completed.
+        skeleton: Skeleton of the poses to complete.
         weights: As for `complete`.
         denoise: As for `complete`.
         reject: As for `complete`.
@@ -134,7 +134,7 @@ def completer(
         A function of poses and frames per second that completes the poses.
 
     Raises:
-        FileNotFoundError: there are no such weights, or none for this skeleton.
+        FileNotFoundError: the weights do not exist, or there are none for this skeleton.
         ValueError: the files of the weights are malformed, or the model was not trained to denoise.
 
     Examples:
@@ -164,17 +164,17 @@ def train(
     """Train a completion model, or continue one that was interrupted.
 
     Args:
-        clips: Clips with truth; those that also have `poses` are learned from as captured.
+        clips: Clips with truth. If a clip also has `poses`, the model learns to complete those captured poses.
         out: Folder of the model.
         overrides: Options as on the command line: `"max_minutes=10"`, `"model=paper"`.
         validation_data: Clips to validate and calibrate on; by default some of `clips` are held back.
-        extra_data: Further clips, those that `examples.replay` is a share of.
+        extra_data: Further clips; `examples.replay` is the share of examples that are drawn from them.
 
     Returns:
         The folder, which `complete(weights=...)` takes.
 
     Raises:
-        ValueError: there is nothing to learn from, two clips share an id, the folder holds another training, or an
+        ValueError: there is nothing to learn from, two clips share an id, the folder contains another training, or an
             option is unknown.
 
     Examples:
@@ -194,15 +194,15 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
 
     Args:
         weights: Folder that `train`, or `dmae train`, wrote.
-        command: How these weights are made, data included: a command line, or the name of a script.
-        scores: Folders that `dmae evaluate` wrote with these weights.
+        command: The command line, or the name of a script, that makes these weights and their data.
+        scores: Folders of scores of these weights, written by `dmae evaluate`.
 
     Returns:
         The card as Markdown; `dmae card` writes it to `MODEL_CARD.md` in the folder of the weights.
 
     Raises:
         FileNotFoundError: a file of the weights or scores is missing.
-        ValueError: scores are of other weights.
+        ValueError: scores belong to other weights.
 
     Examples:
         >>> clips = list(synth.generate("scene.seconds=1", clips=2, seed=7))

@@ -1,4 +1,4 @@
-"""Parts of work on a data set, made on several machines."""
+"""Join parts of work on a data set that several machines did."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from pathlib import Path
 def merge(
     parts: Sequence[str | Path], out: str | Path, *, partial: bool = False, clips: str | Path | None = None
 ) -> None:
-    """Join what `dmae capture`, `evaluate` or `stress` made of parts of a data set.
+    """Join the results of `dmae capture`, `evaluate` or `stress` for parts of a data set.
 
         dmae.merge(["captured/1", "captured/2"], "runs/captured")
 
     Args:
         parts: Folders of the parts, in any order.
-        out: Folder to write; it does not exist yet, or is empty.
+        out: Folder to write, new or empty.
         partial: Whether clips may be missing.
-        clips: Of stress tests, folder of the data set, where it is not where the first part found it.
+        clips: For stress tests: folder of the data set, if it is no longer where the first part read it.
 
     Raises:
-        FileNotFoundError: a folder holds no part.
-        ValueError: parts are of other commands, options or data, or damaged; a clip is in two of them; clips are
+        FileNotFoundError: a folder contains no part.
+        ValueError: parts belong to different commands, options or data, or are damaged; a clip is in two of them; clips are
             missing.
 
     Examples:

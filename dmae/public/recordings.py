@@ -29,17 +29,17 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
 
     Args:
         path: Folder of the recording, or its file.
-        fps: Frames per second, where the files do not say.
-        format: A format of `dmae convert`; by default recognised by what the folder holds.
+        fps: Frames per second, if the files do not state it.
+        format: A format of `dmae convert`; by default recognised by the files in the folder.
         **options: The `data.*` options of the commands: `calibration`, `detections`, `videos`, `size`, `skeleton`,
             `unit`, `up`, `inverse`, `offsets`, `cameras`, `frames` (see
             `dmae.formats.recordings.data_config.DataConfig`).
 
     Returns:
-        A clip of F frames and V views. What was absent or guessed is in `clip.provenance["notes"]`.
+        A clip of F frames and V views. `clip.provenance["notes"]` lists what was missing or guessed.
 
     Raises:
-        FileNotFoundError: no such recording, or a file that it needs is missing.
+        FileNotFoundError: the recording, or a file that it needs, does not exist.
         ValueError: the format is not recognised, a file is malformed, an option is missing, or there are several
             clips (use `load_dataset`).
 
@@ -71,17 +71,18 @@ def detect(
         clip = dmae.detect("session/videos", "session/calibration.toml", workers=4)
 
     Args:
-        source: Folder of a video, or a folder of pictures, for each camera, named as in the calibration; or a clip with
-            colour images, of which truth and occlusion labels stay.
-        calibration: Cameras, or their file; None for a clip, which has its own.
+        source: Folder with a video, or a folder of pictures, for each camera, named as in the calibration; or a clip
+            with colour images. The result keeps its truth and occlusion labels.
+        calibration: Cameras, or their file; None if `source` is a clip, which contains its cameras.
         detector: `blazepose`, or `package.module:function`.
-        fps: Frames per second of the videos, where they do not say.
-        offsets: Frames by which each camera started late; by default what the videos say.
+        fps: Frames per second of the videos, if the files do not state it.
+        offsets: Frames by which each camera started late; by default as the videos state.
         skeleton: Skeleton to convert to; by default that of the detector.
         workers: Processes; -1 for one per core.
 
     Returns:
-        A clip of F frames and V views, of videos without images. What was decided is in `clip.provenance["notes"]`.
+        A clip of F frames and V views; without images if `source` are videos. `clip.provenance["notes"]` lists the
+        decisions that were made.
 
     Raises:
         FileNotFoundError: there are no videos.
@@ -98,7 +99,7 @@ def detect(
     with TemporaryDirectory() as pieces:
         if isinstance(source, Clip):
             if calibration is not None or fps is not None or offsets is not None:
-                raise ValueError("a clip holds its calibration, fps and offsets; leave them out")
+                raise ValueError("a clip contains its calibration, fps and offsets; leave them out")
             return detect_clip(source, config, Path(pieces), skeleton, workers)
         if calibration is None:
             raise ValueError("expected a calibration; without one, dmae detect writes files of 2D keypoints")
@@ -112,13 +113,14 @@ def read_poses(path: str | Path) -> PoseFile:
     """Read poses that any supported program wrote: `.npz`, `.trc`, a clip, CMU Panoptic's folder.
 
     Args:
-        path: The file or folder; of several persons' TRC files, `<name>_P1.trc` and on, `<name>.trc`.
+        path: The file or folder. If each person has a TRC file, `<name>_P1.trc`, `<name>_P2.trc`, ..., give
+            `<name>.trc`.
 
     Returns:
-        `poses` (F, P, J, 3) m, world; `fps` and `clip`, its id, where the file says.
+        `poses` (F, P, J, 3) m, world; `fps` and `clip`, the id of the clip, if the file states them.
 
     Raises:
-        FileNotFoundError: there is nothing at the path.
+        FileNotFoundError: the path does not exist.
         ValueError: the format is not recognised, or the file is malformed.
 
     Examples:
@@ -135,7 +137,7 @@ def load(folder: str | Path) -> Clip:
     """Read one clip that `save`, or any command, wrote.
 
     Args:
-        folder: Holds `clip.json` and `arrays.safetensors`.
+        folder: Contains `clip.json` and `arrays.safetensors`.
 
     Raises:
         FileNotFoundError: there is no clip in the folder.
@@ -155,8 +157,8 @@ def save(clip: Clip, folder: str | Path) -> None:
     """Write a clip to a folder: `clip.json` and `arrays.safetensors`.
 
     Args:
-        clip: Its images are referred to, not copied.
-        folder: A clip that is there is replaced.
+        clip: Any clip. Its images are not copied: the folder refers to them.
+        folder: A clip that is already in it is replaced.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -168,13 +170,13 @@ def save(clip: Clip, folder: str | Path) -> None:
 
 
 def load_dataset(path: str | Path) -> Sequence[Clip]:
-    """Open a data set: a sequence of its clips, each read when it is asked for.
+    """Open a data set: a sequence of clips, each read when it is accessed.
 
     Args:
         path: Folder that `synth generate`, `dmae capture` or `dmae complete` wrote. Clips that failed are left out.
 
     Raises:
-        FileNotFoundError: there is neither a clip nor a data set.
+        FileNotFoundError: there is no clip and no data set at the path.
 
     Examples:
         >>> for clip in synth.generate("scene.seconds=1", clips=2, seed=7, out="walks"): pass
@@ -199,17 +201,19 @@ def export(
     """Write poses to a file that other programs read.
 
     Args:
-        clip: Its captured or completed poses are exported, or its truth where it has none.
-        out: The file; of `panoptic` and `openpose` the folder.
-        format: `npz`, `trc`, `panoptic`, `coco` or `openpose`. Each marks completed joints in its own way.
+        clip: Its captured or completed poses are exported; its truth if it has no poses.
+        out: The file; for `panoptic` and `openpose` a folder.
+        format: `npz`, `trc`, `c3d`, `bvh`, `glb`, `movement`, `coco`, `panoptic` or `openpose`. Each marks completed
+            joints in its own way.
         poses: Export these instead.
         skeleton: Convert to this skeleton first.
-        unit: `m`, `cm` or `mm`, of a TRC.
-        keep_mm: Leave out joints that are likely farther than this from the truth, by the uncertainty that they
-            state, and completed ones that state none.
+        unit: `m`, `cm` or `mm`, for TRC files.
+        keep_mm: Leave out joints with a likely error above this, by their covariances, and completed joints without a
+            covariance.
 
     Raises:
-        ValueError: there are no poses, the folder is not empty, or `keep_mm` is not a positive number.
+        ValueError: there are no poses, the folder is not empty, the file has the suffix of another format, or
+            `keep_mm` is not a positive number.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
@@ -227,11 +231,11 @@ def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:
 
     Args:
         clip: Any clip.
-        out: Folder to write, empty or not there yet.
+        out: Folder to write, empty or new.
         format: `clip`, `openpose`, `easymocap`, `coco`, or another recording writer.
 
     Raises:
-        ValueError: there is no such format, the folder is not empty, or the format cannot hold the cameras.
+        ValueError: there is no such format, the folder is not empty, or the format cannot represent the cameras.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))

@@ -1,4 +1,4 @@
-"""Review: which joints may be off, and decisions on them."""
+"""Review: doubtful joints, and decisions on them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
     """Rank the joints of a clip by how far off they may be, the most doubtful first.
 
     Args:
-        clip: Captured, completed or not. Truth is not looked at.
-        decisions: Joints that they decide on are left out.
+        clip: A captured clip, completed or not. The truth is not used.
+        decisions: Joints with a decision are left out of the ranking.
 
     Returns:
-        Entries of one joint of one person in 0.2 s. `entry.decision("blank")` is a decision on one.
+        Entries, each for one joint of one person in 0.2 s. `entry.decision("blank")` returns a decision on it.
 
     Raises:
         ValueError: the clip has no poses.
@@ -48,8 +48,8 @@ def decide(clip: Clip, decisions: Sequence[Decision], folder: str | Path | None 
     """Return a clip without the joints that decisions blank or hand back.
 
     Args:
-        clip: Captured, completed or not.
-        decisions: Of several on one joint the last holds.
+        clip: A captured clip, completed or not.
+        decisions: If there are several on one joint, the last one counts.
         folder: Folder of the clip, where the decisions are saved for `dmae export` and `dmae complete`.
 
     Raises:

@@ -13,16 +13,16 @@ from dmae.public.options import composed
 
 @checked
 def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:
-    """Return a clip, simulated or real, with something wrong with its detections, cameras or frame rate.
+    """Return a clip, simulated or real, with corrupted detections, cameras or frame rate.
 
     Args:
-        clip: V cameras. Its truth stays as it is, less the frames that are left out.
-        levels: Level of each corruption of `dmae stress` by name, as `{"objects": 40, "cameras": 2}`, or by
+        clip: V cameras. Its truth does not change, except that frames may be left out.
+        levels: Levels of corruptions of `dmae stress` by name, for example `{"objects": 40, "cameras": 2}`, or by
             `module:function`; at level 0 nothing changes.
-        seed: Of what is drawn at random.
+        seed: Seed of random numbers.
 
     Returns:
-        A clip without images, poses and labels of detections, which are not of these detections.
+        A clip without images, poses and labels of detections, because these do not fit the new detections.
 
     Raises:
         ValueError: there is no such corruption or level, or the clip has too few cameras or people for it.
@@ -43,16 +43,17 @@ def stress(clips: Sequence[Clip], out: str | Path | None = None, *overrides: str
     """Corrupt clips step by step, and score every method at each step.
 
     Args:
-        clips: All with truth, or none: then what all cameras measured before is the reference.
-        out: Folder of `stress.json`, the page `stress.html` and results kept for later runs; None to write nothing.
+        clips: All with truth, or all without. Without truth, the reference is what all cameras measured in the
+            original clips.
+        out: Folder of `stress.json`, the page `stress.html` and cached results; None to write nothing.
         overrides: Options as on the command line: `"axes=[objects,jitter]"`, `"methods=[linear,dmae]"`.
 
     Returns:
-        What `stress.json` holds: scores of each method along each axis, and where it breaks
+        The content of `stress.json`: scores of each method along each axis, and where it breaks
         (`dmae.evaluation.stress.curves.curves`).
 
     Raises:
-        ValueError: clips do not allow an axis that was asked for, or an option is unknown.
+        ValueError: clips do not allow a requested axis, or an option is unknown.
 
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))

@@ -1,4 +1,4 @@
-"""Tables of the paper, published rows and measured ones."""
+"""Tables of the paper: published rows and measured rows."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ def table(number: int, data: str | Path, out: str | Path, *overrides: str) -> di
     """Reproduce a table of the paper: published rows and rows measured here, with intervals.
 
     Args:
-        number: Of the table in the paper, 1 to 5.
+        number: Number of the table in the paper, 1 to 5.
         data: A recording with truth for tables 1, 2 and 4; a data set that `synth.generate` made for 3 and 5.
-        out: Folder for trained models. A training that is finished there is not repeated.
+        out: Folder for trained models. A training that is already finished in it is not repeated.
         overrides: Options as on the command line: `"size=small"`, `"protocol=4da"`, `"extra_data=[more]"`.
 
     Returns:
         The table, as in `table_N.json`.
 
     Raises:
-        ValueError: the data does not fit the table, `out` holds models of other data, or an option is unknown.
+        ValueError: the data does not fit the table, `out` contains models of other data, or an option is unknown.
 
     Examples:
         >>> for clip in synth.generate("scene.seconds=1", clips=1, seed=7, out="walks"): pass

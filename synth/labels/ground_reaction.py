@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dmae.data.array_fields import short_repr
 from synth.labels.momentum import LEAST_FPS, Movement, movement, needed_forces, smoothed
 from synth.labels.people_contacts import (
     ContactSource,
@@ -55,6 +56,8 @@ class BodyForces:
     supported: np.ndarray
     residual: np.ndarray
     penetration: np.ndarray
+
+    __repr__ = short_repr
 
     def __post_init__(self):
         frames, persons = self.centre_of_mass.shape[:2]

@@ -7,6 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from dmae.data.array_fields import short_repr
 from synth.labels.momentum import movement, needed_forces, smoothed
 from synth.labels.shapes import check_shapes
 from synth.labels.support import SeenStates
@@ -50,6 +51,8 @@ class PeopleContacts:
     force: np.ndarray
     depth: np.ndarray
     source: np.ndarray
+
+    __repr__ = short_repr
 
     def __post_init__(self):
         count = len(self.frame)

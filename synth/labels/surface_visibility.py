@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from dmae.data.array_fields import short_repr
 from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
@@ -36,6 +37,8 @@ class SurfaceLabels:
     normals: np.ndarray
     visibility: np.ndarray
     hidden_by: np.ndarray
+
+    __repr__ = short_repr
 
     def __post_init__(self):
         frames, persons, points = self.xyz.shape[:3]

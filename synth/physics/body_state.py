@@ -8,6 +8,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
+from dmae.data.array_fields import short_repr
 from dmae.data.from_json import decode
 from dmae.data.store import write_atomic
 from synth.people.body import Body
@@ -55,6 +56,8 @@ class BodyState:
     contact_point: np.ndarray
     contact_force: np.ndarray
     contact_depth: np.ndarray
+
+    __repr__ = short_repr
 
     def __post_init__(self):
         frames, persons, contacts = len(self.qpos), len(self.shapes), len(self.contact_frame)

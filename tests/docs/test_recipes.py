@@ -18,6 +18,7 @@ from dmae.data.clip import Detections2D
 from dmae.evaluation.corruption.registry import corruption
 from dmae.formats.registry import reader
 from dmae.metrics.registry import metric
+from synth.datasets.exporters.registry import exporter
 from synth.interactions import interaction
 from tests.support.animal_files import write_deeplabcut
 from tests.support.animals import DOG, dog_clip
@@ -30,7 +31,7 @@ PAGES = Path(__file__).parents[2] / "docs/how-to"
 def recipe(tmp_path: Path, monkeypatch):
     """Import the code of a page as a module of its own, registered until the end of the test."""
     monkeypatch.syspath_prepend(tmp_path)
-    for registry in (reader, metric, completion_method, corruption, interaction):
+    for registry in (reader, metric, completion_method, corruption, interaction, exporter):
         monkeypatch.setattr(registry, "_added", {})
 
     def load(page: str):
@@ -93,6 +94,16 @@ def test_a_detector_error(recipe, tmp_path: Path):
         np.testing.assert_array_equal(module.Blackouts().apply(view).score, view.score)
         band = module.Blackouts(share=0.5).apply(view).xy[..., 1]
         assert not (band > view.size[1] / 2).any()
+
+
+def test_a_layout(recipe, small_clip, tmp_path: Path):
+    recipe("add_layout")
+    dmae.save(small_clip, tmp_path / "walk")
+    for index, layout in enumerate(("nose_paths", "recipe_add_layout:export_nose_paths")):
+        synth.export(tmp_path / "walk", tmp_path / f"noses{index}", layout)
+        (table,) = (tmp_path / f"noses{index}").glob("train_*.csv")
+        persons = small_clip.truth.xyz.shape[1]
+        assert np.loadtxt(table, delimiter=",", ndmin=2).shape == (len(small_clip), 3 * persons)
 
 
 def test_a_skeleton(tmp_path: Path):
