@@ -47,7 +47,7 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
             the cameras that clearly differ from their calibration.
 
     Returns:
-        `rig`, the cameras; `offset` and `drift` of their clocks; `covariance`; `changes`, the corrections of each camera.
+        `rig`, the cameras; `offset` and `drift` of their clocks; `covariance`; `changes`, corrections by camera.
 
     Raises:
         ValueError: there are too few cameras or people, or `refine` names a camera that does not exist.

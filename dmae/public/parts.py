@@ -21,8 +21,8 @@ def merge(
 
     Raises:
         FileNotFoundError: a folder contains no part.
-        ValueError: parts belong to different commands, options or data, or are damaged; a clip is in two of them; clips are
-            missing.
+        ValueError: parts belong to different commands, options or data, or are damaged; a clip is in two of them;
+            clips are missing.
 
     Examples:
         >>> import subprocess, sys
