@@ -1,10 +1,12 @@
 """The `dmae` command, and how `synth` and it are run. No other module knows Hydra, which is imported to run alone."""
 
 import os
+import shutil
 import sys
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from importlib import metadata
 from pathlib import Path
@@ -13,7 +15,7 @@ from types import ModuleType
 
 from dmae.command_line import interruption
 from dmae.command_line.help import command_help, program_help
-from dmae.command_line.options import Group, presets_of
+from dmae.command_line.options import Group, Option, presets_of
 from dmae.command_line.outputs import check_out, locked, record
 from dmae.command_line.programs import Command, Program
 from dmae.command_line.renamed import renamed
@@ -26,9 +28,9 @@ from dmae.command_line.spelling import (
     expand_names,
     flag_values,
     split_flags,
-    suggestion,
     without_flags,
 )
+from dmae.command_line.suggestions import suggestion
 from dmae.commands import COMMANDS
 from dmae.data.resources import resource_folder
 from dmae.formats.registry import reader
@@ -140,9 +142,6 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
     sys.argv = [str(command), *arguments]
     _store(command, configuration)
 
-    @hydra.main(
-        version_base="1.3", config_path=str(resource_folder("dmae", "configs").resolve()), config_name=command.name
-    )
     def application(config: DictConfig) -> None:
         try:
             _apply(module, config, interrupted)
@@ -161,7 +160,8 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
     # With this setting Hydra raises errors instead of printing them in several lines.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     try:
-        application()
+        with _config_folder(command) as folder:
+            hydra.main(version_base="1.3", config_path=folder, config_name=command.name)(application)()
     except (HydraException, OmegaConfBaseException) as error:
         if full:
             raise
@@ -227,12 +227,28 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     check(options, overrides, [])
     overrides = expand_lists(options, overrides)
     _store(command, command.imported()[1])
-    folder = str(resource_folder("dmae", "configs").resolve())
     try:
-        with hydra.initialize_config_dir(folder, version_base="1.3"):
+        with _config_folder(command) as folder, hydra.initialize_config_dir(folder, version_base="1.3"):
             return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
     except (HydraException, OmegaConfBaseException) as error:
         raise ValueError(_in_one_line(error)) from None
+
+
+@contextmanager
+def _config_folder(command: Command) -> Iterator[str]:
+    """Yield the folder of configurations, without groups of presets that have the name of a plain option.
+
+    Hydra would look for a preset in the group: `dmae pretrain rig=mine.toml` names a file.
+    """
+    folder = resource_folder("dmae", "configs").resolve()
+    options = command.options().members
+    plain = [each.key for each in options if isinstance(each, Option) and (folder / each.key).is_dir()]
+    if not plain:
+        yield str(folder)
+        return
+    with TemporaryDirectory() as copy:
+        shutil.copytree(folder, copy, ignore=shutil.ignore_patterns(*plain), dirs_exist_ok=True)
+        yield copy
 
 
 def _store(command: Command, configuration: type) -> None:
@@ -242,11 +258,11 @@ def _store(command: Command, configuration: type) -> None:
     store = ConfigStore.instance()
     store.store(name=f"{command.name}_schema", node=_schema(configuration))
     options = command.options()
-    for group in DMAE.registries.keys() | command.registries.keys():
-        # `data=...` is a group of presets for some commands, and a plain path for others.
+    for group in {each.key for each in options.members} | command.registries.keys():
+        # `data=...` and others are groups of presets for some commands, and plain paths for others.
         store.repo.pop(group, None)
         if isinstance(options.find(group), Group):
-            for name, preset in command.registries[group]().items():
+            for name, preset in command.registries.get(group, dict)().items():
                 store.store(group=group, name=name, node=preset.values)
 
 

@@ -142,7 +142,7 @@ def _read_part(folder: Path) -> Part:
     path = folder / PART
     if not path.is_file():
         raise FileNotFoundError(
-            f"{folder}: expected {PART}, which commands write at last with shard=..., first=... or clips=...; "
+            f"{folder}: expected {PART}, which commands with shard=..., first=... or clips=... write at the end; "
             "was the command interrupted?"
         )
     part = decode(Part, read_json(path), str(path))

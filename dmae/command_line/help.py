@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 
 from dmae.command_line.options import REQUIRED, Group, Option
 from dmae.command_line.programs import Command, Program
-from dmae.command_line.spelling import required, suggestion
+from dmae.command_line.spelling import required
+from dmae.command_line.suggestions import suggestion
 
 _FLAGS = (
     ("-m, --multirun", "run every combination of key=a,b values, in out/0, out/1, ..."),

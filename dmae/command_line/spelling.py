@@ -1,12 +1,12 @@
 """Overrides held against the options of a command before anything heavy is imported; each mistake is one line."""
 
 import re
-from collections.abc import Collection, Iterable
-from difflib import SequenceMatcher, get_close_matches
+from collections.abc import Collection
 from itertools import pairwise
 from pathlib import Path
 
 from dmae.command_line.options import REQUIRED, Group, Option
+from dmae.command_line.suggestions import choices, like, meant, nearest
 
 _OVERRIDE = re.compile(
     r"(?P<prefix>\+\+|\+|~)?(?P<key>[^=@]+)(?P<package>@[^=]*)?(?P<equals>=)?(?P<value>.*)", re.DOTALL
@@ -24,19 +24,6 @@ _WITH_VALUE = ("--cfg", "-c", "--package", "-p", "--config-dir", "-cd")
 PRESET_FLAGS = ("--config-dir", "-cd")
 _LOOKING = ("--cfg", "-c", "--info", "-i", "--shell-completion", "-sc", "--hydra-help")
 """Flags with which nothing is run, so that nothing need be given."""
-
-
-def nearest(word: str, words: Iterable[str]) -> str | None:
-    """The most similar of some words; None if none is similar."""
-    found = get_close_matches(word, list(words), 1, 0.6)
-    return found[0] if found else None
-
-
-def suggestion(word: str, words: Iterable[str], what: str = "there are") -> str:
-    """Text for an unknown word: the nearest known words, or if none is near, all of them."""
-    words = list(words)
-    near = nearest(word, words)
-    return f"did you mean {near}?" if near else f"{what} {', '.join(words)}"
 
 
 def split_flags(arguments: list[str]) -> tuple[list[str], list[str]]:
@@ -116,7 +103,7 @@ def _check(options: Group, override: str, sweep: bool) -> str:
     if key.split(".")[0].split("/")[0] == "hydra":
         return key
     if not match["equals"] and prefix != "~":
-        raise ValueError(f"{override}: expected key=value{_meant(options, key) or _intended(options, override)}")
+        raise ValueError(f"{override}: expected key=value{meant(options, key, required(options))}")
     found = options.find(key)
     if found is None:
         if _below_dictionary(options, key):
@@ -147,7 +134,9 @@ def _check_preset(group: Group, value: str) -> None:
         names = ", ".join(member.key for member in group.members)
         raise ValueError(f"{group.key}={value}: expected one of its options: {names}")
     if value.strip("'\"") not in group.presets:
-        raise ValueError(f"{group.key}={value}: no such choice; {_choices(value, group.presets)}")
+        by_path = f"{group.key}.path"
+        file = f"; a file is {by_path}={value}" if Path(value).suffix and group.find(by_path) else ""
+        raise ValueError(f"{group.key}={value}: no such choice; {choices(value, group.presets)}{file}")
 
 
 def _check_value(option: Option, value: str) -> None:
@@ -168,9 +157,7 @@ def _check_value(option: Option, value: str) -> None:
             continue  # module:function of a user
         # A user's module:function is checked when it is imported.
         if option.choices and plain not in option.choices and ":" not in plain:
-            raise ValueError(
-                f"{option.key}={value}: {_no(option, plain, bracketed)}; {_choices(plain, option.choices)}"
-            )
+            raise ValueError(f"{option.key}={value}: {_no(option, plain, bracketed)}; {choices(plain, option.choices)}")
         pattern = _EXPECTED.get(option.kind)
         wrong_number = pattern and not pattern.fullmatch(plain)
         if wrong_number or (option.kind == "true or false" and plain.lower() not in _BOOLEANS):
@@ -178,13 +165,8 @@ def _check_value(option: Option, value: str) -> None:
 
 
 def _no(option: Option, value: str, listed: bool) -> str:
-    return f"no {option.key.rpartition('.')[2].removesuffix('s')} {value!r}" if listed else "no such choice"
-
-
-def _choices(value: str, choices: Iterable[str]) -> str:
-    """The nearest of some, and all of them."""
-    near = nearest(value, choices)
-    return f"did you mean {near}? There are {', '.join(choices)}" if near else f"there are {', '.join(choices)}"
+    name = option.key.rpartition(".")[2]
+    return f"no {'axis' if name == 'axes' else name.removesuffix('s')} {value!r}" if listed else "no such choice"
 
 
 def _expected(option: Option) -> str:
@@ -197,36 +179,6 @@ def _expected(option: Option) -> str:
             f"a list, as {option.key}=[...]"
         )  # fmt: skip
     return what
-
-
-def like(options: Group, key: str) -> str:
-    """The option that was probably meant: of the same last name, or else the most similar."""
-    keys = [member.key for member in options.walk() if not key.startswith(f"{member.key}.")]
-    last = key.rpartition(".")[2]
-    same = [each for each in keys if each.rpartition(".")[2] == last]
-    if len(same) > 1:
-        same = [nearest(key, same) or ""] if nearest(key, same) else same
-    if len(same) == 1:
-        return f"did you mean {same[0]}?"
-    if same:
-        return f"did you mean one of {', '.join(same[:6])}?"
-    lasts = {each.rpartition(".")[2]: each for each in reversed(keys)}
-    similar = {near: SequenceMatcher(None, key, near).ratio() for near in [nearest(key, keys)] if near}
-    similar |= {lasts[near]: SequenceMatcher(None, last, near).ratio() for near in [nearest(last, lasts)] if near}
-    if similar:
-        return f"did you mean {max(similar, key=similar.get)}?"
-    return f"there are {', '.join(member.key for member in options.members)}"
-
-
-def _meant(options: Group, word: str) -> str:
-    keys = [member.key for member in options.walk()]
-    near = word if word in keys else nearest(word, keys)
-    return f", as in {near}=..." if near else ""
-
-
-def _intended(options: Group, value: str) -> str:
-    """Return the option for which a value without key was probably meant: the first that is required."""
-    return "".join(f", as in {key}={value}" for key in required(options)[:1])
 
 
 def _below_dictionary(options: Group, key: str) -> bool:
@@ -286,7 +238,7 @@ def expand_data(options: Group, overrides: list[str]) -> list[str]:
             continue
         for folder in folders:
             if not (Path(folder).exists() or "$" in folder or "(" in folder):
-                raise ValueError(f"data={folder}: neither a folder nor a format; {_choices(folder, data.presets)}")
+                raise ValueError(f"data={folder}: neither a folder nor a format; {choices(folder, data.presets)}")
         expanded += ["data=clip", "data.name=null", f"data.path={value}"]
     return expanded
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dmae.cli import compose
+from dmae.cli import DMAE, compose
 from dmae.commands.pretrain import PretrainCommand, _steps
 from tests.support.commands import run_command
 from tests.support.motion_files import bvh
@@ -73,3 +73,16 @@ def test_a_model_is_made_and_its_card_written(mocap, tmp_path):
     card = (out / "model" / "MODEL_CARD.md").read_text()
     assert "dmae pretrain" in card
     assert "gaussian_process" in card
+
+
+def test_options_with_the_names_of_groups_of_presets_are_paths_and_names():
+    """Other commands have presets of rigs and motion; Hydra must not look for one here."""
+    given = ["motion=mocap", "rig=session/calibration.json", "detector=hrnet_like"]
+    config = compose(DMAE.commands["pretrain"], given)
+    assert (config.motion, config.rig, config.detector) == ("mocap", "session/calibration.json", "hrnet_like")
+
+
+def test_a_calibration_is_given_on_the_command_line(tmp_path: Path):
+    done = run_command(tmp_path, "dmae", "pretrain", "rig=session/calibration.json", "motion=none", "--cfg", "job")
+    assert done.returncode == 0, done.stderr
+    assert "rig: session/calibration.json" in done.stdout
