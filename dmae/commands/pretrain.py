@@ -28,7 +28,7 @@ class PretrainCommand:
     rig: str = "random"
     """Calibration, a file or folder of any known format; or a preset of rigs."""
     detector: str = "shelf_openpose"
-    """Preset of the simulated detector; `synth fit-detector` fits one to a recording."""
+    """Preset of the simulated detector, or the YAML file of a preset that `synth fit-detector` wrote."""
     clips: int = 60
     """Clips of 12 s to train on; a quarter of this number is used for calibration, and a quarter for scores."""
     seconds: float = 12.0
@@ -62,9 +62,9 @@ def _steps(config: PretrainCommand, out: Path) -> list[list[str]]:
 
     Raises:
         ValueError: a path has characters that options give a meaning.
-        FileNotFoundError: there is no such motion.
+        FileNotFoundError: there is no such motion, calibration or file of a preset.
     """
-    for path in (str(out), config.motion or "", config.rig):
+    for path in (str(out), config.motion or "", config.rig, config.detector):
         if set(path) & set("'\"[]{}(),=$"):
             raise ValueError(f"{path}: expected a path without quotes, brackets, commas, = and $")
     steps, sets = [], {name: _procedural() for name in ("train", "validation", "test")}
@@ -81,11 +81,14 @@ def _steps(config: PretrainCommand, out: Path) -> list[list[str]]:
     rig = [f"rig={config.rig}"]
     if Path(config.rig).exists():
         rig = ["rig=random", f"rig.path={config.rig}"]
+    elif Path(config.rig).suffix:
+        raise FileNotFoundError(f"rig={config.rig}: no such calibration, and no preset of rigs")
+    detector = _detector(config.detector)
     counts = {"train": config.clips, "validation": max(1, config.clips // 4), "test": max(1, config.clips // 4)}
     for number, (name, count) in enumerate(counts.items()):
         steps.append(
             ["synth", "generate", f"out={out}/{name}", f"clips={count}", f"seed={3 * config.seed + number}", *rig,
-             f"detector={config.detector}", f"scene.seconds={config.seconds}", f"workers={config.workers}", *sets[name]]
+             *detector, f"scene.seconds={config.seconds}", f"workers={config.workers}", *sets[name]]
         )  # fmt: skip
     drawn = f"draw=[{','.join(map(str, config.views))}]"
     steps += [
@@ -105,10 +108,22 @@ def _steps(config: PretrainCommand, out: Path) -> list[list[str]]:
     steps.append([*scoring, "input=true_poses", "smooth=0", f"out={out}/scores_true"])
     # The command on the card contains no folders, so that it can be repeated with other paths.
     made = [f"clips={config.clips}", f"seconds={config.seconds}", f"steps={config.steps}", f"seed={config.seed}"]
-    made += [f"detector={config.detector}", f"rig={Path(config.rig).name}"]
+    made += [f"detector={Path(config.detector).name}", f"rig={Path(config.rig).name}"]
     command = shlex.join(["dmae", "pretrain", *(["motion=..."] if config.motion else []), *made])
     scores = f"scores=[{out}/scores,{out}/scores_true]"
     return [*steps, ["dmae", "card", f"weights={out}/model", f"command={_quoted(command)}", scores]]
+
+
+def _detector(detector: str) -> list[str]:
+    """Return the options of `synth generate` for a preset of the detector, by its name or its file."""
+    path = Path(detector)
+    if path.suffix not in (".yaml", ".yml"):
+        return [f"detector={detector}"]
+    if not path.is_file():
+        raise FileNotFoundError(f"detector={detector}: no such file")
+    if path.parent.name != "detector":
+        raise ValueError(f"detector={detector}: expected a file in a folder `detector`, as synth fit-detector writes")
+    return [f"--config-dir={path.parent.parent}", f"detector={path.stem}"]
 
 
 def _quoted(text: str) -> str:

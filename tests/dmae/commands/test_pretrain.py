@@ -53,7 +53,22 @@ def test_a_calibration_is_read_from_its_file(tmp_path):
     assert f"rig.path={tmp_path / 'calibration.json'}" in steps[0]
 
 
+def test_a_fitted_preset_is_named_by_its_file(tmp_path):
+    (tmp_path / "detector").mkdir()
+    preset = tmp_path / "detector/mine.yaml"
+    preset.write_text("# @package detector")
+    steps = _steps(PretrainCommand(detector=str(preset)), Path("runs/own"))
+    assert {f"--config-dir={tmp_path}", "detector=mine"} <= set(steps[0])
+    assert not any(str(tmp_path) in word for word in steps[-1])
+    with pytest.raises(ValueError, match="expected a file in a folder `detector`"):
+        _steps(PretrainCommand(detector=str(preset.rename(tmp_path / "mine.yaml"))), Path("runs/own"))
+
+
 def test_what_cannot_be_is_refused(tmp_path):
+    for missing in ("rig=nowhere/rig.toml", "detector=nowhere/mine.yaml"):
+        name, _, path = missing.partition("=")
+        with pytest.raises(FileNotFoundError, match=f"{missing}: no such"):
+            _steps(PretrainCommand(**{name: path}), Path("runs/own"))
     with pytest.raises(FileNotFoundError, match="no such folder or list of takes"):
         _steps(PretrainCommand(motion=str(tmp_path / "none")), Path("runs/own"))
     with pytest.raises(ValueError, match="expected a path without quotes"):
