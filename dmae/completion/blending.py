@@ -1,11 +1,10 @@
-"""Blending: how much of the network's correction is applied, by how noisy the poses are and how long a gap is."""
+"""Blending: how much of the network's correction is applied to measured joints, by how noisy the poses are."""
 
 import numpy as np
 
 from dmae.completion.features import bone_stretch
-from dmae.completion.methods.gaussian_process import SHORT_GAP
 from dmae.data.clip import Poses3D
-from dmae.numerics.gaps import gap_lengths, neighbours
+from dmae.numerics.gaps import neighbours
 
 _EXACT, _NOISY = -1.5, -0.1
 """By `dmae.completion.features.bone_stretch` poses are exact up to the first (1 mm), noisy from the second (8 mm)."""
@@ -22,16 +21,12 @@ def noisiness(poses: Poses3D) -> np.ndarray:
     return ((stretch - _EXACT) / (_NOISY - _EXACT)).clip(0, 1)
 
 
-def correction_weight(poses: Poses3D, fps: float) -> np.ndarray:
-    """Return the weight of a network's correction of interpolated, or of measured, joints, (F, P, J, 1).
+def correction_weight(poses: Poses3D) -> np.ndarray:
+    """Return the weight of a network's correction of interpolated and of measured joints, (F, P, J, 1).
 
-    It is 1 for noisy poses. Of exact poses measured joints are not moved, and joints in short gaps hardly:
-    interpolation is better there.
+    It is 1 for interpolated joints. Measured joints are corrected the less the more exact the poses are.
     """
-    squared = gap_lengths(poses.measured) ** 2
-    long = squared / (squared + (SHORT_GAP * fps) ** 2)
-    noisy = noisiness(poses)
-    return np.where(poses.measured, noisy, noisy + (1 - noisy) * long)[..., None]
+    return np.where(poses.measured[..., None], noisiness(poses)[..., None], 1.0)
 
 
 def near_measurement(poses: Poses3D, fps: float) -> np.ndarray:

@@ -41,10 +41,10 @@ class Completer:
     - Farther than 0.2 s from any measurement of the person covariances are unknown (NaN).
     - Windows overlap by two thirds; their corrections of the interpolation are blended with weights that fall linearly
       from the middle of a window. A window without a measurement adds nothing: in the middle of an absence the
-      interpolation over the whole recording stands, however long a gap is. In short gaps of exact poses it nearly does
-      (`dmae.completion.blending.correction_weight`).
+      interpolation over the whole recording stands, however long a gap is.
     - Measured joints are returned unchanged, to the bit. With `denoise` those of fewer than three views (or unknown)
-      are moved to where the model predicts them and marked `DENOISED`; their covariances are then upper bounds. With
+      are moved to where the model predicts them and marked `DENOISED`, the less the more exact the poses are
+      (`dmae.completion.blending.correction_weight`); their covariances are then upper bounds. With
       `reject` such joints that the frames around contradict (`dmae.completion.rejection`) are dropped first, and
       completed like others.
     - Joints that are already `COMPLETED` are no evidence: the model does not see them, and they are completed again.

@@ -93,7 +93,7 @@ def predict(
         weight = (time - first).clip(0, 1)[:, None, None, None]
         correction = resampled[first] * (1 - weight) + resampled[second] * weight
     # The target's joints lie elsewhere than what they are derived from, however short a gap is.
-    weight = 1 if target else correction_weight(poses, fps)
+    weight = 1 if target else correction_weight(poses)
     return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]
 
 
