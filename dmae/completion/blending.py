@@ -1,9 +1,12 @@
-"""Blending: how much of the network's correction is applied to measured joints, by how noisy the poses are."""
+"""Blending: how much measured joints are corrected and poses are smoothed, by how noisy the poses are."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from dmae.completion.features import bone_stretch
 from dmae.data.clip import Poses3D
+from dmae.numerics.filling import smooth
 from dmae.numerics.gaps import neighbours
 
 _EXACT, _NOISY = -1.5, -0.1
@@ -27,6 +30,22 @@ def correction_weight(poses: Poses3D) -> np.ndarray:
     It is 1 for interpolated joints. Measured joints are corrected the less the more exact the poses are.
     """
     return np.where(poses.measured[..., None], noisiness(poses)[..., None], 1.0)
+
+
+def smooth_by_noise(filled: Poses3D, noisy: np.ndarray, fps: float, seconds: float) -> Poses3D:
+    """Return filled poses smoothed (`dmae.numerics.filling.smooth`), the less the more exact they were measured.
+
+    Poses from cameras are smoothed in full. Exact ones, as from motion capture with markers, do not change.
+
+    Args:
+        filled: F frames, P persons, of any skeleton.
+        noisy: (F, P, 1) `noisiness` of the poses before they were filled.
+    """
+    smoothed = smooth(filled, fps, seconds)
+    if (noisy == 1).all():
+        return smoothed
+    xyz = noisy[..., None] * smoothed.xyz + (1 - noisy[..., None]) * filled.xyz
+    return replace(smoothed, xyz=xyz, source=np.where(noisy > 0, smoothed.source, filled.source))
 
 
 def near_measurement(poses: Poses3D, fps: float) -> np.ndarray:

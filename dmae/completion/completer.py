@@ -6,7 +6,7 @@ from math import ceil
 import numpy as np
 
 from dmae.completion import fusion
-from dmae.completion.blending import near_measurement, noisiness
+from dmae.completion.blending import near_measurement, noisiness, smooth_by_noise
 from dmae.completion.gaussian_process.steps import Steps, finished
 from dmae.completion.network.paper import DMAE
 from dmae.completion.pieces import in_pieces
@@ -16,7 +16,7 @@ from dmae.completion.uncertainty import Factors, calibrated
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeleton_conversion import convert
-from dmae.numerics.filling import present, smooth
+from dmae.numerics.filling import present
 from dmae.numerics.gaps import gap_lengths
 
 _ACCELERATION = 40.0
@@ -73,7 +73,7 @@ class Completer:
     reject: bool = False
     """Improves real recordings; does not improve people who jump and dance."""
     smooth: float = 0.0
-    """s; light smoothing of the completed poses, see `dmae.numerics.filling.smooth`."""
+    """s; light smoothing of the completed poses, see `dmae.completion.blending.smooth_by_noise`."""
 
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
         if not (np.isfinite(fps) and fps > 0):
@@ -89,7 +89,8 @@ class Completer:
             asked, reach = range(len(poses.xyz))[frames], ceil(3 * self.smooth * fps)
             first = max(asked.start - reach, 0)
             done = finished(self._complete(poses, fps, slice(first, asked.stop + reach)))
-            done = smooth(done, fps, self.smooth)
+            noisy = noisiness(poses.without(poses.source == Source.COMPLETED))[first : asked.stop + reach]
+            done = smooth_by_noise(done, noisy, fps, self.smooth)
             return done.select(slice(asked.start - first, asked.stop - first))
 
     def in_steps(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from dmae.completion.blending import correction_weight, near_measurement, noisiness
-from dmae.data.clip import Poses3D
+from dmae.completion.blending import correction_weight, near_measurement, noisiness, smooth_by_noise
+from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import SHELF14
+from dmae.numerics.filling import smooth
 
 
 @pytest.fixture
@@ -36,6 +37,15 @@ def test_interpolated_joints_are_corrected_and_exactly_measured_ones_are_not(peo
     exact, between, captured = counts[~hidden[:, 0, 3]].T
     assert exact.max() == 0 and captured.min() == 1
     assert 0 < between.min() <= between.max() < 1
+
+
+def test_exact_poses_are_not_smoothed_and_captured_ones_are_in_full(people):
+    found, full = smooth_by_noise(people, noisiness(people), 25.0, 0.1), smooth(people, 25.0, 0.1)
+    np.testing.assert_array_equal(found.xyz[:, 0], people.xyz[:, 0])
+    np.testing.assert_allclose(found.xyz[:, 2], full.xyz[:, 2], atol=1e-6)
+    moved = np.linalg.norm(np.stack([found.xyz, full.xyz]) - people.xyz, axis=-1).mean((1, 3))
+    assert 0 < moved[0, 1] < moved[1, 1]
+    assert (found.source[:, 0] == Source.MEASURED).all() and (found.source[:, 1:] == Source.DENOISED).all()
 
 
 def test_near_measurement_is_within_a_fifth_of_a_second(people):
