@@ -117,10 +117,9 @@ weights: weights-first weights-sets
 	$(TRAIN_SECOND) extra_data=[$(call join_sets,$(filter-out made_1,$(SETS)) $(SHELF_SETS))] init=$(WEIGHTS)/first learning.steps=10000 \
 	  learning.lr=1e-3 out=$(WEIGHTS)/model
 	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[5,4,3] weights=$(WEIGHTS)/model \
-	  methods=[measured,linear,pchip_body,kalman,reject_pchip,rays,gaussian_process,reject_gaussian_process,dmae,dmae_reject,dmae_denoise,dmae_online] \
-	  out=$(WEIGHTS)/scores_shelf
+	  methods=[linear,dmae,dmae_denoise,dmae_online] out=$(WEIGHTS)/scores_shelf
 	$(BIN)/dmae evaluate data=shelf data.path=$(DMAE_DATA)/shelf views=[3] reference=capture smooth=0 \
-	  methods=[linear,pchip_body,rays,gaussian_process,reject_gaussian_process,dmae,dmae_reject] weights=$(WEIGHTS)/model out=$(WEIGHTS)/scores_holes
+	  methods=[linear,pchip_body,gaussian_process,dmae] weights=$(WEIGHTS)/model out=$(WEIGHTS)/scores_holes
 	$(BIN)/dmae card weights=$(WEIGHTS)/model command="make weights" scores=[$(WEIGHTS)/scores_holes,$(WEIGHTS)/scores_shelf]
 	@echo "To ship them: cp $(WEIGHTS)/model/{weights.safetensors,model.json,MODEL_CARD.md} dmae/models/body25"
 
