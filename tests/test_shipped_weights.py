@@ -20,8 +20,8 @@ from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneConfig
 from tests.support.scenes import RIG
 
-SCORED_TAKES = ("bvh_cc/005_14", "bvh_cc/005_16", "bvh_daz/salsa_25")
-"""Takes that `make weights` scores on, and does not train on."""
+SCORED_TAKES = ("bvh_cc/005_14", "bvh_cc/005_16")
+"""Takes of a subject that `make weights` does not train on."""
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,13 @@
-"""Blending: how much of the network's correction is applied, by how noisy the poses are and how long a gap is."""
+"""Blending: how much measured joints are corrected and poses are smoothed, by how noisy the poses are."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from dmae.completion.features import bone_stretch
-from dmae.completion.methods.gaussian_process import SHORT_GAP
 from dmae.data.clip import Poses3D
-from dmae.numerics.gaps import gap_lengths, neighbours
+from dmae.numerics.filling import smooth
+from dmae.numerics.gaps import neighbours
 
 _EXACT, _NOISY = -1.5, -0.1
 """By `dmae.completion.features.bone_stretch` poses are exact up to the first (1 mm), noisy from the second (8 mm)."""
@@ -22,16 +24,28 @@ def noisiness(poses: Poses3D) -> np.ndarray:
     return ((stretch - _EXACT) / (_NOISY - _EXACT)).clip(0, 1)
 
 
-def correction_weight(poses: Poses3D, fps: float) -> np.ndarray:
-    """Return the weight of a network's correction of interpolated, or of measured, joints, (F, P, J, 1).
+def correction_weight(poses: Poses3D) -> np.ndarray:
+    """Return the weight of a network's correction of interpolated and of measured joints, (F, P, J, 1).
 
-    It is 1 for noisy poses. Of exact poses measured joints are not moved, and joints in short gaps hardly:
-    interpolation is better there.
+    It is 1 for interpolated joints. Measured joints are corrected the less the more exact the poses are.
     """
-    squared = gap_lengths(poses.measured) ** 2
-    long = squared / (squared + (SHORT_GAP * fps) ** 2)
-    noisy = noisiness(poses)
-    return np.where(poses.measured, noisy, noisy + (1 - noisy) * long)[..., None]
+    return np.where(poses.measured[..., None], noisiness(poses)[..., None], 1.0)
+
+
+def smooth_by_noise(filled: Poses3D, noisy: np.ndarray, fps: float, seconds: float) -> Poses3D:
+    """Return filled poses smoothed (`dmae.numerics.filling.smooth`), the less the more exact they were measured.
+
+    Poses from cameras are smoothed in full. Exact ones, as from motion capture with markers, do not change.
+
+    Args:
+        filled: F frames, P persons, of any skeleton.
+        noisy: (F, P, 1) `noisiness` of the poses before they were filled.
+    """
+    smoothed = smooth(filled, fps, seconds)
+    if (noisy == 1).all():
+        return smoothed
+    xyz = noisy[..., None] * smoothed.xyz + (1 - noisy[..., None]) * filled.xyz
+    return replace(smoothed, xyz=xyz, source=np.where(noisy > 0, smoothed.source, filled.source))
 
 
 def near_measurement(poses: Poses3D, fps: float) -> np.ndarray:

@@ -6,7 +6,7 @@ from math import ceil
 import numpy as np
 
 from dmae.completion import fusion
-from dmae.completion.blending import near_measurement, noisiness
+from dmae.completion.blending import near_measurement, noisiness, smooth_by_noise
 from dmae.completion.gaussian_process.steps import Steps, finished
 from dmae.completion.network.paper import DMAE
 from dmae.completion.pieces import in_pieces
@@ -16,7 +16,7 @@ from dmae.completion.uncertainty import Factors, calibrated
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeleton_conversion import convert
-from dmae.numerics.filling import present, smooth
+from dmae.numerics.filling import present
 from dmae.numerics.gaps import gap_lengths
 
 _ACCELERATION = 40.0
@@ -41,10 +41,10 @@ class Completer:
     - Farther than 0.2 s from any measurement of the person covariances are unknown (NaN).
     - Windows overlap by two thirds; their corrections of the interpolation are blended with weights that fall linearly
       from the middle of a window. A window without a measurement adds nothing: in the middle of an absence the
-      interpolation over the whole recording stands, however long a gap is. In short gaps of exact poses it nearly does
-      (`dmae.completion.blending.correction_weight`).
+      interpolation over the whole recording stands, however long a gap is.
     - Measured joints are returned unchanged, to the bit. With `denoise` those of fewer than three views (or unknown)
-      are moved to where the model predicts them and marked `DENOISED`; their covariances are then upper bounds. With
+      are moved to where the model predicts them and marked `DENOISED`, the less the more exact the poses are
+      (`dmae.completion.blending.correction_weight`); their covariances are then upper bounds. With
       `reject` such joints that the frames around contradict (`dmae.completion.rejection`) are dropped first, and
       completed like others.
     - Joints that are already `COMPLETED` are no evidence: the model does not see them, and they are completed again.
@@ -73,7 +73,7 @@ class Completer:
     reject: bool = False
     """Improves real recordings; does not improve people who jump and dance."""
     smooth: float = 0.0
-    """s; light smoothing of the completed poses, see `dmae.numerics.filling.smooth`."""
+    """s; light smoothing of the completed poses, see `dmae.completion.blending.smooth_by_noise`."""
 
     def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
         if not (np.isfinite(fps) and fps > 0):
@@ -89,7 +89,8 @@ class Completer:
             asked, reach = range(len(poses.xyz))[frames], ceil(3 * self.smooth * fps)
             first = max(asked.start - reach, 0)
             done = finished(self._complete(poses, fps, slice(first, asked.stop + reach)))
-            done = smooth(done, fps, self.smooth)
+            noisy = noisiness(poses.without(poses.source == Source.COMPLETED))[first : asked.stop + reach]
+            done = smooth_by_noise(done, noisy, fps, self.smooth)
             return done.select(slice(asked.start - first, asked.stop - first))
 
     def in_steps(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:

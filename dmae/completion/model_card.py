@@ -54,6 +54,7 @@ def _card(folder: Path, scores: Sequence[Path], command: str) -> str:
         f"- **Network**: {size:,} parameters; windows of {network.frames} frames at {network.fps:g}/s, "
         f"{len(skeleton)} joints; its sizes are in `model.json`.",
         f"- **Learned from**: {_sets(learned, config)}; {record['steps']} steps, {_listed(settings)}.",
+        *([f"- **Started from**: weights with the sha256 {record['init']['sha256']}."] if record["init"] else []),
         f"- **Validated and calibrated on**: {_sets(held_back, config) or 'nothing'}.",
         f"- **Made by**: `{command}`",
         f"- **Made with**: {_listed(record['versions'])}; sha256 of the weights {record['sha256']}.",

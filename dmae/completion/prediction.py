@@ -11,7 +11,7 @@ from dmae.completion.gaussian_process.steps import Steps
 from dmae.completion.methods.gaussian_process_learned import fill_both
 from dmae.completion.network.paper import DMAE
 from dmae.completion.windows import Rows, make_rows
-from dmae.data.clip import Poses3D, Source
+from dmae.data.clip import Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.heading import rotate_z
 from dmae.numerics.resampling import resample
@@ -71,16 +71,12 @@ def predict(
     count, persons = poses.xyz.shape[:2]
     needed = np.zeros((count, persons, len(rest)), bool)
     needed[frames, :, -wanted.shape[2] :] = wanted
-    filled = learned = None
+    filled = None
     if not target:
-        filled, learned = yield from fill_both(poses, fps, frames)
+        _, filled = yield from fill_both(poses, fps, frames)
     rows = make_rows(poses, fps, rest, config.frames, target=target, filled=filled)
     base = _by_frame(rows.base, persons)[:count]
     yield _ROWS_COST
-    if learned:
-        # It was trained over the process with one kernel, which the learned one is for noisy poses; of exact ones it is
-        # nearer to the truth, and the same is added to it.
-        base = np.where((learned.source == Source.COMPLETED)[..., None], learned.xyz, base)
     if has_rate(model, fps):
         found = yield from _corrections(model, rows, needed, small_steps)
         correction = _by_frame(found, persons)[:count]
@@ -97,7 +93,7 @@ def predict(
         weight = (time - first).clip(0, 1)[:, None, None, None]
         correction = resampled[first] * (1 - weight) + resampled[second] * weight
     # The target's joints lie elsewhere than what they are derived from, however short a gap is.
-    weight = 1 if target else correction_weight(poses, fps)
+    weight = 1 if target else correction_weight(poses)
     return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]
 
 

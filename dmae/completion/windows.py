@@ -14,6 +14,7 @@ from torch import Tensor
 from dmae.completion.features import bone_length_offsets, bone_stretch, held_offsets, jitter
 from dmae.completion.fusion import derive
 from dmae.completion.methods.gaussian_process import fill_gaussian_process
+from dmae.completion.methods.gaussian_process_learned import fill_gaussian_process_learned
 from dmae.completion.normalisation import Normalisation, mid_hip
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
@@ -107,8 +108,8 @@ def make_rows(
 ) -> Rows:
     """Interpolate absent joints over the whole recording and lay the persons out as rows.
 
-    Joints that `fill_gaussian_process` cannot fill (persons out of the scene, joints never measured) are placed
-    relative to their parent as in the rest pose.
+    Joints that a Gaussian process cannot fill (persons out of the scene, joints never measured) are placed relative to
+    their parent as in the rest pose.
 
     Args:
         poses: F frames, P persons, J joints.
@@ -117,14 +118,16 @@ def make_rows(
         truth: (F, P, J, 3) m, world.
         target: Skeleton with joints that follow those of the poses in all of these and in the rows, never observed.
             They are derived from the other joints; their gaps are those of the joints that they are derived from.
-        filled: The poses as `fill_gaussian_process` fills them, where that is known.
+        filled: The interpolated poses, where known; by default those of `fill_gaussian_process_learned`, and with a
+            target those of `fill_gaussian_process`.
     """
     skeleton, target_rest = poses.skeleton, rest[len(poses.skeleton) :]
     rest = rest[: len(skeleton)]
     count, persons = poses.xyz.shape[:2]
     observed = ~np.isnan(poses.xyz).any(-1)
     gap = _gap(observed)
-    filled = filled or fill_gaussian_process(poses, fps)
+    fill = fill_gaussian_process if target is not None else fill_gaussian_process_learned
+    filled = filled or fill(poses, fps)
     base = filled.xyz.astype(np.float64)
     ray = np.where((filled.source == Source.COMPLETED)[..., None], np.nan_to_num(poses.rays[..., 1, :]), 0)
     origin, heading = _place_and_heading(base, skeleton, rest)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dmae.completion.blending import noisiness, smooth_by_noise
 from dmae.completion.methods.registry import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.rng import Stream, generator
@@ -18,7 +19,6 @@ from dmae.evaluation.reference import measured_by_all, scored_actors, truth_of
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.formats.recordings.selection import camera_subsets
 from dmae.metrics.matching import GATE, match, take_matched
-from dmae.numerics.filling import smooth
 from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture
 
@@ -75,7 +75,7 @@ def filled_trials(
         for name, fill in methods.items():
             poses = fill(trial.given, trial.clip.fps)
             if not (name in completion_method and find_method(name).smooths):
-                poses = smooth(poses, trial.clip.fps, config.smooth)
+                poses = smooth_by_noise(poses, noisiness(trial.given), trial.clip.fps, config.smooth)
             filled[name] = to_skeleton(poses, trial.truth.skeleton)
         yield trial, filled | ({} if trial.filled is None else {HANDED_IN: trial.filled})
 

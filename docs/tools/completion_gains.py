@@ -11,14 +11,11 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 from provenance import measured
 
-from dmae.completion import prediction
 from dmae.completion.gaussian_process.fitting import FPS, read_pairs
-from dmae.completion.gaussian_process.steps import Steps
 from dmae.completion.methods import METHODS
 from dmae.completion.pipeline import SMOOTHING, completers
 from dmae.data.clip import Poses3D
@@ -27,6 +24,7 @@ from dmae.data.skeleton import BODY25
 from dmae.evaluation.benchmark.holes import PARTS, part_of
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
 from dmae.metrics.position_error import GAPS
+from dmae.metrics.uncertainty import in_region
 from dmae.numerics.gaps import gap_lengths
 from dmae.progress import progress
 
@@ -39,23 +37,13 @@ _FEWEST = 50
 _PART = np.array([list(PARTS)[part_of(joint)] for joint in BODY25.joints])
 
 Errors = dict[str, dict[tuple[str, str, str], list[tuple[float, int]]]]
+Regions = dict[tuple[str, str], np.ndarray]
 
 
 def methods() -> dict[str, Callable[[Poses3D, float], Poses3D]]:
-    """Return the compared functions: filling methods, and `dmae.complete` by default and with a one-kernel process."""
-    shipped = completers(None, denoise=None, reject=True, smooth=SMOOTHING)(BODY25)
+    """Return the compared functions: filling methods, and `dmae.complete` by default."""
     plain = {name: METHODS[name] for name in ("pchip_body", REFERENCE, "gaussian_process_learned")}
-
-    def twice(poses: Poses3D, fps: float, _: slice) -> Steps[tuple[Poses3D, Poses3D]]:
-        yield 0.0
-        filled = METHODS[REFERENCE](poses, fps)
-        return filled, filled
-
-    def former(poses: Poses3D, fps: float) -> Poses3D:
-        with patch.object(prediction, "fill_both", twice):
-            return shipped(poses, fps)
-
-    return plain | {"network": former, "complete": shipped}
+    return plain | {"complete": completers(None, denoise=None, reject=True, smooth=SMOOTHING)(BODY25)}
 
 
 def trials(folders: list[Path]) -> Iterator[tuple[str, Poses3D, Poses3D]]:
@@ -69,17 +57,27 @@ def trials(folders: list[Path]) -> Iterator[tuple[str, Poses3D, Poses3D]]:
             yield "captured", pair.captured, pair.truth
 
 
-def measure(folders: list[Path]) -> Errors:
-    """Return sums of errors, mm, and numbers of hidden joints for each person, by method, kind, length and part."""
+def measure(folders: list[Path]) -> tuple[Errors, Regions]:
+    """Return what is measured on all clips.
+
+    Sums of errors, mm, and numbers of hidden joints for each person, by method, kind, length and part; and numbers of
+    completed joints inside their stated regions, and of all with a region, by kind and length.
+    """
     found: Errors = defaultdict(lambda: defaultdict(list))
+    regions: Regions = defaultdict(lambda: np.zeros(2, int))
     fills = methods()
     for kind, given, truth in trials(folders):
         hidden = ~given.measured
         lengths = gap_lengths(given.measured)
-        done = {name: fill(given, FPS).xyz for name, fill in fills.items()}
+        filled = {name: fill(given, FPS) for name, fill in fills.items()}
+        done = {name: poses.xyz for name, poses in filled.items()}
+        inside = in_region(filled["complete"].xyz - truth.xyz.astype(np.float64), filled["complete"].cov)
         counted = hidden & ~np.isnan(truth.xyz).any(-1)
         for xyz in done.values():
             counted &= ~np.isnan(xyz).any(-1)
+        for low, high in GAPS:
+            judged = inside[(lengths >= low) & (lengths <= (high or np.inf)) & hidden & ~np.isnan(inside)]
+            regions[kind, _words(low, high)] += [int(judged.sum()), len(judged)]
         for name, xyz in done.items():
             error = 1000 * np.linalg.norm(xyz - truth.xyz.astype(np.float64), axis=-1)
             for low, high in GAPS:
@@ -89,7 +87,7 @@ def measure(folders: list[Path]) -> Errors:
                         where = within[:, person] & (part == _PART)
                         sums = float(error[:, person][where].sum()), int(where.sum())
                         found[name][kind, _words(low, high), part].append(sums)
-    return found
+    return found, regions
 
 
 def table(found: Errors, kind: str) -> dict:
@@ -110,6 +108,15 @@ def table(found: Errors, kind: str) -> dict:
     return {"columns": ["frames", "part", "joints", "pchip_body, mm", f"{REFERENCE}, mm", *others], "rows": rows}
 
 
+def region_table(regions: Regions) -> dict:
+    """Return the share of completed joints whose truth is inside the stated 90 % region."""
+    rows = []
+    for kind, words in KINDS.items():
+        sums = [regions[kind, _words(*gap)] for gap in GAPS]
+        rows.append([words, *(f"{100 * inside / max(count, 1):.0f} of {count}" for inside, count in sums)])
+    return {"columns": ["poses", *(f"{_words(*gap)} frames, % of joints" for gap in GAPS)], "rows": rows}
+
+
 def _change(errors: np.ndarray, reference: np.ndarray) -> str:
     """Return the change of the mean error, %, and its interval; errors (people, 2) are sums and numbers."""
     drawn = np.random.default_rng(0).integers(len(errors), size=(_RESAMPLED, len(errors)))
@@ -127,8 +134,9 @@ def main() -> None:
     parser.add_argument("data", nargs="+", type=Path, help="data sets with truth and captured poses")
     parser.add_argument("--out", type=Path, default=FILE)
     options = parser.parse_args()
-    found = measure(options.data)
+    found, regions = measure(options.data)
     tables = {kind: {"command": "make gains", **table(found, kind)} for kind in KINDS}
+    tables["regions"] = {"command": "make gains", **region_table(regions)}
     options.out.write_text(json_text({"measured": measured("torch"), "tables": tables}) + "\n")
     for kind, each in tables.items():
         print(kind, *("  ".join(row) for row in [each["columns"], *each["rows"]]), sep="\n", file=sys.stderr)

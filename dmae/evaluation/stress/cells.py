@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dmae.completion.blending import noisiness, smooth_by_noise
 from dmae.completion.methods.registry import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton_conversion import convert
@@ -16,7 +17,6 @@ from dmae.evaluation.reference import measured_by_all, scored_actors, truth_of
 from dmae.evaluation.scores import score
 from dmae.evaluation.stress.contenders import Contender
 from dmae.evaluation.stress.plan import Cell
-from dmae.numerics.filling import smooth
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
@@ -85,7 +85,7 @@ def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> d
                 f"back, found {filled.xyz.shape[1]} in {len(filled.xyz)}"
             )
         if not (contender.method in completion_method and find_method(contender.method).smooths):
-            filled = smooth(filled, clip.fps, SMOOTHING)
+            filled = smooth_by_noise(filled, noisiness(given), clip.fps, SMOOTHING)
         filled = convert(filled, clip.truth.skeleton)
         found = score(filled, given, clip.truth, subject.actors, fps=clip.fps)
         scores[contender.name] = {name: found[name] for name in KEPT}

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from dmae.completion.blending import correction_weight, near_measurement, noisiness
-from dmae.data.clip import Poses3D
+from dmae.completion.blending import correction_weight, near_measurement, noisiness, smooth_by_noise
+from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import SHELF14
+from dmae.numerics.filling import smooth
 
 
 @pytest.fixture
@@ -28,17 +29,23 @@ def test_people_never_measured_count_as_noisy():
     assert (noisiness(Poses3D(SHELF14, np.full((5, 1, 14, 3), np.nan))) == 1).all()
 
 
-def test_short_gaps_of_exact_poses_are_left_to_interpolation(people):
+def test_interpolated_joints_are_corrected_and_exactly_measured_ones_are_not(people):
     hidden = np.zeros(people.measured.shape, bool)
     hidden[10:12, :, 3] = hidden[40:90, :, 3] = True
-    counts = correction_weight(people.without(hidden), 25.0)[..., 3, 0]
-    np.testing.assert_allclose(counts[11, 0], 4 / (4 + 25))
-    assert counts[11, 0] < counts[11, 1] < counts[11, 2] == 1
-    assert counts[60].min() > 0.98
-    # What was measured exactly is not to be moved.
-    np.testing.assert_array_equal(counts[~hidden[:, 0, 3]][:, [0, 2]], np.tile([0, 1], (48, 1)))
-    # It is time that counts, not frames.
-    np.testing.assert_allclose(correction_weight(people.without(hidden), 50.0)[11, 0, 3, 0], 4 / (4 + 100))
+    counts = correction_weight(people.without(hidden))[..., 3, 0]
+    assert (counts[hidden[..., 3]] == 1).all()
+    exact, between, captured = counts[~hidden[:, 0, 3]].T
+    assert exact.max() == 0 and captured.min() == 1
+    assert 0 < between.min() <= between.max() < 1
+
+
+def test_exact_poses_are_not_smoothed_and_captured_ones_are_in_full(people):
+    found, full = smooth_by_noise(people, noisiness(people), 25.0, 0.1), smooth(people, 25.0, 0.1)
+    np.testing.assert_array_equal(found.xyz[:, 0], people.xyz[:, 0])
+    np.testing.assert_allclose(found.xyz[:, 2], full.xyz[:, 2], atol=1e-6)
+    moved = np.linalg.norm(np.stack([found.xyz, full.xyz]) - people.xyz, axis=-1).mean((1, 3))
+    assert 0 < moved[0, 1] < moved[1, 1]
+    assert (found.source[:, 0] == Source.MEASURED).all() and (found.source[:, 1:] == Source.DENOISED).all()
 
 
 def test_near_measurement_is_within_a_fifth_of_a_second(people):
