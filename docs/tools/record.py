@@ -64,6 +64,11 @@ RECORDED = {
         f"methods=[{_ALL},dmae,dmae_reject,dmae_denoise,dmae_online]",
         "10 minutes",
     ),
+    "shelf_elsewhere": (
+        "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] methods=[linear,dmae,dmae_denoise] "
+        "weights=$DMAE_ELSEWHERE",
+        "3 minutes, with DMAE_ELSEWHERE set to the folder of the model that `make weights-elsewhere` trains",
+    ),
     "shelf_holes": (
         "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[3] reference=capture smooth=0 "
         "methods=[linear,pchip_body,rays,gaussian_process,reject_gaussian_process,dmae,dmae_reject]",
@@ -161,7 +166,7 @@ def record(name: str, command: str) -> Path:
         )
         found = _found(out) or {"printed": done.stdout}
     made = {
-        "command": command.replace("$DMAE_DATA", "DATA"),
+        "command": command.replace("$DMAE_DATA", "DATA").replace("$DMAE_ELSEWHERE", "runs/weights/elsewhere"),
         **provenance("torch", "mujoco"),
         **found,
     }
