@@ -46,6 +46,7 @@ def _card(folder: Path, scores: Sequence[Path], command: str) -> str:
     learning = config["learning"]
     settings = {"max_minutes": config["max_minutes"]} | {name: learning[name] for name in ("batch", "lr", "loss")}
     settings = {name: value for name, value in settings.items() if value is not None} | {"seed": config["seed"]}
+    start = record.get("init")
     size, network = sum(part.numel() for part in model.parameters()), model.config
     lines = [
         f"# D-MAE for {skeleton.name}",
@@ -54,7 +55,7 @@ def _card(folder: Path, scores: Sequence[Path], command: str) -> str:
         f"- **Network**: {size:,} parameters; windows of {network.frames} frames at {network.fps:g}/s, "
         f"{len(skeleton)} joints; its sizes are in `model.json`.",
         f"- **Learned from**: {_sets(learned, config)}; {record['steps']} steps, {_listed(settings)}.",
-        *([f"- **Started from**: weights with the sha256 {record['init']['sha256']}."] if record["init"] else []),
+        *([f"- **Started from**: weights with the sha256 {start['sha256']}."] if start else []),
         f"- **Validated and calibrated on**: {_sets(held_back, config) or 'nothing'}.",
         f"- **Made by**: `{command}`",
         f"- **Made with**: {_listed(record['versions'])}; sha256 of the weights {record['sha256']}.",

@@ -261,7 +261,7 @@ class TestCommand:
     @pytest.mark.parametrize(
         ("option", "message"),
         [
-            ("axes=[jiter]", "axes=[jiter]: no axe 'jiter'; did you mean jitter?"),
+            ("axes=[jiter]", "axes=[jiter]: no axis 'jiter'; did you mean jitter?"),
             ("levels.jiter=[1]", "levels of jiter: no such axis is used; there are jitter"),
             ("methods=[liner]", "did you mean linear?"),
         ],
