@@ -33,6 +33,8 @@ class PoseDetectorConfig:
     searched immediately."""
     min_presence: float = 0.5
     """Smallest probability that a region holds a person, 0 to 1."""
+    across_views: bool = True
+    """With a calibration: search people that a camera missed where the other cameras see them."""
 
     def __post_init__(self):
         if not self.windows or not all(0.05 <= share <= 1 for share in self.windows):
@@ -49,6 +51,10 @@ class PictureDetector(Protocol):
     A detector may also have a method `found_late()`, which is called after each image. It returns earlier images in
     which people were found by means of this image: the number of images before, and xy (D, J, 2) and score (D, J) of
     all people in that image, which replace those found before.
+
+    And it may have a method `find_at(picture, expected, known)`, which searches n people whose joints are expected at
+    `expected` (n, J, 2) px, as other cameras see them, among `known` (D, J, 2) px, the people that were found before;
+    NaN where unknown. It returns xy and score of those that it finds, as a call does.
 
     Attributes:
         skeleton: J joints.
