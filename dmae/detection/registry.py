@@ -52,9 +52,9 @@ class PictureDetector(Protocol):
     which people were found by means of this image: the number of images before, and xy (D, J, 2) and score (D, J) of
     all people in that image, which replace those found before.
 
-    And it may have a method `find_at(picture, expected, known)`, which searches n people whose joints are expected at
-    `expected` (n, J, 2) px, as other cameras see them, among `known` (D, J, 2) px, the people that were found before;
-    NaN where unknown. It returns xy and score of those that it finds, as a call does.
+    A detector may also have a method `find_at(picture, expected, known)`. It searches n people at the places where other
+    cameras see their joints, `expected` (n, J, 2) px. `known` (D, J, 2) px are the people found before in this image;
+    both are NaN where unknown. Like a call, it returns xy and score of the people that it finds.
 
     Attributes:
         skeleton: J joints.
