@@ -31,6 +31,10 @@ class Fitting:
         """Return pixels (..., 2) of the calibration for pixels of the image."""
         return xy if self.is_same else (xy + 0.5 - np.array(self.margin)) / self.scale - 0.5
 
+    def from_calibration(self, xy: np.ndarray) -> np.ndarray:
+        """Return pixels (..., 2) of the image for pixels of the calibration."""
+        return xy if self.is_same else (xy + 0.5) * self.scale + np.array(self.margin) - 0.5
+
     @property
     def note(self) -> str:
         """The text of a note, to be printed after the name of the camera."""

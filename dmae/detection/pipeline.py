@@ -83,7 +83,7 @@ def detect_people(
             pass
     found: dict[str, Found] = {camera.name: Found([]) for camera in cameras}
     for camera, *_, file in tasks:
-        found[camera.name].people.extend(_read_piece(file))
+        found[camera.name].people.extend(read_piece(file))
     return found
 
 
@@ -114,11 +114,11 @@ def _detect_piece(camera: CameraPictures, config: PoseDetectorConfig, start: int
     readable: list[int] = []
     late = getattr(detector, "found_late", list)
     for number, picture in enumerate(camera.read(start, stop)):
-        people.append(None if picture is None else _checked(detector, detector(picture), config.name))
+        people.append(None if picture is None else check_people(detector, detector(picture), config.name))
         if picture is not None:
             readable.append(number)
             for ago, *found in late():
-                people[readable[-1 - ago]] = _checked(detector, found, config.name)
+                people[readable[-1 - ago]] = check_people(detector, found, config.name)
     there = [each for each in people if each is not None and len(each)]
     counts = np.array([0 if each is None else len(each) for each in people])
     values = np.concatenate(there) if there else np.empty((0, len(detector.skeleton), 3))
@@ -127,7 +127,7 @@ def _detect_piece(camera: CameraPictures, config: PoseDetectorConfig, start: int
     write_atomic(file, buffer.getvalue())
 
 
-def _checked(detector: PictureDetector, found: Sequence[np.ndarray], name: str) -> np.ndarray:
+def check_people(detector: PictureDetector, found: Sequence[np.ndarray], name: str) -> np.ndarray:
     """Return what a detector found as people (D, J, 3)."""
     xy, score = (np.asarray(each, np.float64) for each in found)
     shape = (len(xy), len(detector.skeleton))
@@ -142,7 +142,8 @@ def _checked(detector: PictureDetector, found: Sequence[np.ndarray], name: str) 
     return people[np.isfinite(people).all(-1).any(-1)]
 
 
-def _read_piece(file: Path) -> Iterator[np.ndarray | None]:
+def read_piece(file: Path) -> Iterator[np.ndarray | None]:
+    """Yield the people (D, J, 3) of each image of a piece; None for one that cannot be read."""
     arrays = read_arrays(file, "detections of some pictures", ("readable", "counts", "people"))
     ends = np.cumsum(arrays["counts"])
     for readable, start, end in zip(arrays["readable"], ends - arrays["counts"], ends, strict=True):

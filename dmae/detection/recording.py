@@ -15,6 +15,7 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.images import Images, write_video
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert_detections
+from dmae.detection.across_views import find_missed
 from dmae.detection.alignment import Alignment, align
 from dmae.detection.picture_size import Fitting, fit_pictures
 from dmae.detection.pictures import CameraPictures, cameras_of, find_cameras
@@ -107,11 +108,16 @@ def detect_recording(
     target, own = _target(skeleton), make_detector(config).skeleton
     found = detect_people(recording.cameras, config, pieces, workers)
     notes = _notes(found, "picture")
-    fitted = [
-        Found([None if people is None else _in_calibration(people, fitting) for people in found[camera.name].people])
-        for camera, fitting in zip(recording.cameras, recording.fittings, strict=True)
-    ]
-    detections = to_detections(fitted, recording.alignment.frames, recording.alignment.count, own)
+    fitted = _calibrated([found[camera.name] for camera in recording.cameras], recording.fittings)
+    frames, count = recording.alignment.frames, recording.alignment.count
+    detections = to_detections(fitted, frames, count, own)
+    if recording.rig is not None:
+        first = [found[camera.name] for camera in recording.cameras]
+        more = find_missed(
+            first, recording.cameras, recording.rig, detections, frames, recording.fittings, recording.alignment.fps,
+            config, pieces, workers,
+        )  # fmt: skip
+        detections = to_detections(_calibrated(more, recording.fittings), frames, count, own)
     return convert_detections(detections, target or own), notes
 
 
@@ -129,9 +135,14 @@ def detect_clip(
     if clip.images is None or "rgb" not in clip.images.kinds:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
     target, own = _target(skeleton), make_detector(config).skeleton
-    found = detect_people(cameras_of(clip.images, clip.rig.size), config, pieces, workers)
-    frames = [np.arange(len(clip))] * len(clip.rig)
-    detections = to_detections([found[name] for name in clip.rig.names], frames, len(clip), own)
+    cameras = {camera.name: camera for camera in cameras_of(clip.images, clip.rig.size)}
+    found = detect_people(tuple(cameras.values()), config, pieces, workers)
+    first, frames = [found[name] for name in clip.rig.names], [np.arange(len(clip))] * len(clip.rig)
+    more = find_missed(
+        first, [cameras[name] for name in clip.rig.names], clip.rig, to_detections(first, frames, len(clip), own),
+        frames, [Fitting()] * len(clip.rig), clip.fps, config, pieces, workers,
+    )  # fmt: skip
+    detections = to_detections(more, frames, len(clip), own)
     provenance = clip.provenance | {
         "detector": config.name,
         "notes": [*clip.provenance.get("notes", ()), *_notes(found)],
@@ -220,8 +231,16 @@ def _resized(fitting: Fitting, size: tuple[int, int], picture: np.ndarray | None
     return cv2.warpAffine(picture, affine, even, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
 
 
-def _in_calibration(people: np.ndarray, fitting: Fitting) -> np.ndarray:
-    return np.concatenate([fitting.to_calibration(people[..., :2]), people[..., 2:]], -1)
+def _calibrated(found: Sequence[Found], fittings: Sequence[Fitting]) -> list[Found]:
+    """Return what was found in the images of cameras in the pixels of the calibration."""
+
+    def fitted(people: np.ndarray, fitting: Fitting) -> np.ndarray:
+        return np.concatenate([fitting.to_calibration(people[..., :2]), people[..., 2:]], -1)
+
+    return [
+        Found([None if people is None else fitted(people, fitting) for people in camera.people])
+        for camera, fitting in zip(found, fittings, strict=True)
+    ]
 
 
 def _target(skeleton: str | None) -> Skeleton | None:

@@ -33,6 +33,8 @@ class PoseDetectorConfig:
     searched immediately."""
     min_presence: float = 0.5
     """Smallest probability that a region holds a person, 0 to 1."""
+    across_views: bool = True
+    """With a calibration: search people that a camera missed where the other cameras see them."""
 
     def __post_init__(self):
         if not self.windows or not all(0.05 <= share <= 1 for share in self.windows):
@@ -49,6 +51,10 @@ class PictureDetector(Protocol):
     A detector may also have a method `found_late()`, which is called after each image. It returns earlier images in
     which people were found by means of this image: the number of images before, and xy (D, J, 2) and score (D, J) of
     all people in that image, which replace those found before.
+
+    A detector may also have a method `find_at(picture, expected, known)`. It searches n people at the places where other
+    cameras see their joints, `expected` (n, J, 2) px. `known` (D, J, 2) px are the people found before in this image;
+    both are NaN where unknown. Like a call, it returns xy and score of the people that it finds.
 
     Attributes:
         skeleton: J joints.

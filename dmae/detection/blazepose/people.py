@@ -8,6 +8,7 @@ import numpy as np
 
 from dmae.detection.blazepose.candidates import find_candidates, same_region, windows_of
 from dmae.detection.blazepose.confidence import clearness
+from dmae.detection.blazepose.expected import find_expected
 from dmae.detection.blazepose.landmarks import Person, disagreement, find_person, same_torso
 from dmae.detection.blazepose.models import Network
 from dmae.detection.blazepose.parts import larger_region, part_of
@@ -111,6 +112,16 @@ class PeopleDetector:
             while self._before and (len(self._before) + 1) * sum(level.nbytes for level in pyramid) > _LOOK_BACK_BYTES:
                 self._before.popleft()
             self._before.append((pyramid, found))
+        return found
+
+    def expected(self, picture: np.ndarray, expected: np.ndarray, known: np.ndarray) -> list[Person]:
+        """Return the people of an image (H, W, 3) at expected places (n, 33, 2) px that are not known (D, 33, 2) px."""
+        pyramid, found, others = pyramid_of(np.ascontiguousarray(picture)), [], list(known)
+        for places in expected:
+            person = find_expected(self._joints, pyramid, places, others, self._config.min_presence)
+            if person is not None:
+                found.append(person)
+                others.append(person.xy)
         return found
 
     def _follow_back(self, person: Person) -> Iterator[int]:

@@ -32,6 +32,11 @@ class BlazePose:
         """Return earlier images in which people were found by the last image; see `PictureDetector`."""
         return [(ago, *self._joints_of(people)) for ago, people in self._people.late]
 
+    def find_at(self, picture: np.ndarray, expected: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the people at expected places; see `PictureDetector`."""
+        self._size = picture.shape[:2]
+        return self._joints_of(self._people.expected(picture, expected, known))
+
     def _joints_of(self, people: list[Person]) -> tuple[np.ndarray, np.ndarray]:
         if not people:
             return np.empty((0, len(self.skeleton), 2)), np.empty((0, len(self.skeleton)))

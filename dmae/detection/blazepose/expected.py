@@ -1,0 +1,82 @@
+"""A person that is expected at a place in an image, as other cameras see it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dmae.data.skeleton import BLAZEPOSE33
+from dmae.detection.blazepose.confidence import clearness
+from dmae.detection.blazepose.landmarks import Person, disagreement, find_person
+from dmae.detection.blazepose.models import Network
+from dmae.detection.blazepose.regions import Region
+
+_HIPS, _SHOULDERS = BLAZEPOSE33.index("l_hip", "r_hip"), BLAZEPOSE33.index("l_shoulder", "r_shoulder")
+_LARGER = 1.05
+"""Radius of the region, relative to the largest distance of an expected joint from the hips: of a head the crown."""
+_PASSES, _SETTLED = 3, 0.1
+"""Passes of the network, each on the region that the previous pass found, and largest distance between the results of
+two passes that agree, relative to the torso."""
+_CLEAR = 0.3
+"""Smallest mean confidence of the joints."""
+_NEAR, _OTHER = 0.12, 0.15
+"""Largest median distance of the joints from the expected places, and smallest one from those of another person,
+relative to the radius."""
+
+
+def find_expected(
+    network: Network, pyramid: list[np.ndarray], expected: np.ndarray, known: Sequence[np.ndarray], min_presence: float
+) -> Person | None:
+    """Return the person at an expected place; None if the network finds none there, or one that is known.
+
+    The search is repeated with the known people painted over if the network finds one of them.
+
+    Args:
+        network: BlazePose's second network.
+        pyramid: The image and its smaller copies.
+        expected: (33, 2) px; NaN where unknown.
+        known: Of each known person (33, 2) px; NaN where absent.
+        min_presence: Smallest probability of a person.
+    """
+    hip, shoulder = expected[_HIPS].mean(0), expected[_SHOULDERS].mean(0)
+    radius = _LARGER * float(np.nanmax(np.linalg.norm(expected - hip, axis=-1)))
+    along = shoulder - hip
+    region = Region.around(hip + 0.5, hip + 0.5 + radius * along / max(float(np.hypot(*along)), 1e-6))
+    if region is None:
+        return None
+    others = [_painted(xy) for xy in known]
+    for without in ((), others) if others else ((),):
+        person = _settled(network, pyramid, region, without, min_presence)
+        if (
+            person is not None
+            and clearness(person) >= _CLEAR
+            and _apart(person.xy, expected) < _NEAR * radius
+            and all(_apart(person.xy, xy) > _OTHER * radius for xy in known)
+        ):
+            return person
+    return None
+
+
+def _settled(
+    network: Network, pyramid: list[np.ndarray], region: Region, without: Sequence[Person], min_presence: float
+) -> Person | None:
+    person = None
+    for _ in range(_PASSES):
+        before, person = person, find_person(network, pyramid, region, without)
+        if person.region is None or person.presence < min_presence:
+            return None
+        if before is not None and disagreement(before, person) < _SETTLED:
+            return person
+        region = person.region
+    return None
+
+
+def _apart(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the median distance between joints of two people, px; infinite if they have none in common."""
+    distance = np.linalg.norm(a - b, axis=-1)
+    return float(np.nanmedian(distance)) if np.isfinite(distance).any() else np.inf
+
+
+def _painted(xy: np.ndarray) -> Person:
+    """Return a known person as it is painted over: absent joints are put in its middle."""
+    nothing = np.zeros(len(xy))
+    return Person(np.where(np.isnan(xy), np.nanmean(xy, 0), xy), nothing, nothing, 1.0, None)

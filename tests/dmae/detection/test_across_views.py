@@ -1,0 +1,140 @@
+"""People that a camera missed are searched where the other cameras see them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dmae.data.clip import Clip, Detections2D
+from dmae.data.skeleton import BODY25
+from dmae.detection.across_views import find_missed, missed_people
+from dmae.detection.picture_size import Fitting
+from dmae.detection.pictures import CameraPictures, find_cameras
+from dmae.detection.pipeline import Found
+from dmae.detection.registry import PoseDetectorConfig
+from tests.support.detected_people import FPS, detected_clip, standing
+
+MISSED = range(10, 20)
+FRAMES = 30
+
+
+class _Looks:
+    """Finds every person that it is asked to look for, one pixel to the right."""
+
+    skeleton = BODY25
+
+    def __call__(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        raise AssertionError("the first pass is over")
+
+    def find_at(self, picture: np.ndarray, expected: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        assert len(known) == 1
+        return expected + [1, 0], np.full(expected.shape[:2], 0.8)
+
+
+def looks(config: PoseDetectorConfig) -> _Looks:
+    return _Looks()
+
+
+def does_not_look(config: PoseDetectorConfig) -> object:
+    return type("Plain", (), {"skeleton": BODY25, "__call__": _Looks.__call__})()
+
+
+CONFIG = PoseDetectorConfig(name=f"{__name__}:looks")
+
+
+@pytest.fixture
+def clip() -> Clip:
+    """Two people in four views; in some frames the first view misses the first person."""
+    clip = detected_clip(standing(FRAMES, persons=2), miss=0, noise=1)
+    xy, score = clip.detections.xy.copy(), clip.detections.score.copy()
+    projected, _ = clip.rig.project(clip.truth.xyz)
+    for frame in MISSED:
+        gone = np.nanmedian(np.linalg.norm(xy[frame, 0] - projected[frame, 0, 0], axis=-1), -1) < 10
+        assert gone.sum() == 1
+        xy[frame, 0, gone] = score[frame, 0, gone] = np.nan
+    return replace(clip, detections=Detections2D(BODY25, xy, score))
+
+
+@pytest.fixture
+def cameras(tmp_path: Path, clip: Clip) -> list[CameraPictures]:
+    for name in clip.rig.names:
+        (tmp_path / "videos" / name).mkdir(parents=True)
+        for number in range(FRAMES):
+            cv2.imwrite(str(tmp_path / "videos" / name / f"{number:03d}.png"), np.zeros((8, 8, 3), np.uint8))
+    return list(find_cameras(tmp_path / "videos"))
+
+
+def found_in(clip: Clip) -> list[Found]:
+    rows = np.concatenate([clip.detections.xy, clip.detections.score[..., None]], -1)
+    return [Found([each[np.isfinite(each).any((-1, -2))] for each in rows[:, view]]) for view in range(len(clip.rig))]
+
+
+def search(clip: Clip, cameras, pieces: Path, config: PoseDetectorConfig = CONFIG, **options) -> list[Found]:
+    frames, fittings = [np.arange(FRAMES)] * len(clip.rig), [Fitting()] * len(clip.rig)
+    return find_missed(
+        found_in(clip),
+        cameras,
+        clip.rig,
+        clip.detections,
+        frames,
+        options.get("fittings", fittings),
+        FPS,
+        config,
+        pieces,
+    )
+
+
+def test_people_are_missed_where_other_views_see_them(clip):
+    missed = missed_people(clip.rig, clip.detections, FPS)
+    assert set(missed) == {(frame, 0) for frame in MISSED}
+    projected, _ = clip.rig.project(clip.truth.xyz)
+    for (frame, view), expected in missed.items():
+        assert expected.shape == (1, 25, 2)
+        assert np.nanmax(np.linalg.norm(expected[0] - projected[frame, view, 0], axis=-1)) < 8
+
+
+def test_what_the_detector_finds_there_is_added(clip, cameras, tmp_path):
+    found = search(clip, cameras, tmp_path / "pieces")
+    assert [len(people) for people in found[0].people] == [2] * FRAMES
+    projected, _ = clip.rig.project(clip.truth.xyz)
+    added = found[0].people[MISSED[0]][-1]
+    np.testing.assert_allclose(added[:, :2], projected[MISSED[0], 0, 0] + [1, 0], atol=8)
+    assert (added[:, 2] == np.float32(0.8)).all()
+    for before, after in zip(found_in(clip)[1:], found[1:], strict=True):
+        np.testing.assert_array_equal(np.stack(before.people), np.stack(after.people))
+
+
+def test_places_are_in_the_pixels_of_the_image(clip, cameras, tmp_path):
+    half = [Fitting(0.5)] * len(clip.rig)
+    found = search(clip, cameras, tmp_path / "pieces", fittings=half)
+    whole = search(clip, cameras, tmp_path / "others")
+    small, large = (each[0].people[MISSED[0]][-1, :, :2] - [1, 0] for each in (found, whole))
+    np.testing.assert_allclose(half[0].to_calibration(small), large, atol=1e-3)
+
+
+def test_finished_pieces_are_not_searched_again(clip, cameras, tmp_path):
+    first = search(clip, cameras, tmp_path / "pieces")
+    (piece,) = (tmp_path / "pieces").iterdir()
+    before = piece.stat().st_mtime_ns
+    again = search(clip, cameras, tmp_path / "pieces")
+    assert piece.stat().st_mtime_ns == before
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(np.stack(one.people[:10]), np.stack(other.people[:10]))
+
+
+@pytest.mark.parametrize(
+    "config", [replace(CONFIG, across_views=False), PoseDetectorConfig(name=f"{__name__}:does_not_look")]
+)
+def test_without_the_option_or_the_method_nothing_is_searched(clip, cameras, tmp_path, config):
+    found = search(clip, cameras, tmp_path / "pieces", config)
+    assert [len(people) for people in found[0].people].count(1) == len(MISSED)
+    assert not (tmp_path / "pieces").exists()
+
+
+def test_one_view_captures_nobody_and_misses_nobody(clip):
+    detections = Detections2D(BODY25, clip.detections.xy[:, :1], clip.detections.score[:, :1])
+    assert find_missed(
+        found_in(clip)[:1], [], clip.rig[[0]], detections, [np.arange(FRAMES)], [Fitting()], FPS, CONFIG, Path()
+    )[0].people
