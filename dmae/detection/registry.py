@@ -52,9 +52,9 @@ class PictureDetector(Protocol):
     which people were found by means of this image: the number of images before, and xy (D, J, 2) and score (D, J) of
     all people in that image, which replace those found before.
 
-    A detector may also have a method `find_at(picture, expected, known)`. It searches n people at the places where other
-    cameras see their joints, `expected` (n, J, 2) px. `known` (D, J, 2) px are the people found before in this image;
-    both are NaN where unknown. Like a call, it returns xy and score of the people that it finds.
+    A detector may also have a method `find_at(picture, expected, known)`. It searches n people where other cameras see
+    their joints, at `expected` (n, J, 2) px. `known` (D, J, 2) px are the people found before in this image. Both are
+    NaN where unknown. Like a call, it returns xy and score of the people that it finds.
 
     Attributes:
         skeleton: J joints.
