@@ -135,9 +135,6 @@ def report(
         scores: Contents of `scores.json` of `dmae evaluate`, shown at the end of the page.
         title: Heading of the page.
 
-    Raises:
-        ValueError: there is neither a clip nor a score.
-
     Examples:
         >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
         >>> dmae.report(replace(clip, poses=dmae.capture(clip)), "report.html")
@@ -146,8 +143,6 @@ def report(
     """
     from dmae.evaluation.report.page import write_clips_report
 
-    if not isinstance(clip, Clip) and not len(clip) and not len(scores):
-        raise ValueError("nothing to report: expected a clip, several, or scores")
     write_clips_report(Path(out), [clip] if isinstance(clip, Clip) else clip, scores, title=title)
 
 

@@ -63,7 +63,6 @@ def test_an_argument_of_another_type_is_named(call, said: str):
         (lambda: dmae.capture(CLIP, "th_v=3"), ValueError, r"config='th_v=3': expected a preset"),
         (lambda: dmae.draw(CLIP, POSES, frame=99), ValueError, r"frame=99: clip '.*' has frames 0 to 11"),
         (lambda: dmae.show(CLIP, "pictures", frames=0), ValueError, r"frames=0: expected 1 or more"),
-        (lambda: dmae.report([], "x.html"), ValueError, "nothing to report"),
         (lambda: dmae.export(CLIP, "x.trc"), ValueError, r"x\.trc: format=npz, but \.trc is of format=trc"),
         (lambda: dmae.get_skeleton("body26"), KeyError, "did you mean 'body25'"),
         (
