@@ -1,5 +1,6 @@
 """People that a camera missed: searched where the poses from the other cameras project into its images."""
 
+import hashlib
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +23,8 @@ from dmae.reconstruction.pipeline import capture
 _SAME = 0.3
 """Largest median distance between the joints of a detection and of a projected person that are one, relative to the
 radius of the body in the image."""
+_NEAR = 0.15
+"""The same for a person that was searched at a place, to be kept."""
 _TORSO = ("l_shoulder", "r_shoulder", "l_hip", "r_hip")
 """Joints that must be known of a person that is searched."""
 _LEAST_INSIDE = 0.5
@@ -71,7 +74,9 @@ def find_missed(
             wanted = {number: expected[number] for number in range(start, start + PIECE) if number in expected}
             if wanted:
                 known = {number: found[view].people[number] for number in wanted}
-                file = pieces / f"again_{view:03d}_{start:08d}.npz"
+                # The places depend on the calibration: pieces of an interrupted run with another one are not taken.
+                places_of = hashlib.sha256(b"".join(each.tobytes() for each in wanted.values())).hexdigest()[:16]
+                file = pieces / f"again_{view:03d}_{start:08d}_{places_of}.npz"
                 tasks.append((view, (camera, config, wanted, known, file)))
     waiting = [task for _, task in tasks if not task[-1].is_file()]
     done = in_parallel(_search_piece, waiting, max(1, min(workers, len(waiting))), ordered=False)
@@ -114,6 +119,15 @@ def body_radius(xy: np.ndarray, skeleton: Skeleton) -> float:
     return float(np.nanmax(np.linalg.norm(xy - hips, axis=-1)))
 
 
+def _agrees(person: np.ndarray, expected: np.ndarray, skeleton: Skeleton) -> bool:
+    """Return whether a person (J, 3) is at one of the expected places (n, J, 2)."""
+    distance = np.linalg.norm(person[:, :2] - expected, axis=-1)
+    return any(
+        np.isfinite(each).any() and np.nanmedian(each) < _NEAR * body_radius(places, skeleton)
+        for each, places in zip(distance, expected, strict=True)
+    )
+
+
 def _search_piece(
     camera: CameraPictures,
     config: PoseDetectorConfig,
@@ -128,7 +142,8 @@ def _search_piece(
     for number, picture in zip(range(start, stop), camera.read(start, stop), strict=True):
         if number in wanted and picture is not None:
             there = detector.find_at(picture, wanted[number], known[number][..., :2])
-            found[number] = check_people(detector, there, config.name)
+            people = check_people(detector, there, config.name)
+            found[number] = people[[_agrees(person, wanted[number], detector.skeleton) for person in people]]
     counts = np.array([len(each) for each in found.values()])
     values = np.concatenate(list(found.values())).astype(np.float32)
     np.savez(buffer := io.BytesIO(), readable=np.ones(len(found), bool), counts=counts, people=values)

@@ -37,6 +37,12 @@ def looks(config: PoseDetectorConfig) -> _Looks:
     return _Looks()
 
 
+def looks_elsewhere(config: PoseDetectorConfig) -> _Looks:
+    detector = _Looks()
+    detector.find_at = lambda picture, expected, known: (expected + [0, 200], np.ones(expected.shape[:2]))
+    return detector
+
+
 def does_not_look(config: PoseDetectorConfig) -> object:
     return type("Plain", (), {"skeleton": BODY25, "__call__": _Looks.__call__})()
 
@@ -112,6 +118,20 @@ def test_places_are_in_the_pixels_of_the_image(clip, cameras, tmp_path):
     whole = search(clip, cameras, tmp_path / "others")
     small, large = (each[0].people[MISSED[0]][-1, :, :2] - [1, 0] for each in (found, whole))
     np.testing.assert_allclose(half[0].to_calibration(small), large, atol=1e-3)
+
+
+def test_people_elsewhere_are_not_added(clip, cameras, tmp_path):
+    found = search(clip, cameras, tmp_path / "pieces", PoseDetectorConfig(name=f"{__name__}:looks_elsewhere"))
+    assert [len(people) for people in found[0].people].count(1) == len(MISSED)
+
+
+def test_pieces_of_another_calibration_are_not_taken(clip, cameras, tmp_path):
+    first = search(clip, cameras, tmp_path / "pieces")
+    moved = clip.rig.cam_from_world.copy()
+    moved[0, 0, 3] += 0.1
+    other = search(replace(clip, rig=replace(clip.rig, cam_from_world=moved)), cameras, tmp_path / "pieces")
+    before, after = (each[0].people[MISSED[0]][-1, :, 0] for each in (first, other))
+    assert abs(before - after).min() > 5
 
 
 def test_finished_pieces_are_not_searched_again(clip, cameras, tmp_path):
