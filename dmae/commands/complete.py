@@ -49,8 +49,8 @@ class CompleteCommand:
     """Remove joints measured by two views if the frames around contradict them (`dmae.completion.rejection`), and
     complete them too."""
     smooth: float = 0.1
-    """s; light smoothing after completion (0: none), the less the more exact the poses are. Joints that it moves are
-    marked denoised."""
+    """s; light smoothing after completion (0: none). Exact poses are not smoothed. Joints that it moves are marked
+    denoised."""
     online: bool = False
     """Complete as if cameras were running: each frame from the frames until `delay` after it."""
     delay: float = DELAY

@@ -59,9 +59,8 @@ class EvaluateConfig:
     skeleton: str | None = None
     """Skeleton that poses are compared on; by default that of the truth."""
     smooth: float = 0.1
-    """s; smoothing after every method except `measured` and online ones, which smooth themselves; the less the more
-    exact the poses are. With it,
-    `methods=[dmae_denoise]` scores what `dmae complete` makes."""
+    """s; smoothing after every method except `measured` and online ones, which smooth themselves. Noisy poses are
+    smoothed in full, exact poses not at all. With it, `methods=[dmae_denoise]` scores what `dmae complete` makes."""
     baseline: str | None = None
     """`scores.json` of an earlier run, or its folder: exit status 2 if a figure is worse by more than its interval."""
     changed: list[str] = field(default_factory=list)

@@ -109,7 +109,7 @@ def table(found: Errors, kind: str) -> dict:
 
 
 def region_table(regions: Regions) -> dict:
-    """Return the share of completed joints whose truth is inside the stated 90 % region."""
+    """Return the rows of the shares of completed joints with their true position inside the stated 90 % region."""
     rows = []
     for kind, words in KINDS.items():
         sums = [regions[kind, _words(*gap)] for gap in GAPS]

@@ -12,7 +12,8 @@ from dmae.detection.blazepose.regions import Region
 
 _HIPS, _SHOULDERS = BLAZEPOSE33.index("l_hip", "r_hip"), BLAZEPOSE33.index("l_shoulder", "r_shoulder")
 _LARGER = 1.05
-"""Radius of the region, relative to the largest distance of an expected joint from the hips: of a head the crown."""
+"""Radius of the region, relative to the largest distance of an expected joint from the hips. It leaves room for the
+top of the head, which is not a joint."""
 _PASSES, _SETTLED = 3, 0.1
 """Passes of the network, each on the region that the previous pass found, and largest distance between the results of
 two passes that agree, relative to the torso."""
@@ -26,9 +27,9 @@ relative to the radius."""
 def find_expected(
     network: Network, pyramid: list[np.ndarray], expected: np.ndarray, known: Sequence[np.ndarray], min_presence: float
 ) -> Person | None:
-    """Return the person at an expected place; None if the network finds none there, or one that is known.
+    """Return the person at an expected place; None if the network finds no one there, or a known person.
 
-    The search is repeated with the known people painted over if the network finds one of them.
+    If the first search fails, it is repeated with the known people painted over.
 
     Args:
         network: BlazePose's second network.
