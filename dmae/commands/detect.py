@@ -10,7 +10,16 @@ from dmae.data.clip import Detections2D
 from dmae.data.resume import claim_folder
 from dmae.data.store import clip_folders, load_clip, save_clip
 from dmae.detection.output import OutputConfig, write_flat
-from dmae.detection.recording import Recording, detect_clip, detect_recording, make_clip, open_recording, write_images
+from dmae.detection.pipeline import make_detector
+from dmae.detection.recording import (
+    Recording,
+    detect_clip,
+    detect_recording,
+    make_clip,
+    open_recording,
+    output_skeleton,
+    write_images,
+)
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.calibrations.conventions import LengthUnit, UpDirection
 from dmae.formats.calibrations.files import read_calibration
@@ -70,6 +79,9 @@ class DetectCommand:
 
 
 def run(config: DetectCommand, out: Path) -> None:
+    # Errors of the options are found before the folder is theirs.
+    make_detector(config.detector)
+    output_skeleton(config.output.skeleton)
     if config.clip is not None:
         _detect_clips(config, out)
         return

@@ -1,8 +1,9 @@
-"""People that a camera missed: searched where the poses from the other cameras project into its images."""
+"""What cameras see together: parts of people are removed, and people that one of them missed are searched again."""
 
 import hashlib
 import io
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,24 +15,19 @@ from dmae.data.store import write_atomic
 from dmae.detection.picture_size import Fitting
 from dmae.detection.pictures import CameraPictures
 from dmae.detection.pipeline import PIECE, Found, check_people, make_detector, read_piece
+from dmae.detection.projected_people import body_radius, missed_people, parts_of_people
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
-_SAME = 0.3
-"""Largest median distance between the joints of a detection and of a projected person that are one, relative to the
-radius of the body in the image."""
 _NEAR = 0.15
-"""The same for a person that was searched at a place, to be kept."""
-_TORSO = ("l_shoulder", "r_shoulder", "l_hip", "r_hip")
-"""Joints that must be known of a person that is searched."""
-_LEAST_INSIDE = 0.5
-"""Smallest share of a person's joints that must project into an image."""
+"""Largest median distance between the joints of a person that was searched at a place and of the projection there,
+relative to the radius of the body in the image."""
 
 
-def find_missed(
+def compare_views(
     found: Sequence[Found],
     cameras: Sequence[CameraPictures],
     rig: CameraRig,
@@ -43,11 +39,11 @@ def find_missed(
     pieces: Path,
     workers: int = 1,
 ) -> list[Found]:
-    """Return what a detector found in V cameras, with the people added that it finds with the help of other cameras.
+    """Return what a detector found in V cameras, corrected with the help of the other cameras.
 
-    People are captured from the detections. Where a person projects into an image and no detection is near, the
-    detector searches at that place. What it finds there is added if it agrees with the projection. An added detection
-    is measured in its image like all others.
+    People are captured from the detections. Detections that are parts of them are removed. Where a person projects into
+    an image and no detection is near, the detector searches at that place. What it finds there is added if it agrees
+    with the projection. An added detection is measured in its image like all others.
 
     Args:
         found: For each camera.
@@ -56,13 +52,23 @@ def find_missed(
         frames: For each camera (N,) the frame of each image; -1 for an image that is not used.
         fittings: Scale and margin of each camera's images.
         fps: Frames per second of the detections.
-        config: The detector. Without a method `find_at` nothing is added.
+        config: The detector. Without a method `find_at` people are not searched.
         pieces: Folder to which each finished piece is written. Pieces that are there are not computed again.
         workers: Processes; -1 for one per core.
     """
-    if not config.across_views or len(rig) < 2 or not hasattr(make_detector(config), "find_at"):
+    if not config.across_views or len(rig) < 2:
         return list(found)
-    missed = missed_people(rig, detections, fps)
+    poses = capture(Clip("detected", fps, rig, detections), CaptureConfig())
+    parts = parts_of_people(poses, rig, detections)
+    found = [
+        _without(each, places, parts[:, view]) for view, (each, places) in enumerate(zip(found, frames, strict=True))
+    ]
+    if not hasattr(make_detector(config), "find_at"):
+        return found
+    xy, score = (
+        np.where(parts[..., None, None], np.nan, part) for part in (detections.xy, detections.score[..., None])
+    )
+    missed = missed_people(poses, rig, replace(detections, xy=xy, score=score[..., 0]))
     tasks = []
     for view, (camera, places, fitting) in enumerate(zip(cameras, frames, fittings, strict=True)):
         expected = {
@@ -89,34 +95,14 @@ def find_missed(
     return [Found(each) for each in people]
 
 
-def missed_people(rig: CameraRig, detections: Detections2D, fps: float) -> dict[tuple[int, int], np.ndarray]:
-    """Return the people that views missed, by frame and view: where their joints are expected, (n, J, 2) px.
-
-    A person that is captured in a frame is missed by a view if at least half of its joints project into the image and
-    no detection is near the projection.
-    """
-    poses = capture(Clip("detected", fps, rig, detections), CaptureConfig())
-    skeleton = detections.skeleton
-    xyz, torso = poses.xyz, skeleton.index(*_TORSO)
-    known = np.isfinite(xyz[:, :, torso]).all((-1, -2))
-    missed: dict[tuple[int, int], list[np.ndarray]] = {}
-    for frame in np.flatnonzero(known.any(1)).tolist():
-        projected, _ = rig.project(xyz[frame : frame + 1, known[frame]])
-        inside = rig.inside(projected)[0].mean(-1) >= _LEAST_INSIDE
-        inside &= np.isfinite(projected[0][:, :, torso]).all((-1, -2))
-        for view, person in np.argwhere(inside).tolist():
-            expected = projected[0, view, person]
-            distance = np.linalg.norm(detections.xy[frame, view] - expected, axis=-1)
-            near = np.nanmedian(distance[np.isfinite(distance).any(-1)], -1) < _SAME * body_radius(expected, skeleton)
-            if not near.any():
-                missed.setdefault((frame, view), []).append(expected)
-    return {place: np.stack(each) for place, each in missed.items()}
-
-
-def body_radius(xy: np.ndarray, skeleton: Skeleton) -> float:
-    """Return the largest distance of joints (J, 2) from the middle of the hips, px; NaN where unknown."""
-    hips = xy[skeleton.index("l_hip", "r_hip")].mean(0)
-    return float(np.nanmax(np.linalg.norm(xy - hips, axis=-1)))
+def _without(found: Found, frames: np.ndarray, parts: np.ndarray) -> Found:
+    """Return what a camera found without parts of people, (F, D) True."""
+    return Found(
+        [
+            people if people is None or frame < 0 else people[~parts[frame, : len(people)]]
+            for people, frame in zip(found.people, frames, strict=True)
+        ]
+    )
 
 
 def _agrees(person: np.ndarray, expected: np.ndarray, skeleton: Skeleton) -> bool:

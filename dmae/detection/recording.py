@@ -15,7 +15,7 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.images import Images, write_video
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert_detections
-from dmae.detection.across_views import find_missed
+from dmae.detection.across_views import compare_views
 from dmae.detection.alignment import Alignment, align
 from dmae.detection.picture_size import Fitting, fit_pictures
 from dmae.detection.pictures import CameraPictures, cameras_of, find_cameras
@@ -105,7 +105,7 @@ def detect_recording(
     Raises:
         ValueError: as `detect_people`, or there is no such skeleton.
     """
-    target, own = _target(skeleton), make_detector(config).skeleton
+    target, own = output_skeleton(skeleton), make_detector(config).skeleton
     found = detect_people(recording.cameras, config, pieces, workers)
     notes = _notes(found, "picture")
     fitted = _calibrated([found[camera.name] for camera in recording.cameras], recording.fittings)
@@ -113,7 +113,7 @@ def detect_recording(
     detections = to_detections(fitted, frames, count, own)
     if recording.rig is not None:
         first = [found[camera.name] for camera in recording.cameras]
-        more = find_missed(
+        more = compare_views(
             first, recording.cameras, recording.rig, detections, frames, recording.fittings, recording.alignment.fps,
             config, pieces, workers,
         )  # fmt: skip
@@ -134,11 +134,11 @@ def detect_clip(
     """
     if clip.images is None or "rgb" not in clip.images.kinds:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
-    target, own = _target(skeleton), make_detector(config).skeleton
+    target, own = output_skeleton(skeleton), make_detector(config).skeleton
     cameras = {camera.name: camera for camera in cameras_of(clip.images, clip.rig.size)}
     found = detect_people(tuple(cameras.values()), config, pieces, workers)
     first, frames = [found[name] for name in clip.rig.names], [np.arange(len(clip))] * len(clip.rig)
-    more = find_missed(
+    more = compare_views(
         first, [cameras[name] for name in clip.rig.names], clip.rig, to_detections(first, frames, len(clip), own),
         frames, [Fitting()] * len(clip.rig), clip.fps, config, pieces, workers,
     )  # fmt: skip
@@ -243,7 +243,12 @@ def _calibrated(found: Sequence[Found], fittings: Sequence[Fitting]) -> list[Fou
     ]
 
 
-def _target(skeleton: str | None) -> Skeleton | None:
+def output_skeleton(skeleton: str | None) -> Skeleton | None:
+    """Return the skeleton of that name; None for that of the detector.
+
+    Raises:
+        ValueError: there is no such skeleton.
+    """
     if skeleton is None:
         return None
     try:

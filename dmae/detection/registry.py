@@ -34,7 +34,8 @@ class PoseDetectorConfig:
     min_presence: float = 0.5
     """Smallest probability that a region holds a person, 0 to 1."""
     across_views: bool = True
-    """With a calibration: search people that a camera missed where the other cameras see them."""
+    """With a calibration: search people that a camera missed where the other cameras see them, and remove detections
+    that are parts of people."""
 
     def __post_init__(self):
         if not self.windows or not all(0.05 <= share <= 1 for share in self.windows):

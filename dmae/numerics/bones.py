@@ -96,3 +96,17 @@ def parent_bone_lengths(xyz: np.ndarray, bones: Bones) -> np.ndarray:
     lengths = np.full(xyz.shape[:-1], np.nan)
     lengths[..., [joint for _, joint in bones]] = bone_lengths(xyz, bones)
     return lengths
+
+
+def distance_to_bones(points: np.ndarray, xyz: np.ndarray, bones: Bones) -> np.ndarray:
+    """Return the distance (N,) from points (N, C) to the nearest bone of a body (J, C); infinite if it has none.
+
+    Bones with an unknown end are left out.
+    """
+    parents, joints = (xyz[list(ends)] for ends in zip(*bones, strict=True))
+    known = np.isfinite(parents).all(-1) & np.isfinite(joints).all(-1)
+    start, along = parents[known], (joints - parents)[known]
+    from_start = points[:, None] - start
+    share = (from_start * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-9)
+    distance = np.linalg.norm(from_start - np.clip(share, 0, 1)[..., None] * along, axis=-1)
+    return distance.min(-1, initial=np.inf)

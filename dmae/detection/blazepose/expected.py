@@ -1,27 +1,32 @@
 """A person that is expected at a place in an image, as other cameras see it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dmae.data.skeleton import BLAZEPOSE33
 from dmae.detection.blazepose.confidence import clearness
-from dmae.detection.blazepose.landmarks import Person, disagreement, find_person
+from dmae.detection.blazepose.landmarks import Person, find_person
 from dmae.detection.blazepose.models import Network
 from dmae.detection.blazepose.regions import Region
+from dmae.detection.projected_people import body_radius
 
 _HIPS, _SHOULDERS = BLAZEPOSE33.index("l_hip", "r_hip"), BLAZEPOSE33.index("l_shoulder", "r_shoulder")
 _LARGER = 1.05
 """Radius of the region, relative to the largest distance of an expected joint from the hips. It leaves room for the
 top of the head, which is not a joint."""
-_PASSES, _SETTLED = 3, 0.1
-"""Passes of the network, each on the region that the previous pass found, and largest distance between the results of
-two passes that agree, relative to the torso."""
+_SIDES = (1.0, 1.15, 1.3, 0.87)
+"""Sides of the regions that are tried, relative to the region of the expected joints. Which region the network needs
+depends on hair, clothes and what else is near."""
 _CLEAR = 0.3
 """Smallest mean confidence of the joints."""
 _NEAR, _OTHER = 0.12, 0.15
 """Largest median distance of the joints from the expected places, and smallest one from those of another person,
-relative to the radius."""
+relative to the radius. A result this near was right, within 0.07 of the height, in all of 482 searches of rendered
+people; two passes that agree need not be."""
+_SURE = 0.08
+"""No other region is tried after a result this near."""
 
 
 def find_expected(
@@ -29,7 +34,8 @@ def find_expected(
 ) -> Person | None:
     """Return the person at an expected place; None if the network finds no one there, or a known person.
 
-    If the first search fails, it is repeated with the known people painted over.
+    Of several regions around the place, that with the result nearest to the expected joints counts. If all fail, they
+    are tried again with the known people painted over.
 
     Args:
         network: BlazePose's second network.
@@ -39,35 +45,28 @@ def find_expected(
         min_presence: Smallest probability of a person.
     """
     hip, shoulder = expected[_HIPS].mean(0), expected[_SHOULDERS].mean(0)
-    radius = _LARGER * float(np.nanmax(np.linalg.norm(expected - hip, axis=-1)))
+    radius = _LARGER * float(body_radius(expected, BLAZEPOSE33))
     along = shoulder - hip
     region = Region.around(hip + 0.5, hip + 0.5 + radius * along / max(float(np.hypot(*along)), 1e-6))
     if region is None:
         return None
     others = [_painted(xy) for xy in known]
     for without in ((), others) if others else ((),):
-        person = _settled(network, pyramid, region, without, min_presence)
-        if (
-            person is not None
-            and clearness(person) >= _CLEAR
-            and _apart(person.xy, expected) < _NEAR * radius
-            and all(_apart(person.xy, xy) > _OTHER * radius for xy in known)
-        ):
-            return person
-    return None
-
-
-def _settled(
-    network: Network, pyramid: list[np.ndarray], region: Region, without: Sequence[Person], min_presence: float
-) -> Person | None:
-    person = None
-    for _ in range(_PASSES):
-        before, person = person, find_person(network, pyramid, region, without)
-        if person.region is None or person.presence < min_presence:
-            return None
-        if before is not None and disagreement(before, person) < _SETTLED:
-            return person
-        region = person.region
+        best, nearest = None, _NEAR * radius
+        for side in _SIDES:
+            person = find_person(network, pyramid, replace(region, side=side * region.side), without)
+            apart = _apart(person.xy, expected)
+            if (
+                apart < nearest
+                and person.presence >= min_presence
+                and clearness(person) >= _CLEAR
+                and all(_apart(person.xy, xy) > _OTHER * radius for xy in known)
+            ):
+                best, nearest = person, apart
+                if apart < _SURE * radius:
+                    break
+        if best is not None:
+            return best
     return None
 
 

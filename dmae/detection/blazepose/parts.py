@@ -9,10 +9,11 @@ from dmae.data.skeleton import BLAZEPOSE33
 from dmae.detection.blazepose.confidence import clearness
 from dmae.detection.blazepose.landmarks import HEAD, LIMBS, Person
 from dmae.detection.blazepose.regions import Region
+from dmae.numerics.bones import distance_to_bones
 
 _SAME_HEAD, _SMALLER = 0.25, 0.75
 """Distance of two heads that are one, and size of a torso that is part of another body, relative to its torso."""
-_BONES = np.array([bone for limb in LIMBS for bone in pairwise(limb)])
+_BONES = [bone for limb in LIMBS for bone in pairwise(limb)]
 _ON_LIMBS, _MOST_JOINTS = 0.2, 0.9
 """A body is made of the limbs of a larger one if this share of its joints is within this distance from their bones,
 relative to the larger torso. In rendered views, the distance was at most 0.16 for such bodies and at least 0.25 for
@@ -34,7 +35,7 @@ def part_of(a: Person, b: Person) -> bool:
     apart = np.hypot(*(a.xy[HEAD].mean(0) - b.xy[HEAD].mean(0)))
     if apart < _SAME_HEAD * b.torso_size:
         return True
-    near = _limb_distance(a.xy, b.xy) < _ON_LIMBS * b.torso_size
+    near = distance_to_bones(a.xy, b.xy, _BONES) < _ON_LIMBS * b.torso_size
     return bool(near.mean() >= _MOST_JOINTS and clearness(a) < clearness(b))
 
 
@@ -46,11 +47,3 @@ def larger_region(person: Person) -> Region | None:
     head, growth = person.xy[HEAD].mean(0) + 0.5, face / _FACE
     centre = head + growth * (person.region.centre - head)
     return replace(person.region, centre=centre, side=growth * person.region.side)
-
-
-def _limb_distance(places: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Return the distance (N,) from places (N, 2) to the nearest bone of the limbs of a person (33, 2)."""
-    start, along = xy[_BONES[:, 0]], xy[_BONES[:, 1]] - xy[_BONES[:, 0]]
-    from_start = places[:, None] - start
-    share = (from_start * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-9)
-    return np.linalg.norm(from_start - np.clip(share, 0, 1)[..., None] * along, axis=-1).min(-1)

@@ -137,6 +137,7 @@ def test_bad_input_is_one_line(session: Clip, tmp_path: Path, arguments, said):
     done = dmae(tmp_path, "detect", *arguments, "out=found")
     assert done.returncode == 1 and said in done.stderr, done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "found/detect.json").exists()
 
 
 def test_another_detector_is_refused_in_the_same_folder(session: Clip, tmp_path: Path):

@@ -1,4 +1,4 @@
-"""People that a camera missed are searched where the other cameras see them."""
+"""Cameras compared: parts of people are removed, and people that one camera missed are searched."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
-from dmae.detection.across_views import find_missed, missed_people
+from dmae.detection.across_views import compare_views
 from dmae.detection.picture_size import Fitting
 from dmae.detection.pictures import CameraPictures, find_cameras
 from dmae.detection.pipeline import Found
@@ -78,27 +78,47 @@ def found_in(clip: Clip) -> list[Found]:
 
 
 def search(clip: Clip, cameras, pieces: Path, config: PoseDetectorConfig = CONFIG, **options) -> list[Found]:
-    frames, fittings = [np.arange(FRAMES)] * len(clip.rig), [Fitting()] * len(clip.rig)
-    return find_missed(
-        found_in(clip),
-        cameras,
-        clip.rig,
-        clip.detections,
-        frames,
-        options.get("fittings", fittings),
-        FPS,
-        config,
-        pieces,
+    frames, fittings = [np.arange(FRAMES)] * len(clip.rig), options.get("fittings", [Fitting()] * len(clip.rig))
+    workers = options.get("workers", 1)
+    return compare_views(
+        found_in(clip), cameras, clip.rig, clip.detections, frames, fittings, FPS, config, pieces, workers
     )
 
 
-def test_people_are_missed_where_other_views_see_them(clip):
-    missed = missed_people(clip.rig, clip.detections, FPS)
-    assert set(missed) == {(frame, 0) for frame in MISSED}
+def with_part(clip: Clip) -> Clip:
+    """Return the clip with a small body on the head and shoulders of the second person, in all frames of a view."""
     projected, _ = clip.rig.project(clip.truth.xyz)
-    for (frame, view), expected in missed.items():
-        assert expected.shape == (1, 25, 2)
-        assert np.nanmax(np.linalg.norm(expected[0] - projected[frame, view, 0], axis=-1)) < 8
+    body = projected[:, 1, 1]
+    small = body[:, BODY25.index("neck")] + 0.2 * (body - body[:, BODY25.index("mid_hip")])
+    xy, score = clip.detections.xy, clip.detections.score
+    xy = np.concatenate([xy, np.full_like(xy[:, :, :1], np.nan)], 2)
+    score = np.concatenate([score, np.full_like(score[:, :, :1], np.nan)], 2)
+    xy[:, 1, -1], score[:, 1, -1] = small, 0.7
+    return replace(clip, detections=Detections2D(BODY25, xy, score))
+
+
+@pytest.mark.parametrize("config", [CONFIG, PoseDetectorConfig(name=f"{__name__}:does_not_look")])
+def test_parts_of_people_are_removed(clip, cameras, tmp_path, config):
+    assert [len(people) for people in found_in(with_part(clip))[1].people] == [3] * FRAMES
+    found = search(with_part(clip), cameras, tmp_path / "pieces", config)
+    for before, after in zip(found_in(clip)[1:], found[1:], strict=True):
+        np.testing.assert_array_equal(np.stack(before.people), np.stack(after.people))
+
+
+def test_without_the_option_parts_stay(clip, cameras, tmp_path):
+    found = search(with_part(clip), cameras, tmp_path / "pieces", replace(CONFIG, across_views=False))
+    assert [len(people) for people in found[1].people] == [3] * FRAMES
+
+
+def test_two_processes_find_what_one_finds(clip, cameras, tmp_path):
+    xy, score = clip.detections.xy.copy(), clip.detections.score.copy()
+    xy[MISSED, 2, 1] = score[MISSED, 2, 1] = np.nan
+    clip = replace(clip, detections=Detections2D(BODY25, xy, score))
+    one, two = (search(clip, cameras, tmp_path / str(workers), workers=workers) for workers in (1, 2))
+    assert len(list((tmp_path / "2").iterdir())) == 2
+    for first, second in zip(one, two, strict=True):
+        for a, b in zip(first.people, second.people, strict=True):
+            np.testing.assert_array_equal(a, b)
 
 
 def test_what_the_detector_finds_there_is_added(clip, cameras, tmp_path):
@@ -155,6 +175,6 @@ def test_without_the_option_or_the_method_nothing_is_searched(clip, cameras, tmp
 
 def test_one_view_captures_nobody_and_misses_nobody(clip):
     detections = Detections2D(BODY25, clip.detections.xy[:, :1], clip.detections.score[:, :1])
-    assert find_missed(
+    assert compare_views(
         found_in(clip)[:1], [], clip.rig[[0]], detections, [np.arange(FRAMES)], [Fitting()], FPS, CONFIG, Path()
     )[0].people

@@ -10,6 +10,7 @@ import pytest
 
 from dmae.data.skeleton import BLAZEPOSE33, BODY25, COCO17
 from dmae.data.skeleton_conversion import convert_detections
+from dmae.detection.blazepose.expected import find_expected
 from dmae.detection.blazepose.landmarks import Person, find_person
 from dmae.detection.blazepose.models import Network
 from dmae.detection.blazepose.parts import part_of
@@ -109,6 +110,33 @@ def test_a_body_too_small_for_its_head_becomes_a_larger_one(picture):
     alone = find_person(Network("pose_landmark_full"), pyramid, region)
     larger = detector._person(pyramid, region)
     assert part_of(alone, larger) and larger.torso_size > 2 * alone.torso_size
+
+
+@real
+class TestSearchAtExpectedPlaces:
+    @pytest.fixture
+    def person(self, picture) -> Person:
+        (person,) = PeopleDetector(PoseDetectorConfig(windows=[1.0]))(picture)
+        return person
+
+    def find(self, picture, expected: np.ndarray, known=()) -> Person | None:
+        return find_expected(Network("pose_landmark_full"), pyramid_of(picture), expected, known, 0.5)
+
+    def test_a_person_is_found_near_where_it_is_expected(self, picture, person):
+        expected = person.xy + 0.04 * 2 * person.region.radius
+        expected[BLAZEPOSE33.index("nose")] = np.nan
+        found = self.find(picture, expected)
+        assert np.median(np.linalg.norm(found.xy - person.xy, axis=-1)) < 0.04 * person.region.radius
+
+    def test_nothing_is_found_elsewhere(self, picture, person):
+        assert self.find(picture, person.xy + [0.5 * person.region.radius, 0]) is None
+        assert self.find(np.zeros_like(picture), person.xy) is None
+
+    def test_a_known_person_is_not_found_again(self, picture, person):
+        assert self.find(picture, person.xy, [person.xy]) is None
+
+    def test_places_of_one_point_are_no_person(self, picture):
+        assert self.find(picture, np.zeros((33, 2))) is None
 
 
 class _Late:
