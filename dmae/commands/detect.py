@@ -79,7 +79,7 @@ class DetectCommand:
 
 
 def run(config: DetectCommand, out: Path) -> None:
-    # Errors of the options are found before the folder is theirs.
+    # A detector or skeleton that does not exist must not reserve the folder.
     make_detector(config.detector)
     output_skeleton(config.output.skeleton)
     if config.clip is not None:

@@ -42,8 +42,8 @@ def compare_views(
     """Return what a detector found in V cameras, corrected with the help of the other cameras.
 
     People are captured from the detections. Detections that are parts of them are removed. Where a person projects into
-    an image and no detection is near, the detector searches at that place. What it finds there is added if it agrees
-    with the projection. An added detection is measured in its image like all others.
+    an image and no detection is left for it, the detector searches at that place. What it finds there is added if it
+    agrees with the projection. An added detection is measured in its image like all others.
 
     Args:
         found: For each camera.

@@ -30,7 +30,7 @@ def missed_people(poses: Poses3D, rig: CameraRig, detections: Detections2D) -> d
     """Return the people that views missed, by frame and view: where their joints are expected, (n, J, 2) px.
 
     A person that is captured in a frame is missed by a view if at least half of its joints project into the image and
-    no detection near the projection is left for it: people who overlap have a detection each.
+    no detection near the projection is left for it. Each detection counts for one person, also where people overlap.
 
     Args:
         poses: The people, captured from the detections.
@@ -51,8 +51,8 @@ def missed_people(poses: Poses3D, rig: CameraRig, detections: Detections2D) -> d
 def parts_of_people(poses: Poses3D, rig: CameraRig, detections: Detections2D) -> np.ndarray:
     """Return (F, V, D) True for detections that are parts of people, for example a small body found in long hair.
 
-    Such a detection is much smaller than a captured person in the same image, lies on its bones, and is none of the
-    captured people: real people of that size would be hidden by the larger person, or be seen by other cameras.
+    Such a detection is much smaller than a captured person in the same image, lies on the bones of that person, and is
+    near no captured person. A real person of that size would be hidden by the larger one, or captured by other cameras.
 
     Args:
         poses: The people, captured from the detections.

@@ -55,6 +55,15 @@ def standing(frames: int = 40, persons: int = 1, scale: float = 1.0) -> np.ndarr
     return xyz
 
 
+def with_body(detections: Detections2D, view: int, body: np.ndarray) -> Detections2D:
+    """Return detections with one more in a view, the last: a body (F, J, 2) px, all of its joints known."""
+    more = np.full_like(detections.xy[:, :, :1], np.nan)
+    more[:, view, 0] = body
+    xy = np.concatenate([detections.xy, more], 2)
+    score = np.concatenate([detections.score, np.where(np.isnan(more[..., 0]), np.nan, 0.8)], 2)
+    return Detections2D(detections.skeleton, xy, score)
+
+
 @cache
 def crossing() -> np.ndarray:
     """(F, 3, 25, 3) three people who cross each other's paths."""

@@ -14,7 +14,7 @@ from dmae.detection.picture_size import Fitting
 from dmae.detection.pictures import CameraPictures, find_cameras
 from dmae.detection.pipeline import Found
 from dmae.detection.registry import PoseDetectorConfig
-from tests.support.detected_people import FPS, detected_clip, standing
+from tests.support.detected_people import FPS, detected_clip, standing, with_body
 
 MISSED = range(10, 20)
 FRAMES = 30
@@ -90,11 +90,7 @@ def with_part(clip: Clip) -> Clip:
     projected, _ = clip.rig.project(clip.truth.xyz)
     body = projected[:, 1, 1]
     small = body[:, BODY25.index("neck")] + 0.2 * (body - body[:, BODY25.index("mid_hip")])
-    xy, score = clip.detections.xy, clip.detections.score
-    xy = np.concatenate([xy, np.full_like(xy[:, :, :1], np.nan)], 2)
-    score = np.concatenate([score, np.full_like(score[:, :, :1], np.nan)], 2)
-    xy[:, 1, -1], score[:, 1, -1] = small, 0.7
-    return replace(clip, detections=Detections2D(BODY25, xy, score))
+    return replace(clip, detections=with_body(clip.detections, 1, small))
 
 
 @pytest.mark.parametrize("config", [CONFIG, PoseDetectorConfig(name=f"{__name__}:does_not_look")])

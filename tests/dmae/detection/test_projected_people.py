@@ -8,7 +8,7 @@ import pytest
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.detection.projected_people import missed_people, parts_of_people
-from tests.support.detected_people import detected_clip, standing
+from tests.support.detected_people import detected_clip, standing, with_body
 
 FRAMES = 5
 NECK, HIP = (int(BODY25.index(name)[0]) for name in ("neck", "mid_hip"))
@@ -20,15 +20,6 @@ def clip() -> Clip:
     clip = detected_clip(standing(FRAMES, persons=2), miss=0, noise=1)
     projected, _ = clip.rig.project(clip.truth.xyz)
     return replace(clip, detections=Detections2D(BODY25, projected, np.full(projected.shape[:-1], 0.9)))
-
-
-def with_body(clip: Clip, view: int, body: np.ndarray) -> Detections2D:
-    """Return the detections with a body (F, J, 2) more in a view, the third detection of all."""
-    xy, score = clip.detections.xy, clip.detections.score
-    xy = np.concatenate([xy, np.full_like(xy[:, :, :1], np.nan)], 2)
-    score = np.concatenate([score, np.full_like(score[:, :, :1], np.nan)], 2)
-    xy[:, view, -1], score[:, view, -1] = body, np.where(np.isnan(body[..., 0]), np.nan, 0.8)
-    return Detections2D(BODY25, xy, score)
 
 
 def shrunk(clip: Clip, view: int, size: float, shift: float = 0.0) -> np.ndarray:
@@ -56,20 +47,20 @@ def test_all_people_are_seen(clip):
 
 
 def test_of_two_people_in_one_place_one_detection_is_one(clip):
-    """The second person stands where the first is, but for two centimetres."""
+    """Two people stand two centimetres apart. One of them is detected."""
     poses = replace(clip.truth, xyz=clip.truth.xyz[:, [0, 0]] + np.float32([[0], [0.02]])[..., None])
     missed = missed_people(poses, clip.rig, without(clip, 1, 1))
     assert [len(missed[frame, 1]) for frame in range(FRAMES)] == [1] * FRAMES
 
 
 def test_a_small_body_on_a_person_is_a_part(clip):
-    parts = parts_of_people(clip.truth, clip.rig, with_body(clip, 1, shrunk(clip, 1, 0.2)))
+    parts = parts_of_people(clip.truth, clip.rig, with_body(clip.detections, 1, shrunk(clip, 1, 0.2)))
     assert parts[:, 1, 2].all() and parts.sum() == FRAMES
 
 
 @pytest.mark.parametrize(("size", "shift"), [(0.7, 0.0), (0.2, 2.0)], ids=["large", "beside"])
 def test_bodies_that_are_large_or_beside_the_person_stay(clip, size, shift):
-    assert not parts_of_people(clip.truth, clip.rig, with_body(clip, 1, shrunk(clip, 1, size, shift))).any()
+    assert not parts_of_people(clip.truth, clip.rig, with_body(clip.detections, 1, shrunk(clip, 1, size, shift))).any()
 
 
 def test_a_small_person_that_is_captured_stays(clip):
