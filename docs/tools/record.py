@@ -48,11 +48,16 @@ _SEEN = (
 )
 _SINGLE = "detector.search_every=1 detector.windows=[1,0.6]"
 _ALL_ROOMS = ",".join(_ROOMS)
+_PEOPLE = f"scene={_ALL_ROOMS} rig=ring,random {_PICTURES} scene.seconds=6 workers=2"
 _FIT = (
-    f"{_SEEN} && {_METER} && synth generate -m scene={_ALL_ROOMS} rig=ring,random {_PICTURES} scene.seconds=6 "
-    f"clips=2 seed=71 out=held && for s in meter/*/[01] held/*; do dmae detect clip=$s out=seen/$s {_SINGLE}; done"
+    "synth generate -m scene=office rig=ring,random clips=1 seed=62 scene.seconds=1.2 images=rgb out=followed && "
+    f"synth generate -m seed=71,91 {_PEOPLE} clips=2 out=many && "
+    f"synth generate -m {_PEOPLE} clips=4 seed=73 out=held && "
+    "for s in followed/[01]; do dmae detect clip=$s out=seen/$s workers=2; done && "
+    f"for s in many/[0-9]* held/[0-9]*; do dmae detect clip=$s out=seen/$s workers=2 {_SINGLE}; done"
 )
-_FITTED = [*(f"seen/{n}" for n in range(1, 10)), *(f"seen/{each}" for each in _METER_SETS if "low" not in each)]
+_FITTED = ["seen/followed/1", *(f"seen/many/{n}" for n in range(24))]
+_HELD_BACK = [f"seen/held/{n}" for n in range(12)]
 _TOUCHING = (
     "circle_talk", "counter", "crossing", "dance", "fight", "handshake", "huddle", "hug", "pass_box", "queue",
     "shelving", "table", "walking_together",
@@ -140,10 +145,9 @@ RECORDED = {
         "15 minutes",
     ),
     "detector_blazepose": (
-        f"{_FIT} && synth fit-detector detections=seen/0 extra_data=[{','.join(_FITTED)}] "
-        f"held_back=[{','.join(f'seen/held/{n}' for n in range(11))}] truth=annotated detector=hrnet_like rounds=6 "
-        "name=blazepose",
-        "40 minutes",
+        f"{_FIT} && synth fit-detector detections=seen/followed/0 extra_data=[{','.join(_FITTED)}] "
+        f"held_back=[{','.join(_HELD_BACK)}] truth=annotated detector=hrnet_like rounds=10 name=blazepose",
+        "30 minutes",
     ),
     "regress": ("dmae regress solver=dmae.regression.solvers:ours", "1 minute"),
 }

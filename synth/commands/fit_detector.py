@@ -48,8 +48,8 @@ class FitDetectorCommand:
     extra_data: list[str] = field(default_factory=list)
     """With `truth=annotated`, more data sets of the same detector."""
     held_back: list[str] = field(default_factory=list)
-    """With `truth=annotated`, held-back data sets of the same detector, which are not used in the fit; distances on
-    them are printed and written."""
+    """With `truth=annotated`, held-back data sets of the same detector, which are not used in the fit. Distances on
+    them are printed and written, and those between the detector's results on them and on the clips of the fit."""
     truth: ErrorReference = ErrorReference.others
     """Reference for the detections. With `annotated`, clips with truth and visibility labels, as `dmae detect clip=...`
     writes them, are themselves simulated again, and visible and hidden joints are fitted separately."""
@@ -117,10 +117,14 @@ def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> N
         if config.held_back:
             others = [clip for folder in config.held_back for clip in load(DataConfig("clip", folder))]
             distances["held_back"] = truth_fit.distances(others, fitted.config, **options)
+            distances["real"] = truth_fit.real_distances(clips, others, config.workers)
+    titles = {
+        "fitted": "Clips of the fit",
+        "held_back": "Held-back clips",
+        "real": "The real detector: clips of the fit (real) and held-back clips (simulated)",
+    }
     for name, rows in distances.items():
-        print_tables(
-            [replace(table(rows), caption=f"{name.replace('_', ' ').capitalize()} clips. {table(rows).caption}")]
-        )
+        print_tables([replace(table(rows), caption=f"{titles[name]}. {table(rows).caption}")])
     what = f"{sum(map(len, clips))} frames of {len(clips)} clips with truth"
     _write(config, fitted, what, out)
     write_atomic(

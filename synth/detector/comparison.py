@@ -76,12 +76,10 @@ def compare(real: DetectorStatistics, sim: DetectorStatistics, limits: Limits) -
         rows += [_detecting_views(kind, real.views[k], sim.views[k], limits.views) for k, kind in enumerate(real.kinds)]
         for view, (a, b) in enumerate(zip(np.nanmean(real.missed, 1), np.nanmean(sim.missed, 1), strict=True)):
             rows.append(_plain(f"missed in view {view}", float(a), float(b)))
+    few = min(len(real.miss_seconds), len(sim.miss_seconds)) < ENOUGH
     for pair in real.joint_misses:
         a, b = real.joint_misses[pair], sim.joint_misses[pair]
-        # If no joint is missed, there are no neighbours of missed joints to compare.
-        known = np.isfinite([a, b]).all()
-        rows.append(Row(f"missed together: {pair}", a, b, abs(a - b), limits.joint_miss if known else None))
-    few = min(len(real.miss_seconds), len(sim.miss_seconds)) < ENOUGH
+        rows.append(Row(f"missed together: {pair}", a, b, abs(a - b), None if few else limits.joint_miss))
     rows.append(_distance("length of misses, s", real.miss_seconds, sim.miss_seconds, None if few else limits.distance))
     rows.append(_distance("error", real.error, sim.error, limits.distance))
     for k, kind in enumerate(real.kinds):

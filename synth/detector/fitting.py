@@ -5,31 +5,22 @@ detected at all. So no parameter can be read off directly. Instead, the detector
 measured by `synth.detector.statistics.measure`, and each parameter is corrected by the difference of its own statistic.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.progress import progress
 from synth.detector.config import DetectorConfig
-from synth.detector.parts import PartConfig, PartsConfig
+from synth.detector.corrections import ENOUGH, corrected, error_quantile
 from synth.detector.pooling import measure_all
 from synth.detector.simulated_detector import detect
 from synth.detector.statistics import DetectorStatistics, ErrorReference
 
-_STEP = 0.7
-"""Exponent of each correction. It is below 1 because the parameters depend on each other."""
-_ENOUGH = 200
-"""Fewest detected joints of a kind for its parameters to be fitted."""
 _FEW_MISSES = 50
 """Fewest uninterrupted misses for the burst times to be fitted."""
-_FAR_SIDE_EXCESS = 0.2
-"""Difference of the miss rates on the body's far side and near side above which the body hides the far joints."""
-_LOW_CONFIDENCE = 0.35
-"""Confidence below which a detector mostly guesses."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +82,7 @@ def fit(
         off = distance(real, sim)
         if best is None or off < best[0]:
             best = off, Fit(config, undetermined, sim)
-        config = _corrected(config, real, sim, undetermined)
+        config = corrected(config, real, sim, undetermined)
     return best[1]
 
 
@@ -100,7 +91,7 @@ def distance(real: DetectorStatistics, sim: DetectorStatistics) -> float:
     missed = np.abs(np.nanmean(real.missed, 0) - np.nanmean(sim.missed, 0)) / 0.03
     by_side = np.abs(real.missed_by_side - sim.missed_by_side).ravel() / 0.1
     pairs = [abs(real.joint_misses[pair] - sim.joint_misses[pair]) / 0.1 for pair in real.joint_misses]
-    error = [_log(_quantile(real, k, 0.5), _quantile(sim, k, 0.5)) / 0.1 for k in range(len(real.kinds))]
+    error = [_log(error_quantile(real, k, 0.5), error_quantile(sim, k, 0.5)) / 0.1 for k in range(len(real.kinds))]
     known = len(real.miss_seconds) and len(sim.miss_seconds)
     seconds = [_log(real.miss_seconds.mean(), sim.miss_seconds.mean()) / 0.1] if known else []
     return float(np.sqrt(np.nanmean(np.square([*missed, *by_side, *pairs, *error, *seconds]))))
@@ -110,18 +101,13 @@ def _log(a: float, b: float) -> float:
     return abs(np.log(a / b)) if a > 0 and b > 0 else np.nan
 
 
-def _quantile(statistics: DetectorStatistics, kind: int, share: float) -> float:
-    some = statistics.error[statistics.kind == kind]
-    return float(np.quantile(some, share)) if len(some) else float("nan")
-
-
 def _undetermined(real: DetectorStatistics) -> dict[str, str]:
     """Return the names of the parameters that are not changed, with the reasons."""
     counts = np.bincount(real.kind, minlength=len(real.kinds))
     found = {
-        f"parts.{kind}": f"{count} joints could be checked, {_ENOUGH} are needed"
+        f"parts.{kind}": f"{count} joints could be checked, {ENOUGH} are needed"
         for kind, count in zip(real.kinds, counts, strict=True)
-        if count < _ENOUGH
+        if count < ENOUGH
     }
     if len(real.miss_seconds) < _FEW_MISSES:
         found["times.bursts"] = f"{len(real.miss_seconds)} uninterrupted misses, {_FEW_MISSES} are needed"
@@ -132,169 +118,3 @@ def _undetermined(real: DetectorStatistics) -> dict[str, str]:
     if not np.nansum(real.ghosts) > 0:
         found["ghosts.joints"] = found["ghosts.score"] = "there is no ghost"
     return found
-
-
-def _towards(value: float, real: float, sim: float, low: float, high: float) -> float:
-    """Return a corrected parameter. Its statistic is proportional to it."""
-    if not (real > 0 and sim > 0):
-        return value
-    return float(np.clip(value * (real / sim) ** _STEP, low, high))
-
-
-def _shifted(value: float, real: float, sim: float, high: float) -> float:
-    """Return a corrected parameter, 0 or more. Its statistic grows one to one with it."""
-    return float(np.clip(value + _STEP * (real - sim), 0, high))
-
-
-def _odds(probability: float) -> float:
-    probability = float(np.clip(probability, 1e-4, 1 - 1e-4))
-    return probability / (1 - probability)
-
-
-def _scaled_odds(probability: float, factor: float) -> float:
-    """Return the probability with its odds multiplied by a factor. 0 and 1 do not change."""
-    if probability in (0, 1):
-        return probability
-    odds = _odds(probability) * factor
-    return round(float(np.clip(odds / (1 + odds), 1e-4, 0.999)), 4)
-
-
-def _corrected(
-    config: DetectorConfig, real: DetectorStatistics, sim: DetectorStatistics, kept: dict[str, str]
-) -> DetectorConfig:
-    """Return the detector with each parameter corrected by its statistic, except those in `kept`."""
-    parts = {}
-    for k, kind in enumerate(real.kinds):
-        part = getattr(config.parts, kind)
-        parts[kind] = part if f"parts.{kind}" in kept else _corrected_part(part, real, sim, k)
-    times, noise, misses, ghosts = config.times, config.noise, config.misses, config.ghosts
-    limb, neighbours = ("elbow|wrist", "knee|ankle"), ("wrist|elbow", "ankle|knee")
-    corrections: dict[str, Callable[[], object]] = {
-        "times.correlation": lambda: _correlation(times.correlation, real, sim),
-        "times.bursts": lambda: _burst_times(times.bursts, real.miss_seconds, sim.miss_seconds),
-        "noise.bias": lambda: _towards(noise.bias, real.constant, sim.constant, 0.01, 0.9),
-        "noise.hidden": lambda: _towards(noise.hidden, _unsure(real), _unsure(sim), 1, 8),
-        "scores.error_correlation": lambda: _shifted(
-            config.scores.error_correlation, _rank_correlation(real), _rank_correlation(sim), 0.95
-        ),
-        "misses.limb_correlation": lambda: _shifted(
-            misses.limb_correlation, _pairs(real, *limb), _pairs(sim, *limb), 0.99
-        ),
-        "misses.neighbour_correlation": lambda: _shifted(
-            misses.neighbour_correlation, _pairs(real, *neighbours), _pairs(sim, *neighbours), 1
-        ),
-        "misses.person": lambda: _whole(misses.person, real, sim),
-        "misses.hidden_person": lambda: _whole(misses.hidden_person, real, sim),
-        "inversions.legs": lambda: _towards(config.inversions.legs, *_inverted(real, sim, "knee", "ankle"), 0, 0.2),
-        "inversions.arms": lambda: _towards(config.inversions.arms, *_inverted(real, sim, "elbow", "wrist"), 0, 0.2),
-        "splits.probability": lambda: _towards(
-            config.splits.probability, np.nanmean(real.fragments), np.nanmean(sim.fragments), 0, 0.5
-        ),
-        "ghosts.count": lambda: _towards(ghosts.count, np.nanmean(real.ghosts), np.nanmean(sim.ghosts), 0, 5),
-        "ghosts.joints": lambda: _towards(ghosts.joints, real.ghost_joints, sim.ghost_joints, 0.05, 0.95),
-        "ghosts.score": lambda: _beta(ghosts.score, real.ghost_score - sim.ghost_score, 1.0),
-    }
-    config = replace(config, parts=PartsConfig(**parts))
-    for name, correction in corrections.items():
-        if name in kept:
-            continue
-        value = correction()
-        # If the clips contain no error of this kind, no correction can be computed.
-        if np.isfinite(value).all():
-            error, _, parameter = name.partition(".")
-            corrected = replace(getattr(config, error), **{parameter: _rounded(value)})
-            config = replace(config, **{error: corrected})
-    return config
-
-
-def _rounded(value):
-    return [round(float(v), 4) for v in value] if isinstance(value, list) else round(float(value), 5)
-
-
-def _corrected_part(part: PartConfig, real: DetectorStatistics, sim: DetectorStatistics, kind: int) -> PartConfig:
-    """Correct noise by the median error, its tail by larger errors, misses by their odds, scores by mean and spread.
-
-    If joints are missed more often on the far side of the body, misses of visible joints are fitted to the misses on
-    the camera's side, and misses of hidden joints to the rest. A person that turns away from one camera faces another
-    one, so joints are seldom missed in all views.
-    """
-    if not (sim.kind == kind).any():
-        return part
-    tails = [_quantile(both, kind, 0.95) / _quantile(both, kind, 0.5) for both in (real, sim)]
-    missed = _more_missed(real, sim, kind)
-    scores = [both.score[both.kind == kind] for both in (real, sim)]
-    spread = float(scores[0].var() / max(scores[1].var(), 1e-6))
-    return replace(
-        part,
-        noise=round(_towards(part.noise, _quantile(real, kind, 0.5), _quantile(sim, kind, 0.5), 1e-4, 0.2), 5),
-        tail=round(_towards(part.tail, tails[1], tails[0], 1.5, 30), 2),
-        score=_rounded(_beta(part.score, float(scores[0].mean() - scores[1].mean()), spread)),
-        miss=[_scaled_odds(miss, factor**_STEP) for miss, factor in zip(part.miss, missed, strict=True)],
-    )
-
-
-def _more_missed(real: DetectorStatistics, sim: DetectorStatistics, kind: int) -> list[float]:
-    """Return factors for the odds of the misses, in the order of `PartConfig.miss`."""
-    mean = _odds(float(np.nanmean(real.missed[:, kind]))) / _odds(float(np.nanmean(sim.missed[:, kind])))
-    sided = np.diff(real.missed_by_side[kind])[0] > _FAR_SIDE_EXCESS and np.isfinite(sim.missed_by_side[kind, 0])
-    near = _odds(real.missed_by_side[kind, 0]) / _odds(sim.missed_by_side[kind, 0]) if sided else mean
-    return [near, mean, mean, mean]
-
-
-def _beta(shape: Sequence[float], shift: float, spread: float) -> list[float]:
-    """Return (a, b) of a Beta distribution with shifted mean and scaled deviation. The constant 1 starts as (30, 1)."""
-    a, b = shape if shape[1] > 0 else (30.0, 1.0)
-    mean = float(np.clip(a / (a + b) + _STEP * shift, 0.02, 0.98))
-    return [mean * (size := float(np.clip((a + b) / spread**_STEP, 2, 200))), (1 - mean) * size]
-
-
-def _correlation(time: float, real: DetectorStatistics, sim: DetectorStatistics) -> float:
-    """Return the corrected correlation time, from the correlation of errors 0.2 s apart without their constant part."""
-    times = [
-        -0.2 / np.log(np.clip((both.autocorrelation[0.2] - both.constant) / (1 - both.constant), 0.02, 0.98))
-        for both in (real, sim)
-    ]
-    return _towards(max(time, 0.01), *times, 0.01, 5.0)
-
-
-def _rank_correlation(statistics: DetectorStatistics) -> float:
-    """Return the rank correlation of confidence and small error within kinds of joints, averaged over them."""
-    found = []
-    for kind in range(len(statistics.kinds)):
-        of_kind = statistics.kind == kind
-        if of_kind.sum() >= _ENOUGH and np.ptp(statistics.score[of_kind]) > 0:
-            found.append(-spearmanr(statistics.score[of_kind], statistics.error[of_kind]).statistic)
-    return float(np.mean(found)) if found else 0.0
-
-
-def _unsure(statistics: DetectorStatistics) -> float:
-    """Return the median error of joints with low confidence; NaN if there are few such joints."""
-    some = statistics.error[statistics.score < _LOW_CONFIDENCE]
-    return float(np.median(some)) if len(some) >= _ENOUGH else float("nan")
-
-
-def _burst_times(times: Sequence[float], real: np.ndarray, sim: np.ndarray) -> list[float]:
-    """Return burst times: the long one corrected by the share of time in long misses, the short one by the mean."""
-    if not len(sim):
-        return list(times)
-    long, short = times
-    held = [max(seconds[seconds >= 0.6].sum() / seconds.sum(), 0.01) for seconds in (real, sim)]
-    return [_towards(long, *held, 0.2, 20), _towards(short, real.mean(), sim.mean(), 0.02, 5)]
-
-
-def _pairs(statistics: DetectorStatistics, *pairs: str) -> float:
-    known = [share for share in (statistics.joint_misses[pair] for pair in pairs) if np.isfinite(share)]
-    return float(np.mean(known)) if known else 0.0
-
-
-def _whole(probability: float, real: DetectorStatistics, sim: DetectorStatistics) -> float:
-    return _towards(probability, np.nanmean(real.person_missed), np.nanmean(sim.person_missed), 0, 0.9)
-
-
-def _inverted(real: DetectorStatistics, sim: DetectorStatistics, *kinds: str) -> tuple[float, float]:
-    """Return the fractions of inverted joints of some kinds. If there are none, half a joint counts as inverted."""
-    shares = []
-    for both in (real, sim):
-        some = np.isin(both.kind, [both.kinds.index(kind) for kind in kinds])
-        shares.append(max(both.inverted[some].sum(), 0.5) / max(some.sum(), 1))
-    return shares[0], shares[1]

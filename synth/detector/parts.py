@@ -19,6 +19,8 @@ class PartConfig:
     """Degrees of freedom of that distribution: 2 has a long tail, 30 is nearly Gaussian."""
     score: list[float] = field(default_factory=lambda: [1.0, 0.0])
     """(a, b) of the Beta distribution of the confidence of visible joints; (1, 0) is always 1."""
+    score_correlation: float = 1.0
+    """Factor of `scores.error_correlation` for this kind of joint."""
     miss: list[float] = field(default_factory=lambda: [0.0, 1.0, 1.0, 1.0])
     """Probabilities that the joint is missed: visible, hidden by the person itself, by another person, by an object.
     Probabilities other than 0 and 1 are averaged with those of the limb's joints, except in the face."""
@@ -33,9 +35,16 @@ class PartConfig:
     """As `tail`, where the joint is hidden; 0 for `tail`."""
     hidden_score: list[float] = field(default_factory=lambda: [0.0, 0.0])
     """As `score`, where the joint is hidden; [0, 0] for `scores.hidden` of the detector."""
+    covered_noise: float = 0.0
+    """As `hidden_noise`, where another person or an object hides the joint; 0 for `hidden_noise`."""
+    covered_tail: float = 0.0
+    """As `hidden_tail`, where another person or an object hides the joint; 0 for `hidden_tail`."""
+    covered_score: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    """As `hidden_score`, where another person or an object hides the joint; [0, 0] for `hidden_score`."""
 
     def __post_init__(self):
-        for name, length in (("score", 2), ("miss", 4), ("offset", 2), ("hidden_score", 2)):
+        pairs = ("score", "offset", "hidden_score", "covered_score")
+        for name, length in (*((name, 2) for name in pairs), ("miss", 4)):
             found = getattr(self, name)
             if len(found) != length:
                 raise ValueError(f"detector part: expected {length} numbers of {name}, got {list(found)}")
@@ -43,11 +52,13 @@ class PartConfig:
             raise ValueError(
                 f"detector part: expected noise >= 0, tail > 0 and probabilities of misses from 0 to 1, got {self}"
             )
-        if not self.hidden_noise >= 0 or not self.hidden_tail >= 0:
-            raise ValueError(f"detector part: expected hidden_noise and hidden_tail of 0 or more, got {self}")
-        check_beta("detector part: score", self.score)
-        if any(self.hidden_score):
-            check_beta("detector part: hidden_score", self.hidden_score)
+        if not min(self.hidden_noise, self.hidden_tail, self.covered_noise, self.covered_tail) >= 0:
+            raise ValueError(f"detector part: expected noise and tails of hidden joints of 0 or more, got {self}")
+        if not self.score_correlation >= 0:
+            raise ValueError(f"detector part: expected score_correlation of 0 or more, got {self.score_correlation}")
+        for name in ("score", "hidden_score", "covered_score"):
+            if name == "score" or any(getattr(self, name)):
+                check_beta(f"detector part: {name}", getattr(self, name))
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class DetectorStatistics:
             also missed}.
         views: (K, V + 1) fraction of the joints that are detected in 0..V views.
         miss_seconds: (r,) lengths of uninterrupted misses, s.
-        autocorrelation: {time, s: correlation of errors that are this time apart}.
+        autocorrelation: {time, s: correlation of errors that are this time apart; NaN if frames are further apart}.
         constant: Fraction of the energy of errors that is constant for a person, view and joint.
         person_missed: (V,) fraction of the persons in the image that are not detected at all.
         ghosts: (V,) number of ghosts per frame.
@@ -192,7 +192,7 @@ def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
     size = np.linalg.norm(off, axis=-1)
     known = ~np.isnan(size)
     inverted = (size > GROSS) & (across < size / 2) & (mirror != np.arange(len(mirror)))
-    energies = {lag: _correlation(off, size, max(round(lag * clip.fps), 1)) for lag in (0.04, 0.2)}
+    energies = {lag: _correlation(off, size, round(lag * clip.fps)) for lag in (0.04, 0.2)}
     fine = np.where((size < GROSS)[..., None], off, np.nan)
     count = (~np.isnan(fine[..., 0])).sum(0)
     total = np.where(np.isnan(fine), 0, fine)
@@ -205,7 +205,12 @@ def _errors(clip: Clip, view: int, reference: ErrorReference) -> tuple:
 
 
 def _correlation(off: np.ndarray, size: np.ndarray, frames: int) -> tuple[float, float]:
-    """Return the sums of products of errors `frames` apart, and of their squares. Gross errors are left out."""
+    """Return the sums of products of errors `frames` apart, and of their squares. Gross errors are left out.
+
+    At a frame rate that is too low for this time, nothing is known.
+    """
+    if not frames:
+        return 0.0, 0.0
     both = (size[:-frames] < GROSS) & (size[frames:] < GROSS)
     first, second = off[:-frames][both], off[frames:][both]
     return float((first * second).sum()), float(((first**2).sum() + (second**2).sum()) / 2)

@@ -115,6 +115,15 @@ class View:
         """(F, P, 25) True for hidden joints in the image."""
         return (self.visibility != Visibility.VISIBLE) & (self.visibility <= Visibility.HIDDEN_BY_OBJECT)
 
+    def of_hidden(self, name: str) -> np.ndarray:
+        """Return (F, P, 25, ...) the parameter `hidden_<name>` of each joint, or `covered_<name>` where another person
+        or an object hides it and that is given. 0 means that neither is given."""
+        hidden, covered = self.parts[f"hidden_{name}"], self.parts[f"covered_{name}"]
+        given = covered.reshape(len(covered), -1).any(1)
+        by_other = (self.visibility == Visibility.HIDDEN_BY_PERSON) | (self.visibility == Visibility.HIDDEN_BY_OBJECT)
+        own = by_other & given
+        return np.where(own[..., None] if covered.ndim > 1 else own, covered, hidden)
+
     @property
     def observed(self) -> np.ndarray:
         """(F, D, 25) True where a joint is detected."""

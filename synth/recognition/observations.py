@@ -57,12 +57,14 @@ class PeopleSeen:
     """The n people in the images.
 
     Attributes:
+        hidden: (n, 25) True for joints that are hidden or outside the image.
         visible: (n,) share of the joints that are visible.
         unobstructed: (n,) share of the joints that are visible or hidden only by the person's own body.
         size, crowding, direction: The same as in `JointsSeen`.
         found: (n,) True if a detection belongs to the person.
     """
 
+    hidden: np.ndarray
     visible: np.ndarray
     unobstructed: np.ndarray
     size: np.ndarray
@@ -126,6 +128,7 @@ def observe(clip: Clip) -> DetectorObservations:
         inverted=inverted[counted],
     )
     people = PeopleSeen(
+        hidden=~seen.visible[there],
         visible=seen.visible.mean(-1)[there],
         unobstructed=seen.unobstructed.mean(-1)[there],
         size=seen.height[there],

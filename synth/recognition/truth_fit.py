@@ -7,10 +7,10 @@ are fitted by the share of their joints that is hidden.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import product
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
@@ -20,6 +20,8 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.detector.comparison import Limits, Row, compare
 from synth.detector.config import DetectorConfig
+from synth.detector.corrections import corrected_times
+from synth.detector.errors.misses import Misses
 from synth.detector.fitting import Fit, fit, redetect
 from synth.detector.parts import PartConfig, PartsConfig, kind_of
 from synth.detector.pooling import measure_all
@@ -31,12 +33,15 @@ LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)
 _ENOUGH = 150
 """Fewest joints of a kind, visible or hidden, for their parameters to be fitted."""
 _STEP = 0.8
-_LOW, _HIGH, _UNSURE_STEP = 0.5, 0.8, 0.5
-"""Limits of low and of high confidence, and the step of a correction. The errors at low and high confidence determine
-the correlation of errors and confidences."""
 _KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
-_INVERTING = BODY25.index("l_shoulder", "r_shoulder")
-"""Joints that show an exchange of the sides of the whole body: only then are shoulders exchanged."""
+_EXCHANGED = {"legs": ("knee", "ankle"), "arms": ("elbow", "wrist"), "body": ("shoulder",)}
+"""Kinds of joints that show the inversions of `Inversions`. Shoulders are exchanged only with the whole body."""
+_GROUPS = {
+    "": (Visibility.VISIBLE,),
+    "hidden_": (Visibility.HIDDEN_BY_SELF,),
+    "covered_": (Visibility.HIDDEN_BY_PERSON, Visibility.HIDDEN_BY_OBJECT),
+}
+"""Prefix of the options of `PartConfig` that describe joints of some visibility."""
 _CAUSES = (Visibility.VISIBLE, Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_PERSON, Visibility.HIDDEN_BY_OBJECT)
 
 
@@ -56,23 +61,27 @@ def fit_to_truth(
         ValueError: a clip has no truth or labels, or the clips have different numbers of cameras.
     """
     clips = [on_body25(clip) for clip in recordings]
-    real = pooled(list(in_parallel(observe, ((clip,) for clip in clips), workers)))
+    real = _observed(clips, workers)
     statistics = measure_all(clips, len(clips), workers, ErrorReference.annotated)
     first = fit(statistics, clips, start, rounds=rounds, seed=seed, workers=workers, reference=ErrorReference.annotated)
     config = replace(
         first.config,
         misses=_person_misses(first.config, real.people),
+        # The first part of the fit takes large errors of hidden joints for exchanged sides.
+        inversions=replace(first.config.inversions, legs=0.0, arms=0.0, body=0.0),
         splits=first.config.splits if real.duplicates else replace(first.config.splits, probability=0.0),
         ghosts=first.config.ghosts if real.ghosts else replace(first.config.ghosts, count=0.0),
     )
     best = None
     for _ in progress(range(rounds), "fitting hidden joints"):
-        sim = _simulated(clips, config, seed, workers)
+        simulated = _redetected(clips, config, seed)
+        sim = _observed(simulated, workers)
         off = _distance(real.joints, sim.joints)
         if best is None or off < best[0]:
             best = off, config
-        config = _corrected(config, real.joints, sim.joints)
-    sim = _simulated(clips, config, seed, workers)
+        times = measure_all(simulated, len(clips), workers, ErrorReference.annotated)
+        config = corrected_times(_corrected(config, real.joints, sim.joints), statistics, times, first.undetermined)
+    sim = _observed(_redetected(clips, config, seed), workers)
     config = best[1] if best and best[0] <= _distance(real.joints, sim.joints) else config
     kept = {name: why for name, why in first.undetermined.items() if name != "parts.small_toe"}
     return Fit(
@@ -86,6 +95,18 @@ def distances(recordings: Sequence[Clip], config: DetectorConfig, seed: int = 0,
     real = measure_all(clips, len(clips), workers, ErrorReference.annotated)
     sim = measure_all(_redetected(clips, config, seed), len(clips), workers, ErrorReference.annotated)
     return compare(real, sim, LIMITS)
+
+
+def real_distances(recordings: Sequence[Clip], others: Sequence[Clip], workers: int = 1) -> list[Row]:
+    """Compare the detections of clips with those of the same detector on other clips.
+
+    A simulated detector cannot be expected to be nearer to the real one than the real one is to itself.
+    """
+    measured = [
+        measure_all([on_body25(clip) for clip in clips], len(clips), workers, ErrorReference.annotated)
+        for clips in (recordings, others)
+    ]
+    return compare(*measured, LIMITS)
 
 
 def on_body25(clip: Clip) -> Clip:
@@ -107,65 +128,87 @@ def _redetected(clips: Sequence[Clip], config: DetectorConfig, seed: int) -> lis
     return [redetect(replace(clip, id=str(number)), config, seed) for number, clip in enumerate(clips)]
 
 
-def _simulated(clips: Sequence[Clip], config: DetectorConfig, seed: int, workers: int) -> DetectorObservations:
-    return pooled(list(in_parallel(observe, ((clip,) for clip in _redetected(clips, config, seed)), workers)))
+def _observed(clips: Sequence[Clip], workers: int) -> DetectorObservations:
+    return pooled(list(in_parallel(observe, ((clip,) for clip in clips), workers)))
 
 
 def _distance(real: JointsSeen, sim: JointsSeen) -> float:
     """Return the distance between errors and confidences of two detectors, over kinds, visible and hidden joints."""
     off = []
-    for kind, hidden in product(dict.fromkeys(_KINDS), (False, True)):
-        a, b = (_detected(both, kind, hidden) for both in (real, sim))
+    for kind, group in product(dict.fromkeys(_KINDS), _GROUPS):
+        a, b = (_detected(both, kind, group) for both in (real, sim))
         if min(len(a.error), len(b.error)) >= _ENOUGH:
             off += [np.log(np.quantile(a.error, q) / max(np.quantile(b.error, q), 1e-6)) for q in (0.25, 0.5, 0.9)]
             off.append(4 * (a.score.mean() - b.score.mean()))
     return float(np.sqrt(np.mean(np.square(off)))) if off else 0.0
 
 
-def _detected(joints: JointsSeen, kind: str, hidden: bool) -> JointsSeen:
-    return joints[(_KINDS[joints.joint] == kind) & ((joints.cause != Visibility.VISIBLE) == hidden) & ~joints.missed]
+def _detected(joints: JointsSeen, kind: str, group: str) -> JointsSeen:
+    return joints[(_KINDS[joints.joint] == kind) & np.isin(joints.cause, _GROUPS[group]) & ~joints.missed]
 
 
 def _corrected(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> DetectorConfig:
     parts = {}
     for kind in dict.fromkeys(_KINDS):
         part = _corrected_misses(getattr(config.parts, kind), real, sim, kind)
-        for hidden in (False, True):
-            a, b = (_detected(both, kind, hidden) for both in (real, sim))
+        for group in _GROUPS:
+            a, b = (_detected(both, kind, group) for both in (real, sim))
             if min(len(a.error), len(b.error)) >= _ENOUGH:
-                part = _corrected_part(part, a, b, hidden, config)
+                part = _corrected_part(part, a, b, group, config)
         parts[kind] = part
-    inversions = replace(config.inversions, body=_exchanged(config.inversions.body, real, sim))
-    correlation = config.scores.error_correlation + _UNSURE_STEP * (_unsureness(real) - _unsureness(sim))
-    scores = replace(config.scores, error_correlation=round(float(np.clip(correlation, 0, 0.95)), 4))
-    return replace(config, parts=PartsConfig(**parts), inversions=inversions, scores=scores)
+    exchanged = {name: _exchanged(getattr(config.inversions, name), real, sim, _EXCHANGED[name]) for name in _EXCHANGED}
+    inversions = replace(config.inversions, **exchanged)
+    return _correlated(replace(config, parts=PartsConfig(**parts), inversions=inversions), real, sim)
 
 
-def _unsureness(joints: JointsSeen) -> float:
-    """Return the logarithm of the ratio of median errors at low and high confidence; 0 if there are few of either."""
-    some = [joints.error[joints.score < _LOW], joints.error[joints.score >= _HIGH]]
-    if min(map(len, some)) < _ENOUGH:
-        return 0.0
-    return float(np.log(np.median(some[0]) / max(np.median(some[1]), 1e-6)))
+def _correlated(config: DetectorConfig, real: JointsSeen, sim: JointsSeen) -> DetectorConfig:
+    """Return the detector with the correlation of confidences and small errors corrected, for each kind of joint."""
+    common = config.scores.error_correlation
+    wanted = {kind: common * getattr(config.parts, kind).score_correlation for kind in dict.fromkeys(_KINDS)}
+    for kind in wanted:
+        change = [_rank_correlation(both, kind) for both in (real, sim)]
+        if np.isfinite(change).all():
+            wanted[kind] = float(np.clip(wanted[kind] + _STEP * (change[0] - change[1]), 0, 0.95))
+    most = round(max(wanted.values()), 4)
+    parts = {
+        kind: replace(getattr(config.parts, kind), score_correlation=round(each / most, 3) if most else 1.0)
+        for kind, each in wanted.items()
+    }
+    return replace(config, parts=PartsConfig(**parts), scores=replace(config.scores, error_correlation=most))
+
+
+def _rank_correlation(joints: JointsSeen, kind: str) -> float:
+    """Return the rank correlation of confidence and small error of a kind, averaged over visible and hidden joints."""
+    found = []
+    for group in _GROUPS:
+        some = _detected(joints, kind, group)
+        if len(some.error) >= _ENOUGH and np.ptp(some.score) > 0:
+            found.append((-spearmanr(some.score, some.error).statistic, len(some.error)))
+    if not found:
+        return float("nan")
+    correlations, counts = zip(*found, strict=True)
+    return float(np.average(correlations, weights=counts))
 
 
 def _corrected_part(
-    part: PartConfig, real: JointsSeen, sim: JointsSeen, hidden: bool, config: DetectorConfig
+    part: PartConfig, real: JointsSeen, sim: JointsSeen, group: str, config: DetectorConfig
 ) -> PartConfig:
     """Return a part with noise corrected by the median error, its tail by large errors, scores by mean and spread."""
     noise, tail, score = part.noise, part.tail, part.score
-    if hidden:
+    if group:
         noise = part.hidden_noise or max(part.noise, 1e-3) * config.noise.hidden
         tail = part.hidden_tail or part.tail
         score = part.hidden_score if any(part.hidden_score) else config.scores.hidden
+    if group == "covered_":
+        noise, tail = part.covered_noise or noise, part.covered_tail or tail
+        score = part.covered_score if any(part.covered_score) else score
     middle, large = ([np.quantile(both.error, q) for both in (real, sim)] for q in (0.5, 0.9))
     noise = float(np.clip(noise * (middle[0] / max(middle[1], 1e-6)) ** _STEP, 1e-4, 0.3))
     ratios = [large[i] / max(middle[i], 1e-6) for i in (0, 1)]
     tail = float(np.clip(tail * (ratios[1] / ratios[0]) ** (2 * _STEP), 1.0, 30))
     shape = [round(each, 4) for each in _beta(score, real.score, sim.score)]
-    if hidden:
-        return replace(part, hidden_noise=round(noise, 5), hidden_tail=round(tail, 2), hidden_score=shape)
-    return replace(part, noise=round(noise, 5), tail=round(tail, 2), score=shape)
+    values = {"noise": round(noise, 5), "tail": round(tail, 2), "score": shape}
+    return replace(part, **{group + name: value for name, value in values.items()})
 
 
 def _beta(shape: Sequence[float], real: np.ndarray, sim: np.ndarray) -> tuple[float, float]:
@@ -192,34 +235,30 @@ def _corrected_misses(part: PartConfig, real: JointsSeen, sim: JointsSeen, kind:
     return replace(part, miss=miss)
 
 
-def _exchanged(body: float, real: JointsSeen, sim: JointsSeen) -> float:
-    """Return the corrected probability that the sides of a whole body are exchanged, from exchanges of shoulders."""
-    shares = []
-    for both in (real, sim):
-        some = both[np.isin(both.joint, _INVERTING) & ~both.missed]
-        shares.append(float(some.inverted.mean()) if len(some.joint) else 0.0)
-    if not shares[0]:
-        return 0.0
-    start = body or shares[0]
-    return round(float(np.clip(start * (shares[0] / shares[1] if shares[1] else 1) ** _STEP, 0, 0.3)), 5)
+def _exchanged(probability: float, real: JointsSeen, sim: JointsSeen, kinds: tuple[str, ...]) -> float:
+    """Return the corrected probability of an inversion, from visible joints of some kinds.
+
+    Large errors look like inversions. They do so in the simulation as well, so the difference counts.
+    """
+    some = [
+        both[np.isin(_KINDS[both.joint], kinds) & (both.cause == Visibility.VISIBLE) & ~both.missed]
+        for both in (real, sim)
+    ]
+    if min(len(each.joint) for each in some) < _ENOUGH:
+        return probability
+    change = float(some[0].inverted.mean() - some[1].inverted.mean())
+    return round(float(np.clip(probability + _STEP * change, 0, 0.3)), 5)
 
 
-def _person_misses(config: DetectorConfig, people: PeopleSeen):
-    """Return misses with the maximum-likelihood probability that a person is not detected at all, by the share of
-    hidden joints."""
-    hidden = 1 - people.visible
-    probability = partial(_missed_whole, hidden)
+def _person_misses(config: DetectorConfig, people: PeopleSeen) -> Misses:
+    """Return misses with the maximum-likelihood probability that a person is not detected at all, by the joints that
+    are hidden."""
+    names = ("person", "hidden_person", "lost_from", "steepness", "trunk_weight")
     grid = product((0.002, 0.005, 0.01, 0.02, 0.05, 0.1), (0.7, 0.85, 0.95, 0.99), (0.4, 0.5, 0.6, 0.7, 0.8, 1.0),
-                   (1.0, 2.0, 3.0, 5.0, 8.0))  # fmt: skip
-    found = np.where(people.found, 1, 0)
+                   (1.0, 2.0, 3.0, 5.0, 8.0), (1.0, 2.0, 3.0, 5.0))  # fmt: skip
 
-    def likelihood(values: tuple) -> float:
-        missed = np.clip(probability(*values), 1e-4, 1 - 1e-4)
-        return float((found * np.log(1 - missed) + (1 - found) * np.log(missed)).sum())
+    def likelihood(misses: Misses) -> float:
+        missed = np.clip(misses.person_probability(people.hidden), 1e-4, 1 - 1e-4)
+        return float(np.log(np.where(people.found, 1 - missed, missed)).sum())
 
-    person, hidden_person, lost_from, steepness = max(grid, key=likelihood)
-    return replace(config.misses, person=person, hidden_person=hidden_person, lost_from=lost_from, steepness=steepness)
-
-
-def _missed_whole(hidden: np.ndarray, person: float, hidden_person: float, lost_from: float, steepness: float):
-    return person + (hidden_person - person) * np.minimum(hidden / lost_from, 1) ** steepness
+    return max((replace(config.misses, **dict(zip(names, values, strict=True))) for values in grid), key=likelihood)

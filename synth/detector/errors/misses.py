@@ -7,7 +7,7 @@ import numpy as np
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.numerics.noise import bursts, multiscale_noise
-from synth.detector.parts import joint_groups, kind_of
+from synth.detector.parts import LEG_KINDS, joint_groups, kind_of
 from synth.detector.ranges import check_amounts, check_probabilities
 from synth.detector.view import ErrorStream, View
 
@@ -24,6 +24,7 @@ _LIMBS = np.array(
 """(limbs, 25) True for the joints of each limb."""
 _LIMB = _LIMBS.argmax(0)
 _IN_FACE = np.array([kind_of(joint) in ("nose", "eye", "ear") for joint in BODY25.joints])
+_OF_LIMBS = np.array([kind_of(joint) in ("elbow", "wrist", *LEG_KINDS) for joint in BODY25.joints])
 _OUTER_AND_INNER = tuple(
     (outer, inner)
     for side in ("l_", "r_")
@@ -58,11 +59,14 @@ class Misses:
     """Fraction of joints hidden or outside the image from which `hidden_person` applies."""
     steepness: float = 3.0
     """Power of that fraction with which the probability grows; 3 is its cube."""
+    trunk_weight: float = 1.0
+    """Weight of each joint of head and trunk in that fraction; joints of arms and legs have weight 1. People whose legs
+    are hidden are found more often than people whose trunk is hidden."""
 
     def __post_init__(self):
         names = ("limb_correlation", "neighbour_correlation", "person", "hidden_person", "lost_from")
         check_probabilities("misses", self, names)
-        check_amounts("misses", self, ("steepness",))
+        check_amounts("misses", self, ("steepness", "trunk_weight"))
         if not self.lost_from > 0:
             raise ValueError(f"detector.misses.lost_from: expected a number above 0, got {self.lost_from}")
 
@@ -78,7 +82,7 @@ class Misses:
                 missed[..., BODY25.index(*outer)] |= lost[..., None]
         if self.person or self.hidden_person:
             noise = multiscale_noise(persons, view.fps, view.times.bursts, rng=view.random(ErrorStream.PERSON_MISS))
-            missed |= bursts(self._person_probability(view), noise)[..., None]
+            missed |= bursts(self.person_probability(view.visibility != Visibility.VISIBLE), noise)[..., None]
         return view.without(missed)
 
     def probability(self, view: View) -> np.ndarray:
@@ -95,13 +99,17 @@ class Misses:
             within, apart = np.maximum(inner_missed - own, 0), inner_missed * (1 - own)
             alone = self.limb_correlation * within + (1 - self.limb_correlation) * apart
             missed[..., BODY25.index(*outer)] = own + self.neighbour_correlation * alone
-        return 1 - (1 - missed) * (1 - self._person_probability(view)[..., None])
+        person = self.person_probability(view.visibility != Visibility.VISIBLE)
+        return 1 - (1 - missed) * (1 - person[..., None])
 
-    def _person_probability(self, view: View) -> np.ndarray:
-        """Return the probability (F, P) that a person is not detected at all."""
-        hidden = (view.visibility != Visibility.VISIBLE).mean(-1)
-        share = np.minimum(hidden / self.lost_from, 1) ** self.steepness
-        return self.person + (self.hidden_person - self.person) * share
+    def person_probability(self, hidden: np.ndarray) -> np.ndarray:
+        """Return the probability (...) that a person is not detected at all, of whom the joints `hidden` (..., 25) are
+        hidden or outside the image."""
+        weight = np.where(_OF_LIMBS, 1.0, self.trunk_weight)
+        share = (hidden * weight).sum(-1) / weight.sum()
+        return (
+            self.person + (self.hidden_person - self.person) * np.minimum(share / self.lost_from, 1) ** self.steepness
+        )
 
     def _joints_and_limbs(self, view: View) -> np.ndarray:
         rng = view.random(ErrorStream.MISS)
@@ -120,6 +128,8 @@ class Misses:
         code = np.where(outside, Visibility.VISIBLE, view.visibility)
         probability = view.parts["miss"][np.arange(joints), code]
         # If half a limb is hidden, the other half is harder to detect. Half a face is detected as well as a whole one.
-        of_limb = np.stack([probability[..., limb].mean(-1) for limb in _LIMBS], -1)[..., _LIMB]
+        # Joints that the detector never reports say nothing about their limb.
+        limbs = _LIMBS & (view.parts["miss"].min(-1) < 1)
+        of_limb = np.stack([probability[..., limb].sum(-1) / max(limb.sum(), 1) for limb in limbs], -1)[..., _LIMB]
         alone = (probability == 0) | (probability == 1) | _IN_FACE
         return outside, np.where(alone, probability, (probability + of_limb) / 2)

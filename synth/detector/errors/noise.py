@@ -49,9 +49,8 @@ class Noise:
         random process as well (from quantiles of the chi-square distribution).
         """
         joints, tail = view.visibility.shape, view.parts["tail"]
-        if view.parts["hidden_tail"].any():
-            hidden_tail = np.where(view.parts["hidden_tail"] > 0, view.parts["hidden_tail"], tail)
-            tail = np.where(view.hidden, hidden_tail, tail)
+        hidden_tail = view.of_hidden("tail")
+        tail = np.where(view.hidden & (hidden_tail > 0), hidden_tail, tail)
         rng = view.random(ErrorStream.NOISE)
         times = [view.times.correlation * _SCALES, view.times.correlation / _SCALES]
         gaussian = np.sqrt(1 - self.bias) * multiscale_noise((*joints, 2), view.fps, times, rng=rng)
@@ -67,12 +66,11 @@ class Noise:
     def _scale(self, view: View) -> np.ndarray:
         """Return (F, P, 25) scales of the noise, px, by kind of joint, size, motion, truncation and visibility."""
         xy = view.true_xy
-        size, hidden = height(xy)[..., None], self.hidden
+        size = height(xy)[..., None]
         scale = view.parts["noise"] * size
-        if view.parts["hidden_noise"].any():
-            own = view.parts["hidden_noise"]
-            scale = np.where(view.hidden & (own > 0), own * size, scale)
-            hidden = np.where(own > 0, 1, hidden)
+        own = view.of_hidden("noise")
+        scale = np.where(view.hidden & (own > 0), own * size, scale)
+        factor = np.where(view.hidden & (own == 0), self.hidden, 1)
         if self.minimum:
             scale = np.hypot(scale, self.minimum)
         if self.blur and len(xy) > 1:
@@ -81,7 +79,7 @@ class Noise:
             with np.errstate(invalid="ignore"):
                 outside = ~((xy >= -0.5) & (xy <= view.size - 0.5)).all(-1)
             scale = scale * (1 + self.truncation * outside.mean(-1, keepdims=True))
-        return scale * np.where(view.hidden, hidden, 1)
+        return scale * factor
 
     def _offset(self, view: View) -> np.ndarray:
         """Return (F, P, 25, 2) offsets from the annotated position of joints to the detector's position, px."""

@@ -29,8 +29,9 @@ class Scores:
         """Draw confidences, which are lower for errors of higher rank, and drop joints that are not reported."""
         noise = ar1_noise(view.error_rank.shape, view.fps, view.times.correlation, rng=view.random(ErrorStream.SCORE))
         smallness = -ndtri(np.clip(view.error_rank, 1e-9, 1 - 1e-9))
-        level = self.error_correlation * smallness + np.sqrt(1 - self.error_correlation**2) * noise
-        own = view.parts["hidden_score"]
+        correlation = np.minimum(self.error_correlation * view.parts["score_correlation"], 1)
+        level = correlation * smallness + np.sqrt(1 - correlation**2) * noise
+        own = view.of_hidden("score")
         hidden = np.where(own.any(-1, keepdims=True), own, self.hidden)
         shape = np.where(view.hidden[..., None], hidden, view.parts["score"])
         return replace(view, score=beta_quantile(shape, ndtr(level))).reported()

@@ -73,6 +73,14 @@ def test_another_detector_exceeds_the_limits(clips, measured):
     assert any(what.startswith("median error at confidence") for what in exceeded)
 
 
+def test_neighbours_of_few_missed_joints_have_no_limit(measured):
+    few = replace(measured, miss_seconds=measured.miss_seconds[:99])
+    rows = [row for row in compare(few, measured, Limits()) if row.what.startswith("missed together")]
+    assert [row.allowed for row in rows] == [None] * 4
+    rows = [row for row in compare(measured, measured, Limits()) if row.what.startswith("missed together")]
+    assert [row.allowed for row in rows] == [Limits().joint_miss] * 4
+
+
 def test_recordings_of_other_cameras_are_compared_without_their_views(clips, measured):
     fewer = measure_all([clip.select(views=[0, 2, 3, 4]) for clip in clips], len(clips))
     rows = {row.what for row in compare(measured, fewer, Limits())}

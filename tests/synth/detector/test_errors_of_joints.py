@@ -192,6 +192,14 @@ def test_half_a_face_is_detected_as_well_as_a_whole_one(truth, occlusion, rig):
     assert eyes > 0.8
 
 
+def test_a_joint_that_is_never_reported_does_not_raise_the_misses_of_its_limb(truth, occlusion, rig):
+    never = {"parts.small_toe": PartConfig(miss=[1.0] * 4)}
+    missed = np.isnan(by_person(run(truth, occlusion, rig, everywhere(PartConfig(miss=[0.02] * 4), never)))[1])
+    big, small = (missed[..., BODY25.index(f"l_{joint}")[0]].mean() for joint in ("big_toe", "small_toe"))
+    assert 0 < big < 0.08
+    assert small == 1
+
+
 def test_truth_without_the_joints_of_body25_is_refused(rig):
     truth = Poses3D(SHELF14, np.ones((3, 1, 14, 3)))
     codes = OcclusionLabels(np.zeros((3, len(rig), 1, 14)), np.zeros((3, len(rig), 1, 14)))

@@ -51,6 +51,17 @@ def test_hidden_joints_have_a_confidence_of_their_own(scene):
     assert np.nanmean(score[:, :, 0][..., RIGHT]) == pytest.approx(0.9, abs=0.02)
 
 
+def test_joints_behind_others_have_errors_and_confidences_of_their_own(scene):
+    hidden = {"hidden_noise": 0.01, "hidden_score": [80, 20]}
+    off, score = offsets(scene, PartConfig(miss=[0] * 4, **hidden, covered_noise=0.08, covered_score=[30, 70]))
+    # The first person hides its left joints itself, the last person hides those of the second.
+    by_self, by_other = np.index_exp[:, :, 0, LEFT], np.index_exp[:, :, 1, LEFT]
+    assert np.nanmedian(off[by_other]) == pytest.approx(8 * np.nanmedian(off[by_self]), rel=0.25)
+    assert (np.nanmean(score[by_self]), np.nanmean(score[by_other])) == pytest.approx((0.8, 0.3), abs=0.02)
+    same, _ = offsets(scene, PartConfig(miss=[0] * 4, **hidden, covered_noise=0.01))
+    np.testing.assert_array_equal(same, offsets(scene, PartConfig(miss=[0] * 4, **hidden))[0])
+
+
 def test_sides_of_whole_bodies_are_exchanged_for_seconds(scene):
     truth, seen, rig, _ = scene
     found = run(truth, seen, rig, everywhere(SEEN, {"inversions.body": 0.3, "inversions.seconds": 2.0}))
@@ -95,7 +106,9 @@ def test_impossible_numbers_are_refused(options, message):
         everywhere(SEEN, options)
 
 
-@pytest.mark.parametrize("wrong", [{"hidden_noise": -0.1}, {"hidden_tail": -1.0}, {"hidden_score": [0.0, 2.0]}])
+@pytest.mark.parametrize(
+    "wrong", [{"hidden_noise": -0.1}, {"hidden_tail": -1.0}, {"hidden_score": [0.0, 2.0]}, {"covered_noise": -0.1}]
+)
 def test_impossible_parts_are_refused(wrong):
     with pytest.raises(ValueError, match="detector part"):
         PartConfig(**wrong)

@@ -46,6 +46,11 @@ def noisy(clip: Clip, rng) -> np.ndarray:
     return clip.detections.xy + NOISE * heights(clip)[..., None] * rng.normal(size=clip.detections.xy.shape)
 
 
+def test_correlations_over_less_than_a_frame_are_unknown(exact):
+    slow = replace(clip_of(noisy(exact, np.random.default_rng(1)), exact.rig, exact.truth), fps=1.0)
+    assert np.isnan(list(measure(slow, ErrorReference.annotated).autocorrelation.values())).all()
+
+
 @pytest.mark.parametrize("reference", ErrorReference)
 def test_the_size_of_independent_errors_is_measured(exact, reference):
     clip = clip_of(noisy(exact, np.random.default_rng(1)), exact.rig, exact.truth)

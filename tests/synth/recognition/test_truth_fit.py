@@ -1,5 +1,6 @@
 """A planted detector is found again from its detections and the truth."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +9,14 @@ import pytest
 from dmae.data.clip import Clip
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.rng import Stream, generator
+from dmae.data.store import save_clip
+from synth.commands.fit_detector import FitDetectorCommand, run
 from synth.detector.config import DetectorConfig
 from synth.detector.errors.misses import Misses
 from synth.detector.parts import PartConfig, PartsConfig
+from synth.detector.presets import load_preset
 from synth.detector.simulated_detector import detect
+from synth.detector.statistics import ErrorReference
 from synth.recognition.truth_fit import distances, fit_to_truth
 from tests.support.circling_people import circling_people
 from tests.support.clips import looking_at_origin
@@ -28,6 +33,9 @@ PLANTED = replace(
                 hidden_noise=0.04,
                 hidden_tail=2,
                 hidden_score=[4, 4],
+                covered_noise=0.08,
+                covered_tail=3,
+                covered_score=[3, 9],
             )
         ]
         * 14
@@ -38,12 +46,15 @@ START = replace(DetectorConfig(), parts=PartsConfig(*[PartConfig(noise=0.005, sc
 
 
 def clip(number: int) -> Clip:
-    """Three people; of each, the joints behind a bar that moves down the picture are hidden."""
+    """Three people. An object hides the joints behind a bar that moves down the picture. Of the other joints, one in
+    five is hidden by the person's own body."""
     rng = np.random.default_rng(number)
     truth, rig = circling_people(60, 3, rng=rng), looking_at_origin(3)
     xy, _ = rig.project(truth.xyz)
     bar = np.linspace(200, 450, 60)[:, None, None, None]
     visibility = np.where(np.abs(xy[..., 1] - bar) < 45, Visibility.HIDDEN_BY_OBJECT, Visibility.VISIBLE)
+    turn = (np.arange(xy.shape[-2]) + np.arange(60)[:, None, None, None]) % 5 == 0
+    visibility[turn & (visibility == Visibility.VISIBLE)] = Visibility.HIDDEN_BY_SELF
     visibility[~rig.inside(xy)] = Visibility.OUTSIDE_IMAGE
     hidden = visibility == Visibility.HIDDEN_BY_OBJECT
     labels = OcclusionLabels(visibility, np.where(hidden, 0, -1), np.where(hidden, 0.5, np.nan), objects=("bar",))
@@ -59,8 +70,9 @@ def test_a_planted_detector_is_found_again():
     for part in (wrist, ankle):
         assert part.noise == pytest.approx(0.012, rel=0.35)
         assert part.hidden_noise == pytest.approx(0.04, rel=0.5)
-        a, b = part.hidden_score
-        assert a / (a + b) == pytest.approx(0.5, abs=0.06)
+        assert part.covered_noise == pytest.approx(0.08, rel=0.5)
+        for (a, b), mean in ((part.hidden_score, 0.5), (part.covered_score, 0.25)):
+            assert a / (a + b) == pytest.approx(mean, abs=0.06)
         assert (part.miss[0], part.miss[3]) == (0, 0)
     assert 0.4 <= fitted.config.misses.lost_from <= 0.8
     assert fitted.config.inversions.body < 0.01
@@ -72,3 +84,37 @@ def test_a_planted_detector_is_found_again():
 def test_clips_without_truth_are_refused():
     with pytest.raises(ValueError, match="truth=annotated fits to clips with truth"):
         fit_to_truth([replace(clip(0), truth=None, occlusion=None)], START, rounds=1)
+
+
+@pytest.mark.slow
+def test_distances_on_held_back_clips_are_written_beside_those_of_the_real_detector(tmp_path, capsys):
+    for number in range(3):
+        save_clip(clip(number), tmp_path / str(number))
+    out = tmp_path / "out"
+    command = FitDetectorCommand(
+        detections=str(tmp_path / "0"),
+        extra_data=[str(tmp_path / "1")],
+        held_back=[str(tmp_path / "2")],
+        truth=ErrorReference.annotated,
+        detector=START,
+        rounds=1,
+        name="planted",
+    )
+    run(command, out)
+    written = json.loads((out / "distances.json").read_text())
+    assert list(written) == ["fitted", "held_back", "real"]
+    by_name = [{row["what"]: row for row in written[which]} for which in written]
+    error = [rows["distribution of error"] for rows in by_name]
+    assert error[0]["real"] == error[2]["real"]
+    assert error[1]["real"] == error[2]["simulated"]
+    # The planted detector is nearer to itself than a preset after one round.
+    assert error[2]["distance"] < min(error[0]["distance"], error[1]["distance"])
+    printed = capsys.readouterr().out
+    assert "Held-back clips." in printed
+    assert "The real detector" in printed
+    assert load_preset(str(out / "detector/planted.yaml")).name == "planted"
+
+
+def test_held_back_clips_need_truth(tmp_path):
+    with pytest.raises(ValueError, match="extra_data and held_back need truth=annotated"):
+        run(FitDetectorCommand(detections=str(tmp_path), held_back=[str(tmp_path)]), tmp_path / "out")
