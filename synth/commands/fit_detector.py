@@ -19,7 +19,7 @@ from synth.datasets.generate import generate
 from synth.detector.comparison import Limits, Row, compare, table
 from synth.detector.comparison_page import write_page
 from synth.detector.config import DetectorConfig
-from synth.detector.fitting import Fit, fit
+from synth.detector.fitting.fit import Fit, fit
 from synth.detector.presets import preset_yaml
 from synth.detector.recording import read_recording
 from synth.detector.statistics import ErrorReference, measure

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from synth.datasets.motion_realism import Difference
     from synth.detector.comparison import Limits, Row
     from synth.detector.config import DetectorConfig
-    from synth.detector.fitting import Fit
+    from synth.detector.fitting.fit import Fit
 
 
 @checked
@@ -123,9 +123,9 @@ def fit_detector(
         >>> sorted(vars(fit))
         ['config', 'statistics', 'undetermined']
     """
-    from synth.detector import fitting
     from synth.detector.config import DetectorConfig
+    from synth.detector.fitting.fit import fit
     from synth.detector.statistics import ErrorReference, measure
 
     statistics = measure(recording, ErrorReference(truth))
-    return fitting.fit(statistics, clips, start or DetectorConfig(), rounds=rounds, seed=seed, workers=workers)
+    return fit(statistics, clips, start or DetectorConfig(), rounds=rounds, seed=seed, workers=workers)

@@ -7,7 +7,7 @@ from dmae.formats.reading import DataConfig, load
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.detector.config import DetectorConfig
-from synth.detector.fitting import redetect
+from synth.detector.fitting.fit import redetect
 from synth.recognition.error_tables import numbers
 from synth.recognition.observations import DetectorObservations, observe, pooled
 

@@ -1,8 +1,8 @@
 """Fit a detector's preset to detections with truth and visibility labels.
 
-First, all parameters are fitted as to a recording (`synth.detector.fitting`), with the truth as reference. Then errors
-and confidences are corrected for each kind of joint, separately for visible and hidden joints. Misses of whole people
-are fitted by the share of their joints that is hidden.
+First, all parameters are fitted as to a recording (`synth.detector.fitting.fit`), with the truth as reference. Then
+errors and confidences are corrected for each kind of joint, separately for visible joints, for joints hidden by the own
+body, and for joints hidden by others. Misses of whole people are fitted by the share of their joints that is hidden.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,9 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.detector.comparison import Limits, Row, compare
 from synth.detector.config import DetectorConfig
-from synth.detector.corrections import corrected_times
 from synth.detector.errors.misses import Misses
-from synth.detector.fitting import Fit, fit, redetect
+from synth.detector.fitting.corrections import corrected_times
+from synth.detector.fitting.fit import Fit, fit, redetect
 from synth.detector.parts import PartConfig, PartsConfig, kind_of
 from synth.detector.pooling import measure_all
 from synth.detector.statistics import ErrorReference

@@ -60,8 +60,8 @@ class Misses:
     steepness: float = 3.0
     """Power of that fraction with which the probability grows; 3 is its cube."""
     trunk_weight: float = 1.0
-    """Weight of each joint of head and trunk in that fraction; joints of arms and legs have weight 1. People whose legs
-    are hidden are found more often than people whose trunk is hidden."""
+    """Weight of each joint of head and trunk in that fraction; joints of arms and legs have weight 1. A person with
+    hidden legs is found more often than a person with a hidden trunk."""
 
     def __post_init__(self):
         names = ("limb_correlation", "neighbour_correlation", "person", "hidden_person", "lost_from")
@@ -103,8 +103,11 @@ class Misses:
         return 1 - (1 - missed) * (1 - person[..., None])
 
     def person_probability(self, hidden: np.ndarray) -> np.ndarray:
-        """Return the probability (...) that a person is not detected at all, of whom the joints `hidden` (..., 25) are
-        hidden or outside the image."""
+        """Return the probability (...) that a person is not detected at all.
+
+        Args:
+            hidden: (..., 25) True for joints that are hidden or outside the image.
+        """
         weight = np.where(_OF_LIMBS, 1.0, self.trunk_weight)
         share = (hidden * weight).sum(-1) / weight.sum()
         return (

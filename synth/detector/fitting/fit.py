@@ -14,7 +14,7 @@ from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.progress import progress
 from synth.detector.config import DetectorConfig
-from synth.detector.corrections import ENOUGH, corrected, error_quantile
+from synth.detector.fitting.corrections import ENOUGH, corrected, error_quantile
 from synth.detector.pooling import measure_all
 from synth.detector.simulated_detector import detect
 from synth.detector.statistics import DetectorStatistics, ErrorReference
