@@ -150,16 +150,19 @@ kernels: setup
 	@echo "To ship them: cp $(KERNELS)/kernels.json dmae/models/gaussian_process/"
 
 # What completion gains beside the Gaussian process of one kernel, by length of gap and body part, on subjects that neither kernels nor
-# the network learned from: docs/results/completion_gains.json.
+# the network learned from, with three seeds: docs/results/completion_gains.json.
 GAINS := runs/gains
 gains: setup
 	@test -x "$(DMAE_DATA)/cmu_more/unpack" || { echo "error: make gains DMAE_DATA=<the folder that holds cmu_more/>"; exit 1; }
 	$(DMAE_DATA)/cmu_more/unpack $(abspath $(GAINS))/takes --set score
-	$(GENERATE) $(KERNEL_CLIPS) out=$(GAINS)/clips_amc seed=41 clips=6 scene.seconds=12 motion=amc motion.path=$(GAINS)/takes/asf_amc
-	$(GENERATE) $(KERNEL_CLIPS) out=$(GAINS)/clips_bvh seed=42 clips=8 scene.seconds=7 motion=bvh motion.path=$(GAINS)/takes/bvh_cc
-	for set in amc bvh; do \
-	  $(BIN)/dmae capture data=$(GAINS)/clips_$$set 'draw=[2,3,4,5]' out=$(GAINS)/captured_$$set || exit 1; done
-	$(BIN)/python docs/tools/completion_gains.py $(GAINS)/captured_amc $(GAINS)/captured_bvh
+	for seed in 41 43 45; do \
+	  $(GENERATE) $(KERNEL_CLIPS) out=$(GAINS)/clips/amc_$$seed seed=$$seed clips=6 scene.seconds=12 \
+	    motion=amc motion.path=$(GAINS)/takes/asf_amc && \
+	  $(GENERATE) $(KERNEL_CLIPS) out=$(GAINS)/clips/bvh_$$seed seed=$$((seed + 1)) clips=8 scene.seconds=7 \
+	    motion=bvh motion.path=$(GAINS)/takes/bvh_cc || exit 1; done
+	for set in $(GAINS)/clips/*; do \
+	  $(BIN)/dmae capture data=$$set 'draw=[2,3,4,5]' out=$(GAINS)/captured/$$(basename $$set) || exit 1; done
+	$(BIN)/python docs/tools/completion_gains.py $(GAINS)/captured/*
 
 # The paper's codes of joint and time left out (its Table 5), in a network that a CPU trains in about an hour.
 ABLATIONS := runs/ablations
