@@ -27,6 +27,7 @@ from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.people.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import print_tables
+from dmae.reporting.words import counted
 
 WRITES = "folder"
 EXAMPLES = (
@@ -126,7 +127,8 @@ def run(config: CaptureCommand, out: Path) -> None:
                 made.keep(folder.name, persons=poses.xyz.shape[1])
             else:
                 made.write(folder.name, partial(save_clip, captured, to), persons=poses.xyz.shape[1])
-            print(f"{captured.id}: {len(captured)} frames, {poses.xyz.shape[1]} persons, {describe_joints(poses)}")
+            size = f"{counted(len(captured), 'frame')}, {counted(poses.xyz.shape[1], 'person', 'people')}"
+            print(f"{captured.id}: {size}, {describe_joints(poses)}")
             print(f"{captured.id}: {_world(captured)}")
             persons += poses.xyz.shape[1]
             errors = reprojection(captured)
@@ -205,7 +207,8 @@ def _forecast(config: CaptureCommand, clips: Clips) -> str:
     total = len(clips) * sum(lengths) / len(lengths)
     with running_on(config.backend):
         took = seconds / frames * total / min(process_count(config.workers), len(clips))
-    return f"{len(clips)} clips, {total:.0f} frames: about {duration(took)}, {size / frames * total / 1e6:.0f} MB"
+    megabytes = size / frames * total / 1e6
+    return f"{counted(len(clips), 'clip')}, {total:.0f} frames: about {duration(took)}, {megabytes:.0f} MB"
 
 
 def interrupted(config: CaptureCommand, out: Path) -> str:

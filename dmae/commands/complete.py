@@ -18,6 +18,7 @@ from dmae.files.checksums import refuse_damaged
 from dmae.online.completion import DELAY, complete_online
 from dmae.parallel import Backend, in_parallel, process_count, running_on
 from dmae.progress import duration, progress
+from dmae.reporting.words import counted
 
 WRITES = "folder"
 EXAMPLES = (
@@ -132,7 +133,8 @@ def _forecast(config: CompleteCommand, folders: list[Path], completer_for: Compl
     total = len(folders) * sum(lengths) / len(lengths)
     with running_on(config.backend):
         took = seconds / frames * total / min(process_count(config.workers), len(folders))
-    return f"{len(folders)} clips, {total:.0f} frames: about {duration(took)}, {size / frames * total / 1e6:.0f} MB"
+    megabytes = size / frames * total / 1e6
+    return f"{counted(len(folders), 'clip')}, {total:.0f} frames: about {duration(took)}, {megabytes:.0f} MB"
 
 
 def _completers(config: CompleteCommand) -> CompleterFor:

@@ -9,6 +9,7 @@ from dmae.formats.reading import is_data_set
 from dmae.formats.recordings.data_config import DataConfig
 from dmae.formats.registry import recording_writer
 from dmae.formats.writing import write_recording
+from dmae.reporting.words import counted
 
 WRITES = "folder"
 EXAMPLES = (
@@ -32,7 +33,8 @@ def run(config: ConvertCommand, out: Path) -> None:
     with Manifest(out, is_data_set(config.data) and config.format == "clip") as manifest:
         for clip, name, folder in each_clip(config.data, out, "converting"):
             lacking = manifest.write(name, partial(write_recording, clip, folder, config.format))
-            print(f"{folder}: {len(clip)} frames, {len(clip.rig)} cameras, {clip.detections.skeleton.name}")
+            size = f"{counted(len(clip), 'frame')}, {counted(len(clip.rig), 'camera')}"
+            print(f"{folder}: {size}, {clip.detections.skeleton.name}")
             for note in clip.provenance.get("notes", ()):
                 print(f"  {note}")
             if lacking:

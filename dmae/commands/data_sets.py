@@ -23,6 +23,7 @@ from dmae.formats.reading import Clips, DataConfig, is_data_set, load
 from dmae.parts import PART, Part, write_part
 from dmae.progress import progress
 from dmae.reconstruction.people.sides import exchanged_detections
+from dmae.reporting.words import counted
 
 T = TypeVar("T")
 _FEW_EXCHANGES = 0.02
@@ -137,7 +138,7 @@ def finished(out: Path) -> str:
     """Which clips of a data set a command that was interrupted has written to a folder."""
     whole = len(list(Path(out).glob("*/clip.json")))
     if (Path(out) / MANIFEST).is_file():
-        return f"{len(read_manifest(out))} clips in {out} are whole and can be used"
+        return f"{out}: {counted(len(read_manifest(out)), 'whole clip')}, which can be used"
     return f"nothing in {out} is to be used" if whole else "nothing was written"
 
 

@@ -23,6 +23,7 @@ from dmae.detection.recording import (
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.formats.calibrations.conventions import LengthUnit, UpDirection
 from dmae.formats.calibrations.files import read_calibration
+from dmae.reporting.words import counted
 
 WRITES = "folder"
 EXAMPLES = (
@@ -154,6 +155,5 @@ def _print(name: str, detections: Detections2D) -> None:
     there = detections.observed.any(-1).sum(-1)
     people = there.mean(0) if frames else [0] * views
     each = ", ".join(f"{count:.2f}" for count in people)
-    print(
-        f"{name}: {frames} frames, {views} cameras, {detections.skeleton.name}; people per frame in each camera: {each}"
-    )
+    size = f"{counted(frames, 'frame')}, {counted(views, 'camera')}"
+    print(f"{name}: {size}, {detections.skeleton.name}; people per frame in each camera: {each}")

@@ -9,6 +9,7 @@ from dmae.evaluation.review.decisions import with_decisions
 from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.registry import pose_writer
 from dmae.formats.writing import export_path, write_poses
+from dmae.reporting.words import counted
 
 WRITES = None
 EXAMPLES = (
@@ -49,7 +50,7 @@ def run(config: ExportCommand, out: Path) -> None:
     options = {"skeleton": config.skeleton, "unit": config.unit, "keep_mm": config.keep_mm}
     written = write_poses(kept, out, config.format, **options)
     frames, persons = written.xyz.shape[:2]
-    print(f"{out}: {frames} frames, {persons} persons, {written.skeleton.name}")
+    print(f"{out}: {counted(frames, 'frame')}, {counted(persons, 'person', 'people')}, {written.skeleton.name}")
     if kept is not clip:
         left_out = int((kept.poses.source != clip.poses.source).sum())
         print(f"{left_out} joints are left out by the decisions of dmae review")

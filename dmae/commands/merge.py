@@ -16,6 +16,7 @@ from dmae.files.checksums import clip_checksum, end_data_set, refuse_damaged, wr
 from dmae.files.structured import read_json
 from dmae.parts import Part, read_parts
 from dmae.progress import progress
+from dmae.reporting.words import counted
 
 WRITES = "folder"
 EXAMPLES = (
@@ -89,7 +90,7 @@ def _join_captured(parts: list[tuple[Path, Part]], folder: Path, out: Path, clip
         lines.append(line)
     write_manifest(folder, lines)
     end_data_set(folder, (), checksums)
-    return f"{len(lines)} clips"
+    return counted(len(lines), "clip")
 
 
 def _move_images(source: Path, folder: Path, final: Path) -> None:

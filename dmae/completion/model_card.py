@@ -8,6 +8,7 @@ from dmae.completion.weights import find_shipped, load_model
 from dmae.files.structured import read_json, read_yaml
 from dmae.metrics.tables import score_tables
 from dmae.reporting.tables import Table
+from dmae.reporting.words import counted
 
 _USE = """\
 Completes joints of people captured by calibrated cameras where no camera measured them (`dmae complete`). Completed
@@ -89,7 +90,7 @@ def _sets(clips: Sequence[str], config: dict) -> str:
         else:
             first = "a Python program"
         counts[clip.removeprefix(prefix).rpartition("/")[0] or first] += 1
-    return ", ".join(f"{count} clips of {name}" for name, count in sorted(counts.items()))
+    return ", ".join(f"{counted(count, 'clip')} of {name}" for name, count in sorted(counts.items()))
 
 
 def _listed(facts: dict) -> str:

@@ -14,6 +14,7 @@ from dmae.evaluation.trials import filled_by_all, filled_trials
 from dmae.formats.reading import Clips, load
 from dmae.parallel import Backend, in_parallel, process_count, running_on
 from dmae.progress import duration, progress
+from dmae.reporting.words import counted
 
 Methods = dict[str, Callable[[Poses3D, float], Poses3D]]
 """Functions that fill poses, by name."""
@@ -110,7 +111,7 @@ def forecast(config: EvaluateConfig) -> str:
     total = len(clips) * sum(lengths) / len(lengths)
     with running_on(config.backend):
         took = seconds / frames * total / min(process_count(config.workers), len(clips))
-    return f"{len(clips)} clips, {total:.0f} frames: about {duration(took)}"
+    return f"{counted(len(clips), 'clip')}, {total:.0f} frames: about {duration(took)}"
 
 
 def _clips(config: EvaluateConfig) -> Clips:

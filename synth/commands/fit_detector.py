@@ -14,6 +14,7 @@ from dmae.files.names import child
 from dmae.formats.reading import DataConfig, load
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables
+from dmae.reporting.words import counted
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
 from synth.detector.comparison import Limits, Row, compare, table
@@ -125,7 +126,7 @@ def _fit_to_truth(config: FitDetectorCommand, clips: list[Clip], out: Path) -> N
     }
     for name, rows in distances.items():
         print_tables([replace(table(rows), caption=f"{titles[name]}. {table(rows).caption}")])
-    what = f"{sum(map(len, clips))} frames of {len(clips)} clips with truth"
+    what = f"{sum(map(len, clips))} frames of {counted(len(clips), 'clip')} with truth"
     _write(config, fitted, what, out)
     write_atomic(
         out / "distances.json",

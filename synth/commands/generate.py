@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from dmae.reporting.words import counted
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.forecast import forecast, is_long
 from synth.datasets.generate import generate
@@ -31,7 +32,7 @@ def run(config: GenerateConfig, out: Path) -> None:
     failed = [line for line in lines if line["status"] != "ok"]
     for line in failed:
         print(f"{line['id']}: failed after {line['attempts']} attempts: {line['reason']}")
-    print(f"{out}: {len(lines) - len(failed)} clips, {len(failed)} failed")
+    print(f"{out}: {counted(len(lines) - len(failed), 'clip')}, {len(failed)} failed")
 
 
 def interrupted(config: GenerateConfig, out: Path) -> str:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from dmae.reporting.words import counted
 from synth.datasets.parts.merge import merge
 
 WRITES = "folder"
@@ -27,7 +28,7 @@ class MergeCommand:
 def run(config: MergeCommand, out: Path) -> None:
     lines = merge(config.data, out, partial=config.partial)
     failed = sum(line["status"] != "ok" for line in lines)
-    print(f"{out}: {len(lines) - failed} clips, {failed} failed")
+    print(f"{out}: {counted(len(lines) - failed, 'clip')}, {failed} failed")
 
 
 def interrupted(config: MergeCommand, out: Path) -> str:

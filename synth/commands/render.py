@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from dmae.reporting.words import counted
 from synth.datasets.images.render import RenderConfig, render
 
 WRITES = "folder"
@@ -14,7 +15,7 @@ EXAMPLES = (
 
 def run(config: RenderConfig, out: Path) -> None:
     lines = render(replace(config, out=str(out)))
-    print(f"{out}: {len(lines)} clips")
+    print(f"{out}: {counted(len(lines), 'clip')}")
 
 
 def interrupted(config: RenderConfig, out: Path) -> str:

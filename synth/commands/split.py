@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dmae.data.store import clip_folders, write_atomic
+from dmae.reporting.words import counted
 from synth.datasets.splits import SplitBy, find_leaks, read_splits, split, write_splits
 
 WRITES = "file"
@@ -52,7 +53,7 @@ def run(config: SplitCommand, out: Path) -> None:
     write_splits(out, splits, config.by, config.seed)
     total = sum(map(len, splits.values()))
     for name, clips in splits.items():
-        print(f"{out}: {name}: {len(clips)} clips, {len(clips) / total:.0%}")
+        print(f"{out}: {name}: {counted(len(clips), 'clip')}, {len(clips) / total:.0%}")
 
 
 def _check(config: SplitCommand, data: Path, out: Path) -> None:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.parallel import Backend, running_on
+from dmae.reporting.words import counted
 from synth.datasets.statistics.page import PAGE, PICTURE, describe
 
 WRITES = "folder"
@@ -34,5 +35,5 @@ def run(config: StatsCommand, out: Path) -> None:
     data = [Path(path) for path in (config.data, *config.extra_data)]
     with running_on(config.backend):
         found = describe(data, out, workers=config.workers)
-    print(f"{out / PAGE}: {found.counts['clips']} clips, {found.counts['frames']} frames")
+    print(f"{out / PAGE}: {counted(found.counts['clips'], 'clip')}, {counted(found.counts['frames'], 'frame')}")
     print(out / PICTURE)

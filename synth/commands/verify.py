@@ -6,6 +6,7 @@ from pathlib import Path
 
 from dmae.data.store import write_atomic
 from dmae.reporting.tables import Table, print_tables
+from dmae.reporting.words import counted
 from synth.datasets.verify import CHECKS, DATA_SET, verify
 
 WRITES = "file"
@@ -43,7 +44,7 @@ def run(config: VerifyCommand, out: Path) -> None:
     for check, meaning in CHECKS.items():
         failing = sorted({problem.clip for problem in found.problems if problem.check == check})
         rows.append((f"{check}: {meaning}", str(len(failing)), _some(failing, 3) or "-"))
-    print_tables([Table(f"{config.data}: {len(found.clips)} clips", ("check", "fail", "which"), rows)])
+    print_tables([Table(f"{config.data}: {counted(len(found.clips), 'clip')}", ("check", "fail", "which"), rows)])
     print(out)
     if found.without:
         print(
@@ -59,9 +60,9 @@ def run(config: VerifyCommand, out: Path) -> None:
             print(f"sha256 of all: {found.number}")
         return
     more = f"; {len(found.problems) - _SHOWN} more of them are in {out}" if len(found.problems) > _SHOWN else ""
-    failing = f"{len(found.again)} of {len(found.clips)} clips"
+    failing = f"{len(found.again)} of {counted(len(found.clips), 'clip')}"
     failing += " and in the data set's own files" if any(problem.clip == DATA_SET for problem in found.problems) else ""
-    raise ValueError(f"{config.data}: {len(found.problems)} problems in {failing}{more}")
+    raise ValueError(f"{config.data}: {counted(len(found.problems), 'problem')} in {failing}{more}")
 
 
 def _some(names: list[str], most: int) -> str:

@@ -18,6 +18,7 @@ from dmae.files.checksums import clip_checksum, write_checksums
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import duration
+from dmae.reporting.words import counted
 from synth.datasets.clip import GenerateConfig, check, clip_id, simulate_clip
 from synth.datasets.generate import limit_threads
 from synth.errors import FailedSimulation
@@ -57,7 +58,8 @@ class Forecast:
     def __str__(self) -> str:
         pictures = f", {self.pictures} pictures" if self.pictures else ""
         took = duration(self.seconds)
-        return f"{self.clips} clips, {self.frames} frames{pictures}: about {took}, {self.megabytes:.0f} MB"
+        made = f"{counted(self.clips, 'clip')}, {counted(self.frames, 'frame')}{pictures}"
+        return f"{made}: about {took}, {self.megabytes:.0f} MB"
 
 
 class _Cost(NamedTuple):

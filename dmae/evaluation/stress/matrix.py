@@ -12,10 +12,10 @@ from dmae.evaluation.stress.config import StressConfig
 from dmae.evaluation.stress.contenders import Contender, contenders
 from dmae.evaluation.stress.curves import Runs, curves
 from dmae.evaluation.stress.plan import Cell, Plan, allowed, plan
-from dmae.evaluation.stress.words import counted
 from dmae.formats.reading import Clips
 from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import progress
+from dmae.reporting.words import counted
 
 CACHE = "cache"
 """Name of the folder of results inside the folder of a stress test."""

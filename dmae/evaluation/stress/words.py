@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from dmae.evaluation.stress.curves import HIDDEN_ERROR, PCP_DROP
 from dmae.reporting.tables import Table
+from dmae.reporting.words import counted
 
 _REFERENCES = {
     "truth": "Results are compared with the truth of the clips.",
@@ -100,11 +101,6 @@ def breaking_sentence(axis: dict) -> str:
     if unknown := [name for name, found in breaks.items() if found is None]:
         parts.append(f"not measured: {_listed(unknown)}")
     return f"By PCP, in {axis['unit']}: {'; '.join(parts)}."
-
-
-def counted(number: int, noun: str) -> str:
-    """Return "1 method" or "2 methods"."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _unbroken(axis: dict) -> set[str]:

@@ -90,7 +90,7 @@ def test_an_interrupted_overwrite_shows(folder, made, monkeypatch):
     monkeypatch.setattr("dmae.commands.capture.save_clip", interrupted)
     done = dmae(folder, "capture", "data=data", f"out={made}")
     assert done.returncode == 130
-    assert "1 clips in" in done.stderr
+    assert "1 whole clip, which can be used" in done.stderr
     found = verify(made)
     assert {problem.what for problem in found.problems} >= {"b: does not belong to the data set"}
 

@@ -54,7 +54,7 @@ def test_a_manifest_is_written_even_after_an_error(tmp_path):
         manifest.write("a", lambda: None, persons=2)
         raise KeyboardInterrupt
     assert read_manifest(tmp_path) == [{"id": "a", "status": "ok", "persons": 2}]
-    assert finished(tmp_path) == f"1 clips in {tmp_path} are whole and can be used"
+    assert finished(tmp_path) == f"{tmp_path}: 1 whole clip, which can be used"
     with Manifest(tmp_path / "none", True):
         pass
     assert not (tmp_path / "none").exists()

@@ -54,7 +54,7 @@ def test_npz_and_trc(captured, tmp_path, capsys):
     assert fps == 25
     np.testing.assert_allclose(found.xyz[:, 0], captured.poses.xyz[:, 0], atol=1e-6)
     np.testing.assert_array_equal(found.source[:, 0], captured.poses.source[:, 0])
-    assert "b.trc: 12 frames, 2 persons, body25" in capsys.readouterr().out
+    assert "b.trc: 12 frames, 2 people, body25" in capsys.readouterr().out
 
 
 def test_panoptic(captured, tmp_path):

@@ -53,8 +53,8 @@ def test_the_card_lists_data_command_and_scores(trained, scores, tmp_path, capsy
     for fact in (
         "# D-MAE for shelf14",
         "2 clips of walks",
-        "1 clips of runs",
-        "1 clips of dances, 1 clips of jumps",
+        "1 clip of runs",
+        "1 clip of dances, 1 clip of jumps",
         "1234 steps, batch 16",
         "`make weights`",
         json.loads((trained / "model.json").read_text())["sha256"],

@@ -32,7 +32,7 @@ def test_verify_and_show_what_was_generated(tmp_path):
     (tmp_path / "set/000000/arrays.safetensors").write_bytes(b"")
     done = synth(tmp_path, "verify", "data=set", "out=found.json")
     assert done.returncode == 1
-    assert "1 problems in 1 of 1 clips" in done.stderr
+    assert "1 problem in 1 of 1 clip" in done.stderr
     assert "000000: checksums: " in done.stdout
 
 
