@@ -144,16 +144,19 @@ def errors_table(name: str, of: str, column: str, headings: list[str]) -> str:
 
 
 def distances_table(name: str) -> str:
-    """Return a table of the distances of a preset with limits, on the clips of the fit and on held-back clips."""
+    """Return a table of the distances of a preset with limits, on the clips of the fit and on held-back clips, and of
+    the detector's own distances between both."""
     found = load(name)
-    held = {row["what"]: row for row in found["held_back"]}
+    others = [{row["what"]: row for row in found[which]} for which in ("held_back", "real")]
     rows = []
     for row in found["fitted"]:
-        other = held.get(row["what"], {})
         if row["allowed"] is not None and row["what"] != "missed: small_toe":
-            cells = [f"{each['distance']:.3f}" if each.get("distance") is not None else "-" for each in (row, other)]
+            each = [row, *(other.get(row["what"], {}) for other in others)]
+            cells = [f"{one['distance']:.3f}" if one.get("distance") is not None else "-" for one in each]
             rows.append([row["what"], *cells, f"{row['allowed']:.2f}"])
-    return _table(["distance", "clips of the fit", "clips held back", "wanted"], rows)
+    return _table(
+        ["distance", "preset, clips of the fit", "preset, held back", "detector, fit to held back", "wanted"], rows
+    )
 
 
 def paper_table(name: str) -> str:
