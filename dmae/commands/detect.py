@@ -1,4 +1,4 @@
-"""`dmae detect`: videos of cameras, or a clip with images, to 2D detections."""
+"""`dmae detect`: videos of cameras, a clip with images, or photographs, to 2D detections."""
 
 import shutil
 from dataclasses import asdict, dataclass, field, replace
@@ -10,6 +10,7 @@ from dmae.data.clip import Detections2D
 from dmae.data.resume import claim_folder
 from dmae.data.store import clip_folders, load_clip, save_clip
 from dmae.detection.output import OutputConfig, write_flat
+from dmae.detection.photographs import detect_photographs, find_photographs, write_photographs
 from dmae.detection.pipeline import make_detector
 from dmae.detection.recording import (
     Recording,
@@ -30,6 +31,7 @@ EXAMPLES = (
     "dmae detect videos=session/videos calibration=session/calibration.toml out=runs/detected",
     "dmae detect clip=runs/data out=runs/detected workers=2",
     "dmae detect videos=session/videos output.format=coco out=runs/keypoints",
+    "dmae detect photos=photographs out=runs/keypoints",
 )
 _PIECES = "pieces"
 _CLAIM = "detect.json"
@@ -49,7 +51,7 @@ class WorldConfig:
 
 @dataclass(frozen=True)
 class DetectCommand:
-    """Detect people in the videos of cameras, or in the images of clips.
+    """Detect people in the videos of cameras, in the images of clips, or in photographs.
 
     The same command continues an interrupted run.
     """
@@ -60,6 +62,9 @@ class DetectCommand:
     """Calibration file, or folder of them; without one, detections are written as files of 2D keypoints."""
     clip: str | None = None
     """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
+    photos: str | None = None
+    """Instead of videos: folder of photographs that do not belong together, of any sizes, or one of them. People are
+    written as files of 2D keypoints, and drawn over the photographs."""
     detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
     fps: float | None = None
@@ -73,10 +78,14 @@ class DetectCommand:
     """Folder of the clip, or of the files of keypoints; for a data set, it contains a folder for each clip."""
 
     def __post_init__(self):
-        if (self.videos is None) == (self.clip is None):
-            raise ValueError("expected videos=<folder of videos> or clip=<folder of a clip with images>, one of them")
-        if self.clip is not None and (self.calibration or self.fps or self.offsets):
-            raise ValueError("clip=... holds its calibration, fps and offsets; leave them out")
+        if sum(given is not None for given in (self.videos, self.clip, self.photos)) != 1:
+            raise ValueError(
+                "expected videos=<folder of videos>, clip=<folder of a clip with images> or photos=<folder of "
+                "photographs>, one of them"
+            )
+        if self.videos is None and (self.calibration or self.fps or self.offsets):
+            held = "clip=... holds its" if self.clip is not None else "photos=... have no"
+            raise ValueError(f"{held} calibration, fps and offsets; leave them out")
 
 
 def run(config: DetectCommand, out: Path) -> None:
@@ -85,6 +94,9 @@ def run(config: DetectCommand, out: Path) -> None:
     output_skeleton(config.output.skeleton)
     if config.clip is not None:
         _detect_clips(config, out)
+        return
+    if config.photos is not None:
+        _detect_photographs(config, out)
         return
     rig = None
     if config.calibration is not None:
@@ -118,7 +130,8 @@ def interrupted(config: DetectCommand, out: Path) -> str:
     if config.clip is not None:
         return f"{finished(out)}; the same command continues it"
     pieces = len(list((Path(out) / _PIECES).glob("*.npz")))
-    return f"{pieces} pieces of the videos are done; the same command continues them"
+    done = counted(pieces, "piece of the videos", "pieces of the videos")
+    return f"done: {counted(pieces, 'photograph') if config.photos else done}; the same command continues"
 
 
 def _detect_clips(config: DetectCommand, out: Path) -> None:
@@ -138,6 +151,22 @@ def _detect_clips(config: DetectCommand, out: Path) -> None:
             shutil.rmtree(pieces, ignore_errors=True)
             _print(clip.id, detected.detections)
     print(out)
+
+
+def _detect_photographs(config: DetectCommand, out: Path) -> None:
+    photographs = find_photographs(Path(config.photos))
+    files = {each.name: [str(each.path), *each.size] for each in photographs.cameras}
+    claim_folder(out / _CLAIM, _settings(config) | {"photos": files}, "detections", ())
+    detections, notes = detect_photographs(
+        photographs, config.detector, out / _PIECES, config.output.skeleton, config.workers
+    )
+    write_photographs(photographs, detections, config.output, out)
+    shutil.rmtree(out / _PIECES, ignore_errors=True)
+    for note in (*photographs.notes, *notes):
+        print(note)
+    people = int(detections.observed.any(-1).sum())
+    found = f"{counted(len(files), 'photograph')}, {counted(people, 'person', 'people')}"
+    print(f"{out}: {found}, {detections.skeleton.name}")
 
 
 def _claim(config: DetectCommand, recording: Recording, out: Path) -> None:

@@ -54,7 +54,10 @@ def align(cameras: Sequence[CameraPictures], fps: float | None, offsets: Sequenc
     given = fps is not None
     if fps is None:
         if not known:
-            raise ValueError("expected fps=...: folders of pictures do not say how many frames a second they have")
+            raise ValueError(
+                "expected fps=...: folders of pictures do not say how many frames a second they have; photographs that "
+                "do not belong together are given as photos=<folder>"
+            )
         fps = max(known)
         if min(known) < fps * (1 - _SAME_RATE):
             listed = ", ".join(f"{camera.name} {camera.rate:.5g}" for camera in cameras if camera.rate)

@@ -1,6 +1,7 @@
 """Output of detections: their skeleton, with or without images; 2D keypoints for cameras without a calibration."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -19,9 +20,9 @@ class FlatFormat(StrEnum):
     """Format of 2D keypoints."""
 
     openpose = "openpose"
-    """A folder for each camera, a file for each of its frames."""
+    """A folder for each camera, a file for each of its frames; a file for each photograph."""
     coco = "coco"
-    """A file for each camera, keypoints of COCO."""
+    """A file for each camera, or for all photographs, keypoints of COCO."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class OutputConfig:
     """Skeleton to convert detections to, as body25; by default that of the detector."""
     images: bool = True
     """Whether the clip contains the images: the videos are linked, or encoded again if their size or frames differ from
-    those of the clip."""
+    those of the clip. Of photographs: whether they are also written with the people drawn over them."""
     format: FlatFormat = field(default=FlatFormat.openpose)
     """Format of 2D keypoints, which are written without a calibration."""
 
@@ -53,17 +54,30 @@ def write_flat(recording: Recording, detections: Detections2D, config: OutputCon
     if config.skeleton is None:
         detections = convert_detections(detections, COCO17)
     for view, (name, camera) in enumerate(zip(names, recording.cameras, strict=True)):
-        write_atomic(out / f"{name}.json", json.dumps(_coco(detections, view, name, camera.size)))
+        frames = range(len(detections.xy))
+        entries = [(frame, view, f"{name}/{frame:06d}.jpg", camera.size) for frame in frames]
+        write_atomic(out / f"{name}.json", json.dumps(coco(detections, entries)))
 
 
-def _coco(detections: Detections2D, view: int, name: str, size: tuple[int, int]) -> dict:
-    """Return the detections of a view as COCO's keypoints: category 1, the frame as `image_id`."""
+def coco(detections: Detections2D, entries: Sequence[tuple[int, int, str, tuple[int, int]]]) -> dict:
+    """Return detections as COCO's keypoints: category 1, the number of the entry as `image_id`.
+
+    Args:
+        detections: (F, V, D, J).
+        entries: Frame, view, name and size of each image.
+    """
     skeleton, annotations = detections.skeleton, []
     images = [
-        {"id": frame, "file_name": f"{name}/{frame:06d}.jpg", "width": size[0], "height": size[1]}
-        for frame in range(len(detections.xy))
+        {"id": image, "file_name": name, "width": size[0], "height": size[1]}
+        for image, (_, _, name, size) in enumerate(entries)
     ]
-    for frame, number in np.argwhere(detections.observed[:, view].any(-1)).tolist():
+    there = detections.observed.any(-1)
+    people = [
+        (image, frame, view, number)
+        for image, (frame, view, _, _) in enumerate(entries)
+        for number in np.flatnonzero(there[frame, view])
+    ]
+    for image, frame, view, number in people:
         xy, score = detections.xy[frame, view, number], detections.score[frame, view, number]
         known = ~np.isnan(score)
         low, high = xy[known].min(0), xy[known].max(0)
@@ -71,7 +85,7 @@ def _coco(detections: Detections2D, view: int, name: str, size: tuple[int, int])
         annotations.append(
             {
                 "id": len(annotations) + 1,
-                "image_id": frame,
+                "image_id": image,
                 "category_id": 1,
                 "keypoints": [round(float(value), 3) for value in keypoints.ravel()],
                 "num_keypoints": int(known.sum()),

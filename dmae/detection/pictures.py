@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.images import Images
-from dmae.files.pictures import check_picture, read_picture
+from dmae.files.pictures import read_upright, upright_size
 from dmae.files.videos import open_video
 from dmae.formats.recordings.camera_matching import frame_number, natural
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".wmv")
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff")
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ def find_cameras(path: Path) -> list[CameraPictures]:
     places = [path] if path.is_file() else sorted(path.iterdir(), key=lambda each: natural(each.name))
     places = [each for each in places if not each.name.startswith(".")]
     found = [_video(each) for each in places if each.is_file() and each.suffix.lower() in VIDEOS]
-    found += [_folder(each) for each in places if each.is_dir() and _pictures_in(each)]
-    if not found and path.is_dir() and _pictures_in(path):
+    found += [_folder(each) for each in places if each.is_dir() and pictures_in(each)]
+    if not found and path.is_dir() and pictures_in(path):
         found = [_folder(path)]
     if not found:
         raise FileNotFoundError(
@@ -88,22 +88,29 @@ def _read_images(images: Images, name: str, start: int, stop: int) -> Iterator[n
         yield images.at("rgb", name, frame)
 
 
-def _pictures_in(folder: Path) -> list[Path]:
+def pictures_in(folder: Path) -> list[Path]:
+    """Return the image files of a folder by their numbers and names."""
     found = [each for each in folder.iterdir() if each.suffix.lower() in PICTURES and not each.name.startswith(".")]
     return sorted(found, key=lambda each: natural(each.name))
 
 
 def _folder(path: Path) -> CameraPictures:
-    files = _pictures_in(path)
-    size, error = None, None
+    files, sizes, error = pictures_in(path), {}, None
     for file in files:
         try:
-            size = check_picture(file)
-            break
+            sizes.setdefault(upright_size(file), file)
         except ValueError as damaged:
             error = error or damaged
-    if size is None:
+    if not sizes:
         raise ValueError(f"{path}: not one picture can be read; {error}")
+    size, *others = sizes
+    if others:
+        (width, height), (other_width, other_height) = size, others[0]
+        raise ValueError(
+            f"{path}: expected the pictures of one camera, all of one size; {sizes[size].name} has {width} x {height} "
+            f"px, {sizes[others[0]].name} {other_width} x {other_height}. Photographs that do not belong together: "
+            f"dmae detect photos={path}"
+        )
     try:
         numbers = [frame_number(file, file.stem) for file in files]
     except ValueError:
@@ -112,22 +119,16 @@ def _folder(path: Path) -> CameraPictures:
         numbers = list(range(len(files)))
     order = np.argsort(numbers, kind="stable")
     ordered = [files[i] for i in order]
-    return CameraPictures(
-        path.name, path, size, np.array(numbers, float)[order], None, partial(_read_files, ordered, size)
-    )
+    return CameraPictures(path.name, path, size, np.array(numbers, float)[order], None, partial(read_files, ordered))
 
 
-def _read_files(files: list[Path], size: tuple[int, int], start: int, stop: int) -> Iterator[np.ndarray | None]:
+def read_files(files: list[Path], start: int, stop: int) -> Iterator[np.ndarray | None]:
+    """Yield the images of files, (H, W, 3) uint8 RGB; None for one that cannot be read."""
     for file in files[start:stop]:
         try:
-            picture = read_picture(file, (1, 3, 4))
+            yield read_upright(file)
         except (ValueError, OSError):
             yield None
-            continue
-        if picture.dtype != np.uint8:
-            picture = (picture >> 8).astype(np.uint8)
-        picture = np.repeat(np.atleast_3d(picture), 3, -1) if picture.ndim == 2 else picture[..., 2::-1]
-        yield np.ascontiguousarray(picture) if picture.shape[1::-1] == size else None
 
 
 def _video(path: Path) -> CameraPictures:

@@ -1,15 +1,21 @@
 """Read pictures after checking their size, which is in the first bytes, before a decoder allocates memory."""
 
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from dmae.files.contents import check_file
 
 MOST_PIXELS = 1 << 25
 """Largest number of pixels of a picture; 7680 x 4320 is less."""
+_UPRIGHT_FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "TIFF")
+_ORIENTATION = 0x0112
+"""EXIF tag; from 5 on, the picture is rotated by a quarter turn."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _FRAMES = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
 """JPEG's markers of a frame; the size of the picture is in its header."""
@@ -67,3 +73,51 @@ def read_picture(path: Path, channels: tuple[int, ...]) -> np.ndarray:
         wanted = " or ".join(map(str, channels))
         raise ValueError(f"{path}: expected a readable picture of {wanted} channels, found {found or 'none'}")
     return image
+
+
+def upright_size(path: Path) -> tuple[int, int]:
+    """Return width and height of a PNG, JPEG, BMP, WebP or TIFF file, px, as viewers show it.
+
+    Errors as in `read_upright`.
+    """
+    with _opened(path) as image:
+        width, height = image.size
+        turned = _has_exif(image) and image.getexif().get(_ORIENTATION, 1) >= 5
+        return (height, width) if turned else (width, height)
+
+
+def read_upright(path: Path) -> np.ndarray:
+    """Return a picture (H, W, 3) uint8 RGB as viewers show it: phones record their orientation in the EXIF data.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: it is damaged, none of these formats, or has more than `MOST_PIXELS` pixels; the message names it.
+    """
+    with _opened(path) as image:
+        upright = ImageOps.exif_transpose(image) if _has_exif(image) else image
+        if upright.mode.startswith("I"):
+            grey = np.clip(np.asarray(upright).astype(np.int64) >> 8, 0, 255).astype(np.uint8)
+            return np.repeat(grey[..., None], 3, -1)
+        return np.array(upright.convert("RGB"))
+
+
+def _has_exif(image: Image.Image) -> bool:
+    """Return whether EXIF data may be there; Pillow would decode a whole PNG to search for them at its end."""
+    return image.format != "PNG" or "exif" in image.info
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    """Open a picture with Pillow; its errors become ValueErrors that name the file."""
+    check_file(path)
+    try:
+        with Image.open(path, formats=_UPRIGHT_FORMATS) as image:
+            if not 0 < image.size[0] * image.size[1] <= MOST_PIXELS:
+                raise ValueError(
+                    f"expected a picture of at most {MOST_PIXELS} pixels, found {image.size[0]} x {image.size[1]}"
+                )
+            yield image
+    except UnidentifiedImageError:
+        raise ValueError(f"{path}: expected a PNG, JPEG, BMP, WebP or TIFF picture") from None
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise ValueError(f"{path}: this picture cannot be used, {error}") from None

@@ -226,23 +226,35 @@ def write_detections(
             each view. People then have a `person_id`, and `joint_source` in addition to `pose_keypoints_2d`.
         covariances: (F, V, D, J, 3) px^2, xx, xy and yy. People then have `joint_covariance`, null where unknown.
     """
-    values = np.concatenate([detections.xy.astype(np.float64), detections.score[..., None]], -1)
-    values = np.round(np.where(np.isnan(values), 0, values), 4)
-    seen = detections.observed.any(-1)
     folders = [child(folder, name, "camera") for name in cameras]
-    for frame, views in enumerate(progress(values, "writing detections", len(values))):
-        for view, (place, people, there) in enumerate(zip(folders, views, seen[frame], strict=True)):
-            written = []
-            for number in np.flatnonzero(there):
-                person = {"person_id": [-1 if sources is None else int(number)]}
-                person["pose_keypoints_2d"] = people[number].ravel().tolist()
-                if sources is not None:
-                    person["joint_source"] = sources[frame, number].tolist()
-                if covariances is not None:
-                    person["joint_covariance"] = covariance_entry(covariances[frame, view, number])
-                written.append(person)
+    for frame in progress(range(len(detections.xy)), "writing detections"):
+        for view, place in enumerate(folders):
             file = child(place, f"{place.name}_{first + frame:012d}_keypoints.json", "camera")
-            write_atomic(file, json.dumps({"version": 1.3, "people": written}))
+            write_people(detections, frame, view, file, sources, covariances)
+
+
+def write_people(
+    detections: Detections2D,
+    frame: int,
+    view: int,
+    file: Path,
+    sources: np.ndarray | None = None,
+    covariances: np.ndarray | None = None,
+) -> None:
+    """Write the detections of one image as OpenPose does. Arguments as in `write_detections`."""
+    xy, score = detections.xy[frame, view].astype(np.float64), detections.score[frame, view]
+    values = np.concatenate([xy, score[..., None]], -1)
+    values = np.round(np.where(np.isnan(values), 0, values), 4)
+    written = []
+    for number in np.flatnonzero(detections.observed[frame, view].any(-1)):
+        person = {"person_id": [-1 if sources is None else int(number)]}
+        person["pose_keypoints_2d"] = values[number].ravel().tolist()
+        if sources is not None:
+            person["joint_source"] = sources[frame, number].tolist()
+        if covariances is not None:
+            person["joint_covariance"] = covariance_entry(covariances[frame, view, number])
+        written.append(person)
+    write_atomic(file, json.dumps({"version": 1.3, "people": written}))
 
 
 def reproject(poses: Poses3D, rig: CameraRig) -> Detections2D:

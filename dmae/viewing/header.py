@@ -4,6 +4,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from dmae.data.clip import Source
+from dmae.reporting.words import counted
 from dmae.viewing.canvas import FAINT, INK, PAPER, RED, RGB, Mark, draw_mark, font, person_colour
 from dmae.viewing.layers import DETECTED, TRUE, first_joints
 from dmae.viewing.occlusion import COLOURS, MEANINGS
@@ -18,8 +19,8 @@ def header(overlay: Overlay, width: int) -> np.ndarray:
     """Draw the strip (h, width, 3) uint8 with the number of lines that the text needs."""
     clip, shown = overlay.clip, overlay.shown
     persons = 0 if shown is None else shown.xyz.shape[1]
-    about = [_count(persons, "person")] if persons else []
-    about += [_count(len(clip.rig), "camera"), f"{len(clip) / clip.fps:.1f} s"]
+    about = [counted(persons, "person")] if persons else []
+    about += [counted(len(clip.rig), "camera"), f"{len(clip) / clip.fps:.1f} s"]
     lacking = [(f"no {' and no '.join(overlay.layers.lacking)}", None)] if overlay.layers.lacking else []
     first = _wrapped([(f"clip {clip.id}", None), (", ".join(about), None), *lacking], width)
     lines = first + [line for items in _legend(overlay) for line in _wrapped(items, width)]
@@ -89,7 +90,3 @@ def _wrapped(items: list[Item], width: int) -> list[list[Item]]:
         lines[-1].append((words, mark))
         x += needed
     return lines
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
