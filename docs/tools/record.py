@@ -4,11 +4,12 @@
     python docs/tools/record.py shelf       # one of them
 
 The command is run with `out=` in a temporary folder. The `scores.json` or `stress.json` that it writes is kept, without
-its single runs. For motion, the figure is kept, too: `docs/images/motion.jpg`.
+its single runs. The figures of motion and of the detector on rendered images are kept, too, in `docs/images/`.
 """
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -155,6 +156,10 @@ RECORDED = {
 writes to its `out=` is kept."""
 
 
+_PICTURES_OF = {"errors": {"errors.png": "pixels_errors.png"}, "realism": {"worst.jpg": "pixels_worst.jpg"}}
+"""Figures of a result, kept in `docs/images/`."""
+
+
 def record(name: str, command: str) -> Path:
     """Run a command and write its scores to `docs/results/<name>.json`.
 
@@ -190,6 +195,8 @@ def _found(out: Path) -> dict:
         return {"contacts": json.loads((out / "statistics.json").read_text())["contacts"]}
     for name in ("realism", "errors", "distances"):
         if (out / f"{name}.json").is_file():
+            for picture, kept in _PICTURES_OF.get(name, {}).items():
+                shutil.copyfile(out / picture, ROOT / "docs/images" / kept)
             return json.loads((out / f"{name}.json").read_text())
     if (out / "motion.json").is_file():
         picture = cv2.imread(str(out / "motion.png"))

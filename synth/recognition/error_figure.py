@@ -40,7 +40,7 @@ def draw_errors(studied: dict[str, dict]) -> Figure:
                 ax.set_ylabel(title)
             if row == len(_ROWS) - 1:
                 ax.set_xlabel(label)
-    axes[0, 0].legend()
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(studied))
     return figure
 
 
