@@ -30,7 +30,7 @@ from synth.recognition.observations import DetectorObservations, JointsSeen, Peo
 
 LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)
 """Greatest allowed distances for a preset that is fitted to truth."""
-_ENOUGH = 150
+_ENOUGH = 60
 """Fewest joints of a kind, visible or hidden, for their parameters to be fitted."""
 _STEP = 0.8
 _KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
