@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.images import Images
+from dmae.files.names import PICTURES, VIDEOS
 from dmae.files.pictures import read_upright, upright_size
 from dmae.files.videos import open_video
 from dmae.formats.recordings.camera_matching import frame_number, natural
-
-VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".wmv")
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff")
 
 
 @dataclass(frozen=True)

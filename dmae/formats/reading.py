@@ -9,6 +9,7 @@ from pathlib import Path
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import clip_folders
+from dmae.files.names import PICTURES, VIDEOS
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.calibrations.files import CalibrationSource, convention_of
 from dmae.formats.pictures.camera_pictures import with_pictures
@@ -24,9 +25,6 @@ _OPTIONS = {
     "skeleton": ("skeleton",),
 }
 """The arguments that readers can take, each with the fields of `DataConfig` from which it is made."""
-
-_PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
-_VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 
 
 class Clips(Sequence):
@@ -129,6 +127,11 @@ def recognise(path: Path) -> str:
             f"{path}: found videos, or folders of pictures, expected detections in them; use dmae run videos={path} "
             f"calibration=... for people in 3D, or dmae detect videos={path} calibration=... for detections"
         )
+    if _is_picture(path) or (path.is_dir() and any(_is_picture(file) for file in path.iterdir())):
+        raise ValueError(
+            f"{path}: found pictures, expected detections in them; dmae detect photos={path} finds the people of "
+            "photographs, in 2D. People in 3D need a folder of pictures, or a video, of each camera"
+        )
     there = ", ".join(sorted(item.name for item in path.iterdir())[:6]) if path.is_dir() else "a file"
     raise ValueError(
         f"{path}: expected a clip, a data set or a recording, found {there or 'an empty folder'}; no format is "
@@ -139,9 +142,13 @@ def recognise(path: Path) -> str:
 def _holds_videos(path: Path) -> bool:
     """Return whether a path is a video, or contains a video or a folder of images."""
     files = [path] if path.is_file() else list(path.iterdir())
-    if any(file.suffix.lower() in _VIDEOS for file in files):
+    if any(file.suffix.lower() in VIDEOS for file in files):
         return True
-    return any(any(each.suffix.lower() in _PICTURES for each in file.iterdir()) for file in files if file.is_dir())
+    return any(any(map(_is_picture, file.iterdir())) for file in files if file.is_dir())
+
+
+def _is_picture(file: Path) -> bool:
+    return file.suffix.lower() in PICTURES
 
 
 def _is_recognised(path: Path, entry: RecordingReader) -> bool:

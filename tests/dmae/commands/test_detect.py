@@ -186,6 +186,10 @@ def test_options_of_the_verb_default_to_those_of_the_command():
 def test_videos_given_as_data_are_answered_with_the_command(session: Clip, tmp_path: Path):
     done = dmae(tmp_path, "capture", "data=videos", "out=captured")
     assert done.returncode == 1 and "use dmae run videos=videos" in done.stderr, done.stderr
+    of_one = f"videos/{session.rig.names[0]}"
+    for path in (of_one, f"{of_one}/00000.png"):
+        done = dmae(tmp_path, "capture", f"data={path}", "out=captured")
+        assert done.returncode == 1 and f"dmae detect photos={path} finds the people" in done.stderr, done.stderr
 
 
 def test_one_camera_is_detected_and_named_as_too_few_for_capture(session: Clip, tmp_path: Path):

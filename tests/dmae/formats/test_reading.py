@@ -117,15 +117,17 @@ def test_openpose_needs_the_frame_rate_and_says_so(walk, tmp_path):
 
 
 def test_openpose_needs_cameras_and_detections_and_says_so(walk, tmp_path):
-    write_calibration(walk.rig, tmp_path / "rig" / "cameras.toml", "pose2sim")
-    write_frames(walk, tmp_path / "take" / "somewhere")
+    # Calibrations are searched in folders up to the one above the session, where other tests may have theirs.
+    session = tmp_path / "study" / "session"
+    write_calibration(walk.rig, session / "rig" / "cameras.toml", "pose2sim")
+    write_frames(walk, session / "take" / "somewhere")
     with pytest.raises(FileNotFoundError, match=r"data\.detections=\.\.\."):
-        read("openpose", tmp_path / "take", fps=25.0)
-    detections = str(tmp_path / "take" / "somewhere")
+        read("openpose", session / "take", fps=25.0)
+    detections = str(session / "take" / "somewhere")
     with pytest.raises(FileNotFoundError, match=r"data\.calibration=\.\.\."):
-        read("openpose", tmp_path / "take", fps=25.0, detections=detections)
-    calibration = str(tmp_path / "rig" / "cameras.toml")
-    same(read("openpose", tmp_path / "take", fps=25.0, detections=detections, calibration=calibration), walk)
+        read("openpose", session / "take", fps=25.0, detections=detections)
+    calibration = str(session / "rig" / "cameras.toml")
+    same(read("openpose", session / "take", fps=25.0, detections=detections, calibration=calibration), walk)
 
 
 def test_openpose_with_published_cameras_needs_the_size_of_the_images(walk, tmp_path):
