@@ -11,8 +11,8 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from dmae.files.contents import check_file
 
-MOST_PIXELS = 1 << 25
-"""Largest number of pixels of a picture; 7680 x 4320 is less."""
+MOST_PIXELS = 1 << 26
+"""Largest number of pixels of a picture; phones take pictures of 50 million."""
 _UPRIGHT_FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "TIFF")
 _ORIENTATION = 0x0112
 """EXIF tag; from 5 on, the picture is rotated by a quarter turn."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.parallel import Backend, running_on
+from dmae.reporting.words import counted
 from synth.datasets.exporters.export import export
 from synth.datasets.exporters.registry import exporter
 from synth.datasets.exporters.selection import PictureFormat
@@ -56,5 +57,5 @@ def run(config: ExportDataCommand, out: Path) -> None:
             damaged=config.damaged,
         )
     for split, counts in summary["splits"].items():
-        shown = ", ".join(f"{counts.get(key, 0)} {key}" for key in ("clips", "pictures", "persons", "masks"))
+        shown = ", ".join(counted(counts.get(f"{key}s", 0), key) for key in ("clip", "picture", "person", "mask"))
         print(f"{out}: {split}: {shown}")

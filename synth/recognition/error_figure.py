@@ -28,11 +28,11 @@ def draw_errors(studied: dict[str, dict]) -> Figure:
         ))  # fmt: skip
         for row, (value, title) in enumerate(_ROWS):
             ax = axes[row, column]
-            for colour, (name, each) in zip(_COLOURS, studied.items(), strict=False):
+            for number, (name, each) in enumerate(studied.items()):
                 found = {line["group"]: line for line in each["joints"] if line["heading"] == heading}
                 places = [i for i, group in enumerate(groups) if found.get(group, {}).get(value) is not None]
                 heights = [100 * found[groups[i]][value] for i in places]
-                ax.plot(places, heights, "o-", color=colour, label=name)
+                ax.plot(places, heights, "o-", color=_COLOURS[number % len(_COLOURS)], label=name)
             ax.set_xticks(range(len(groups)), [_shortened(group) for group in groups], fontsize=8)
             ax.set_xlim(-0.3, max(len(groups) - 0.7, 0.3))
             ax.grid(color="#dddddd")

@@ -47,7 +47,7 @@ def test_an_export_is_the_same_from_any_number_of_processes(data, tmp_path, form
 def test_the_command_writes_every_other_frame_of_a_clip(data, tmp_path):
     done = synth(tmp_path, "export", f"data={data / '000001'}", "every=2", "skeleton=body25", "out=out")
     assert done.returncode == 0, done.stderr
-    assert "out: train: 1 clips, 4 pictures, 7 persons, 7 masks" in done.stdout
+    assert "out: train: 1 clip, 4 pictures, 7 persons, 7 masks" in done.stdout
     content = json.loads((tmp_path / "out/annotations/person_keypoints_train.json").read_text())
     assert {image["frame"] for image in content["images"]} == {5, 7}
     assert len(content["categories"][0]["keypoints"]) == 25
