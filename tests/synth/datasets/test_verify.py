@@ -204,7 +204,7 @@ def test_the_command_counts_and_fails(data, tmp_path, capsys):
     assert all(check in printed for check in CHECKS)
     assert "2 of 2 clips have no checksums" in printed
     (data / CLIP / "arrays.safetensors").unlink()
-    with pytest.raises(ValueError, match="1 problems in 1 of 2 clips"):
+    with pytest.raises(ValueError, match="1 problem in 1 of 2 clips"):
         command.run(VerifyCommand(data=str(data)), tmp_path / "found.json")
     printed = capsys.readouterr().out
     assert "000000: files: " in printed
