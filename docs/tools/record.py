@@ -53,7 +53,7 @@ _PEOPLE = f"scene={_ALL_ROOMS} rig=ring,random {_PICTURES} scene.seconds=6 worke
 _FIT = (
     "synth generate -m scene=office rig=ring,random clips=1 seed=62 scene.seconds=1.2 images=rgb out=followed && "
     f"synth generate -m seed=71,91 {_PEOPLE} clips=2 out=many && "
-    f"synth generate -m {_PEOPLE} clips=4 seed=73 out=held && "
+    f"synth generate -m {_PEOPLE} clips=3 seed=74 out=held && "
     "for s in followed/[01]; do dmae detect clip=$s out=seen/$s workers=2; done && "
     f"for s in many/[0-9]* held/[0-9]*; do dmae detect clip=$s out=seen/$s workers=2 {_SINGLE}; done"
 )

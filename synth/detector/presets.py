@@ -42,7 +42,11 @@ def _changed(config, default) -> dict:
 def _flow(value) -> str:
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items()) + "}"
-    return json.dumps(value)
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    text = json.dumps(value)
+    # For YAML 1.1, 2e-05 is text and 2.0e-05 is a number.
+    return text.replace("e", ".0e") if isinstance(value, float) and "e" in text and "." not in text else text
 
 
 def load_preset(name: str) -> DetectorConfig:

@@ -1,0 +1,19 @@
+"""Presets of detectors are read as they were written."""
+
+from dataclasses import replace
+
+import pytest
+
+from synth.detector.config import DetectorConfig
+from synth.detector.parts import PartConfig, PartsConfig
+from synth.detector.presets import load_preset, preset_yaml
+from tests.support.detectors import changed
+
+
+@pytest.mark.parametrize("value", [2e-05, 1.5e-07, 0.5])
+def test_small_numbers_stay_numbers(tmp_path, value: float):
+    part = PartConfig(noise=value, score=[value, 3.0], miss=[0.0, value, 1.0, 1.0])
+    config = changed(replace(DetectorConfig(), parts=PartsConfig(wrist=part)), {"ghosts.count": value})
+    path = tmp_path / "mine.yaml"
+    path.write_text(preset_yaml(config, "mine", ["a comment"]))
+    assert load_preset(str(path)) == replace(config, name="mine")
