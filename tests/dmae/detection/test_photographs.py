@@ -18,7 +18,7 @@ import numpy as np
 from dmae import get_skeleton
 
 class Brightest:
-    """The nose of one person is the brightest pixel; nobody is seen in the second picture of a camera."""
+    """The brightest pixel is the nose of a person. After its first picture, the detector finds no people."""
     skeleton = get_skeleton("coco17")
     seen = 0
     def __call__(self, picture):

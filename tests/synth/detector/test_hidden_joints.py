@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
+from synth.detector.errors.misses import Misses
 from synth.detector.parts import PartConfig
 from tests.support.clips import looking_at_origin
 from tests.support.detectors import by_person, everywhere, occlusion_of, run, three_persons
@@ -62,6 +64,25 @@ def test_joints_behind_others_have_errors_and_confidences_of_their_own(scene):
     np.testing.assert_array_equal(same, offsets(scene, PartConfig(miss=[0] * 4, **hidden))[0])
 
 
+@pytest.mark.parametrize(("factor", "low", "high"), [(0.0, -0.03, 0.03), (1.0, 0.6, 0.95)])
+def test_confidence_follows_the_error_by_kind_of_joint(scene, factor: float, low: float, high: float):
+    part = PartConfig(miss=[0] * 4, noise=0.02, score=[8, 4], score_correlation=factor)
+    off, score = offsets(scene, part, {"scores.error_correlation": 0.9, "times.correlation": 0.01})
+    found = ~np.isnan(score[:, :, 2])
+    assert low < -spearmanr(off[:, :, 2][found], score[:, :, 2][found]).statistic < high
+
+
+def test_a_hidden_trunk_loses_a_person_rather_than_hidden_legs():
+    legs, trunk = np.zeros((2, 25), bool)
+    legs[BODY25.index("l_knee", "r_knee", "l_ankle", "r_ankle")] = True
+    trunk[BODY25.index("neck", "mid_hip", "l_shoulder", "r_shoulder")] = True
+    equal, weighed = (Misses(hidden_person=1.0, steepness=1.0, trunk_weight=weight) for weight in (1.0, 3.0))
+    assert equal.person_probability(legs) == equal.person_probability(trunk) == pytest.approx(4 / 25)
+    # Eleven joints of head and trunk weigh 3, fourteen of arms and legs 1.
+    assert weighed.person_probability(legs) == pytest.approx(4 / 47)
+    assert weighed.person_probability(trunk) == pytest.approx(12 / 47)
+
+
 def test_sides_of_whole_bodies_are_exchanged_for_seconds(scene):
     truth, seen, rig, _ = scene
     found = run(truth, seen, rig, everywhere(SEEN, {"inversions.body": 0.3, "inversions.seconds": 2.0}))
@@ -107,7 +128,14 @@ def test_impossible_numbers_are_refused(options, message):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"hidden_noise": -0.1}, {"hidden_tail": -1.0}, {"hidden_score": [0.0, 2.0]}, {"covered_noise": -0.1}]
+    "wrong",
+    [
+        {"hidden_noise": -0.1},
+        {"hidden_tail": -1.0},
+        {"hidden_score": [0.0, 2.0]},
+        {"covered_noise": -0.1},
+        {"score_correlation": -1.0},
+    ],
 )
 def test_impossible_parts_are_refused(wrong):
     with pytest.raises(ValueError, match="detector part"):
