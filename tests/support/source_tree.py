@@ -1,8 +1,6 @@
 """The packages as source text: modules, what they import, and the names that they define."""
 
 import ast
-import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -75,30 +73,3 @@ def circles() -> list[list[str]]:
         if name not in index:
             visit(name)
     return found
-
-
-def identifiers(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and name of everything that a file defines or binds: functions, classes, arguments, variables, fields."""
-    for node in ast.walk(tree(path)):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            yield node.lineno, node.name
-        elif isinstance(node, ast.arg):
-            yield node.lineno, node.arg
-        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.lineno, node.id
-
-
-def words_of(identifier: str) -> list[str]:
-    """The lower-case words of a name in snake case or camel case."""
-    return [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", identifier)]
-
-
-def texts(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and text of every string literal of a file (docstrings and messages), and of every comment."""
-    for node in ast.walk(tree(path)):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.lineno, node.value
-    for number, line in enumerate(path.read_text().splitlines(), 1):
-        _, mark, comment = line.partition("# ")
-        if mark:
-            yield number, comment
