@@ -11,7 +11,7 @@ from dmae.data.skeleton import BODY25
 from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
 from dmae.metrics.position_error import GAPS
-from dmae.numerics.gaps import gap_lengths
+from dmae.numerics.paths import gap_lengths
 from synth.interactions import InteractionConfig
 from synth.motion.source import MotionConfig
 from synth.people.landmarks import SKELETON

@@ -10,7 +10,7 @@ import numpy as np
 
 from dmae.calibration.epipolar import ViewSample, epipolar_distances, intersect
 from dmae.calibration.hypothesis import Hypothesis
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 Pairs = list[tuple[int, int]]
 """Pairs of views."""

@@ -12,7 +12,7 @@ from dmae.calibration.remedies import camera_names, remedy, unit_remedy, up_reme
 from dmae.calibration.world.floor import Floor
 from dmae.calibration.world.gravity_and_scale import relative_size, upright_direction
 from dmae.formats.calibrations.conventions import Convention
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 MIN_DETECTIONS = 20
 """Smallest number of detections for which a pair of views is judged."""

@@ -7,7 +7,7 @@ import numpy as np
 from dmae.completion.features import bone_stretch
 from dmae.data.clip import Poses3D
 from dmae.numerics.filling import smooth
-from dmae.numerics.gaps import neighbours
+from dmae.numerics.paths import neighbours
 
 _EXACT, _NOISY = -1.5, -0.1
 """By `dmae.completion.features.bone_stretch` poses are exact up to the first (1 mm), noisy from the second (8 mm)."""

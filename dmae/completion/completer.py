@@ -17,7 +17,7 @@ from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeleton_conversion import convert
 from dmae.numerics.filling import present
-from dmae.numerics.gaps import gap_lengths
+from dmae.numerics.paths import gap_lengths
 
 _ACCELERATION = 40.0
 """m/s^2; with a lower limit, rejection dropped more true joints of people who jump and dance than errors."""

@@ -6,11 +6,9 @@ Shapes: F frames, P persons, J joints.
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from dmae.numerics.bones import Bones, parent_bone_lengths
-from dmae.numerics.gaps import neighbours
-from dmae.numerics.heading import rotate_z
-from dmae.numerics.interpolation import take_frames
-from dmae.numerics.robust import median_over_frames
+from dmae.numerics.body import Bones, parent_bone_lengths, rotate_z
+from dmae.numerics.paths import neighbours, take_frames
+from dmae.numerics.statistics import median_over_frames
 
 _BONE_FRAMES, _JOINT_FRAMES, _PERSON_FRAMES = 3, 9, 51
 """Frames over which the stretch of a bone, the jitter of a joint, and either of a whole person are averaged."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
-from dmae.numerics.heading import body_heading, rotate_z
+from dmae.numerics.body import body_heading, rotate_z
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from dmae.completion.network.paper import DMAE
 from dmae.completion.windows import Rows, make_rows
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.numerics.heading import rotate_z
-from dmae.numerics.resampling import resample
+from dmae.numerics.body import rotate_z
+from dmae.numerics.filling import resample
 
 _BATCH = 4
 _FEW = 1

@@ -5,8 +5,7 @@ from math import prod
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from dmae.numerics.gaps import neighbours
-from dmae.numerics.interpolation import pchip_between, surrounding_frames, take_samples
+from dmae.numerics.paths import neighbours, pchip_between, surrounding_frames, take_samples
 
 _REACHES = (0.04, 0.1, 0.2)
 """s that are left out on either side of a sample with it: errors last for several frames."""

@@ -18,10 +18,9 @@ from dmae.completion.methods.gaussian_process_learned import fill_gaussian_proce
 from dmae.completion.normalisation import Normalisation, mid_hip
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
+from dmae.numerics.body import body_heading, rotate_z
 from dmae.numerics.filling import present
-from dmae.numerics.gaps import neighbours
-from dmae.numerics.heading import body_heading, rotate_z
-from dmae.numerics.interpolation import linear
+from dmae.numerics.paths import linear, neighbours
 
 _NEVER = 1000
 """Frames to a measurement that does not exist."""

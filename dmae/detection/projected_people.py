@@ -9,8 +9,8 @@ from scipy.optimize import linear_sum_assignment
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Detections2D, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.numerics.bones import distance_to_bones
-from dmae.numerics.robust import median_over_frames
+from dmae.numerics.body import distance_to_bones
+from dmae.numerics.statistics import median_over_frames
 
 _SAME = 0.3
 """Largest median distance between the joints of a detection and of a projected person that are one, relative to the

@@ -9,7 +9,7 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeleton_conversion import convert
 from dmae.formats.recordings.pose_files import pose_paths, read_poses
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 _LARGER = 2.5
 """If people are larger or smaller than the true people by this factor, the poses are in another unit."""

@@ -11,7 +11,7 @@ from dmae.metrics.comparison import Comparison
 from dmae.metrics.intervals import bootstrap_ratio
 from dmae.metrics.registry import metrics
 from dmae.metrics.time_blocks import FIGURES, block_sums, time_blocks
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 
 def score(

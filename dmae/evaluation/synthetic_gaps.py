@@ -6,8 +6,8 @@ import numpy as np
 
 from dmae.completion.training.masking import MaskingConfig, mask_bursts
 from dmae.data.clip import Poses3D
-from dmae.numerics.gaps import neighbours
-from dmae.numerics.noise import ar1_filter
+from dmae.numerics.paths import neighbours
+from dmae.numerics.statistics import ar1_filter
 
 _NOISE = 0.02
 """m; the standard deviation of the noise of a person's joints is uniform between 0 and this."""

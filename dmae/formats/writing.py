@@ -10,7 +10,7 @@ from dmae.data.store import check_vacant
 from dmae.files.names import child
 from dmae.formats.calibrations.conventions import LengthUnit
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
-from dmae.numerics.likely_error import without_unlikely
+from dmae.numerics.statistics import without_unlikely
 
 _SUFFIXES = {"coco": ".json", "movement": ".nc"}
 """Suffixes of files by format, where the suffix differs from the name of the format."""
@@ -56,7 +56,7 @@ def write_poses(
             first of them, unless the format writes all of them.
         unit: Unit of lengths, for formats with a choice of units.
         keep_mm: mm; leave out joints with a likely error above this, by their covariances, see
-            `dmae.numerics.likely_error.without_unlikely`. By default all joints are written.
+            `dmae.numerics.statistics.without_unlikely`. By default all joints are written.
 
     Returns:
         The poses on the skeleton that was written.

@@ -9,7 +9,7 @@ from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeletons.size import scale_of
 from dmae.metrics.matching import GATE, match, take_matched
-from dmae.numerics.gaps import gap_lengths
+from dmae.numerics.paths import gap_lengths
 
 GAP_RATE = 25.0
 """Frames/s in which lengths of gaps are stated, for clips of any frame rate."""

@@ -6,7 +6,7 @@ from scipy.optimize import linear_sum_assignment
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.matching import GATE, distances
 from dmae.metrics.registry import Column, metric
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 
 def identity_switches(matches: np.ndarray) -> int:

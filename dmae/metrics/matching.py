@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 GATE = 0.5
 """m; a prediction with a larger mean distance of its joints is another person. It applies to bodies of human size."""

@@ -6,7 +6,7 @@ from dmae.data.skeleton import SHELF14, Skeleton
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.percentage import percent
 from dmae.metrics.registry import metric
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 _SHELF_LIMBS = (
     "r_knee-r_ankle", "l_knee-l_ankle", "r_hip-r_knee", "l_hip-l_knee", "r_elbow-r_wrist", "l_elbow-l_wrist",

@@ -5,7 +5,7 @@ import numpy as np
 from dmae.data.clip import Source
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.registry import Column, metric
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 
 def percent(counted: np.ndarray, known: np.ndarray, axis=None):

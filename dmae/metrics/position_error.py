@@ -8,7 +8,7 @@ from dmae.metrics.pck import joints_within_threshold
 from dmae.metrics.percentage import percent
 from dmae.metrics.registry import Column, metric
 from dmae.metrics.uncertainty import in_region
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 GAPS = ((1, 5), (6, 15), (16, 40), (41, None))
 """Classes of gaps: the shortest and the longest gap of each class, in frames at 25 frames/s."""

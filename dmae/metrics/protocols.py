@@ -15,7 +15,7 @@ from dmae.metrics.matching import match, match_claimed, match_nearest, take_matc
 from dmae.metrics.pcp import correct_limbs
 from dmae.metrics.percentage import percent
 from dmae.metrics.registry import metric
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 from dmae.registry import Entry, Registry
 
 _UNGATED = 100.0

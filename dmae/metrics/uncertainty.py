@@ -5,7 +5,7 @@ from scipy.stats import rankdata
 
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.registry import metric
-from dmae.numerics.likely_error import likely_error
+from dmae.numerics.statistics import likely_error
 
 REGION_PROBABILITY = 0.9
 """Probability of the regions by which stated covariances are judged."""

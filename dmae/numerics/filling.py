@@ -1,4 +1,4 @@
-"""Fill the gaps of poses by interpolation, where the person is present."""
+"""Poses over time: fill gaps where the person is present, smooth, and change the frame rate."""
 
 from dataclasses import replace
 from math import prod
@@ -7,9 +7,8 @@ import numpy as np
 
 from dmae.data.clip import Poses3D, Source
 from dmae.files.mapped import column_blocks, empty, frame_blocks
-from dmae.numerics import body_frame
-from dmae.numerics.gaps import neighbours
-from dmae.numerics.interpolation import Interpolation, local_parabola
+from dmae.numerics.body import interpolate_bodies
+from dmae.numerics.paths import Interpolation, local_parabola, neighbours
 
 LONGEST_ABSENCE = 1.0
 """s; a person without any measurement for longer than this has left, and its joints are not filled."""
@@ -40,7 +39,7 @@ def fill_world(poses: Poses3D, fps: float, through: Interpolation) -> Poses3D:
     Args:
         poses: Poses in F frames.
         fps: Frames per second of the poses.
-        through: Function that interpolates (F, ..., 3) with gaps, for example `dmae.numerics.interpolation.linear`.
+        through: Function that interpolates (F, ..., 3) with gaps, for example `dmae.numerics.paths.linear`.
 
     Raises:
         ValueError: fps is not positive.
@@ -50,7 +49,7 @@ def fill_world(poses: Poses3D, fps: float, through: Interpolation) -> Poses3D:
 
 
 def fill_body_frame(poses: Poses3D, fps: float, through: Interpolation, by_rays: bool = False) -> Poses3D:
-    """Return the poses with gaps filled in the frame of the body, see `dmae.numerics.body_frame`.
+    """Return the poses with gaps filled in the frame of the body, see `interpolate_bodies`.
 
     Args:
         poses, fps, through: As in `fill_world`.
@@ -58,7 +57,7 @@ def fill_body_frame(poses: Poses3D, fps: float, through: Interpolation, by_rays:
     """
     poses = without_infinite(poses, fps)
     rays = poses.rays if by_rays else None
-    bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, through, rays)
+    bodies = interpolate_bodies(poses.xyz.astype(np.float64), poses.skeleton, fps, through, rays)
     return take_estimate(poses, fps, bodies.filled)
 
 
@@ -126,3 +125,27 @@ def take_estimate(poses: Poses3D, fps: float, estimate: np.ndarray) -> Poses3D:
         xyz=np.where(filled[..., None], estimate, poses.xyz),
         source=np.where(filled, Source.COMPLETED, poses.source),
     )
+
+
+def resample(poses: Poses3D, fps: float, to_fps: float) -> Poses3D:
+    """Return the same motion at another frame rate, by linear interpolation between neighbouring frames.
+
+    A joint is known at a time if it is known in both frames around that time. It gets the weaker of the two sources. It
+    has a ray if both frames have a ray from the same camera. Covariances and numbers of views are dropped.
+
+    Args:
+        poses: Poses at `fps`.
+        fps: Frames per second of `poses`.
+        to_fps: Frames per second of the result.
+    """
+    count = len(poses.xyz)
+    time = np.arange(int((count - 1) / fps * to_fps + 1e-6) + 1) * (fps / to_fps)
+    first = np.minimum((time + 1e-6).astype(int), count - 1)
+    second = np.minimum(first + (time - first > 1e-6), count - 1)
+    weight = np.where(second > first, time - first, 0)[:, None, None, None]
+    xyz = poses.xyz[first] * (1 - weight) + poses.xyz[second] * weight
+    source = np.maximum(poses.source[first], poses.source[second])
+    rays = poses.rays[first] * (1 - weight[..., None]) + poses.rays[second] * weight[..., None]
+    same = (poses.rays[first, ..., :1, :] == poses.rays[second, ..., :1, :]).all(-1, keepdims=True)
+    rays[..., 1, :] /= np.linalg.norm(rays[..., 1, :], axis=-1, keepdims=True)
+    return Poses3D(poses.skeleton, xyz, np.where(np.isnan(xyz).any(-1), 0, source), rays=np.where(same, rays, np.nan))

@@ -7,8 +7,8 @@ import numpy as np
 
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import by_frames, frame_blocks
-from dmae.numerics.bones import symmetric_bone_lengths
-from dmae.numerics.robust import median_over_frames
+from dmae.numerics.body import symmetric_bone_lengths
+from dmae.numerics.statistics import median_over_frames
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.tracks import Tracks
 

@@ -10,7 +10,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import empty, release
 from dmae.numerics.filling import fill_body_frame
-from dmae.numerics.interpolation import pchip
+from dmae.numerics.paths import pchip
 from dmae.reconstruction.appearance import appearance_differs, has_appearance
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence, evidence_blocks

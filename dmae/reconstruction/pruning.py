@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import column_blocks, empty, frame_blocks
-from dmae.numerics.bones import bone_lengths, symmetric_bone_lengths
+from dmae.numerics.body import bone_lengths, symmetric_bone_lengths
 from dmae.reconstruction.compiled.jumps import drop_broken, drop_runs, impossible_runs
 
 LONGEST_JUMP = 0.2

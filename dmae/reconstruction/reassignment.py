@@ -6,8 +6,7 @@ import numpy as np
 
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import column_blocks, frame_blocks
-from dmae.numerics.gaps import neighbours
-from dmae.numerics.interpolation import linear
+from dmae.numerics.paths import linear, neighbours
 from dmae.reconstruction.compiled.reprojection import nearest_detections
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.pruning import prune

@@ -14,7 +14,7 @@ from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeletons.tree import PERSON_M
 from dmae.files.mapped import release
-from dmae.numerics.robust import median_known
+from dmae.numerics.statistics import median_known
 from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dmae.files.mapped import by_frames, empty, release
-from dmae.numerics.robust import median_known
+from dmae.numerics.statistics import median_known
 from dmae.reconstruction.association import NONE
 
 _VELOCITY_FADE = 0.5

@@ -13,8 +13,8 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeleton_conversion import convert
-from dmae.numerics.gaps import neighbours
-from dmae.numerics.robust import mean_known
+from dmae.numerics.paths import neighbours
+from dmae.numerics.statistics import mean_known
 from dmae.reporting.figures import PERSONS
 from dmae.reporting.videos import small_videos
 

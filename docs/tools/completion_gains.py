@@ -25,7 +25,7 @@ from dmae.evaluation.benchmark.holes import PARTS, part_of
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
 from dmae.metrics.position_error import GAPS
 from dmae.metrics.uncertainty import in_region
-from dmae.numerics.gaps import gap_lengths
+from dmae.numerics.paths import gap_lengths
 from dmae.progress import progress
 
 FILE = Path(__file__).parents[1] / "results/completion_gains.json"

@@ -13,8 +13,7 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton_conversion import convert
 from dmae.numerics.filling import fill_world, smooth
-from dmae.numerics.gaps import gap_lengths
-from dmae.numerics.interpolation import linear
+from dmae.numerics.paths import gap_lengths, linear
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from synth.detector.matching import Match, match_detections

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from dmae.data.skeleton import BODY25
-from dmae.numerics.interpolation import local_parabola
+from dmae.numerics.paths import local_parabola
 
 SMOOTHING = 0.04
 """Standard deviation of the Gaussian weights with which a parabola is fitted to each joint, s.

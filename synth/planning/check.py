@@ -15,8 +15,8 @@ from dmae.metrics.identity import identity_switches, idf1
 from dmae.metrics.pcp import correct_limbs
 from dmae.metrics.percentage import percent
 from dmae.numerics.filling import fill_world, smooth
-from dmae.numerics.interpolation import linear
-from dmae.numerics.robust import mean_known
+from dmae.numerics.paths import linear
+from dmae.numerics.statistics import mean_known
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig

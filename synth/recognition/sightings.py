@@ -9,7 +9,7 @@ from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.skeleton_conversion import convert
-from dmae.numerics.heading import body_heading
+from dmae.numerics.body import body_heading
 from synth.scene.spec import SceneSpec
 
 STATURE = 1.7

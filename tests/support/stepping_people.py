@@ -4,7 +4,7 @@ import numpy as np
 
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import BODY25
-from dmae.numerics.heading import rotate_z
+from dmae.numerics.body import rotate_z
 
 # m forward, left, up, at rest.
 _BODY = {

@@ -15,7 +15,7 @@ from dmae.calibration.adjustment.joints import coarse_skeleton
 from dmae.calibration.adjustment.observations import Observations
 from dmae.calibration.adjustment.parameters import Calibration
 from dmae.data.clip import Clip
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 from dmae.reconstruction.config import CaptureConfig, NoiseModel
 from dmae.reconstruction.pipeline import capture
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import by_frames
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 _ADULT = {("shoulder", "hip"): 0.50, ("hip", "knee"): 0.42, ("knee", "ankle"): 0.41}
 """m, mean of both sides: lengths of the limbs of an adult of 1.72 m."""

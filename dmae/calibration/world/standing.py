@@ -12,7 +12,7 @@ import numpy as np
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import release
-from dmae.numerics.heading import body_heading
+from dmae.numerics.body import body_heading
 
 SOLE = {"heel": 0.018, "big_toe": 0.016, "small_toe": 0.016, "ankle": 0.075}
 """m; heights of joints above the floor when a foot stands flat."""

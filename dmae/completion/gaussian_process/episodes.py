@@ -10,8 +10,8 @@ from dmae.completion.gaussian_process.problems import GapProblem, Limbs
 from dmae.completion.gaussian_process.torso import Torsos
 from dmae.data.clip import Poses3D
 from dmae.metrics.position_error import GAPS
-from dmae.numerics import body_frame
-from dmae.numerics.interpolation import pchip
+from dmae.numerics.body import interpolate_bodies
+from dmae.numerics.paths import pchip
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def episodes_of(
     poses: Poses3D, truth: Poses3D, fps: float, bones: dict[str, float], most: int, torso: bool = False
 ) -> Iterator[Episode]:
     """Yield the gaps of all limbs, or of the torso, of poses of which the truth is known, in the same order."""
-    bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
+    bodies = interpolate_bodies(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
     if torso:
         parts = Torsos(poses, bodies, fps, bones)
         problems = (problem for joint in bodies.torso for problem in parts.problems(joint, most))

@@ -19,7 +19,7 @@ from dmae.data.clip import Poses3D
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import BODY25
 from dmae.data.store import clip_folders, load_clip
-from dmae.numerics.bones import median_bone_lengths
+from dmae.numerics.body import median_bone_lengths
 from dmae.progress import progress
 
 FPS = 25.0

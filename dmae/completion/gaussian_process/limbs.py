@@ -7,8 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
-from dmae.numerics.body_frame import Bodies
-from dmae.numerics.bones import median_bone_lengths
+from dmae.numerics.body import Bodies, median_bone_lengths
 
 NEAR = 0.8
 """s; training poses are dense so far from a gap."""

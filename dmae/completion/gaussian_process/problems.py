@@ -16,7 +16,7 @@ from dmae.completion.gaussian_process.limbs import (
     training_frames,
 )
 from dmae.data.clip import Poses3D
-from dmae.numerics.body_frame import Bodies
+from dmae.numerics.body import Bodies
 
 FEWEST = 20
 """Training poses; with fewer nothing is predicted."""

@@ -10,11 +10,9 @@ from scipy.linalg import cho_factor, cho_solve
 from dmae.completion.gaussian_process.steps import Steps, finished
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D
-from dmae.numerics import body_frame
-from dmae.numerics.body_frame import Bodies
+from dmae.numerics.body import Bodies, interpolate_bodies
 from dmae.numerics.filling import take_estimate, without_infinite
-from dmae.numerics.gaps import gap_lengths
-from dmae.numerics.interpolation import pchip
+from dmae.numerics.paths import gap_lengths, pchip
 
 SHORT_GAP = 0.2
 """s; in gaps shorter than this interpolation is better than the Gaussian process."""
@@ -41,7 +39,7 @@ def fill_gaussian_process(poses: Poses3D, fps: float) -> Poses3D:
     Limbs are placed by a Gaussian process over those poses. The longer a joint is hidden, the more weight it has.
     """
     poses = without_infinite(poses, fps)
-    bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
+    bodies = interpolate_bodies(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
     finished(place_limbs(bodies, fps))
     return take_estimate(poses, fps, bodies.filled)
 

@@ -12,11 +12,9 @@ from dmae.completion.gaussian_process.torso import Torsos
 from dmae.completion.methods.gaussian_process import place_limbs
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D
-from dmae.numerics import body_frame
-from dmae.numerics.body_frame import Bodies
+from dmae.numerics.body import Bodies, interpolate_bodies
 from dmae.numerics.filling import take_estimate, without_infinite
-from dmae.numerics.gaps import neighbours
-from dmae.numerics.interpolation import pchip
+from dmae.numerics.paths import neighbours, pchip
 
 _MOST = 160
 """Training poses of a gap."""
@@ -43,7 +41,7 @@ def fill_both(poses: Poses3D, fps: float, frames: slice = slice(None)) -> Steps[
         frames: Those in which the second is asked for; in others it may be anything between the two.
     """
     poses = without_infinite(poses, fps)
-    bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
+    bodies = interpolate_bodies(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
     yield _START_COST
     plain = bodies.copy()
     yield from place_limbs(plain, fps)
@@ -66,7 +64,7 @@ def fill_both(poses: Poses3D, fps: float, frames: slice = slice(None)) -> Steps[
 def fill_with(poses: Poses3D, fps: float, kernels: KernelSet) -> Poses3D:
     """Fill by given kernels alone, where they predict the person's other frames; elsewhere by interpolation."""
     poses = without_infinite(poses, fps)
-    bodies = body_frame.interpolate(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
+    bodies = interpolate_bodies(poses.xyz.astype(np.float64), poses.skeleton, fps, pchip, poses.rays)
     finished(_place_torso(poses, fps, bodies, kernels, _without_rays(poses)))
     everywhere = np.ones(poses.xyz.shape[:3], bool)
     finished(_place_limbs(poses, fps, bodies, kernels, everywhere, everywhere[..., 0]))

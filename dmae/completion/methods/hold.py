@@ -3,7 +3,7 @@
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D
 from dmae.numerics.filling import fill_world
-from dmae.numerics.interpolation import hold
+from dmae.numerics.paths import hold
 
 
 @completion_method("hold")

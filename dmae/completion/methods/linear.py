@@ -3,7 +3,7 @@
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D
 from dmae.numerics.filling import fill_world
-from dmae.numerics.interpolation import linear
+from dmae.numerics.paths import linear
 
 
 @completion_method("linear")

@@ -3,7 +3,7 @@
 from dmae.completion.methods.registry import completion_method
 from dmae.data.clip import Poses3D
 from dmae.numerics.filling import fill_body_frame
-from dmae.numerics.interpolation import pchip
+from dmae.numerics.paths import pchip
 
 
 @completion_method("pchip_body")

@@ -14,8 +14,7 @@ from dmae.completion.weights import pick_device
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert
-from dmae.numerics.filling import present
-from dmae.numerics.resampling import resample
+from dmae.numerics.filling import present, resample
 
 _BATCH = 64
 

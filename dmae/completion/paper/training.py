@@ -25,7 +25,7 @@ from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
 from dmae.files.structured import read_json
-from dmae.numerics.resampling import resample
+from dmae.numerics.filling import resample
 from dmae.progress import progress
 
 SKELETON = "body21+shelf14"

@@ -6,9 +6,9 @@ import numpy as np
 
 from dmae.completion.training.pose_pairs import PosePair
 from dmae.data.clip import Poses3D
-from dmae.numerics.heading import rotate_z
-from dmae.numerics.noise import ar1_filter
-from dmae.numerics.resampling import resample
+from dmae.numerics.body import rotate_z
+from dmae.numerics.filling import resample
+from dmae.numerics.statistics import ar1_filter
 
 _CORRELATION = 0.75
 """Of errors in neighbouring frames at 25 frames/s, about as those of OpenPose."""

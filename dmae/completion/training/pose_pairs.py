@@ -9,7 +9,7 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.data.skeleton_conversion import convert
 from dmae.metrics.matching import match, take_matched
-from dmae.numerics.resampling import resample
+from dmae.numerics.filling import resample
 
 
 @dataclass(frozen=True)

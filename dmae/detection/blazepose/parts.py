@@ -9,7 +9,7 @@ from dmae.data.skeleton import BLAZEPOSE33
 from dmae.detection.blazepose.confidence import clearness
 from dmae.detection.blazepose.landmarks import HEAD, LIMBS, Person
 from dmae.detection.blazepose.regions import Region
-from dmae.numerics.bones import distance_to_bones
+from dmae.numerics.body import distance_to_bones
 
 _SAME_HEAD, _SMALLER = 0.25, 0.75
 """Distance of two heads that are one, and size of a torso that is part of another body, relative to its torso."""

@@ -12,7 +12,7 @@ from dmae.evaluation.benchmark.causes import ENOUGH_VIEWS, causes
 from dmae.metrics.comparison import GAP_RATE
 from dmae.metrics.matching import match, take_matched
 from dmae.metrics.position_error import GAPS
-from dmae.numerics.gaps import gap_lengths, neighbours
+from dmae.numerics.paths import gap_lengths, neighbours
 
 PARTS = {
     "head": ("nose", "eye", "eye_inner", "eye_outer", "ear", "mouth", "head", "head_top", "top_head", "bottom_head"),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.numerics.noise import multiscale_noise
+from dmae.numerics.statistics import multiscale_noise
 
 
 def share_of_time(

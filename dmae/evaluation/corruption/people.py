@@ -7,7 +7,7 @@ from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.corruption.detections import heights
 from dmae.metrics.matching import match
 from dmae.numerics.filling import fill_body_frame
-from dmae.numerics.interpolation import linear
+from dmae.numerics.paths import linear
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 

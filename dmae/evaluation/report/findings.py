@@ -15,7 +15,7 @@ from dmae.evaluation.report.reprojection import reprojection
 from dmae.evaluation.report.stated_uncertainty import counts_in_regions
 from dmae.evaluation.review.decisions import checksum
 from dmae.evaluation.review.ranking import Doubt, rank_doubts
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 _DOUBTS = 40
 """Number of doubtful joints that the page lists for a clip."""

@@ -10,7 +10,7 @@ from dmae.data.skeleton import Skeleton
 from dmae.data.skeleton_conversion import convert
 from dmae.metrics.comparison import GAP_RATE, Comparison
 from dmae.metrics.matching import take_matched
-from dmae.numerics.gaps import gap_lengths
+from dmae.numerics.paths import gap_lengths
 
 
 @dataclass(frozen=True, eq=False)

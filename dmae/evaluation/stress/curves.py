@@ -9,7 +9,7 @@ from dmae.evaluation.stress.contenders import Contender
 from dmae.evaluation.stress.plan import Axis, Cell, Plan
 from dmae.metrics.intervals import Interval, bootstrap_difference, bootstrap_ratio, bootstrap_scores
 from dmae.metrics.time_blocks import block_sums
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 PCP_DROP = 10.0
 """A method is broken if its PCP is this number of points below its PCP at level 0."""

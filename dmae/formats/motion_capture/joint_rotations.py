@@ -12,10 +12,9 @@ import numpy as np
 
 from dmae.data.clip import Poses3D, Source
 from dmae.files.mapped import by_frames, column_blocks, empty
-from dmae.numerics.bones import bone_lengths
+from dmae.numerics.body import bone_lengths, rotate_z, smooth_heading
 from dmae.numerics.filling import fill_body_frame
-from dmae.numerics.heading import rotate_z, smooth_heading
-from dmae.numerics.interpolation import linear, pchip
+from dmae.numerics.paths import linear, pchip
 
 _LIMBS = {"elbow": (0, 1, 0), "wrist": (0, 1, 0), "knee": (0, 0, -1), "ankle": (0, 0, -1)}
 """Directions of limbs in the rest pose, a T-pose that faces x, for the left side. y points outwards."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dmae.files.mapped import empty, frame_blocks, release, total
-from dmae.numerics.robust import median_over_frames
+from dmae.numerics.statistics import median_over_frames
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.triangulation import Points

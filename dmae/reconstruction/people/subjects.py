@@ -7,8 +7,8 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import by_frames, total
-from dmae.numerics.bones import bone_lengths, symmetric_bone_lengths
-from dmae.numerics.robust import median_known, median_over_frames
+from dmae.numerics.body import bone_lengths, symmetric_bone_lengths
+from dmae.numerics.statistics import median_known, median_over_frames
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.merging import merge

@@ -10,7 +10,7 @@ import numpy as np
 from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
 from dmae.data.store import clip_folders, load_clip
-from dmae.numerics.heading import body_heading
+from dmae.numerics.body import body_heading
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.datasets.splits import SplitBy, identities

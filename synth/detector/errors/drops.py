@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmae.numerics.noise import ar1_noise, bursts
+from dmae.numerics.statistics import ar1_noise, bursts
 from synth.detector.ranges import check_probabilities
 from synth.detector.view import ErrorStream, View
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.labels import JointError
 from dmae.data.skeleton import BODY25
-from dmae.numerics.noise import ar1_noise, beta_quantile, bursts, multiscale_noise
+from dmae.numerics.statistics import ar1_noise, beta_quantile, bursts, multiscale_noise
 from synth.detector.ranges import check_amounts, check_beta, check_probabilities
 from synth.detector.view import ErrorStream, View, box
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.labels import JointError
 from dmae.data.skeleton import BODY25
-from dmae.numerics.noise import ar1_noise, bursts, multiscale_noise
+from dmae.numerics.statistics import ar1_noise, bursts, multiscale_noise
 from synth.detector.parts import LEG_KINDS, kind_of
 from synth.detector.ranges import check_probabilities
 from synth.detector.view import ErrorStream, View

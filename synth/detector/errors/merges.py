@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from dmae.data.labels import JointError
-from dmae.numerics.noise import bursts, multiscale_noise
+from dmae.numerics.statistics import bursts, multiscale_noise
 from synth.detector.parts import LEG_KINDS, joint_groups
 from synth.detector.ranges import check_probabilities
 from synth.detector.view import ErrorStream, View, box

@@ -6,7 +6,7 @@ import numpy as np
 
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
-from dmae.numerics.noise import bursts, multiscale_noise
+from dmae.numerics.statistics import bursts, multiscale_noise
 from synth.detector.parts import LEG_KINDS, joint_groups, kind_of
 from synth.detector.ranges import check_amounts, check_probabilities
 from synth.detector.view import ErrorStream, View

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import gammaincinv, ndtr
 
 from dmae.data.skeleton import BODY25
-from dmae.numerics.noise import ar1_noise, multiscale_noise
+from dmae.numerics.statistics import ar1_noise, multiscale_noise
 from synth.detector.ranges import check_amounts, check_probabilities
 from synth.detector.view import ErrorStream, View, height
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from dmae.numerics.noise import ar1_noise, beta_quantile
+from dmae.numerics.statistics import ar1_noise, beta_quantile
 from synth.detector.ranges import check_beta, check_probabilities
 from synth.detector.view import ErrorStream, View
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmae.data.skeleton import BODY25
-from dmae.numerics.noise import bursts, multiscale_noise
+from dmae.numerics.statistics import bursts, multiscale_noise
 from synth.detector.parts import LEG_KINDS, kind_of
 from synth.detector.ranges import check_probabilities
 from synth.detector.view import ErrorStream, View

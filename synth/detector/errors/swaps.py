@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmae.data.labels import JointError, Visibility
-from dmae.numerics.noise import bursts, multiscale_noise
+from dmae.numerics.statistics import bursts, multiscale_noise
 from synth.detector.ranges import check_probabilities
 from synth.detector.view import ErrorStream, View, height
 

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.numerics.gaps import neighbours
-from dmae.numerics.interpolation import pchip
+from dmae.numerics.paths import neighbours, pchip
 
 _LONGEST = 0.25
 """Longest gap that is interpolated, s; for the wrist of a walking person the error is about 2 cm."""

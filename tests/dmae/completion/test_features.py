@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dmae.completion.features import bone_length_offsets, bone_stretch, held_offsets, jitter
-from dmae.numerics.heading import rotate_z
+from dmae.numerics.body import rotate_z
 
 PARENTS = np.array([0, 0])
 

@@ -28,8 +28,8 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import BODY21, BODY25, COCO17, HALPE26, SHELF14, get_skeleton
 from dmae.data.skeleton_conversion import convert
 from dmae.formats.reading import DataConfig
+from dmae.numerics.body import body_heading, rotate_z
 from dmae.numerics.filling import present
-from dmae.numerics.heading import body_heading, rotate_z
 from tests.support.circling_people import circling_people, clip_of
 from tests.support.training import changed
 

@@ -10,7 +10,7 @@ from dmae.completion.pieces import in_pieces
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import SHELF14
 from dmae.numerics.filling import fill_world
-from dmae.numerics.interpolation import pchip
+from dmae.numerics.paths import pchip
 
 
 def recording(frames: int, persons: int = 2) -> Poses3D:

@@ -12,7 +12,7 @@ from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import SHELF14
 from dmae.metrics.position_error import GAPS
 from dmae.metrics.uncertainty import REGION_PROBABILITY, REGION_RADIUS
-from dmae.numerics.gaps import gap_lengths
+from dmae.numerics.paths import gap_lengths
 
 TRUTH = Poses3D(SHELF14, np.zeros((400, 4, 14, 3)))
 DEVIATIONS = np.array([0.01, 0.02, 0.04, 0.08, 0.16])

@@ -19,8 +19,8 @@ from dmae.completion.windows import join_rows, make_rows
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, SHELF14, Skeleton, get_skeleton
 from dmae.data.skeleton_conversion import convert
-from dmae.numerics.heading import body_heading, rotate_z
-from dmae.numerics.resampling import resample
+from dmae.numerics.body import body_heading, rotate_z
+from dmae.numerics.filling import resample
 from tests.support.circling_people import circling_people, clip_of
 
 FRAMES = 15

@@ -5,7 +5,7 @@ import pytest
 
 from dmae.metrics.identity import identity_switches, idf1
 from dmae.metrics.matching import GATE, distances, match
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 from tests.support.shelf_walkers import aside, people
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from dmae.data.clip import Source
 from dmae.metrics.percentage import source_shares
-from dmae.numerics.robust import mean_known
+from dmae.numerics.statistics import mean_known
 
 
 def test_shares_add_up():

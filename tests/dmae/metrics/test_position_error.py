@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dmae.metrics.position_error import GAPS, error_by_gap, mpjpe
-from dmae.numerics.gaps import gap_lengths
+from dmae.numerics.paths import gap_lengths
 from tests.support.shelf_walkers import people
 
 

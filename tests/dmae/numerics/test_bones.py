@@ -1,8 +1,8 @@
 import numpy as np
 
 from dmae.data.skeleton import SHELF14, Skeleton
-from dmae.numerics.bones import bone_lengths, median_bone_lengths, parent_bone_lengths, symmetric_bone_lengths
-from dmae.numerics.robust import median_over_frames
+from dmae.numerics.body import bone_lengths, median_bone_lengths, parent_bone_lengths, symmetric_bone_lengths
+from dmae.numerics.statistics import median_over_frames
 
 ARM = ((0, 1), (1, 2))
 

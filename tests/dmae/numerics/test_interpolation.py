@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
-from dmae.numerics.interpolation import hold, linear, local_parabola, pchip, surrounding_frames, take_samples
+from dmae.numerics.paths import hold, linear, local_parabola, pchip, surrounding_frames, take_samples
 
 
 @settings(max_examples=60, deadline=None)

@@ -5,7 +5,7 @@ import pytest
 
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
-from dmae.numerics.likely_error import likely_error, without_unlikely
+from dmae.numerics.statistics import likely_error, without_unlikely
 from tests.support.clips import walkers
 
 

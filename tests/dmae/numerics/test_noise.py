@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dmae.numerics.noise import ar1_filter, ar1_noise, bursts, multiscale_noise
+from dmae.numerics.statistics import ar1_filter, ar1_noise, bursts, multiscale_noise
 
 
 def test_ar1_noise_is_standard_normal_and_decorrelates_in_the_time_given():

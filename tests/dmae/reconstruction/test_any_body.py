@@ -11,7 +11,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import BODY25
 from dmae.data.skeletons.definition import define
 from dmae.metrics.matching import match, take_matched
-from dmae.numerics.heading import body_rotations
+from dmae.numerics.body import body_rotations
 from dmae.online.capture import OnlineCapture
 from dmae.reconstruction.config import AssociationConfig, CaptureConfig, ComparedJoints, SubjectConfig, TrackingConfig
 from dmae.reconstruction.people.body_size import measured_size

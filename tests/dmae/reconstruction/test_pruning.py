@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmae.data.skeleton import BODY25
-from dmae.numerics.bones import symmetric_bone_lengths
+from dmae.numerics.body import symmetric_bone_lengths
 from dmae.reconstruction.pruning import broken, jumps
 from tests.support.detected_people import FPS, standing
 

@@ -17,7 +17,7 @@ from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.skeleton_conversion import convert
 from dmae.metrics.matching import match, take_matched
-from dmae.numerics.resampling import resample
+from dmae.numerics.filling import resample
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from tests.support.clips import looking_at_origin, walkers

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dmae.data.skeleton import BODY25
-from dmae.numerics.interpolation import local_parabola
+from dmae.numerics.paths import local_parabola
 from synth.motion.kinematics import QUANTITIES, SMOOTHING, kinematics
 from synth.motion.procedural.walking import ProceduralConfig, make_motion
 from synth.people.segments import SEGMENTS

@@ -5,7 +5,7 @@ import numpy as np
 from dmae.data.clip import Clip
 from dmae.evaluation.corruption.detections import heights, redetected
 from dmae.evaluation.corruption.registry import corruption
-from dmae.numerics.noise import bursts, multiscale_noise
+from dmae.numerics.statistics import bursts, multiscale_noise
 
 _TIMES = [3.0, 0.3]
 """s; correlation times of a ghost's presence, mixed half and half."""

@@ -20,8 +20,8 @@ from dmae.completion.methods.gaussian_process_learned import fill_gaussian_proce
 from dmae.completion.methods.pchip_body import fill_pchip_body
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import BODY25
-from dmae.numerics import body_frame
-from dmae.numerics.interpolation import pchip
+from dmae.numerics.body import interpolate_bodies
+from dmae.numerics.paths import pchip
 from tests.support.circling_people import circling_people
 from tests.support.gaps import without
 
@@ -102,7 +102,7 @@ def test_it_counts_as_far_as_it_predicts_the_persons_other_frames(kernels):
     slow = np.random.default_rng(1).normal(0, 0.1, (200, 1, 3)).cumsum(0)
     xyz = given.xyz.copy()
     xyz[:, :, [ELBOW, WRIST]] += slow[:, :, None]
-    bodies = body_frame.interpolate(xyz.astype(np.float64), BODY25, FPS, pchip)
+    bodies = interpolate_bodies(xyz.astype(np.float64), BODY25, FPS, pchip)
     walking = next(Limbs(Poses3D(BODY25, xyz), bodies, FPS, kernels.bones).problems(ELBOW, 60))
     assert 0 <= blending_weight(walking, predict(walking, kernel)) < 0.8
 

@@ -15,8 +15,8 @@ from dmae.completion.methods.gaussian_process_learned import (
 )
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import BODY25
-from dmae.numerics import body_frame
-from dmae.numerics.interpolation import pchip
+from dmae.numerics.body import interpolate_bodies
+from dmae.numerics.paths import pchip
 from tests.support.circling_people import circling_people
 from tests.support.gaps import without
 
@@ -42,7 +42,7 @@ def leaning(joints: list[int]) -> tuple[Poses3D, Poses3D]:
 
 
 def problems(poses: Poses3D, joint: int):
-    bodies = body_frame.interpolate(poses.xyz.astype(np.float64), BODY25, FPS, pchip, poses.rays)
+    bodies = interpolate_bodies(poses.xyz.astype(np.float64), BODY25, FPS, pchip, poses.rays)
     return list(Torsos(poses, bodies, FPS, shipped_kernels().bones).problems(joint, 60))
 
 

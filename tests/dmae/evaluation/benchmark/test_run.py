@@ -116,7 +116,7 @@ def test_the_truth_scores_0_files_as_functions_and_nothing_is_not_measured(
 def test_a_command_prints_the_tables_and_a_second_hand_in_is_compared(tiny: Definition, made: Path, tmp_path: Path):
     (tmp_path / "mine.py").write_text(
         "from dmae.numerics.filling import fill_world\n"
-        "from dmae.numerics.interpolation import hold\n"
+        "from dmae.numerics.paths import hold\n"
         "def fill(poses, fps):\n"
         "    return fill_world(poses, fps, hold)\n"
     )

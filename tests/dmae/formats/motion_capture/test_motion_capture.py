@@ -11,7 +11,7 @@ from dmae.formats.motion_capture import c3d
 from dmae.formats.motion_capture.bvh import Y_UP
 from dmae.formats.motion_capture.joint_rotations import joint_rotations
 from dmae.formats.writing import write_poses
-from dmae.numerics.heading import rotate_z
+from dmae.numerics.body import rotate_z
 from synth.motion.readers.bvh import read_bvh
 from tests.support.clips import full_clip, walkers
 

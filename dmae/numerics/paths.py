@@ -1,4 +1,4 @@
-"""Interpolation and smoothing of samples over time.
+"""Paths over time: find their gaps, fill them by interpolation, and smooth them.
 
 Values are (F, ..., C), one row per frame. A sample is missing if one of its C components is NaN.
 """
@@ -10,7 +10,43 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from dmae.numerics.compiled import compiled
-from dmae.numerics.gaps import neighbours
+
+
+def neighbours(observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest observed frames before and after each frame, (F, ...) each, for `observed` (F, ...) bool.
+
+    A frame that is observed is returned itself. The frame before is -1 if there is none; the frame after is F.
+    """
+    flat = np.ascontiguousarray(observed).reshape(len(observed), prod(observed.shape[1:]))
+    before, after = _neighbours(flat)
+    return before.reshape(observed.shape), after.reshape(observed.shape)
+
+
+@compiled()
+def _neighbours(observed):
+    """Return the result of `neighbours` for `observed` (F, n)."""
+    frames, columns = observed.shape
+    before, after = np.empty((frames, columns), np.int64), np.empty((frames, columns), np.int64)
+    for frame in range(frames):
+        for column in range(columns):
+            if observed[frame, column]:
+                before[frame, column] = frame
+            else:
+                before[frame, column] = before[frame - 1, column] if frame else -1
+    for frame in range(frames - 1, -1, -1):
+        for column in range(columns):
+            if observed[frame, column]:
+                after[frame, column] = frame
+            else:
+                after[frame, column] = after[frame + 1, column] if frame < frames - 1 else frames
+    return before, after
+
+
+def gap_lengths(observed: np.ndarray) -> np.ndarray:
+    """Return the length of the gap around each entry of `observed` (F, ...), frames; 0 where it is observed."""
+    before, after = neighbours(observed)
+    return np.where(observed, 0, after - before - 1)
+
 
 Interpolation = Callable[[np.ndarray], np.ndarray]
 """Function that fills the gaps of values (F, ..., C): between samples, before the first and after the last sample."""
@@ -99,7 +135,7 @@ def surrounding_frames(
     """Return the frames of the two samples before and the two samples after each of n frames, (4, n).
 
     Args:
-        before, after: (F, C) results of `dmae.numerics.gaps.neighbours` for C columns of samples.
+        before, after: (F, C) results of `dmae.numerics.paths.neighbours` for C columns of samples.
         frame, column: (n,) frame and column of each of the n places.
         reach: Frames; samples nearer than this are skipped.
 

@@ -1,0 +1,125 @@
+"""Statistics: means and medians of known values, random processes over time, and the likely errors of joints."""
+
+from math import prod
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.special import betaincinv, ndtri
+
+from dmae.data.clip import Poses3D, Source
+from dmae.numerics.compiled import compiled
+
+
+def mean_known(values: np.ndarray, axis=0):
+    """Return the mean of the values that are not NaN; NaN, without a warning, where no value is known."""
+    known = ~np.isnan(values)
+    total, count = np.where(known, values, 0).sum(axis), known.sum(axis)
+    return np.divide(total, count, out=np.full(np.shape(total), np.nan), where=count > 0)[()]
+
+
+def median_known(values: np.ndarray) -> np.ndarray:
+    """Return the median (..., C) over the rows of values (..., N, C) that are not NaN; NaN if no row is known.
+
+    A row must be known completely or not at all.
+    """
+    *shape, rows, columns = values.shape
+    flat = np.ascontiguousarray(values, np.float64).reshape(prod(shape), rows, columns)
+    return _medians(flat.swapaxes(0, 1)).reshape(*shape, columns)
+
+
+def median_over_frames(values: np.ndarray) -> np.ndarray:
+    """Return the median (...) over frames of the values (F, ...) that are not NaN; NaN, without a warning, if none."""
+    flat = np.ascontiguousarray(values, np.float64).reshape(len(values), prod(values.shape[1:]), 1)
+    return _medians(flat).reshape(values.shape[1:])
+
+
+@compiled()
+def _medians(values):
+    """Return the medians (n, C) of the values (N, n, C) that are not NaN; NaN where no value is known."""
+    rows, count, columns = values.shape
+    medians, known = np.full((count, columns), np.nan), np.empty(rows)
+    for i in range(count):
+        for column in range(columns):
+            number = 0
+            for row in range(rows):
+                if not np.isnan(values[row, i, column]):
+                    known[number] = values[row, i, column]
+                    number += 1
+            if number:
+                medians[i, column] = np.median(known[:number])
+    return medians
+
+
+def ar1_filter(white: np.ndarray, coefficient: float) -> np.ndarray:
+    """Return a stationary AR(1) process with the variance of the given white noise.
+
+    x[0] = white[0], x[n] = coefficient x[n - 1] + sqrt(1 - coefficient^2) white[n]
+
+    Args:
+        white: (F, ...) independent values with mean zero and equal variance.
+        coefficient: Correlation of successive frames, from 0 to below 1.
+    """
+    gain = np.sqrt(1 - coefficient**2)
+    start = white[:1] / gain
+    return lfilter([gain], [1, -coefficient], np.concatenate([start, white[1:]]), axis=0)
+
+
+def ar1_noise(shape: tuple[int, ...], fps: float, seconds: float, *, rng: np.random.Generator) -> np.ndarray:
+    """Return standard normal AR(1) noise (F, ...). Its correlation falls to 1/e in `seconds`; 0 gives white noise."""
+    white = rng.standard_normal(shape)
+    return ar1_filter(white, np.exp(-1 / (fps * seconds))) if seconds > 0 else white
+
+
+def multiscale_noise(shape: tuple[int, ...], fps: float, seconds: list[float], *, rng: np.random.Generator):
+    """Return standard normal noise (F, ...): equal parts of AR(1) noise with several correlation times, s."""
+    return sum(ar1_noise(shape, fps, time, rng=rng) for time in seconds) / np.sqrt(len(seconds))
+
+
+def bursts(probability: np.ndarray | float, noise: np.ndarray) -> np.ndarray:
+    """Return events (F, ...) bool with a given probability, clustered in time according to the correlated noise.
+
+    The sum of noise with a long and a short correlation time gives many short bursts and a few very long bursts. A
+    Markov chain with the same probability and mean length does not.
+
+    Args:
+        probability: (F, ...) or a number, from 0 to 1.
+        noise: (F, ...) standard normal noise.
+    """
+    return noise < ndtri(probability)
+
+
+def beta_quantile(shape: np.ndarray, quantile: np.ndarray) -> np.ndarray:
+    """Return quantiles (...) of Beta distributions with parameters `shape` (a, b), (..., 2) or (2,); 1 where b is 0."""
+    a, b = np.moveaxis(np.broadcast_to(shape, (*quantile.shape, 2)), -1, 0)
+    return np.where(b > 0, betaincinv(a, np.where(b > 0, b, 1), quantile), 1.0)
+
+
+MEDIAN_RADIUS = 1.5382
+"""Radius that contains half of an isotropic Gaussian in three dimensions, in standard deviations along an axis."""
+
+
+def likely_error(cov: np.ndarray) -> np.ndarray:
+    """Return the median distance from the truth for covariances (..., 3, 3) m^2, (...) m; NaN where unknown.
+
+    A covariance that is not isotropic is replaced by the isotropic covariance with the same trace.
+    """
+    variance = np.trace(cov.astype(np.float64), axis1=-2, axis2=-1) / 3
+    return MEDIAN_RADIUS * np.sqrt(np.maximum(variance, 0))
+
+
+def without_unlikely(poses: Poses3D, keep_mm: float | None) -> Poses3D:
+    """Return the poses with joints made absent if their likely error is above `keep_mm`, mm; None keeps all joints.
+
+    Completed joints with unknown covariance are also made absent, because their accuracy is unknown. Measured joints
+    with unknown covariance are kept.
+
+    Raises:
+        ValueError: `keep_mm` is not a positive number.
+    """
+    if keep_mm is None:
+        return poses
+    if not (np.isfinite(keep_mm) and keep_mm > 0):
+        raise ValueError(f"keep_mm={keep_mm}: expected the greatest likely error in mm, above 0, or none")
+    error = likely_error(poses.cov)
+    unknown = np.isnan(error) & (poses.source == Source.COMPLETED)
+    return poses.without(unknown | (np.nan_to_num(error) * 1000 > keep_mm))
