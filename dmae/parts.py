@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from dmae.data.from_json import decode
+from dmae.data.json_values import decode
 from dmae.data.resume import claim_folder
 from dmae.data.store import write_atomic
 from dmae.files.structured import read_json

@@ -10,9 +10,9 @@ import numpy as np
 
 import dmae
 import synth
+from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
-from dmae.data.skeleton_conversion import convert
 
 FILE = Path(__file__).parent / "data/fingerprints.json"
 TOLERANCES = {"m": 0.005, "share": 0.01, "mm": 2.0, "count": 0}

@@ -109,7 +109,7 @@ def loaded_by(statement: str) -> set[str]:
     "statement",
     [
         "import dmae, synth",
-        "import dmae.data.clip, dmae.data.store, dmae.data.skeleton_conversion, dmae.data.rng",
+        "import dmae.data.clip, dmae.data.store, dmae.data.conversion, dmae.data.rng",
         "import dmae.formats.reading, dmae.completion.methods, dmae.metrics",
         "import dmae.regression, dmae.regression.solvers",
     ],

@@ -7,8 +7,8 @@ from dmae.completion.methods.pchip_body import fill_pchip_body
 from dmae.completion.pipeline import load_completer
 from dmae.completion.weights import find_shipped
 from dmae.data.clip import Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25
-from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
 from dmae.metrics.position_error import GAPS
 from dmae.numerics.paths import gap_lengths

@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 from dmae.commands.data_sets import part_of
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.store import write_atomic
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate, forecast

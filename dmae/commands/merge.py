@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.store import CHECKSUMS, check_vacant, read_manifest, whole_folder, write_atomic, write_manifest
 from dmae.evaluation.joining import join_scores, join_stress
 from dmae.evaluation.scores import read_scores

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.store import write_atomic
 from dmae.evaluation.paper_tables.config import TableConfig
 from dmae.evaluation.paper_tables.make import make_table

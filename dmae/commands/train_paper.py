@@ -50,8 +50,8 @@ def run(config: TrainPaperCommand, out: Path) -> None:
     # Torch is loaded for training only, not to list options.
     from dmae.completion.paper.training import SKELETON, fine_tune, pretrain
     from dmae.completion.training.pose_pairs import pose_pair
+    from dmae.data.conversion import convert
     from dmae.data.skeleton import get_skeleton
-    from dmae.data.skeleton_conversion import convert
     from dmae.formats.recordings.selection import camera_subsets
     from dmae.reconstruction.pipeline import capture
 

@@ -7,12 +7,12 @@ second, the target, is hidden whole; it alone is predicted, and it alone is trai
 import numpy as np
 
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
-from dmae.data.skeleton_conversion import convert
 
 
 def derive(poses: Poses3D, target: Skeleton) -> Poses3D:
-    """Return what geometry makes of the poses (`dmae.data.skeleton_conversion.convert`), from which a model starts.
+    """Return what geometry makes of the poses (`dmae.data.conversion.convert`), from which a model starts.
 
     A joint of the target counts as measured where the joints that it is derived from were. Joints that no rule derives
     are absent.

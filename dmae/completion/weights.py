@@ -19,8 +19,7 @@ from torch.overrides import TorchFunctionMode
 from dmae.completion.network.build import build_network
 from dmae.completion.network.config import ModelConfig, model_config
 from dmae.completion.network.paper import DMAE
-from dmae.data.skeleton import Skeleton, decode_skeleton, get_skeleton
-from dmae.data.skeletons.definition import encode
+from dmae.data.skeleton import Skeleton, decode_skeleton, encode, get_skeleton
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
 from dmae.files.structured import read_json
@@ -183,7 +182,7 @@ def find_shipped(skeleton: Skeleton) -> Path:
     if best is None or not common[best]:
         raise ValueError(
             f"no weights for skeleton {skeleton.name!r} come with this package, which has those for "
-            f"{', '.join(common) or 'no skeleton'}; convert the poses (dmae.data.skeleton_conversion.convert), or "
+            f"{', '.join(common) or 'no skeleton'}; convert the poses (dmae.data.conversion.convert), or "
             f"train on that skeleton (dmae train) and name the folder by weights=..."
         )
     return SHIPPED / best

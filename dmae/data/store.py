@@ -17,8 +17,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
-from dmae.data.skeleton import decode_skeleton
-from dmae.data.skeletons.definition import encode
+from dmae.data.skeleton import decode_skeleton, encode
 from dmae.files.contents import read_text
 from dmae.files.mapped import frame_blocks
 from dmae.files.names import child

@@ -30,7 +30,7 @@ class ClipFile:
         frames: Number of frames, F.
         cameras: Names of the V cameras.
         persons: Number of persons P of `truth` and of `poses`, by that name, if the clip has them.
-        skeletons: Skeletons of `truth` and of `poses`, by that name, as `dmae.data.skeletons.definition.encode`
+        skeletons: Skeletons of `truth` and of `poses`, by that name, as `dmae.data.skeleton.encode`
             returns them.
         kinds: Kinds of images of the clip.
     """

@@ -9,8 +9,8 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from dmae.data.clip import Clip, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.datasets.clip_files import ClipFile, clip_files
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Detections2D
+from dmae.data.conversion import convert_detections
 from dmae.data.skeleton import COCO17
-from dmae.data.skeleton_conversion import convert_detections
 from dmae.data.store import write_atomic
 from dmae.detection.recording import Recording
 from dmae.formats.openpose import write_detections

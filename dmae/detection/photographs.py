@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from dmae.data.clip import Detections2D
+from dmae.data.conversion import convert_detections
 from dmae.data.skeleton import COCO17
-from dmae.data.skeleton_conversion import convert_detections
 from dmae.data.store import write_atomic
 from dmae.detection.output import FlatFormat, OutputConfig, coco
 from dmae.detection.pictures import CameraPictures, pictures_in, read_files

@@ -12,9 +12,9 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
+from dmae.data.conversion import convert_detections
 from dmae.data.images import Images, write_video
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.skeleton_conversion import convert_detections
 from dmae.detection.across_views import compare_views
 from dmae.detection.alignment import Alignment, align
 from dmae.detection.picture_size import Fitting, fit_pictures

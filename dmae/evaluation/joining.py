@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from dmae.data.from_json import decode
+from dmae.data.json_values import decode
 from dmae.evaluation.scores import summary
 from dmae.evaluation.stress.config import StressConfig
 from dmae.evaluation.stress.matrix import CACHE, compute, prepare

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.formats.recordings.pose_files import pose_paths, read_poses
 from dmae.numerics.statistics import mean_known
 

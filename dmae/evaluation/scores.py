@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Poses3D
-from dmae.data.skeleton_conversion import convert
+from dmae.data.conversion import convert
 from dmae.files.structured import read_json
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.intervals import bootstrap_ratio

@@ -9,10 +9,9 @@ import numpy as np
 from dmae.completion.blending import noisiness, smooth_by_noise
 from dmae.completion.methods.registry import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.conversion import convert, scale_of
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.skeleton_conversion import convert
-from dmae.data.skeletons.size import scale_of
 from dmae.evaluation.config import EvaluateConfig, Input, ReferencePoses
 from dmae.evaluation.predictions import predictions_of, read_prediction
 from dmae.evaluation.reference import measured_by_all, scored_actors, truth_of

@@ -26,8 +26,7 @@ import numpy as np
 from numpy.lib.format import header_data_from_array_1_0, write_array_header_1_0
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.skeleton import Skeleton, decode_skeleton
-from dmae.data.skeletons.definition import encode
+from dmae.data.skeleton import Skeleton, decode_skeleton, encode
 from dmae.data.store import write_atomic
 from dmae.files.arrays import read_arrays
 from dmae.files.mapped import frame_blocks

@@ -10,8 +10,7 @@ import numpy as np
 import yaml
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.skeleton import SKELETONS, Skeleton
-from dmae.data.skeletons.definition import encode, read_skeleton
+from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_text, written
 from dmae.files.mapped import by_frames, frame_blocks

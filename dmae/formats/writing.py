@@ -4,8 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from dmae.data.clip import Clip, Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.data.store import check_vacant
 from dmae.files.names import child
 from dmae.formats.calibrations.conventions import LengthUnit

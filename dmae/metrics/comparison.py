@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import scale_of
 from dmae.data.skeleton import Skeleton
-from dmae.data.skeletons.size import scale_of
 from dmae.metrics.matching import GATE, match, take_matched
 from dmae.numerics.paths import gap_lengths
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
+from dmae.data.conversion import resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
-from dmae.data.skeletons.size import resized_poses, resized_rig
 from dmae.online.completion import DELAY, TURN, FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import get_skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.public.arguments import checked
 
 if TYPE_CHECKING:

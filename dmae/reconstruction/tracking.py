@@ -11,8 +11,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from dmae.data.clip import Clip
-from dmae.data.skeleton import Skeleton
-from dmae.data.skeletons.tree import PERSON_M
+from dmae.data.skeleton import PERSON_M, Skeleton
 from dmae.files.mapped import release
 from dmae.numerics.statistics import median_known
 from dmae.progress import progress

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.skeleton_conversion import convert
+from dmae.data.conversion import convert
 from dmae.data.store import load_clip
 from dmae.regression.pack import Case, write_pack
 

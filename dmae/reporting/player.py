@@ -11,8 +11,8 @@ from scipy.optimize import linear_sum_assignment
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.numerics.paths import neighbours
 from dmae.numerics.statistics import mean_known
 from dmae.reporting.figures import PERSONS

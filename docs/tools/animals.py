@@ -18,8 +18,8 @@ sys.path.insert(0, str(ROOT))
 
 from dmae.completion.methods.registry import METHODS  # noqa: E402
 from dmae.data.clip import Clip, Poses3D, Source  # noqa: E402
-from dmae.data.json_text import json_text  # noqa: E402
-from dmae.data.skeletons.tree import PERSON_M  # noqa: E402
+from dmae.data.json_values import json_text  # noqa: E402
+from dmae.data.skeleton import PERSON_M  # noqa: E402
 from dmae.metrics.matching import match, take_matched  # noqa: E402
 from dmae.reconstruction.config import CaptureConfig  # noqa: E402
 from dmae.reconstruction.pipeline import capture  # noqa: E402

@@ -19,7 +19,7 @@ from dmae.completion.gaussian_process.fitting import FPS, read_pairs
 from dmae.completion.methods import METHODS
 from dmae.completion.pipeline import SMOOTHING, completers
 from dmae.data.clip import Poses3D
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25
 from dmae.evaluation.benchmark.holes import PARTS, part_of
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb

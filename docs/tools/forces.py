@@ -19,7 +19,7 @@ import numpy as np
 from provenance import measured
 
 import synth
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.labels import Visibility
 from dmae.data.store import clip_folders, load_clip
 from dmae.progress import progress

@@ -20,9 +20,9 @@ from provenance import provenance
 
 import dmae
 import synth
-from dmae.data.json_text import json_text
+from dmae.data.conversion import convert
+from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25
-from dmae.data.skeleton_conversion import convert
 from synth.detector.matching import match_detections
 from synth.recognition.crops import NEAR, UNOBSTRUCTED
 from synth.recognition.sightings import sightings

@@ -19,7 +19,7 @@ from pathlib import Path
 from joblib.externals.loky import get_reusable_executor
 from provenance import measured
 
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from synth.datasets import forecast as forecasting
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.forecast import forecast

@@ -24,7 +24,7 @@ from provenance import measured
 from scipy.stats import spearmanr
 
 from dmae.cli import compose
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.rng import Stream, generator
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate

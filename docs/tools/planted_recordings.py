@@ -22,7 +22,7 @@ import synth
 from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, ROTATION, Calibration, Q
 from dmae.calibration.faults import Fault
 from dmae.data.clip import Clip, Detections2D
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.formats.reading import DataConfig, load
 from dmae.progress import progress
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 from provenance import provenance
 
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 
 ROOT = Path(__file__).parents[2]
 _ALL = "measured,linear,pchip_body,kalman,reject_pchip,rays,gaussian_process,reject_gaussian_process"

@@ -14,9 +14,9 @@ from provenance import provenance
 
 import dmae
 from dmae.data.clip import Clip
-from dmae.data.json_text import json_text
+from dmae.data.conversion import convert, convert_detections
+from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25
-from dmae.data.skeleton_conversion import convert, convert_detections
 from dmae.detection.blazepose.confidence import GROUPS
 from synth.detector.matching import match_detections
 from synth.recognition.crops import NEAR

@@ -4,7 +4,7 @@ import io
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.store import write_atomic
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables

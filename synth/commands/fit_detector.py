@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.store import write_atomic
 from dmae.files.names import child
 from dmae.formats.reading import DataConfig, load

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import cv2
 
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.store import write_atomic
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.parallel import Backend, running_on

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25
-from dmae.data.skeleton_conversion import convert
 from dmae.formats.reading import DataConfig, load
 from dmae.progress import progress
 from synth.motion.body_fit import fit_to_body

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import is_dataclass
 from pathlib import Path
 
-from dmae.data.from_json import decode
+from dmae.data.json_values import decode
 from dmae.data.resources import resource_folder
 from dmae.files.structured import read_yaml
 from synth.detector.config import DetectorConfig

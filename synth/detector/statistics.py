@@ -11,7 +11,7 @@ from enum import StrEnum
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
-from dmae.data.skeleton_conversion import convert
+from dmae.data.conversion import convert
 from dmae.numerics.filling import fill_world, smooth
 from dmae.numerics.paths import gap_lengths, linear
 from dmae.reconstruction.config import CaptureConfig

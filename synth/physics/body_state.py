@@ -9,7 +9,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from dmae.data.array_fields import short_repr
-from dmae.data.from_json import decode
+from dmae.data.json_values import decode
 from dmae.data.store import write_atomic
 from synth.people.body import Body
 from synth.people.segments import SEGMENTS

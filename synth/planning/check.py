@@ -8,8 +8,8 @@ from scipy import stats
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.identity import identity_switches, idf1
 from dmae.metrics.pcp import correct_limbs

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.store import write_atomic
 from dmae.formats.calibrations.pose2sim import write_cameras
 from dmae.reporting.tables import Table

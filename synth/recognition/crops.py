@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from dmae.data.clip import Clip, Detections2D
+from dmae.data.conversion import convert_detections
 from dmae.data.skeleton import BODY25
-from dmae.data.skeleton_conversion import convert_detections
 from dmae.detection.registry import PictureDetector
 from synth.recognition.sightings import Sightings
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from dmae.data.clip import Clip
+from dmae.data.conversion import convert, convert_detections
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
-from dmae.data.skeleton_conversion import convert, convert_detections
 from synth.detector.matching import FRAGMENT, match_detections
 from synth.detector.statistics import GROSS
 from synth.recognition.sightings import Sightings, sightings

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmae.data.clip import Clip
+from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
-from dmae.data.skeleton_conversion import convert
 from dmae.numerics.body import body_heading
 from synth.scene.spec import SceneSpec
 

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from dmae.data.clip import Clip
+from dmae.data.conversion import convert_detections
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
-from dmae.data.skeleton_conversion import convert_detections
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from synth.detector.comparison import Limits, Row, compare

@@ -11,8 +11,8 @@ from dmae.completion.network.config import CodesConfig, DecoderConfig, EncoderCo
 from dmae.completion.normalisation import rest_pose
 from dmae.completion.training.masking import MaskingConfig, mask_bursts
 from dmae.data.clip import Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import SHELF14
-from dmae.data.skeleton_conversion import convert
 from tests.support.circling_people import circling_people
 
 FPS = 25.0

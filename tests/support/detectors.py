@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Poses3D
-from dmae.data.from_json import decode
+from dmae.data.json_values import decode
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import get_skeleton
 from synth.detector.config import DetectorConfig

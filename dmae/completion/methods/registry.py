@@ -53,7 +53,7 @@ find_method = completion_method.find
 @cache
 def _of_any_size(function: Fill) -> Fill:
     """Return the function for bodies of any size, the same one each time."""
-    from dmae.data.skeletons.size import for_any_size  # NumPy is not imported to list methods
+    from dmae.data.conversion import for_any_size
 
     return for_any_size(function)
 

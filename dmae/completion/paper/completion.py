@@ -12,8 +12,8 @@ from dmae.completion.paper.training import SKELETON, load_paper
 from dmae.completion.paper.windows import centre, hips_of, measured_coordinates
 from dmae.completion.weights import pick_device
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.numerics.filling import present, resample
 
 _BATCH = 64

@@ -10,8 +10,8 @@ from dmae.completion.training.examples import Examples, Recipe, cut_examples, ma
 from dmae.completion.training.pose_pairs import PosePair
 from dmae.completion.windows import join_rows
 from dmae.data.clip import Poses3D
+from dmae.data.conversion import convert
 from dmae.data.rng import Stream, generator
-from dmae.data.skeleton_conversion import convert
 
 _DRAWS = 5
 """Masks drawn for each true recording that uncertainty is calibrated on."""

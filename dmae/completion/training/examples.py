@@ -13,7 +13,7 @@ from dmae.completion.training.masking import MaskingConfig, mask
 from dmae.completion.training.pose_pairs import PosePair
 from dmae.completion.windows import Rows, Windows, make_rows
 from dmae.data.clip import Poses3D
-from dmae.data.skeleton_conversion import convert
+from dmae.data.conversion import convert
 
 _KEPT_RAYS = 0.5
 """Share of the masked joints that keep their rays."""

@@ -6,8 +6,8 @@ import numpy as np
 
 from dmae.completion.fusion import true_pair
 from dmae.data.clip import Clip, Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.metrics.matching import match, take_matched
 from dmae.numerics.filling import resample
 

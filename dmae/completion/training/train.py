@@ -39,8 +39,7 @@ from dmae.completion.uncertainty import CLASSES
 from dmae.completion.weights import OF_PEOPLE, find_shipped, load_model, save_model
 from dmae.data.clip import Clip
 from dmae.data.resume import claim_folder
-from dmae.data.skeleton import BODY25, Skeleton, get_skeleton
-from dmae.data.skeletons.definition import encode
+from dmae.data.skeleton import BODY25, Skeleton, encode, get_skeleton
 
 _PRECISION = {Precision.single: "32-true", Precision.bf16: "bf16-mixed"}
 _QUIET = {"enable_progress_bar": False, "enable_model_summary": False}
@@ -64,7 +63,7 @@ def train(
     as if it had never stopped. Sets torch's global seed.
 
     Args:
-        clips: Clips with truth, in any skeleton that `dmae.data.skeleton_conversion.convert` can turn into the
+        clips: Clips with truth, in any skeleton that `dmae.data.conversion.convert` can turn into the
             wanted one. From those with `poses` a model learns captured poses: with their gaps and errors, and more
             joints masked.
         out: Folder.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from dmae.data.from_json import decode
+from dmae.data.json_values import decode
 from dmae.data.resources import resource_folder
 from dmae.files.structured import read_yaml
 from dmae.registry import unknown

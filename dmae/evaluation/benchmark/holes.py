@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
+from dmae.data.conversion import convert
 from dmae.data.labels import OcclusionLabels
 from dmae.data.skeleton import Skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.benchmark.causes import ENOUGH_VIEWS, causes
 from dmae.metrics.comparison import GAP_RATE
 from dmae.metrics.matching import match, take_matched

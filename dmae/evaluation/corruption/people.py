@@ -3,7 +3,7 @@
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
-from dmae.data.skeleton_conversion import convert
+from dmae.data.conversion import convert
 from dmae.evaluation.corruption.detections import heights
 from dmae.metrics.matching import match
 from dmae.numerics.filling import fill_body_frame

@@ -1,6 +1,6 @@
 """Where published evaluations place the ends of the annotated head of Shelf, which no detector finds.
 
-Each formula has constants that were tuned on that recording. `dmae.data.skeleton_conversion.convert` uses the formula
+Each formula has constants that were tuned on that recording. `dmae.data.conversion.convert` uses the formula
 of Zhang et al. 2020, here `4da`.
 """
 
@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import SHELF14, Skeleton
-from dmae.data.skeleton_conversion import convert
 
 _LANDMARKS = ("nose", "l_ear", "r_ear", "l_shoulder", "r_shoulder")
 _TOP_OF_NOSE = np.array([0.75, 0.75, 1.5])

@@ -9,8 +9,8 @@ from dmae.completion.paper.config import SIZES, PaperConfig
 from dmae.completion.paper.training import SKELETON, fine_tune, pretrain
 from dmae.completion.training.pose_pairs import pose_pair
 from dmae.data.clip import Clip, Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import get_skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.paper_tables.config import TableConfig, TableSize
 from dmae.evaluation.paper_tables.data_sets import load_sets
 from dmae.formats.recordings.selection import camera_subsets

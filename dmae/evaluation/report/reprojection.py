@@ -5,8 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.skeleton_conversion import convert
-from dmae.data.skeletons.size import scale_of
+from dmae.data.conversion import convert, scale_of
 from dmae.evaluation.report.joint_groups import JointGroup, added, tally
 from dmae.files.mapped import by_frames, release
 from dmae.metrics.matching import match, take_matched

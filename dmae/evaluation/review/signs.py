@@ -6,8 +6,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from dmae.data.clip import Clip, Poses3D
-from dmae.data.skeleton_conversion import convert
-from dmae.data.skeletons.size import scale_of
+from dmae.data.conversion import convert, scale_of
 from dmae.evaluation.report.reprojection import reprojection_errors
 
 _UNKNOWN = 0.2

@@ -10,7 +10,7 @@ import numpy as np
 from dmae.completion.blending import noisiness, smooth_by_noise
 from dmae.completion.methods.registry import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
-from dmae.data.skeleton_conversion import convert
+from dmae.data.conversion import convert
 from dmae.evaluation.corruption.corrupt import corrupt
 from dmae.evaluation.corruption.people import people_of
 from dmae.evaluation.reference import measured_by_all, scored_actors, truth_of

@@ -11,7 +11,7 @@ import yaml
 
 from dmae.completion.methods.registry import find_method
 from dmae.data.clip import Poses3D
-from dmae.data.from_json import decode
+from dmae.data.json_values import decode
 from dmae.data.resources import resource_folder
 from dmae.evaluation.stress.config import PAPER, StressConfig
 from dmae.reconstruction.config import CaptureConfig

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dmae.data.json_text import json_text
+from dmae.data.json_values import json_text
 from dmae.data.store import write_atomic
 from dmae.evaluation.corruption.registry import find_corruption
 from dmae.evaluation.stress.curves import HIDDEN_ERROR, PCP_DROP

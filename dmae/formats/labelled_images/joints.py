@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import Skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.formats.recordings.pixel_covariances import pixel_covariances
 
 

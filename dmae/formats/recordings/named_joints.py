@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.skeleton import SKELETONS, Skeleton
-from dmae.data.skeletons.definition import define
+from dmae.data.skeleton import SKELETONS, Skeleton, define
 from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.formats.recordings.numbered_detections import NumberedDetections
 

@@ -21,8 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.skeleton import Skeleton, decode_skeleton
-from dmae.data.skeletons.definition import encode
+from dmae.data.skeleton import Skeleton, decode_skeleton, encode
 from dmae.data.store import write_atomic
 from dmae.files.hdf5 import Hdf5, open_hdf5
 from dmae.files.numbers import MOST_METRES, check_numbers, check_rate

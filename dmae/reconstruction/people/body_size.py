@@ -7,8 +7,8 @@ from itertools import combinations, product
 import numpy as np
 
 from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.conversion import extent, resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
-from dmae.data.skeletons.size import extent, resized_poses, resized_rig
 from dmae.numerics.closest_approach import closest_approach
 from dmae.reconstruction.config import CaptureConfig
 
@@ -19,7 +19,7 @@ _GAP = 0.05
 _WHOLE = 0.6
 """Smallest share of the joints that two cameras must have in common."""
 _SIZE_QUANTILE = 0.8
-"""As of `dmae.data.skeletons.size.usual_size`."""
+"""As of `dmae.data.conversion.usual_size`."""
 
 
 def in_units_of_people(steps: Callable[[Clip, CaptureConfig], Poses3D], clip: Clip, config: CaptureConfig) -> Poses3D:

@@ -7,8 +7,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.skeleton import Skeleton
-from dmae.data.skeletons.tree import PERSON_M
+from dmae.data.skeleton import PERSON_M, Skeleton
 from dmae.numerics.statistics import median_known
 from dmae.reconstruction.association import NONE, Candidates, count_pairs, find_groups
 from dmae.reconstruction.config import CaptureConfig, fewer_of_few

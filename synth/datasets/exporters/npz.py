@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.skeleton_conversion import convert
+from dmae.data.conversion import convert
 from dmae.formats.labelled_images.joints import joint_labels
 from dmae.formats.labelled_images.pictures import file_part
 from synth.datasets.exporters.registry import exporter

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.skeleton_conversion import convert
+from dmae.data.conversion import convert
 from dmae.formats.labelled_images.pictures import file_part
 from dmae.formats.panoptic import write_panoptic
 from synth.datasets.exporters.npz import physical_arrays

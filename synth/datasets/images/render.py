@@ -10,7 +10,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.from_json import decode
+from dmae.data.json_values import decode
 from dmae.data.rng import Stream, generator
 from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip, whole_folder, write_manifest
 from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, PANOPTIC19
-from dmae.data.skeleton_conversion import convert
 from dmae.data.store import load_clip, save_clip, write_manifest
 from dmae.formats import easymocap, panoptic
 from dmae.formats.calibrations.files import write_calibration

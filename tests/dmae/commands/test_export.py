@@ -15,9 +15,9 @@ from dmae.commands.convert import ConvertCommand
 from dmae.commands.export import ExportCommand
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25, COCO17, PANOPTIC19, SHELF14, get_skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.data.store import load_clip, save_clip
 from dmae.formats import panoptic
 from dmae.formats.calibrations.files import read_calibration

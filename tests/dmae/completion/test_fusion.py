@@ -25,8 +25,8 @@ from dmae.completion.training.train import train
 from dmae.completion.uncertainty import CLASSES, Factors
 from dmae.completion.windows import make_rows
 from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY21, BODY25, COCO17, HALPE26, SHELF14, get_skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.formats.reading import DataConfig
 from dmae.numerics.body import body_heading, rotate_z
 from dmae.numerics.filling import present

@@ -20,8 +20,8 @@ from dmae.completion.training.train import train
 from dmae.completion.uncertainty import CLASSES
 from dmae.completion.weights import save_model
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import SHELF14
-from dmae.data.skeleton_conversion import convert
 from dmae.metrics.uncertainty import REGION_RADIUS
 from dmae.numerics.filling import present
 from tests.support.circling_people import circling_people, clip_of

@@ -12,8 +12,8 @@ from dmae.completion.pipeline import SMOOTHING
 from dmae.completion.uncertainty import CLASSES
 from dmae.completion.weights import save_model
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, COCO17, SHELF14, Skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.data.store import load_clip, save_clip
 from tests.support.circling_people import circling_people, clip_of
 from tests.support.completers import FPS, circling, untrained, with_holes

@@ -17,8 +17,8 @@ from dmae.completion.pipeline import SMOOTHING, completers
 from dmae.completion.uncertainty import CLASSES
 from dmae.completion.weights import find_shipped, load_model, save_model, shipped
 from dmae.data.clip import Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, COCO17, HALPE26, SHELF14, Skeleton, fuse
-from dmae.data.skeleton_conversion import convert
 from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate

@@ -17,8 +17,8 @@ from dmae.completion.training.masking import MaskingConfig, body_parts, mask_bur
 from dmae.completion.training.pose_pairs import PosePair, pose_pair
 from dmae.completion.windows import join_rows, make_rows
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14, Skeleton, get_skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.numerics.body import body_heading, rotate_z
 from dmae.numerics.filling import resample
 from tests.support.circling_people import circling_people, clip_of

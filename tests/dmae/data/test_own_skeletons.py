@@ -8,9 +8,8 @@ import pytest
 
 import dmae
 from dmae.data.clip import Poses3D, Source
-from dmae.data.skeleton import BODY25, SKELETONS, decode_skeleton, get_skeleton
-from dmae.data.skeletons.definition import encode
-from dmae.data.skeletons.size import for_any_size, resized_poses, usual_size
+from dmae.data.conversion import for_any_size, resized_poses, usual_size
+from dmae.data.skeleton import BODY25, SKELETONS, decode_skeleton, encode, get_skeleton
 from dmae.data.store import load_clip, save_clip
 from dmae.formats.npz import export_npz, read_npz
 from tests.support.animals import DOG, HAND, dog_clip

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert, head_ends
 from dmae.data.skeleton import BODY21, BODY25, COCO17, SHELF14, Skeleton, get_skeleton
-from dmae.data.skeleton_conversion import convert, head_ends
 from tests.support.clips import t_pose, walkers
 
 

@@ -10,8 +10,8 @@ import torch
 from torch.utils.data import DataLoader
 
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
-from dmae.data.skeleton_conversion import convert
 from dmae.data.store import load_clip, save_clip, write_manifest
 from dmae.datasets import ClipDataset, FrameDataset, WindowDataset, clip_files
 from tests.support.clips import full_clip

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from dmae.data.conversion import convert_detections
 from dmae.data.skeleton import BLAZEPOSE33, BODY25, COCO17
-from dmae.data.skeleton_conversion import convert_detections
 from dmae.detection.blazepose.expected import find_expected
 from dmae.detection.blazepose.landmarks import Person, find_person
 from dmae.detection.blazepose.models import Network

@@ -9,8 +9,8 @@ import pytest
 
 import dmae as verbs
 from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14, Skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.evaluate import evaluate
 from dmae.formats.npz import export_npz

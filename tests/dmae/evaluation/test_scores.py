@@ -5,9 +5,8 @@ import pytest
 
 from dmae.completion.methods.linear import fill_linear
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert, resized_poses
 from dmae.data.skeleton import BODY25, SHELF14, get_skeleton
-from dmae.data.skeleton_conversion import convert
-from dmae.data.skeletons.size import resized_poses
 from dmae.evaluation.scores import score
 from tests.support.animals import DOG, dog
 from tests.support.clips import walkers

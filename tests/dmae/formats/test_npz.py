@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
-from dmae.data.skeleton_conversion import convert
 from dmae.formats.npz import export_npz, read_npz
 from tests.support.clips import walkers
 

@@ -9,8 +9,8 @@ import pytest
 
 import dmae
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, PANOPTIC19
-from dmae.data.skeleton_conversion import convert
 from dmae.formats.calibrations.conventions import Convention
 from dmae.formats.calibrations.files import read_calibration, write_calibration
 from dmae.formats.panoptic import POSES, read_poses, write_poses

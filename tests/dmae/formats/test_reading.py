@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Clip
+from dmae.data.conversion import convert
 from dmae.data.labels import JointError
 from dmae.data.skeleton import BODY25, BODY25B, PANOPTIC19, SHELF14
-from dmae.data.skeleton_conversion import convert
 from dmae.data.store import save_clip, write_manifest
 from dmae.formats import easymocap, panoptic
 from dmae.formats.calibrations.conventions import Convention, LengthUnit, UpDirection

@@ -8,8 +8,7 @@ import pytest
 from dmae.completion.methods.registry import METHODS
 from dmae.completion.weights import find_shipped
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.skeleton import BODY25
-from dmae.data.skeletons.definition import define
+from dmae.data.skeleton import BODY25, define
 from dmae.metrics.matching import match, take_matched
 from dmae.numerics.body import body_rotations
 from dmae.online.capture import OnlineCapture

@@ -8,9 +8,9 @@ from omegaconf import OmegaConf
 
 from dmae.completion.methods.linear import fill_linear
 from dmae.data.clip import Detections2D, Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.resources import resource_folder
 from dmae.data.skeleton import BODY25, SHELF14
-from dmae.data.skeleton_conversion import convert
 from dmae.metrics.identity import idf1
 from dmae.metrics.matching import match, take_matched
 from dmae.metrics.pcp import correct_limbs

@@ -14,8 +14,8 @@ from dmae.completion.methods.rays import fill_rays
 from dmae.completion.normalisation import rest_pose
 from dmae.completion.windows import make_rows
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
-from dmae.data.skeleton_conversion import convert
 from dmae.metrics.matching import match, take_matched
 from dmae.numerics.filling import resample
 from dmae.reconstruction.config import CaptureConfig

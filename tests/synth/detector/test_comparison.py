@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from dmae.data.from_json import decode
+from dmae.data.json_values import decode
 from dmae.data.store import save_clip
 from synth.commands import compare as compare_command
 from synth.commands import fit_detector as fit_command

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.data.from_json import decode
+from dmae.data.json_values import decode
 from synth.interactions import InteractionConfig
 from synth.interactions.casting import draw_motions
 from synth.motion.procedural.walking import ProceduralConfig

@@ -21,8 +21,8 @@ from dmae.completion.training.pose_pairs import PosePair
 from dmae.completion.training.train import train
 from dmae.completion.uncertainty import CLASSES
 from dmae.data.clip import Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
-from dmae.data.skeleton_conversion import convert
 from tests.support.circling_people import circling_people, clip_of
 from tests.support.training import changed
 

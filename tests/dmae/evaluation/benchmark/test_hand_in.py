@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Poses3D
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, COCO17, Skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.data.store import save_clip
 from dmae.evaluation.benchmark.hand_in import HandIn, Task, check_poses
 from dmae.formats.npz import export_npz

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14, get_skeleton
-from dmae.data.skeleton_conversion import convert
 from dmae.evaluation.paper_tables.head_placement import convert_with_head
 from dmae.metrics.protocols import protocol
 from tests.support.clips import t_pose, walkers

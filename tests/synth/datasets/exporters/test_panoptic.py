@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 
+from dmae.data.conversion import convert
 from dmae.data.skeleton import PANOPTIC19
-from dmae.data.skeleton_conversion import convert
 from dmae.data.store import load_clip
 from dmae.formats import panoptic
 from dmae.formats.calibrations.files import read_calibration

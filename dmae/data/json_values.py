@@ -1,13 +1,26 @@
-"""Decode frozen dataclasses from the JSON of their fields.
+"""JSON: readable text, and frozen dataclasses decoded from their fields.
 
-No library is used: cattrs converts "3" and 2.7 to the integers 3 and 2, and messages of dacite lack the path of a
+No library decodes them: cattrs converts "3" and 2.7 to the integers 3 and 2, and messages of dacite lack the path of a
 nested field.
 """
 
+import json
+import re
 import types
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from typing import Any, Union, get_args, get_origin, get_type_hints
+
+
+def json_text(value) -> str:
+    """Return indented JSON of a value. A list that contains only numbers and nulls takes one line."""
+    text = json.dumps(value, indent=1, allow_nan=False)
+    return re.sub(
+        r"\[\n\s*((?:-?[\d.eE+-]+|null)(?:,\s+(?:-?[\d.eE+-]+|null))*)\s*\n\s*\]",
+        lambda found: "[" + re.sub(r"\s+", " ", found[1]) + "]",
+        text,
+    )
+
 
 _LARGEST = 1e9
 """Largest absolute value of a float."""

@@ -1,1 +1,0 @@
-"""What is a skeleton? The type `Skeleton`, its definitions in files, and the size of bodies."""
