@@ -12,7 +12,7 @@ import numpy as np
 
 from dmae.calibration.hypothesis import Hypothesis
 from dmae.data.cameras import CameraRig
-from dmae.numerics.closest_approach import closest_approach
+from dmae.reconstruction.triangulation import closest_approach
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from dmae.parallel import Backend, in_parallel, process_count, running_on
 from dmae.parts import numbers_of
 from dmae.progress import duration, progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
-from dmae.reconstruction.people.diagnosis import explain_capture
+from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import print_tables
 from dmae.reporting.words import counted

@@ -22,7 +22,7 @@ from dmae.files.checksums import (
 from dmae.formats.reading import Clips, DataConfig, is_data_set, load
 from dmae.parts import PART, Part, write_part
 from dmae.progress import progress
-from dmae.reconstruction.people.sides import exchanged_detections
+from dmae.reconstruction.sides import exchanged_detections
 from dmae.reporting.words import counted
 
 T = TypeVar("T")

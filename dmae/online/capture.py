@@ -12,16 +12,13 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.conversion import resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
 from dmae.online.completion import DELAY, TURN, FinishedFrame, OnlineCompleter, split_frames
+from dmae.reconstruction.body_size import resized_config
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence
-from dmae.reconstruction.false_positives import false_positives, well_measured
-from dmae.reconstruction.merging import merge, same_person
-from dmae.reconstruction.people.body_size import resized_config
-from dmae.reconstruction.people.subjects import inside_volume
+from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, well_measured
 from dmae.reconstruction.pipeline import MeasuredJoints, measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
-from dmae.reconstruction.tracking import Tracker
-from dmae.reconstruction.tracks import TrackedFrame, Tracks
+from dmae.reconstruction.tracking import TrackedFrame, Tracker, Tracks
 
 if TYPE_CHECKING:
     from dmae.completion.completer import Completer

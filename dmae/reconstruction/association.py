@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dmae.reconstruction.compiled.pairs import find_partners, join, supports
+from dmae.numerics.compiled import compiled
 from dmae.reconstruction.config import AssociationConfig
 
 NONE = -1
@@ -173,3 +173,278 @@ def _proposed(first: np.ndarray, second: np.ndarray, found: np.ndarray, view: np
             pairs = index[linear_sum_assignment(block, maximize=True)]
         proposed.append(pairs[pairs != NONE])
     return np.concatenate(proposed)
+
+
+_PARALLEL = np.float32(1e-8)
+"""Squared sine of an angle; lines at smaller ones are parallel."""
+_FIRST = 19
+"""Number of joints by which most pairs are rejected, before the other joints are compared."""
+_ROUNDING = np.float32(1e-4)
+"""Of affinities, by far."""
+
+
+@compiled(fastmath=True)
+def agreement(a, b, rays, weights, base_x, base_y, base_z, half_distance):
+    """Return sums over the joints of two detections: of w_j / (1 + (d_j / half_distance)^2), and of w_j.
+
+    d_j is the distance between the rays of joint j in front of their cameras, and w_j the product of their weights.
+
+    Args:
+        a: Index of a detection.
+        b: Index of the other one.
+        rays: (n, 3, J) unit directions; zeros where the joint is absent.
+        weights: (n, J) root of the confidence; 0 where the joint is absent.
+        base_x: m, x from the camera of a to the camera of b; `base_y` and `base_z` are y and z.
+        half_distance: m, distance at which a joint counts half.
+    """
+    zero, one = np.float32(0), np.float32(1)
+    square = base_x * base_x + base_y * base_y + base_z * base_z
+    scale = one / (half_distance * half_distance)
+    near, total = zero, zero
+    for j in range(weights.shape[1]):
+        ax, ay, az = rays[a, 0, j], rays[a, 1, j], rays[a, 2, j]
+        bx, by, bz = rays[b, 0, j], rays[b, 1, j], rays[b, 2, j]
+        weight = weights[a, j] * weights[b, j]
+        cosine = ax * bx + ay * by + az * bz
+        base_a = ax * base_x + ay * base_y + az * base_z
+        base_b = bx * base_x + by * base_y + bz * base_z
+        cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        sine2 = cx * cx + cy * cy + cz * cz
+        volume = cx * base_x + cy * base_y + cz * base_z
+        # Either the lines are closest in front of both cameras, or one of the rays is closest at its start.
+        ahead = (sine2 > _PARALLEL) & (base_a >= cosine * base_b) & (cosine * base_a >= base_b)
+        # Written as choices, not with min and max, so that the loop is vectorised.
+        back_a, back_b = base_a if base_a > zero else zero, base_b if base_b < zero else zero
+        back_a, back_b = back_a * back_a, back_b * back_b
+        at_start = square - (back_a if back_a > back_b else back_b)
+        at_start = at_start if at_start > zero else zero
+        # The distance of the lines is |volume| / sine; one division serves both cases.
+        share = sine2 if ahead else one
+        distance2 = volume * volume if ahead else share * at_start
+        near += weight * share / (share + distance2 * scale)
+        total += weight
+    return near, total
+
+
+@compiled()
+def affinity(i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight):
+    """Return the affinity of detections i and j by rays and clothes; -1 where they share no joint.
+
+    The affinity by rays is
+
+        sum_j w_j / (1 + (d_j / half_distance)^2) / (1 + sum_j w_j).
+
+    The 1 in the denominator keeps it low for pairs that share little evidence.
+
+    Args:
+        view: (n,) view of each detection.
+        centers: (V, 3) m, float32, as all that follow.
+        rays: (n, 3, J) unit directions, zeros where a joint is absent.
+        weights: (n, J) roots of confidences, 0 where a joint is absent. Processors take 16 joints together; J is best
+            a multiple of that.
+        colours: (n, 3) CIELAB; NaN where unknown.
+        half_distance: m.
+        colour_difference: Difference of colours that counts half.
+        colour_weight: Weight of colours, 0 to 1; 0 if none is known.
+    """
+    one = np.float32(1)
+    a, b = view[i], view[j]
+    x, y, z = centers[b, 0] - centers[a, 0], centers[b, 1] - centers[a, 1], centers[b, 2] - centers[a, 2]
+    square, dressed = np.float32(0), False
+    if colour_weight > 0:
+        for k in range(3):
+            square += (colours[i, k] - colours[j, k]) ** 2
+        dressed = not np.isnan(square)
+    near, total = agreement(i, j, rays, weights, x, y, z, half_distance)
+    if total == 0:
+        return -one
+    found = near / (one + total)
+    if dressed:
+        similarity = one / (one + square / (colour_difference * colour_difference))
+        found += colour_weight * (similarity - found)
+    return found
+
+
+@compiled()
+def find_partners(
+    view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight, least, partners, affinities
+):
+    """Write the best partners of each detection in each other view.
+
+    Args:
+        view: As for `affinity`, ascending; so are the arguments that follow.
+        least: Smallest affinity of partners.
+        partners: (n, V, C) filled with -1; indices of partners, the best first.
+        affinities: (n, V, C) filled with 0; their affinities.
+    """
+    count, one = len(view), np.float32(1)
+    by_joint, shown = np.ascontiguousarray(rays.transpose(1, 2, 0)), np.ascontiguousarray(weights.T)
+    most = np.zeros(count, np.float32)
+    # Below this, the affinity is too low even with clothes of the same colour.
+    by_rays = -one if colour_weight >= one else (least - colour_weight) / (one - colour_weight) - _ROUNDING
+    for i in range(count):
+        a, first = view[i], i + 1
+        while first < count:
+            b, last = view[first], first + 1
+            while last < count and view[last] == b:
+                last += 1
+            if a != b:
+                x, y, z = centers[b, 0] - centers[a, 0], centers[b, 1] - centers[a, 1], centers[b, 2] - centers[a, 2]
+                _most(i, first, last, by_joint, shown, x, y, z, half_distance, by_rays, most)
+                for j in range(first, last):
+                    if most[j - first] < by_rays:
+                        continue
+                    found = affinity(
+                        i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight
+                    )
+                    if found >= least:
+                        _insert(partners[i, b], affinities[i, b], j, found)
+                        _insert(partners[j, a], affinities[j, a], i, found)
+            first = last
+
+
+@compiled(fastmath=True)
+def _most(i, first, last, rays, weights, base_x, base_y, base_z, half_distance, by_rays, most):
+    """Write an upper bound of `near - by_rays * total`, the sums of `agreement`, of detection i and `first` to `last`.
+
+    Only the rays of the first joints are compared. The rays of the others are assumed to meet, which gives the bound.
+
+    Args:
+        rays: (3, J, n) unit directions; zeros where the joint is absent.
+        weights: (J, n) root of the confidence; 0 where the joint is absent.
+        by_rays: Smallest affinity of interest.
+        most: (n,) written, from its beginning.
+    """
+    zero, one = np.float32(0), np.float32(1)
+    square = base_x * base_x + base_y * base_y + base_z * base_z
+    scale = one / (half_distance * half_distance)
+    most[:] = zero
+    for k in range(weights.shape[0]):
+        own, theirs = weights[k, i], weights[k][first:last]
+        if own == zero:
+            continue
+        if k >= _FIRST:
+            for j in range(len(theirs)):
+                most[j] += own * theirs[j] * (one - by_rays)
+            continue
+        ax, ay, az = rays[0, k, i], rays[1, k, i], rays[2, k, i]
+        base_a = ax * base_x + ay * base_y + az * base_z
+        back_a = base_a if base_a > zero else zero
+        back_a = back_a * back_a
+        xs, ys, zs = rays[0, k][first:last], rays[1, k][first:last], rays[2, k][first:last]
+        for j in range(len(theirs)):
+            bx, by, bz = xs[j], ys[j], zs[j]
+            cosine = ax * bx + ay * by + az * bz
+            base_b = bx * base_x + by * base_y + bz * base_z
+            cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            sine2 = cx * cx + cy * cy + cz * cz
+            volume = cx * base_x + cy * base_y + cz * base_z
+            ahead = (sine2 > _PARALLEL) & (base_a >= cosine * base_b) & (cosine * base_a >= base_b)
+            back_b = base_b if base_b < zero else zero
+            back_b = back_b * back_b
+            at_start = square - (back_a if back_a > back_b else back_b)
+            at_start = at_start if at_start > zero else zero
+            share = sine2 if ahead else one
+            distance2 = volume * volume if ahead else share * at_start
+            most[j] += own * theirs[j] * (share / (share + distance2 * scale) - by_rays)
+
+
+@compiled()
+def _insert(partners, affinities, partner, found):
+    """Insert a partner into lists that are sorted by affinity; the last one is dropped."""
+    place = len(partners)
+    while place > 0 and (partners[place - 1] < 0 or affinities[place - 1] < found):
+        place -= 1
+    if place == len(partners):
+        return
+    for k in range(len(partners) - 1, place, -1):
+        partners[k], affinities[k] = partners[k - 1], affinities[k - 1]
+    partners[place], affinities[place] = partner, found
+
+
+@compiled()
+def supports(first, second, found, view, partners, affinities):
+    """Return the support of pairs of partners (m,).
+
+    It is the affinity of the pair plus, in each other view, the affinity of the detection that fits both.
+
+    Args:
+        first: (m,) detections.
+        second: (m,) their partners.
+        found: (m,) affinities.
+        view: (n,) view of each detection.
+        partners: (n, V, C) as `find_partners` writes them.
+        affinities: (n, V, C)
+    """
+    support = found.copy()
+    for pair in range(len(first)):
+        i, j = first[pair], second[pair]
+        for third in range(partners.shape[1]):
+            if third == view[i] or third == view[j]:
+                continue
+            best = np.float32(0)
+            for k in range(partners.shape[2]):
+                if partners[i, third, k] < 0 or affinities[i, third, k] <= best:
+                    break
+                for m in range(partners.shape[2]):
+                    if partners[j, third, m] < 0 or affinities[j, third, m] <= best:
+                        break
+                    if partners[j, third, m] == partners[i, third, k]:
+                        best = min(affinities[i, third, k], affinities[j, third, m])
+            support[pair] += best
+    return support
+
+
+@compiled()
+def join(
+    first,
+    second,
+    view,
+    centers,
+    rays,
+    weights,
+    colours,
+    half_distance,
+    colour_difference,
+    colour_weight,
+    least,
+    members,
+):
+    """Join groups along pairs, in the order given, where their members agree on average.
+
+    Args:
+        first: (m,) detections.
+        second: (m,) their partners.
+        view: As for `affinity`; so are the arguments that follow.
+        least: Smallest mean affinity between the members of two groups that are joined.
+        members: (n, V) filled with -1; each row contains the detections of a group by view, or is empty.
+    """
+    group = np.arange(len(view))
+    for i in range(len(view)):
+        members[i, view[i]] = i
+    for pair in range(len(first)):
+        a, b = group[first[pair]], group[second[pair]]
+        if a == b:
+            continue
+        overlap = False
+        for v in range(members.shape[1]):
+            overlap |= members[a, v] >= 0 and members[b, v] >= 0
+        if overlap:
+            continue
+        total, count = 0.0, 0
+        for u in range(members.shape[1]):
+            for v in range(members.shape[1]):
+                i, j = members[a, u], members[b, v]
+                if i >= 0 and j >= 0:
+                    found = affinity(
+                        i, j, view, centers, rays, weights, colours, half_distance, colour_difference, colour_weight
+                    )
+                    if found >= 0:
+                        total += found
+                        count += 1
+        if count and total / count >= least:
+            for v in range(members.shape[1]):
+                if members[b, v] >= 0:
+                    group[members[b, v]] = a
+                    members[a, v] = members[b, v]
+                    members[b, v] = -1

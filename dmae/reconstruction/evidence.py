@@ -8,8 +8,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.reconstruction.compiled.assigned import gather
-from dmae.reconstruction.compiled.reprojection import measure_distances
+from dmae.numerics.compiled import compiled
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
 from dmae.reconstruction.triangulation import Points, triangulate
 
@@ -104,3 +103,65 @@ class Evidence:
         distances = np.empty((len(xy), len(rig), xyz.shape[1], *xy.shape[2:4]))
         measure_distances(rig.projections, rig.focal, scale, xy, np.asarray(xyz, np.float64), distances)
         return distances
+
+
+@compiled()
+def gather(xy, confidence, frames, assigned, found_xy, found_confidence):
+    """Write the assigned detections of each joint into the last two arrays; NaN where none is assigned.
+
+    Args:
+        xy: (F, V, D, J, 2) px.
+        confidence: (F, V, D, J).
+        frames: (n,) frame of each person.
+        assigned: (n, V, J) index of the detection that shows the joint in each view; negative for none.
+        found_xy: (n, J, V, 2) px.
+        found_confidence: (n, J, V).
+    """
+    for i in range(len(assigned)):
+        frame = frames[i]
+        for v in range(assigned.shape[1]):
+            for j in range(assigned.shape[2]):
+                detection = assigned[i, v, j]
+                if detection < 0:
+                    found_xy[i, j, v, 0] = found_xy[i, j, v, 1] = found_confidence[i, j, v] = np.nan
+                    continue
+                found_xy[i, j, v, 0] = xy[frame, v, detection, j, 0]
+                found_xy[i, j, v, 1] = xy[frame, v, detection, j, 1]
+                found_confidence[i, j, v] = confidence[frame, v, detection, j]
+
+
+@compiled()
+def project(projection, point):
+    """Return x and y, px, and depth, m, of a point; NaN for points that are NaN or not in front of the camera."""
+    x, y, depth = projection[0, 3], projection[1, 3], projection[2, 3]
+    for k in range(3):
+        x += projection[0, k] * point[k]
+        y += projection[1, k] * point[k]
+        depth += projection[2, k] * point[k]
+    if not depth > 0:
+        return np.nan, np.nan, depth
+    return x / depth, y / depth, depth
+
+
+@compiled()
+def measure_distances(projections, focal, scale, xy, xyz, distances):
+    """Write distances from reprojections of people to detections.
+
+    Args:
+        projections: (V, 3, 4) pinhole projection matrices.
+        focal: (V,) px.
+        scale: (V,) by which pixels are multiplied; NaN for metres at the depth of the person.
+        xy: (F, V, D, J, 2) px; NaN where absent.
+        xyz: (F, P, J, 3) m; NaN where unknown.
+        distances: (F, V, P, D, J), written; NaN where either is absent.
+    """
+    frames, views, persons, detections, joints = distances.shape
+    for f in range(frames):
+        for v in range(views):
+            for p in range(persons):
+                for j in range(joints):
+                    x, y, depth = project(projections[v], xyz[f, p, j])
+                    size = depth / focal[v] if np.isnan(scale[v]) else scale[v]
+                    for d in range(detections):
+                        dx, dy = x - xy[f, v, d, j, 0], y - xy[f, v, d, j, 1]
+                        distances[f, v, p, d, j] = np.sqrt(dx * dx + dy * dy) * size

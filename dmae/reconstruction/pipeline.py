@@ -12,19 +12,14 @@ from dmae.files.mapped import empty, release
 from dmae.numerics.filling import fill_body_frame
 from dmae.numerics.paths import pchip
 from dmae.reconstruction.appearance import appearance_differs, has_appearance
+from dmae.reconstruction.body_size import in_units_of_people
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
-from dmae.reconstruction.false_positives import false_positives, well_measured
-from dmae.reconstruction.merging import merge, same_person
-from dmae.reconstruction.people.body_size import in_units_of_people
-from dmae.reconstruction.people.disagreement import settle_disagreement
-from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged
-from dmae.reconstruction.people.subjects import inside_volume, wanted_people
+from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, wanted_people, well_measured
 from dmae.reconstruction.pruning import prune
-from dmae.reconstruction.rays import most_confident_rays
-from dmae.reconstruction.reassignment import expected_paths, reassign
-from dmae.reconstruction.tracking import track
-from dmae.reconstruction.tracks import Tracks
+from dmae.reconstruction.reassignment import expected_paths, most_confident_rays, reassign, settle_disagreement
+from dmae.reconstruction.sides import Sides, exchange, find_exchanged
+from dmae.reconstruction.tracking import Tracks, track
 from dmae.reconstruction.triangulation import Points
 
 _EXPECTED_BY, _EXPECTED_IN_CLIPS = 2.0, 10.0

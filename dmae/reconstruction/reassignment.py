@@ -1,15 +1,22 @@
-"""Reassignment, the second pass: each joint takes the detections nearest to its own path."""
+"""The second pass: each joint takes the detections nearest to its own path, or the ray of its surest camera.
 
+Cameras that see a person with a constant offset from the other cameras are then left out.
+"""
+
+from collections.abc import Callable, Sequence
 from math import prod
 
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import column_blocks, frame_blocks
+from dmae.files.mapped import column_blocks, empty, frame_blocks, release, total
+from dmae.numerics.compiled import compiled
 from dmae.numerics.paths import linear, neighbours
-from dmae.reconstruction.compiled.reprojection import nearest_detections
-from dmae.reconstruction.evidence import Evidence
+from dmae.numerics.statistics import median_over_frames
+from dmae.reconstruction.association import NONE
+from dmae.reconstruction.evidence import Evidence, project
 from dmae.reconstruction.pruning import prune
+from dmae.reconstruction.triangulation import Points
 
 
 def expected_paths(xyz: np.ndarray, skeleton: Skeleton, fps: float, max_gap_s: float) -> np.ndarray:
@@ -51,3 +58,157 @@ def reassign(evidence: Evidence, assigned: np.ndarray, paths: np.ndarray, max_di
     paths = np.asarray(paths, np.float64)
     nearest_detections(rig.projections, rig.focal, evidence.xy[: len(paths)], paths, max_distance, reassigned)
     return reassigned
+
+
+_MAX_DISTANCE = 0.3
+"""m; the ray of a single camera is not used if it is farther than this from the expected place of the joint."""
+
+
+def most_confident_rays(
+    evidence: Evidence, absent: np.ndarray, expected: np.ndarray, assigned: np.ndarray, first_pass: np.ndarray
+) -> np.ndarray:
+    """Return the ray of the most confident view of each joint, (F, P, J, 2, 3); see `Poses3D.rays`.
+
+    A measured joint takes the ray of a view that measured it. An absent joint takes that of the most confident
+    detection near the place where it is expected; if there is none, of a detection that tracking assigned to its
+    person.
+
+    Args:
+        evidence: Detections that the joints were measured from.
+        absent: (F, P, J) True for joints that were not measured.
+        expected: (F, P, J, 3) m, measured or interpolated places of the joints.
+        assigned: (F, P, V, J) detections that the joints were measured from, or `NONE`.
+        first_pass: (F, P, V, J) detections that tracking assigned, or `NONE`.
+    """
+    near = reassign(evidence, assigned, expected.astype(np.float64), _MAX_DISTANCE)
+    near = np.where((near == NONE).all(2, keepdims=True), first_pass, near)
+    near = np.where(absent[:, :, None], near, assigned).swapaxes(2, 3)
+    frame, person, joint, views = np.ogrid[tuple(slice(n) for n in near.shape)]
+    confidence = np.where(near == NONE, np.nan, evidence.confidence[frame, views, near, joint])
+    view = np.nan_to_num(confidence, nan=-1).argmax(-1)
+    frame, person, joint = frame[..., 0], person[..., 0], joint[..., 0]
+    pixels = evidence.xy[frame, view, near[frame, person, joint, view], joint]
+    directions = (
+        evidence.rig.world_from_pixel[view] @ np.append(pixels, np.ones_like(pixels[..., :1]), -1)[..., None]
+    )[..., 0]
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    unknown = np.isnan(confidence).all(-1)[..., None, None]
+    return np.where(unknown, np.nan, np.stack([evidence.rig.centers[view], directions], -2))
+
+
+_OFFSET = 0.7
+"""Sigmas of the detections; a larger constant offset between a camera and the points is not noise.
+
+Offsets are up to 0.3 for the people of Shelf, and 0.85 and 1.06 in Pose2Sim's demonstration, with cameras that are 5 to
+8 cm off."""
+_MIN_FRAMES = 25
+"""Smallest number of frames in which a camera sees a person, for the estimate of a constant offset."""
+
+
+def cameras_disagree(evidence: Evidence, assigned: np.ndarray, points: Points) -> np.ndarray:
+    """Return (P,) True for people on which cameras disagree by a constant, as after an inexact calibration.
+
+    The offset of a camera is the median, over joints and frames, of the reprojected minus the detected position, in
+    sigmas of the detection. Noise has no direction and cancels; the error of a displaced camera does not.
+
+    Args:
+        evidence: Detections of F frames.
+        assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
+        points: (F, P, J) points triangulated from them.
+    """
+    return _disagree(standardised_offsets(evidence, assigned, points.xyz))
+
+
+def _disagree(offset: np.ndarray) -> np.ndarray:
+    """Return (P,) True for people on which cameras disagree, by offsets (F, P, V, J, 2)."""
+    persons, views = offset.shape[1:3]
+    if not offset.size:
+        return np.zeros(persons, bool)
+    seen = total(lambda offset: np.isfinite(offset[..., 0]).any(-1), offset)
+    constant = np.zeros((persons, views, 2))
+    for person, view, axis in np.ndindex(constant.shape):
+        one = np.concatenate([offset[part, person, view, :, axis].copy() for part in frame_blocks(offset)])
+        constant[person, view, axis] = median_over_frames(one.ravel())
+    return ((np.linalg.norm(constant, axis=-1) > _OFFSET) & (seen >= _MIN_FRAMES)).any(-1)
+
+
+def standardised_offsets(evidence: Evidence, assigned: np.ndarray, xyz: np.ndarray) -> np.ndarray:
+    """Return reprojected minus detected positions of joints (F, P, J, 3), as (F, P, V, J, 2), in sigmas."""
+    rig, noise, absent = evidence.rig, evidence.config.noise, assigned == NONE
+    frame, view, joint = (
+        np.arange(len(assigned))[:, None, None, None],
+        np.arange(len(rig))[:, None],
+        np.arange(assigned.shape[-1]),
+    )
+    pixels, depth = (part.swapaxes(1, 2) for part in rig.project(xyz))
+    focal = rig.focal[:, None]
+    sigma = np.hypot(noise.min_sigma_px, focal * noise.sigma(evidence.confidence[frame, view, assigned, joint]) / depth)
+    offset = (pixels - evidence.xy[frame, view, assigned, joint]) / sigma[..., None]
+    return np.where(absent[..., None], np.nan, offset)
+
+
+def settle_disagreement(
+    evidence_of: Callable[[slice], Evidence], blocks: Sequence[slice], assigned: np.ndarray, points: Points
+) -> None:
+    """Triangulate the people on which cameras disagree again, in place, from the cameras that agree most.
+
+    Joints on which too few cameras then agree are not changed.
+
+    Args:
+        evidence_of: Returns the evidence of a block.
+        blocks: The frames, in pieces.
+        assigned, points: As in `cameras_disagree`.
+    """
+    offset = empty((*assigned.shape, 2), np.float64)
+    for part in blocks:
+        offset[part] = standardised_offsets(evidence_of(part), assigned[part], points.xyz[part])
+        release(offset, assigned, points.xyz)
+    people = np.flatnonzero(_disagree(offset))
+    if not len(people):
+        return
+    for part in blocks:
+        chosen = assigned[part][:, people]
+        frame = np.arange(len(chosen))[:, None, None, None]
+        again = evidence_of(part).triangulate(frame, chosen, selective=True)
+        known, person = ~np.isnan(again.xyz[..., 0]), people[None, :, None]
+        frame, _, joint = np.ogrid[tuple(slice(n) for n in known.shape)]
+        place = tuple(np.broadcast_to(axis, known.shape)[known] for axis in (frame, person, joint))
+        for name in ("xyz", "cov", "used", "residual"):
+            getattr(points, name)[part][place] = getattr(again, name)[known]
+
+
+@compiled()
+def nearest_detections(projections, focal, xy, paths, most, assigned):
+    """Write, for joints with a path, the nearest detection that is not nearer to another person, or -1.
+
+    Args:
+        projections: (V, 3, 4) pinhole projection matrices.
+        focal: (V,) px.
+        xy: (F, V, D, J, 2) px; NaN where absent.
+        paths: (F, P, J, 3) m; NaN where a joint has no path; its assignment then does not change.
+        most: m, upper limit of the distance of a detection from the path.
+        assigned: (F, P, V, J), written.
+    """
+    frames, persons, views, joints = assigned.shape
+    detections = xy.shape[2]
+    nearest, least = np.empty(persons, np.int64), np.empty(persons)
+    owner, closest = np.empty(detections, np.int64), np.empty(detections)
+    for f in range(frames):
+        for v in range(views):
+            for j in range(joints):
+                nearest[:], least[:], owner[:], closest[:] = -1, most, -1, most
+                for p in range(persons):
+                    x, y, depth = project(projections[v], paths[f, p, j])
+                    if np.isnan(x):
+                        continue
+                    for d in range(detections):
+                        dx, dy = x - xy[f, v, d, j, 0], y - xy[f, v, d, j, 1]
+                        distance = np.sqrt(dx * dx + dy * dy) * depth / focal[v]
+                        if distance < least[p]:
+                            least[p], nearest[p] = distance, d
+                        if distance < closest[d]:
+                            closest[d], owner[d] = distance, p
+                for p in range(persons):
+                    if not np.isnan(paths[f, p, j, 0]):
+                        d = nearest[p]
+                        assigned[f, p, v, j] = d if d >= 0 and owner[d] == p else -1

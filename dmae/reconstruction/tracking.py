@@ -2,27 +2,183 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import islice
+from tempfile import TemporaryFile
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from dmae.data.clip import Clip
 from dmae.data.skeleton import PERSON_M, Skeleton
-from dmae.files.mapped import release
+from dmae.files.mapped import by_frames, empty, release
+from dmae.numerics.compiled import compiled
 from dmae.numerics.statistics import median_known
 from dmae.progress import progress
 from dmae.reconstruction.appearance import TorsoColours, has_appearance
 from dmae.reconstruction.association import NONE, Candidates, find_groups, highest_affinity, propagate
-from dmae.reconstruction.compiled.assigned import assign_joints
-from dmae.reconstruction.compiled.chance import beyond_chance
 from dmae.reconstruction.config import CaptureConfig, ComparedJoints, DistanceUnit, fewer_of_few
 from dmae.reconstruction.evidence import Evidence, evidence_blocks
-from dmae.reconstruction.people.sides import Sides, exchange, find_exchanged, nearer_side
-from dmae.reconstruction.tracks import TrackedFrame, Tracks, TrackState
+from dmae.reconstruction.sides import Sides, exchange, find_exchanged, nearer_side
+
+_VELOCITY_FADE = 0.5
+"""s; velocities decay to 1/e in this time unless they are measured again."""
+
+
+class TrackedFrame(NamedTuple):
+    """The T persons of one frame.
+
+    Attributes:
+        track: (T,) index of their tracks.
+        assigned: (T, V, J) index of the detection that shows the joint in the view, or `NONE`.
+        xyz: (T, J, 3) m, joints triangulated from these; NaN where absent.
+        supported: (T,) True where views agree better than unrelated figures would.
+    """
+
+    track: np.ndarray
+    assigned: np.ndarray
+    xyz: np.ndarray
+    supported: np.ndarray
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """P tracks over F frames.
+
+    Attributes:
+        assigned: (F, P, V, J) index of the detection that shows the joint in the view, or `NONE`.
+        xyz: (F, P, J, 3) m, joints triangulated from these; NaN where absent.
+        supported: (F, P) True where views agree better than unrelated figures would.
+    """
+
+    assigned: np.ndarray
+    xyz: np.ndarray
+    supported: np.ndarray
+
+    @classmethod
+    def of(cls, frames: Sequence[TrackedFrame], track: np.ndarray, views: int, joints: int) -> Tracks:
+        """Return the tracks with indices `track` (P,), ascending, from tracked frames."""
+        assigned = np.full((len(frames), len(track), views, joints), NONE, np.int16)
+        xyz = np.full((len(frames), len(track), joints, 3), np.nan)
+        supported = np.zeros((len(frames), len(track)), bool)
+        if frames:
+            number = np.repeat(np.arange(len(frames)), [len(frame.track) for frame in frames])
+            tracks, *parts = (np.concatenate(part) for part in zip(*frames, strict=True))
+            wanted = np.isin(tracks, track)
+            place = number[wanted], np.searchsorted(track, tracks[wanted])
+            for array, part in zip((assigned, xyz, supported), parts, strict=True):
+                array[place] = part[wanted]
+        return cls(assigned, xyz, supported)
+
+    @classmethod
+    def of_blocks(cls, blocks: Iterable[Sequence[TrackedFrame]], frames: int, views: int, joints: int) -> Tracks:
+        """Return all tracks of `frames` frames, which come in blocks. Only one block is in memory at a time."""
+        births, sizes = 0, []
+        with TemporaryFile(prefix="dmae-") as file:
+            for block in blocks:
+                index = np.unique(np.concatenate([np.empty(0, int), *(frame.track for frame in block)]))
+                births = max(births, index.max(initial=-1) + 1)
+                if len(block) == frames:
+                    return cls.of(block, np.arange(births), views, joints)
+                part = cls.of(block, index, views, joints)
+                for array in (index, part.assigned, part.xyz, part.supported):
+                    np.save(file, array)
+                sizes.append(len(block))
+            file.seek(0)
+            tracks = cls(
+                empty((frames, births, views, joints), np.int16),
+                empty((frames, births, joints, 3), np.float64),
+                empty((frames, births), bool),
+            )
+            arrays, start = (tracks.assigned, tracks.xyz, tracks.supported), 0
+            for size in sizes:
+                index, here = np.load(file), slice(start, start + size)
+                for array, absent in zip(arrays, (NONE, np.nan, False), strict=True):
+                    array[here] = absent
+                    array[here, index] = np.load(file)
+                release(*arrays)
+                start += size
+        return tracks
+
+    def select(self, persons: np.ndarray) -> Tracks:
+        """Return some of the tracks, by indices or by a mask (P,)."""
+        arrays = (self.assigned, self.xyz, self.supported)
+        return Tracks(*(by_frames(lambda array: array[:, persons], array) for array in arrays))
+
+
+@dataclass
+class TrackState:
+    """State of the T currently followed tracks.
+
+    Attributes:
+        track: (T,) index of each track in the result.
+        xyz: (T, J, 3) m, expected joints; NaN where unknown.
+        velocity: (T, 3) m/s of the whole body.
+        joint_unseen: (T, J) s since the joint was measured.
+        unseen: (T,) s since the person was measured.
+        age: (T,) s for which the person has been measured with support.
+        unsupported: (T,) s since the person was measured with support.
+    """
+
+    track: np.ndarray
+    xyz: np.ndarray
+    velocity: np.ndarray
+    joint_unseen: np.ndarray
+    unseen: np.ndarray
+    age: np.ndarray
+    unsupported: np.ndarray
+
+    @classmethod
+    def birth(cls, first: int, xyz: np.ndarray) -> TrackState:
+        """Return new tracks, numbered from `first` on, of people with joints (T, J, 3)."""
+        count, joints = xyz.shape[:2]
+        zero = np.zeros(count)
+        return cls(first + np.arange(count), xyz, np.zeros((count, 3)), np.zeros((count, joints)), zero, zero, zero)
+
+    def __getitem__(self, index) -> TrackState:
+        return TrackState(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def __add__(self, others: TrackState) -> TrackState:
+        return TrackState(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
+
+    def predicted(self, dt: float) -> TrackState:
+        """Return the state after `dt` s without a measurement."""
+        return replace(
+            self,
+            xyz=self.xyz + self.velocity[:, None] * dt,
+            velocity=self.velocity * np.exp(-dt / _VELOCITY_FADE),
+            joint_unseen=self.joint_unseen + dt,
+            unseen=self.unseen + dt,
+            unsupported=self.unsupported + dt,
+        )
+
+    def updated(self, xyz: np.ndarray, supported: np.ndarray, dt: float, velocity_gain: float) -> TrackState:
+        """Return the state with measured joints.
+
+        Args:
+            xyz: (T, J, 3) m; NaN where a joint or a person was not measured.
+            supported: (T,) True where views agree better than unrelated figures would.
+            dt: s since the frame before.
+            velocity_gain: Share of each step that is added to the velocity.
+        """
+        measured = ~np.isnan(xyz[..., 0])
+        velocity = self.velocity.copy()
+        step = median_known(xyz - self.xyz)
+        moved = ~np.isnan(step[:, 0])
+        velocity[moved] += velocity_gain * step[moved] / dt
+        return replace(
+            self,
+            xyz=np.where(measured[..., None], xyz, self.xyz),
+            velocity=velocity,
+            joint_unseen=np.where(measured, 0, self.joint_unseen),
+            unseen=np.where(measured.any(-1), 0, self.unseen),
+            age=self.age + np.where(measured.any(-1) & supported, dt, 0),
+            unsupported=np.where(measured.any(-1) & supported, 0, self.unsupported),
+        )
+
 
 _MIN_JOINTS = 3
 """Smallest number of joints of a measured person, and of a detection that is compared."""
@@ -237,3 +393,150 @@ def _reenter(new: np.ndarray, state: TrackState, unmeasured: np.ndarray) -> tupl
         if allowed[g, t]:
             track[g] = t
     return track, ~duplicate & (track == NONE)
+
+
+_LEAST_RADIUS = 0.02
+"""m; smallest assumed residual of views that agree, even if the residual is smaller."""
+_DISAGREEMENT = 0.25
+"""m; residual of a joint on which views do not agree."""
+
+
+@compiled()
+def beyond_chance(projections, focal, width, xy, assigned, xyz, used, figures, most, supported):
+    """Find the people with views that agree better than unrelated figures would.
+
+    Assume that the n_v figures of each view are spread over the floor at random, and that a view overlooks the area
+    z_v^2 width_v / focal_v at the person's depth z_v. A figure is then within 2 r of a given place with probability
+    p_v = pi (2 r)^2 / area_v, and any figure of the view with probability a_v = 1 - exp(-n_v p_v). There are 1 / p
+    of these places. The number of places at which k of the views agree within 2 r by chance is thus
+
+        E = e_k(a_1, ..., a_V) / p,
+
+    with e_k the elementary symmetric polynomial, the sum over all choices of k views. A person of k views with median
+    residual r is supported if E is at most `most`. This is the a contrario rule of Desolneux, Moisan & Morel (IJCV
+    2000). The figures of supported people are explained, so they do not count for later people. People with more views
+    are tested first; among people with equally many views, those with smaller residuals.
+
+    Args:
+        projections: (V, 3, 4) pinhole projection matrices.
+        focal: (V,) px.
+        width: (V,) px of the image.
+        xy: (V, D, J, 2) px.
+        assigned: (P, V, J) detections of the joints, negative where none.
+        xyz: (P, J, 3) m, NaN where absent.
+        used: (P, J, V) True for the views that a joint was triangulated from.
+        figures: (V,) numbers of figures, float; those of supported people are subtracted.
+        most: Largest E.
+        supported: (P,) bool, written.
+    """
+    persons, views, _ = assigned.shape
+    depth, agrees = np.zeros((persons, views)), np.zeros((persons, views), np.bool_)
+    radius2, key = np.zeros(persons), np.zeros(persons)
+    chance, polynomial = np.zeros(views), np.zeros(views + 1)
+    for p in range(persons):
+        radius2[p] = _measure(projections, focal, xy, assigned[p], xyz[p], used[p], depth[p], agrees[p])
+        key[p] = radius2[p] - agrees[p].sum()
+    for p in np.argsort(key):
+        supported[p] = False
+        count = agrees[p].sum()
+        if count < 2:
+            continue
+        polynomial[0], cell = 1.0, 0.0
+        for v in range(views):
+            near = 0.0
+            if depth[p, v] > 0:
+                near = min(1.0, 4 * np.pi * radius2[p] * focal[v] / (width[v] * depth[p, v] ** 2))
+            if agrees[p, v]:
+                cell += near / count
+            chance[v] = 1 - np.exp(-max(figures[v], 0.0) * near)
+        for k in range(1, views + 1):
+            polynomial[k] = 0.0
+        for v in range(views):
+            for k in range(v + 1, 0, -1):
+                polynomial[k] += polynomial[k - 1] * chance[v]
+        if polynomial[count] <= most * cell:
+            supported[p] = True
+            for v in range(views):
+                figures[v] -= agrees[p, v]
+
+
+@compiled()
+def _measure(projections, focal, xy, assigned, xyz, used, depth, agrees):
+    """Return the median squared residual of a person, m^2; write its depth in each view, m, and the views that agree.
+
+    A view agrees if three joints or more, and half of those that it and another view detect, were triangulated from it.
+    """
+    views, joints = assigned.shape
+    middle, known = np.zeros(3), 0
+    squares = np.full(joints, _DISAGREEMENT**2)
+    counts, detected = np.zeros(joints, np.int64), 0
+    for j in range(joints):
+        total = 0.0
+        for v in range(views):
+            counts[j] += assigned[v, j] >= 0
+        if counts[j] < 2:
+            continue
+        detected += 1
+        if np.isnan(xyz[j, 0]):
+            squares[detected - 1] = _DISAGREEMENT**2
+            continue
+        known += 1
+        for k in range(3):
+            middle[k] += xyz[j, k]
+        for v in range(views):
+            d = assigned[v, j]
+            if d < 0:
+                continue
+            P = projections[v]
+            z = P[2, 0] * xyz[j, 0] + P[2, 1] * xyz[j, 1] + P[2, 2] * xyz[j, 2] + P[2, 3]
+            if z <= 0:
+                total += _DISAGREEMENT**2
+                continue
+            x = (P[0, 0] * xyz[j, 0] + P[0, 1] * xyz[j, 1] + P[0, 2] * xyz[j, 2] + P[0, 3]) / z - xy[v, d, j, 0]
+            y = (P[1, 0] * xyz[j, 0] + P[1, 1] * xyz[j, 1] + P[1, 2] * xyz[j, 2] + P[1, 3]) / z - xy[v, d, j, 1]
+            total += min((x * x + y * y) * (z / focal[v]) ** 2, _DISAGREEMENT**2)
+        # There are 2 n coordinates, and the point has three degrees of freedom.
+        squares[detected - 1] = min(total / (2 * counts[j] - 3), _DISAGREEMENT**2)
+    for v in range(views):
+        shown, fitted = 0, 0
+        for j in range(joints):
+            if assigned[v, j] >= 0 and counts[j] > 1:
+                shown += 1
+                fitted += used[j, v] and not np.isnan(xyz[j, 0])
+        agrees[v] = fitted >= 3 and 2 * fitted >= shown
+        if known:
+            P = projections[v, 2]
+            depth[v] = (P[0] * middle[0] + P[1] * middle[1] + P[2] * middle[2]) / known + P[3]
+    if not detected:
+        return _DISAGREEMENT**2
+    ordered = np.sort(squares[:detected])
+    return max(ordered[detected // 2], _LEAST_RADIUS**2)
+
+
+@compiled()
+def assign_joints(primary, owner, present, closeness, assigned):
+    """Write the detection that shows each joint of each track in each view; -1 where none does.
+
+    This is the primary detection of the track. A fragment or a duplicate supplies the joints that the primary detection
+    lacks, if they are near.
+
+    Args:
+        primary: (V, T) primary detection of each track; negative for none.
+        owner: (V, D) track of each detection; negative for none.
+        present: (V, D, J) True for detected joints.
+        closeness: (V, T, D, J), positive for joints near the track; NaN where either is absent.
+        assigned: (V, T, J), written.
+    """
+    views, tracks, joints = assigned.shape
+    for v in range(views):
+        for t in range(tracks):
+            d = primary[v, t]
+            for j in range(joints):
+                assigned[v, t, j] = d if d >= 0 and present[v, d, j] else -1
+        for d in range(owner.shape[1]):
+            t = owner[v, d]
+            if t < 0 or primary[v, t] == d:
+                continue
+            for j in range(joints):
+                if present[v, d, j] and assigned[v, t, j] < 0 and not closeness[v, t, d, j] <= 0:
+                    assigned[v, t, j] = d

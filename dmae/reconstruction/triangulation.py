@@ -6,7 +6,7 @@ from math import prod
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.reconstruction.compiled.points import triangulate_points
+from dmae.numerics.compiled import compiled
 from dmae.reconstruction.config import NoiseModel
 
 DEFAULT_NOISE = NoiseModel()
@@ -74,7 +74,7 @@ def triangulate(
         noise: Expected error of detections.
         iterations: Largest number of Gauss-Newton steps; two leave an error of some millimetres. Steps end below 1 um.
         selective: Leave out views that contradict the others by sigmas, where at least four see the point, instead of
-            averaging them: for cameras that are centimetres off (`dmae.reconstruction.people.disagreement`).
+            averaging them: for cameras that are centimetres off (`dmae.reconstruction.reassignment`).
 
     Returns:
         Points (...) in the world of the rig, m, with covariance (J^T W J)^-1, which is scaled up where residuals exceed
@@ -123,3 +123,321 @@ def triangulate(
         points.used.reshape(*shape, views),
         points.residual.reshape(shape),
     )
+
+
+_PAIRED_VIEWS = 4
+"""Largest number of views from which pairs are made."""
+
+
+@compiled()
+def triangulate_points(
+    projections,
+    rays,
+    centers,
+    focal,
+    xy,
+    sigma,
+    min_sigma_px,
+    gate,
+    limits,
+    agreeing,
+    selected,
+    iterations,
+    xyz,
+    cov,
+    used,
+    residual,
+):
+    """Triangulate n points separately, and write the points that are found into the last four arrays.
+
+    Args:
+        projections: (V, 3, 4) pinhole projection matrices.
+        rays: (V, 3, 3) matrices from homogeneous pixels to directions in the world.
+        centers: (V, 3) m.
+        focal: (V,) px.
+        xy: (n, V, 2) px.
+        sigma: (n, V) m at the depth of the point; NaN where a view does not see it.
+        min_sigma_px: Smallest sigma in the image, px.
+        gate: Sigmas; residuals beyond them are not used.
+        limits: (6,) least depth, m; length of the last step, m; sigmas up to which errors are squared; largest standard
+            error, m; sigmas from which a view counts less, and from which not at all, where views are selected.
+        agreeing: Points on which this number of views agree are preferred.
+        selected: Smallest number of views of a point for which contradicting views are left out.
+        iterations: Largest number of Gauss-Newton steps.
+        xyz: (n, 3) m, filled with NaN by the caller.
+        cov: (n, 3, 3) m^2, filled with NaN by the caller.
+        used: (n, V) bool, filled with False by the caller.
+        residual: (n,) px, filled with NaN by the caller.
+    """
+    views = xy.shape[1]
+    min_depth, converged, max_error = limits[0], limits[1], limits[3]
+    seen, best = np.empty(views, np.int64), np.empty(_PAIRED_VIEWS, np.int64)
+    direction, point, proposal = np.empty((_PAIRED_VIEWS, 3)), np.empty(3), np.empty(3)
+    information, factor, gradient = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    errors, scales, kept = np.empty(views), np.empty(views), np.zeros(views, np.bool_)
+    pixels = np.empty((views, 3))
+    for i in range(len(xy)):
+        count = 0
+        for v in range(views):
+            if not np.isnan(sigma[i, v]):
+                seen[count] = v
+                count += 1
+        if count < 2:
+            continue
+        pairs = _most_certain(seen, count, sigma[i], best)
+        for k in range(pairs):
+            _direction(rays[best[k]], xy[i, best[k]], direction[k])
+        least = np.inf
+        for a in range(pairs):
+            for b in range(a + 1, pairs):
+                if not _midpoint(centers[best[a]], direction[a], centers[best[b]], direction[b], proposal):
+                    continue
+                error, near_views = 0.0, 0
+                for k in range(count):
+                    v = seen[k]
+                    x, y, depth = _project(projections[v], proposal)
+                    if depth <= min_depth:
+                        error += gate**2
+                        continue
+                    near = focal[v] * sigma[i, v] / depth
+                    square = ((x - xy[i, v, 0]) ** 2 + (y - xy[i, v, 1]) ** 2) / (min_sigma_px**2 + near**2)
+                    error += min(square, gate**2)
+                    near_views += square < gate**2
+                    if error >= least:
+                        break
+                if near_views < agreeing:
+                    error += gate**2 * views
+                if error < least:
+                    least = error
+                    point[0], point[1], point[2] = proposal[0], proposal[1], proposal[2]
+        if not np.isfinite(least):
+            continue
+        for _ in range(iterations):
+            _normal_equations(
+                projections, focal, xy[i], sigma[i], seen, count, point, min_sigma_px, gate, limits, selected,
+                information, gradient, errors, scales, kept, pixels,
+            )  # fmt: skip
+            cholesky(information, factor)
+            solve(factor, gradient)
+            for k in range(3):
+                point[k] -= gradient[k]
+            if max(abs(gradient[0]), abs(gradient[1]), abs(gradient[2])) < converged:
+                break
+        _normal_equations(
+            projections, focal, xy[i], sigma[i], seen, count, point, min_sigma_px, gate, limits, selected,
+            information, gradient, errors, scales, kept, pixels,
+        )  # fmt: skip
+        number, weighted, square = 0, 0.0, 0.0
+        for k in range(count):
+            v = seen[k]
+            if kept[v]:
+                number += 1
+                weighted += errors[v] ** 2
+                square += (errors[v] / scales[v]) ** 2
+        if number < 2:
+            continue
+        cholesky(information, factor)
+        # Residuals larger than their sigmas show that the sigmas are too small, so the covariance is increased.
+        excess = max(weighted / max(2 * number - 3, 1), 1.0)
+        for column in range(3):
+            for row in range(3):
+                gradient[row] = excess if row == column else 0.0
+            solve(factor, gradient)
+            for row in range(3):
+                information[row, column] = gradient[row]
+        if not largest_eigenvalue(information) <= max_error**2:
+            continue
+        for row in range(3):
+            xyz[i, row] = point[row]
+            for column in range(3):
+                cov[i, row, column] = information[row, column]
+        residual[i] = np.sqrt(square / number)
+        for k in range(count):
+            used[i, seen[k]] = kept[seen[k]]
+
+
+@compiled()
+def _most_certain(seen, count, sigma, best):
+    """Write the views with the smallest sigmas, in order, into `best`; return their number."""
+    number = min(count, _PAIRED_VIEWS)
+    for place in range(number):
+        chosen = -1
+        for k in range(count):
+            v = seen[k]
+            taken = False
+            for earlier in range(place):
+                taken |= best[earlier] == v
+            if not taken and (chosen < 0 or sigma[v] < sigma[chosen]):
+                chosen = v
+        best[place] = chosen
+    return number
+
+
+@compiled()
+def _direction(ray, xy, direction):
+    """Write the unit direction through a pixel into `direction`."""
+    for row in range(3):
+        direction[row] = ray[row, 0] * xy[0] + ray[row, 1] * xy[1] + ray[row, 2]
+    length = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+    for row in range(3):
+        direction[row] /= length
+
+
+@compiled()
+def _midpoint(center_a, ray_a, center_b, ray_b, midpoint):
+    """Write the point midway between two rays; return False where they are parallel or part in front of a camera."""
+    cosine, base_a, base_b = 0.0, 0.0, 0.0
+    for k in range(3):
+        base = center_b[k] - center_a[k]
+        cosine += ray_a[k] * ray_b[k]
+        base_a += ray_a[k] * base
+        base_b += ray_b[k] * base
+    sine2 = 1 - cosine**2
+    if sine2 <= 1e-8:
+        return False
+    along_a, along_b = (base_a - cosine * base_b) / sine2, (cosine * base_a - base_b) / sine2
+    if along_a <= 0 or along_b <= 0:
+        return False
+    for k in range(3):
+        midpoint[k] = (center_a[k] + along_a * ray_a[k] + center_b[k] + along_b * ray_b[k]) / 2
+    return True
+
+
+@compiled()
+def _project(projection, point):
+    """Return x and y, px, and depth, m, of a point."""
+    x = projection[0, 0] * point[0] + projection[0, 1] * point[1] + projection[0, 2] * point[2] + projection[0, 3]
+    y = projection[1, 0] * point[0] + projection[1, 1] * point[1] + projection[1, 2] * point[2] + projection[1, 3]
+    depth = projection[2, 0] * point[0] + projection[2, 1] * point[1] + projection[2, 2] * point[2] + projection[2, 3]
+    if depth == 0:
+        return np.inf, np.inf, depth
+    return x / depth, y / depth, depth
+
+
+@compiled()
+def _normal_equations(
+    projections, focal, xy, sigma, seen, count, point, min_sigma_px, gate, limits, selected,
+    information, gradient, errors, scales, kept, pixels,
+):  # fmt: skip
+    """Write J^T W J and J^T W r at a point; for each view its error in sigmas, 1 / sigma in 1/px, use, pixel, depth."""
+    min_depth, huber, contradicting, contradicted = limits[0], limits[2], limits[4], limits[5]
+    for row in range(3):
+        gradient[row] = 0.0
+        for column in range(3):
+            information[row, column] = 0.0
+    ahead = 0
+    for k in range(count):
+        v = seen[k]
+        pixels[v, 0], pixels[v, 1], pixels[v, 2] = _project(projections[v], point)
+        kept[v] = pixels[v, 2] > min_depth
+        ahead += kept[v]
+    # With few views the point follows each of them: with two, a residual shows half the disagreement.
+    limit, within = gate * np.sqrt(1 - 1.5 / max(ahead, 2)), 0
+    for k in range(count):
+        v = seen[k]
+        if not kept[v]:
+            continue
+        dx, dy = pixels[v, 0] - xy[v, 0], pixels[v, 1] - xy[v, 1]
+        scales[v] = 1 / np.sqrt(min_sigma_px**2 + (focal[v] * sigma[v] / pixels[v, 2]) ** 2)
+        errors[v] = np.sqrt(dx * dx + dy * dy) * scales[v]
+        kept[v] = errors[v] <= limit
+        within += kept[v]
+    for k in range(count):
+        v = seen[k]
+        if not kept[v]:
+            continue
+        down = min(1.0, huber / max(errors[v], 1e-9))
+        if within >= selected:
+            # Redescending weights (Huber & Ronchetti, Robust Statistics, 2nd ed., 4.8).
+            fading = (contradicted - errors[v]) / (contradicted - contradicting)
+            down = min(1.0, contradicting / max(errors[v], 1e-9)) * min(max(fading, 0.0), 1.0)
+        if down <= 0:
+            kept[v] = False
+            continue
+        x, y, depth = pixels[v, 0], pixels[v, 1], pixels[v, 2]
+        dx, dy = x - xy[v, 0], y - xy[v, 1]
+        weight = scales[v] ** 2 * down
+        P = projections[v]
+        u0, w0 = (P[0, 0] - x * P[2, 0]) / depth, (P[1, 0] - y * P[2, 0]) / depth
+        u1, w1 = (P[0, 1] - x * P[2, 1]) / depth, (P[1, 1] - y * P[2, 1]) / depth
+        u2, w2 = (P[0, 2] - x * P[2, 2]) / depth, (P[1, 2] - y * P[2, 2]) / depth
+        gradient[0] += weight * (u0 * dx + w0 * dy)
+        gradient[1] += weight * (u1 * dx + w1 * dy)
+        gradient[2] += weight * (u2 * dx + w2 * dy)
+        information[0, 0] += weight * (u0 * u0 + w0 * w0)
+        information[1, 0] += weight * (u1 * u0 + w1 * w0)
+        information[1, 1] += weight * (u1 * u1 + w1 * w1)
+        information[2, 0] += weight * (u2 * u0 + w2 * w0)
+        information[2, 1] += weight * (u2 * u1 + w2 * w1)
+        information[2, 2] += weight * (u2 * u2 + w2 * w2)
+    damping = 1e-9 * (information[0, 0] + information[1, 1] + information[2, 2]) + 1e-9
+    for row in range(3):
+        information[row, row] += damping
+        for column in range(row):
+            information[column, row] = information[row, column]
+
+
+@compiled()
+def cholesky(matrix, factor):
+    """Write the lower factor of a positive definite matrix (3, 3)."""
+    for row in range(3):
+        for column in range(row + 1):
+            total = matrix[row, column]
+            for k in range(column):
+                total -= factor[row, k] * factor[column, k]
+            if row == column:
+                factor[row, row] = np.sqrt(max(total, 1e-300))
+            else:
+                factor[row, column] = total / factor[column, column]
+
+
+@compiled()
+def solve(factor, vector):
+    """Solve L L^T x = vector in place."""
+    for row in range(3):
+        for k in range(row):
+            vector[row] -= factor[row, k] * vector[k]
+        vector[row] /= factor[row, row]
+    for row in range(2, -1, -1):
+        for k in range(row + 1, 3):
+            vector[row] -= factor[k, row] * vector[k]
+        vector[row] /= factor[row, row]
+
+
+@compiled()
+def largest_eigenvalue(matrix):
+    """Return the largest eigenvalue of a symmetric matrix (3, 3), in closed form."""
+    aside = matrix[0, 1] ** 2 + matrix[0, 2] ** 2 + matrix[1, 2] ** 2
+    mean = (matrix[0, 0] + matrix[1, 1] + matrix[2, 2]) / 3
+    a, b, c = matrix[0, 0] - mean, matrix[1, 1] - mean, matrix[2, 2] - mean
+    spread = np.sqrt((a * a + b * b + c * c + 2 * aside) / 6)
+    if spread == 0:
+        return mean
+    determinant = (
+        a * (b * c - matrix[1, 2] ** 2)
+        - matrix[0, 1] * (matrix[0, 1] * c - matrix[1, 2] * matrix[0, 2])
+        + matrix[0, 2] * (matrix[0, 1] * matrix[1, 2] - b * matrix[0, 2])
+    )
+    half = min(max(determinant / (2 * spread**3), -1.0), 1.0)
+    return mean + 2 * spread * np.cos(np.arccos(half) / 3)
+
+
+def closest_approach(
+    base: np.ndarray, direction_a: np.ndarray, direction_b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the points at which lines a and b are closest to each other. The arguments broadcast.
+
+    Args:
+        base: (..., 3) vector from the start of a to the start of b.
+        direction_a: (..., 3) unit vectors along a.
+        direction_b: (..., 3) unit vectors along b.
+
+    Returns:
+        along_a: (...) distance from the start of a to the point nearest to b, negative behind the start.
+        along_b: (...) the same for b.
+        sine2: (...) squared sine of the angle between the lines, at least 1e-12. Parallel lines have no closest points.
+    """
+    cosine = (direction_a * direction_b).sum(-1)
+    base_a, base_b = (direction_a * base).sum(-1), (direction_b * base).sum(-1)
+    sine2 = np.maximum(1 - cosine**2, 1e-12)
+    return (base_a - cosine * base_b) / sine2, (cosine * base_a - base_b) / sine2, sine2

@@ -6,9 +6,8 @@ from math import prod
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.numerics.closest_approach import closest_approach
 from dmae.reconstruction.config import NoiseModel
-from dmae.reconstruction.triangulation import DEFAULT_NOISE, Points
+from dmae.reconstruction.triangulation import DEFAULT_NOISE, Points, closest_approach
 
 _MIN_DEPTH = 0.05
 """m; nothing nearer to a camera is used."""

@@ -13,7 +13,7 @@ from dmae.calibration.adjustment.joints import coarse_skeleton
 from dmae.calibration.world.gravity_and_scale import relative_size
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.numerics.closest_approach import closest_approach
+from dmae.reconstruction.triangulation import closest_approach
 
 _MIN_SCORE, _MIN_JOINTS, _MIN_FRAMES = 0.4, 6, 15
 _MOST_POINTS = 4000

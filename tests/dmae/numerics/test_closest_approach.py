@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from dmae.numerics.closest_approach import closest_approach
+from dmae.reconstruction.triangulation import closest_approach
 
 vector = st.tuples(*[st.floats(-3, 3)] * 3).map(np.array)
 

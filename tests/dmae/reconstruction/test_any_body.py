@@ -12,12 +12,12 @@ from dmae.data.skeleton import BODY25, define
 from dmae.metrics.matching import match, take_matched
 from dmae.numerics.body import body_rotations
 from dmae.online.capture import OnlineCapture
+from dmae.reconstruction.body_size import measured_size
 from dmae.reconstruction.config import AssociationConfig, CaptureConfig, ComparedJoints, SubjectConfig, TrackingConfig
-from dmae.reconstruction.people.body_size import measured_size
-from dmae.reconstruction.people.diagnosis import explain_capture
-from dmae.reconstruction.people.sides import Sides
+from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture
 from dmae.reconstruction.pruning import broken
+from dmae.reconstruction.sides import Sides
 from tests.support.animals import DOG, HAND, dog_clip, hand_clip, hands_clip
 
 CLIPS = {"hand": hand_clip, "hands": hands_clip, "dogs": lambda frames: dog_clip(frames, dogs=2)}

@@ -5,8 +5,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from dmae.reconstruction.association import NONE, Candidates, find_groups, propagate
-from dmae.reconstruction.compiled.pairs import affinity
+from dmae.reconstruction.association import NONE, Candidates, affinity, find_groups, propagate
 from dmae.reconstruction.config import AssociationConfig
 from tests.support.clips import looking_at_origin, t_pose
 

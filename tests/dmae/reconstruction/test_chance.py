@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.reconstruction.compiled.chance import beyond_chance
 from dmae.reconstruction.config import CaptureConfig, TrackingConfig
 from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.tracking import beyond_chance
 from tests.support.clips import looking_at_origin, t_pose
 from tests.support.detected_people import detected_clip, errors, rows_of, walk
 from tests.support.ghosts import haunted_clip, two_people

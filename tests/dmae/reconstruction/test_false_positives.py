@@ -3,8 +3,8 @@
 import numpy as np
 
 from dmae.reconstruction.association import NONE
-from dmae.reconstruction.false_positives import coincidental, too_brief, well_measured
-from dmae.reconstruction.tracks import Tracks
+from dmae.reconstruction.people import coincidental, too_brief, well_measured
+from dmae.reconstruction.tracking import Tracks
 from tests.support.detected_people import FPS, standing
 
 

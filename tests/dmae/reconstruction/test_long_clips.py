@@ -16,8 +16,8 @@ from dmae.formats.writing import write_poses
 from dmae.numerics.filling import smooth
 from dmae.reconstruction import evidence, pipeline
 from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.people.sides import exchanged_detections
 from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.sides import exchanged_detections
 from tests.support.detected_people import crossing, detected_clip, walk
 
 MOST_BYTES = 2000

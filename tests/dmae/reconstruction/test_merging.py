@@ -4,8 +4,8 @@ import numpy as np
 
 from dmae.data.skeleton import BODY25
 from dmae.reconstruction.association import NONE
-from dmae.reconstruction.merging import merge, same_person
-from dmae.reconstruction.tracks import Tracks
+from dmae.reconstruction.people import merge, same_person
+from dmae.reconstruction.tracking import Tracks
 from tests.support.detected_people import FPS, standing
 
 

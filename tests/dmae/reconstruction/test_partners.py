@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dmae.reconstruction.compiled.pairs import affinity, find_partners
+from dmae.reconstruction.association import affinity, find_partners
 
 VIEWS, EACH, JOINTS = 3, 12, 25
 

@@ -8,7 +8,7 @@ import pytest
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
-from dmae.reconstruction.people.diagnosis import explain_capture
+from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture
 from tests.support.detected_people import crossing, detected_clip
 

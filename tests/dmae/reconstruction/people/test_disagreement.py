@@ -9,8 +9,8 @@ from dmae.reconstruction import pipeline
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, NoiseModel
 from dmae.reconstruction.evidence import Evidence
-from dmae.reconstruction.people.disagreement import cameras_disagree
 from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.reassignment import cameras_disagree
 from dmae.reconstruction.triangulation import triangulate
 from tests.support.clips import looking_at_origin
 from tests.support.detected_people import detected_clip, errors, standing

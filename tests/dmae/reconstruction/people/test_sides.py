@@ -8,8 +8,8 @@ import pytest
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25
 from dmae.reconstruction.config import CaptureConfig
-from dmae.reconstruction.people.sides import Sides, exchanged_detections
 from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.sides import Sides, exchanged_detections
 from tests.support.detected_people import detected_clip, errors, walk
 
 MIRROR = list(BODY25.mirror)

@@ -9,8 +9,8 @@ import numpy as np
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.conversion import extent, resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
-from dmae.numerics.closest_approach import closest_approach
 from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.triangulation import closest_approach
 
 _FRAMES, _PAIRS, _DETECTIONS = 40, 10, 8
 """Largest numbers of frames for the measurement of bodies, of pairs of cameras per frame, of detections per camera."""

@@ -10,14 +10,20 @@ from dmae.data.clip import Clip
 from dmae.data.skeleton import PERSON_M, Skeleton
 from dmae.numerics.statistics import median_known
 from dmae.reconstruction.association import NONE, Candidates, count_pairs, find_groups
+from dmae.reconstruction.body_size import resized_clip, resized_config, sized
 from dmae.reconstruction.config import CaptureConfig, fewer_of_few
 from dmae.reconstruction.evidence import Evidence
-from dmae.reconstruction.false_positives import coincidental, too_brief, well_measured
-from dmae.reconstruction.merging import merge, same_person
-from dmae.reconstruction.people.body_size import resized_clip, resized_config, sized
-from dmae.reconstruction.people.subjects import inside_volume, leg_lengths, wanted_people
-from dmae.reconstruction.tracking import track
-from dmae.reconstruction.tracks import Tracks
+from dmae.reconstruction.people import (
+    coincidental,
+    inside_volume,
+    leg_lengths,
+    merge,
+    same_person,
+    too_brief,
+    wanted_people,
+    well_measured,
+)
+from dmae.reconstruction.tracking import Tracks, track
 
 _FRAMES = 10
 """Number of frames in which detections are compared."""

@@ -12,10 +12,10 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.files.mapped import release
+from dmae.numerics.compiled import compiled
 from dmae.reconstruction.association import NONE
-from dmae.reconstruction.compiled.reprojection import judge_sides, measure_pairs, take_sides
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
-from dmae.reconstruction.evidence import Evidence, evidence_blocks
+from dmae.reconstruction.evidence import Evidence, evidence_blocks, project
 
 _SIGMA = 0.04
 """m; standard deviation of the distance of joints from their expected places, including the noise of both."""
@@ -170,3 +170,88 @@ def _is_exchanged(distance: np.ndarray, exchanged: np.ndarray, pairs: np.ndarray
     wrong = np.empty((len(distance), len(pairs)), bool)
     judge_sides(distance, exchanged, pairs, groups, _SIGMA, _FARTHEST, _MAX_DISTANCE, _MIN_EVIDENCE, wrong)
     return wrong
+
+
+@compiled()
+def measure_pairs(projections, focal, xy, xyz, detection, pairs, distance, exchanged):
+    """Write distances of detected pairs from where they are expected, and from where their partners are, in metres.
+
+    Args:
+        projections: (V, 3, 4) pinhole projection matrices.
+        focal: (V,) px.
+        xy: (F, V, D, J, 2) px; NaN where absent.
+        xyz: (F, P, J, 3) m; NaN where unknown.
+        detection: (F, P, V, n) index of the detection of each pair; negative for none.
+        pairs: (n, 2) indices of the left and the right joint.
+        distance, exchanged: (F, P, V, n, 2), written; NaN where either is absent.
+    """
+    frames, persons, views, count = detection.shape
+    for f in range(frames):
+        for p in range(persons):
+            for v in range(views):
+                for n in range(count):
+                    d = detection[f, p, v, n]
+                    for side in range(2):
+                        x, y, depth = project(projections[v], xyz[f, p, pairs[n, side]])
+                        # The positions of the left and of the right joint are each compared with both detected joints.
+                        for shown in range(2):
+                            found = np.nan
+                            if d >= 0:
+                                dx, dy = x - xy[f, v, d, pairs[n, shown], 0], y - xy[f, v, d, pairs[n, shown], 1]
+                                found = np.sqrt(dx * dx + dy * dy) * depth / focal[v]
+                            if side == shown:
+                                distance[f, p, v, n, shown] = found
+                            else:
+                                exchanged[f, p, v, n, shown] = found
+
+
+@compiled()
+def judge_sides(distance, exchanged, pairs, groups, sigma, farthest, most, least, wrong):
+    """Write True for pairs of joints that are clearly nearer to their expected places with sides exchanged.
+
+    Args:
+        distance: (m, J) m, distances of joints from their expected places.
+        exchanged: (m, J) m, distances from the expected places of their partners.
+        pairs: (n, 2) indices of the left and the right joint.
+        groups: (G, n) True for the pairs that are exchanged together.
+        sigma: m, standard deviation of the distances.
+        farthest: m; larger distances count as this.
+        most: m, largest mean distance of joints after the exchange.
+        least: Smallest logarithm of the ratio of likelihoods for an exchange of sides.
+        wrong: (m, n) bool, written.
+    """
+    rows, number = wrong.shape
+    evidence, after, count = np.empty(number), np.empty(number), np.empty(number)
+    for i in range(rows):
+        for pair in range(number):
+            evidence[pair], after[pair], count[pair] = 0.0, 0.0, 0.0
+            for side in range(2):
+                here, there = distance[i, pairs[pair, side]], exchanged[i, pairs[pair, side]]
+                if not (np.isnan(here) or np.isnan(there)):
+                    here, there = min(here, farthest), min(there, farthest)
+                    evidence[pair] += (here * here - there * there) / (2 * sigma * sigma)
+                    after[pair] += there
+                    count[pair] += 1
+            wrong[i, pair] = evidence[pair] > least and after[pair] <= most * count[pair]
+        for group in range(len(groups)):
+            total, near, joints = 0.0, 0.0, 0.0
+            for pair in range(number):
+                if groups[group, pair]:
+                    total += evidence[pair]
+                    near += after[pair]
+                    joints += count[pair]
+            if total > least and near <= most * joints:
+                for pair in range(number):
+                    wrong[i, pair] |= groups[group, pair]
+        for pair in range(number):
+            wrong[i, pair] &= evidence[pair] > -least and count[pair] > 0
+
+
+@compiled()
+def take_sides(exchanged, pairs, wrong, distance):
+    """Replace distances (m, J) by exchanged ones (m, J) at the joints of pairs (n, 2) that are wrong, (m, n)."""
+    for i in range(len(wrong)):
+        for pair in range(len(pairs)):
+            if wrong[i, pair]:
+                for side in range(2):
+                    distance[i, pairs[pair, side]] = exchanged[i, pairs[pair, side]]

@@ -1,18 +1,149 @@
-"""Selection of captured people: the people in a volume, a number of people, or one subject."""
+"""People: which tracks are one person, which are nobody, and which are wanted."""
 
 import itertools
+from collections.abc import Callable
+from itertools import permutations
 
 import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import by_frames, total
+from dmae.files.mapped import by_frames, frame_blocks, total
 from dmae.numerics.body import bone_lengths, symmetric_bone_lengths
 from dmae.numerics.statistics import median_known, median_over_frames
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
-from dmae.reconstruction.merging import merge
-from dmae.reconstruction.tracks import Tracks
+from dmae.reconstruction.tracking import Tracks
+
+_DUPLICATE_DISTANCE = 0.15
+"""m; two tracks with a smaller median distance between their joints belong to one person."""
+_REENTRY_DISTANCE, _WALKING_SPEED = 0.5, 1.5
+"""m and m/s: largest distance of a re-entry from the place of exit."""
+_BUILD_DIFFERENCE = 0.15
+"""Relative difference of bone lengths above which two tracks belong to different people."""
+
+
+def same_person(
+    xyz: np.ndarray,
+    skeleton: Skeleton,
+    fps: float,
+    reentry_s: float,
+    appearance_differs: Callable[[], np.ndarray] | None = None,
+) -> np.ndarray:
+    """Find the tracks that belong to one person.
+
+    Duplicates are two tracks that are at one place while both exist. A re-entry is a track that starts after another
+    has ended, within `reentry_s` and the distance walked in that time, with bones of the same lengths and clothes of
+    the same colour. The nearest re-entries are merged first, and no person is in two places at the same time.
+
+    Args:
+        xyz: (F, P, J, 3) m, NaN where absent.
+        reentry_s: Longest absence, s.
+        appearance_differs: Returns (P, P) True where the clothes of two tracks differ; None without images. It is
+            called only if there are candidates for a re-entry.
+
+    Returns:
+        (P,) for each track, the lowest index of the tracks of its person.
+    """
+    present = by_frames(lambda xyz: ~np.isnan(xyz[..., 0]).all(-1), xyz)
+    label = np.arange(xyz.shape[1])
+    lengths = symmetric_bone_lengths(xyz, skeleton)
+    reentries = []
+    for a, b in permutations(np.flatnonzero(present.any(0)), 2):
+        both = present[:, a] & present[:, b]
+        last, first = np.flatnonzero(present[:, a])[-1], np.flatnonzero(present[:, b])[0]
+        if both.any():
+            if a < b and _median_distance(xyz[both, a], xyz[both, b]) < _DUPLICATE_DISTANCE:
+                _join(label, a, b)
+        elif 0 < first - last <= reentry_s * fps:
+            # Use the horizontal distance: the last visible joints may be feet, and the first ones a head.
+            distance = np.linalg.norm(
+                median_over_frames(xyz[last, a, :, :2]) - median_over_frames(xyz[first, b, :, :2])
+            )
+            reach = _REENTRY_DISTANCE + _WALKING_SPEED * (first - last) / fps
+            if distance < reach and _same_build(lengths[a], lengths[b]):
+                reentries.append((distance, a, b))
+    differs = appearance_differs() if appearance_differs and reentries else np.zeros((len(label), len(label)), bool)
+    for _, a, b in sorted(reentries):
+        at_once = present[:, label == label[a]].any(1) & present[:, label == label[b]].any(1)
+        if not differs[a, b] and not at_once.any():
+            _join(label, a, b)
+    return label
+
+
+def merge(tracks: Tracks, label: np.ndarray) -> Tracks:
+    """Return one track per person. Among duplicates, the older track is used for each joint that it has.
+
+    Args:
+        label: (P,) as `same_person` returns it.
+    """
+    persons = np.unique(label)
+    if len(persons) == len(label):
+        return tracks
+    merged = tracks.select(persons)
+    assigned, xyz, supported = merged.assigned, merged.xyz, merged.supported
+    for track in np.flatnonzero(label != np.arange(len(label))):
+        person = np.searchsorted(persons, label[track])
+        for part in frame_blocks(assigned, xyz, tracks.assigned, tracks.xyz):
+            here, other = (part, person), (part, track)
+            assigned[here] = np.where(assigned[here] == NONE, tracks.assigned[other], assigned[here])
+            xyz[here] = np.where(np.isnan(xyz[here]), tracks.xyz[other], xyz[here])
+        supported[:, person] |= tracks.supported[:, track]
+    return merged
+
+
+def _join(label: np.ndarray, a: int, b: int) -> None:
+    """Give the tracks of two persons one label."""
+    low, high = sorted((label[a], label[b]))
+    label[label == high] = low
+
+
+def _median_distance(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the median distance between the joints (F, J, 3) of two persons, m; NaN if they share none."""
+    return float(median_over_frames(np.linalg.norm(a - b, axis=-1).ravel()))
+
+
+def _same_build(a: np.ndarray, b: np.ndarray) -> bool:
+    """Return whether bone lengths (B,) differ little, or share no bone."""
+    difference = median_over_frames(np.abs(a - b) / np.maximum(a, b))
+    return not difference >= _BUILD_DIFFERENCE
+
+
+_MIN_AGREEMENT = 0.75
+"""Smallest share of joints on which the views agree, among the joints that enough views detected. The share of people
+is above 0.9, that of ghosts that line up by coincidence about 0.5."""
+
+
+def false_positives(tracks: Tracks, measured: np.ndarray, frames: int, fps: float, config: CaptureConfig) -> np.ndarray:
+    """Return (P,) True for tracks without a person: too brief tracks, and tracks with views that agree by coincidence.
+
+    Args:
+        measured: (P,) number of frames in which each track was measured, see `well_measured`.
+        frames: Number of frames of the recording.
+    """
+    return too_brief(measured, frames, fps, config.tracking.min_duration_s) | coincidental(tracks, config.th_v)
+
+
+def well_measured(tracks: Tracks, joints: int) -> np.ndarray:
+    """Return (F, P) True where a person has at least this number of joints, and views do not agree by coincidence."""
+    known = by_frames(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), tracks.xyz)
+    return (known >= joints) & tracks.supported
+
+
+def too_brief(measured: np.ndarray, frames: int, fps: float, min_duration_s: float) -> np.ndarray:
+    """Return (P,) True for tracks measured in fewer frames than the shortest duration or half the recording."""
+    return measured < min(min_duration_s * fps, frames / 2)
+
+
+def coincidental(tracks: Tracks, views: int) -> np.ndarray:
+    """Return (P,) True for tracks of detections that belong to different figures and line up by coincidence.
+
+    Args:
+        views: Number of views. Nearly all joints of a person that this number of views detect can be triangulated.
+    """
+    detected = total(lambda assigned: ((assigned != NONE).sum(2) >= views).sum(-1), tracks.assigned)
+    return total(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), tracks.xyz) < _MIN_AGREEMENT * detected
+
 
 _LINK_BUILD = 0.1
 """Relative difference of bone lengths above which two tracks are never linked to one person."""

@@ -1,1 +1,0 @@
-"""Inner loops of capture, compiled to machine code."""

@@ -1,1 +1,0 @@
-"""Captured people: selection, body size, disagreement of cameras, exchanged sides, and diagnosis if there are none."""
