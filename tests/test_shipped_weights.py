@@ -10,7 +10,7 @@ from dmae.data.clip import Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25
 from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
-from dmae.metrics.position_error import GAPS
+from dmae.metrics.position import GAPS
 from dmae.numerics.paths import gap_lengths
 from synth.interactions import InteractionConfig
 from synth.motion.source import MotionConfig

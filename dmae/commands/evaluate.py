@@ -8,8 +8,7 @@ from dmae.data.json_values import json_text
 from dmae.data.store import write_atomic
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate, forecast
-from dmae.evaluation.gates import check_baseline, compare_scores
-from dmae.evaluation.scored_data import scored_options
+from dmae.evaluation.gates import check_baseline, compare_scores, scored_options
 from dmae.evaluation.scores import read_scores
 from dmae.formats.reading import load
 from dmae.metrics.tables import score_tables

@@ -3,10 +3,9 @@
 from pathlib import Path
 
 from dmae.commands.data_sets import part_of
-from dmae.evaluation.stress.config import StressConfig
+from dmae.evaluation.config import StressConfig
 from dmae.evaluation.stress.matrix import CACHE, compute, prepare, time_of
-from dmae.evaluation.stress.page import write_result
-from dmae.evaluation.stress.words import breaking_tables, summary
+from dmae.evaluation.stress.page import breaking_tables, summary, write_result
 from dmae.formats.reading import load
 from dmae.parts import write_part
 from dmae.progress import duration

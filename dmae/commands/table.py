@@ -4,9 +4,9 @@ from pathlib import Path
 
 from dmae.data.json_values import json_text
 from dmae.data.store import write_atomic
-from dmae.evaluation.paper_tables.config import TableConfig
-from dmae.evaluation.paper_tables.make import make_table
-from dmae.evaluation.paper_tables.rendering import markdown, terminal_table
+from dmae.evaluation.config import TableConfig
+from dmae.evaluation.paper_tables.learned import make_table
+from dmae.evaluation.paper_tables.table import markdown, terminal_table
 from dmae.reporting.tables import print_tables
 
 WRITES = "folder"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmae.metrics.position_error import GAPS
+from dmae.metrics.position import GAPS
 
 Factors = tuple[tuple[float, ...], tuple[float, ...]]
 """Of exact poses and of noisy ones, each for the classes of gaps."""

@@ -4,8 +4,11 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from dmae.completion.methods.registry import completion_method
+from dmae.completion.paper.config import PaperSize
+from dmae.evaluation.corruption.registry import corruption
 from dmae.evaluation.synthetic_gaps import GapConfig
 from dmae.formats.reading import DataConfig
+from dmae.metrics.pcp import protocol
 from dmae.parallel import Backend
 from dmae.parts import numbers_of
 from dmae.reconstruction.config import CaptureConfig
@@ -88,3 +91,131 @@ class EvaluateConfig:
     def numbers(self, total: int) -> range:
         """Return the numbers of the clips to score, out of the `total` clips of the data set."""
         return numbers_of(total, self.first, self.clips, self.shard)
+
+
+# Options of the stress matrix.
+
+PAPER = "paper"
+"""Name of the contender that captures with the thresholds of the paper."""
+
+
+class StressSize(StrEnum):
+    """How many levels of each axis, pairs of axes and seeds."""
+
+    small = "small"
+    """Two or three levels, one pair, one seed: 45 cells per clip."""
+    full = "full"
+    """Three or four levels, four pairs, three seeds: about 280 cells per clip."""
+
+
+@dataclass(frozen=True)
+class StressConfig:
+    """Corrupt clips step by step, and score every method at each step."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    size: StressSize = StressSize.small
+    """How many levels of each axis, pairs of axes and seeds."""
+    axes: list[str] = field(default_factory=list, metadata={"choices": corruption})
+    """Corruptions, one at a time, or your own module:function; by default all that the clips allow."""
+    pairs: list[str] | None = None
+    """Pairs of corruptions at the same time, such as [cameras+objects]; by default one pair, or with size=full four."""
+    levels: dict[str, list[float]] = field(default_factory=dict)
+    """Levels of an axis, as levels.jitter=[1,2,4]; others have those of the size."""
+    methods: list[str] = field(
+        default_factory=lambda: ["measured", "linear", "linear_body", "kalman", "gaussian_process", "dmae", "paper"],
+        metadata={"choices": (*completion_method, "paper")},
+    )
+    """Completion methods, or module:function of your own; `paper` captures with the thresholds of the paper."""
+    weights: str | None = None
+    """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
+    paper_weights: str | None = None
+    """Folder that `dmae train model=paper` wrote, for the method `paper`; without it that fills linearly."""
+    seed: int = 0
+    """Seed of the random numbers."""
+    workers: int = 1
+    """Processes; -1 for one per core. The results are the same."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    first: int = 0
+    """Number of the first clip of the data set, counted from 0."""
+    clips: int | None = None
+    """Number of clips, of all shards together; by default all from `first` on."""
+    shard: str | None = None
+    """Part of the clips: `shard=3/16` is the third of sixteen, in its own folder; `dmae merge` joins them."""
+    dry_run: bool = False
+    """Only print how many cells are to be computed, and what time that takes, as a few of them show."""
+    out: str = "runs/stress"
+    """Folder of `stress.json` and `stress.html`, and of `cache`, from which later runs reuse results."""
+
+    def numbers(self, total: int) -> range:
+        """Return the numbers of the clips to stress, out of the `total` clips of the data set."""
+        return numbers_of(total, self.first, self.clips, self.shard)
+
+    def __post_init__(self):
+        if not self.methods:
+            raise ValueError(f"methods=[]: expected some of {', '.join([*completion_method, PAPER])}")
+        if self.paper_weights and PAPER not in self.methods:
+            raise ValueError(f"paper_weights={self.paper_weights}: expected {PAPER} among the methods")
+
+
+# Configuration of the paper's tables.
+
+NUMBERS = {
+    1: "PCP of each actor",
+    2: "PCP by number of cameras",
+    3: "people who interact, and transfer",
+    4: "fusion limb by limb",
+    5: "the codes of joint and time",
+}
+"""The tables of the paper."""
+
+
+class TableSize(StrEnum):
+    """Amount of computation for a table."""
+
+    full = "full"
+    """All methods and full trainings: on two cores minutes for tables 1 and 2, a quarter of an hour for 3 and 4, about
+    an hour for 5."""
+    small = "small"
+    """Fewer methods and short trainings: all five tables in minutes."""
+
+
+@dataclass(frozen=True)
+class TableConfig:
+    """Reproduce a table of the paper: published rows and rows measured here, with intervals.
+
+    Tables 1 and 2 (PCP of each actor; by number of cameras) and 4 (pose fusion, limb by limb) score one recording with
+    truth on Shelf's joints. Table 3 (people who interact, and transfer) and 5 (the codes) take a generated data set.
+    Writes `table_N.json` and `table_N.md`.
+    """
+
+    number: int = 1
+    """Number of the table in the paper, 1 to 5."""
+    data: DataConfig = field(default_factory=DataConfig)
+    extra_data: list[str] = field(default_factory=list)
+    """Folders of further data sets: for tables 1, 2 and 4, simulated clips to train the paper's network and fusion
+    (without them, their rows are not measured); for tables 3 and 5, more clips."""
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    protocol: str = field(default="strict", metadata={"choices": protocol})
+    """How limbs are counted in the rows measured here; the others are for comparison with rows published under them."""
+    size: TableSize = TableSize.full
+    """Amount of computation: all methods and full trainings, or a table in a minute or two."""
+    paper: PaperSize = PaperSize.small
+    """Size of the paper's own network in tables 1 and 2: small enough for a CPU, or full."""
+    weights: str | None = None
+    """Folder that `dmae train` wrote, for `dmae`; by default the weights that come with the package."""
+    seed: int = 0
+    """Seed of trainings and masks."""
+    out: str = "runs/table"
+    """Folder for the table."""
+
+    def __post_init__(self):
+        if self.number not in NUMBERS:
+            tables = "; ".join(f"{number}, {title}" for number, title in NUMBERS.items())
+            raise ValueError(f"number={self.number}: the paper's tables are {tables}")
+        protocol.find(self.protocol)
+        if self.number == 5 and (self.protocol != "strict" or self.weights):
+            raise ValueError(
+                "table 5 counts joints, not limbs, and trains its own networks; leave out protocol and weights"
+            )

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dmae.data.json_values import decode
+from dmae.evaluation.config import StressConfig
 from dmae.evaluation.scores import summary
-from dmae.evaluation.stress.config import StressConfig
 from dmae.evaluation.stress.matrix import CACHE, compute, prepare
 from dmae.formats.reading import load
 from dmae.parts import Part

@@ -1,17 +1,52 @@
-"""Scores of a prediction, and their averages over runs."""
+"""Reference poses of an evaluation: the truth of a clip, or the joints that all its cameras together measured."""
 
 from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Poses3D
+from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.files.structured import read_json
 from dmae.metrics.comparison import Comparison
-from dmae.metrics.intervals import bootstrap_ratio
+from dmae.metrics.intervals import FIGURES, block_sums, bootstrap_ratio, time_blocks
 from dmae.metrics.registry import metrics
-from dmae.metrics.time_blocks import FIGURES, block_sums, time_blocks
 from dmae.numerics.statistics import mean_known
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
+
+PUBLISHED_ACTORS = (0, 1, 2)
+"""The three of Shelf's four actors that published averages include."""
+
+_VIEWS = 3
+"""Without truth, a joint counts as true if capture with all cameras measured it in at least this number of views."""
+
+
+def truth_of(clip: Clip) -> Poses3D:
+    """Return the truth of a clip.
+
+    Raises:
+        ValueError: the clip has no truth, or the truth has infinite coordinates.
+    """
+    if clip.truth is None:
+        raise ValueError(f"clip {clip.id!r} has no truth to score against")
+    if np.isinf(clip.truth.xyz).any():
+        raise ValueError(f"clip {clip.id!r}: its truth has infinite coordinates; joints that are not known must be NaN")
+    return clip.truth
+
+
+def measured_by_all(clip: Clip, config: CaptureConfig) -> Poses3D:
+    """Return the captured poses of a clip with only the joints that three views or more measured."""
+    whole = capture(clip, config)
+    known = whole.views >= _VIEWS
+    return Poses3D(whole.skeleton, np.where(known[..., None], whole.xyz, np.nan), cov=whole.cov)
+
+
+def scored_actors(clip: Clip) -> tuple[int, ...] | None:
+    """Return the persons of the truth that averages include; None for all."""
+    return PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
+
+
+# Scores of a prediction, and their averages over runs.
 
 
 def score(
@@ -32,13 +67,13 @@ def score(
         truth: True poses. If they have covariances, the confidence regions of predictions allow for them.
         actors: True persons over which PCP is averaged; by default all annotated persons.
         matches: (F, T) index of the predicted person that matches each true person, -1 for none; by default the result
-            of `dmae.metrics.matching.match`.
+            of `dmae.metrics.comparison.match`.
         fps: Frames per second. Gaps are classified by their length in time.
         compared: (F, T, J) True for joints that count in `gaps`; by default all joints.
 
     Returns:
         The score of each metric by its name, see `dmae.metrics.registry.metrics`; NaN for a score without data. The
-        entry `blocks` contains the sums from which intervals are computed, see `dmae.metrics.time_blocks.time_blocks`.
+        entry `blocks` contains the sums from which intervals are computed, see `dmae.metrics.intervals.time_blocks`.
 
     Raises:
         ValueError: `poses` and `captured` differ in their persons.

@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dmae.metrics.comparison import Comparison
-from dmae.metrics.matching import GATE, distances
+from dmae.metrics.comparison import GATE, Comparison, distances
 from dmae.metrics.registry import Column, metric
 from dmae.numerics.statistics import mean_known
 

@@ -1,15 +1,139 @@
-"""Bootstrap intervals of scores and of differences between scores, over blocks of time.
-
-Errors of neighbouring frames are nearly the same, so whole blocks of time are drawn (the block bootstrap of Künsch
-1989, with blocks that do not overlap). Clips are not drawn: an interval covers other moments of these recordings, not
-other recordings.
-"""
+"""Scores summed over blocks of time. Intervals are computed from them, as neighbouring frames are nearly the same."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from dmae.metrics.time_blocks import BlockSums
+from dmae.metrics.comparison import Comparison
+from dmae.metrics.pcp import correct_limbs
+from dmae.metrics.position import joints_within_threshold
+
+BLOCK = 1.0
+"""s; length of a block."""
+FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0, "recall": 100.0}
+"""The summed scores, and the factor from the ratio of the sums to the unit of the score: %, mm, mm, %."""
+
+
+def time_blocks(comparison: Comparison) -> dict:
+    """Return sums over the blocks of time that contain a true joint.
+
+    Returns:
+        A dictionary for JSON. `seconds` is the length of a block and `block` the B indices of the blocks. `pcp`
+        (correct limbs of each actor), `mpjpe` (mm, all joints), `hidden` (mm, joints that capture did not measure) and
+        `recall` (hidden joints within 0.2 m) each have `sum` and `count`, (G, B) numbers. G is the number of actors for
+        `pcp`, otherwise 1.
+    """
+    truth, actors = comparison.truth.xyz, list(comparison.actors)
+    correct, limbs = correct_limbs(comparison.matched[:, actors], truth[:, actors], comparison.skeleton)
+    error = 1000 * np.linalg.norm(comparison.matched - truth.astype(np.float64), axis=-1)
+    found = ~np.isnan(error)
+    per_frame = {
+        "pcp": ((correct & limbs).sum(2).T, limbs.sum(2).T),
+        "mpjpe": _sums(error, found),
+        "hidden": _sums(error, found & comparison.hidden),
+        "recall": _sums(joints_within_threshold(comparison), comparison.known & comparison.hidden),
+    }
+    frames = np.flatnonzero(comparison.known.any((1, 2)))
+    block, member = block_members(frames, comparison.fps)
+    blocks = {"seconds": BLOCK, "block": block.tolist()}
+    for figure, (total, count) in per_frame.items():
+        blocks[figure] = {
+            "sum": (total[:, frames] @ member.T).round(3).tolist(),
+            "count": (count[:, frames] @ member.T).tolist(),
+        }
+    return blocks
+
+
+def block_members(frames: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the blocks of time that contain some frames.
+
+    Args:
+        frames: (N,) indices.
+        fps: Frames per second.
+
+    Returns:
+        block: (B,) indices of the blocks.
+        member: (B, N) True for the frames of each block.
+    """
+    block, inverse = np.unique((frames / fps / BLOCK + 1e-9).astype(int), return_inverse=True)
+    return block, np.arange(len(block))[:, None] == inverse
+
+
+def _sums(error: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sum and the number of the counted errors of each frame, (1, F) each."""
+    return np.where(counted, error, 0).sum((1, 2))[None], counted.sum((1, 2))[None]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockSums:
+    """Sums of G ratios over B blocks of time. The score is the weighted mean of the ratios.
+
+    Attributes:
+        total: (G, B) numerators; 0 where a clip has fewer blocks.
+        count: (G, B) denominators.
+        clip: (G,) index of the clip of each ratio. The ratios of a clip share its blocks.
+        share: (G,) weight of each ratio.
+        blocks: (C,) the number of blocks of each clip.
+        scale: Factor from a ratio to the unit of the score.
+    """
+
+    total: np.ndarray
+    count: np.ndarray
+    clip: np.ndarray
+    share: np.ndarray
+    blocks: np.ndarray
+    scale: float = 1.0
+
+
+def block_sums(runs: list[dict], figure: str) -> BlockSums:
+    """Return the sums of a score, over clips and subsets of cameras.
+
+    Ratios are averaged as scores are: over actors, then over the clips of a subset of cameras, then over subsets.
+
+    Args:
+        runs: The `runs` of one method and number of views, see `dmae.evaluation.evaluate.evaluate`.
+        figure: One of `FIGURES`.
+
+    Raises:
+        ValueError: a run has no `blocks`, as in scores of earlier versions; or one clip has different blocks in two
+            runs.
+    """
+    clips: dict[str, list[int]] = {}
+    subsets: dict[tuple, int] = {}
+    for run in runs:
+        if "blocks" not in run:
+            raise ValueError("these scores have no sums by time, which intervals require; run dmae evaluate again")
+        if clips.setdefault(run["clip"], run["blocks"]["block"]) != run["blocks"]["block"]:
+            raise ValueError(f"clip {run['clip']!r} has other annotated frames in one run than in another")
+        subsets[tuple(run["cameras"])] = subsets.get(tuple(run["cameras"]), 0) + 1
+    longest = max((len(block) for block in clips.values()), default=0)
+    order = {name: number for number, name in enumerate(clips)}
+    total, count, clip, share = [], [], [], []
+    for run in runs:
+        sums = run["blocks"][figure]
+        ratios = len(sums["sum"])
+        for numerator, denominator in zip(sums["sum"], sums["count"], strict=True):
+            padding = [0] * (longest - len(numerator))
+            total.append([*numerator, *padding])
+            count.append([*denominator, *padding])
+            clip.append(order[run["clip"]])
+            share.append(1 / (len(subsets) * subsets[tuple(run["cameras"])] * ratios))
+    shape = (len(total), longest)
+    return BlockSums(
+        np.array(total, float).reshape(shape),
+        np.array(count, float).reshape(shape),
+        np.array(clip, int),
+        np.array(share),
+        np.array([len(block) for block in clips.values()], int),
+        FIGURES[figure],
+    )
+
+
+# Bootstrap intervals of scores and of differences between scores, over blocks of time.
+#
+# Errors of neighbouring frames are nearly the same, so whole blocks of time are drawn (the block bootstrap of Künsch
+# 1989, with blocks that do not overlap). Clips are not drawn: an interval covers other moments of these recordings, not
+# other recordings.
 
 _FEWEST = 5
 """Smallest number of blocks for an interval; the spread of fewer blocks is not meaningful."""
@@ -35,7 +159,7 @@ def bootstrap_ratio(sums: BlockSums, *, seed: int = 0, draws: int = 1000, level:
     The interval is NaN with fewer than 5 blocks in all.
 
     Args:
-        sums: The result of `dmae.metrics.time_blocks.block_sums`.
+        sums: The result of `dmae.metrics.intervals.block_sums`.
         seed: Seed of the draws.
         draws: Number of draws.
         level: Probability of the interval, for example 0.95.

@@ -1,7 +1,7 @@
 """Scores as tables: PCP, the columns of all metrics, errors by length of gap, and regions."""
 
+from dmae.metrics.position import COVERAGES, LARGE
 from dmae.metrics.registry import metrics
-from dmae.metrics.uncertainty import COVERAGES, LARGE
 from dmae.reporting.tables import Table
 
 _COLUMN_TABLES = {"joints": "Joints within 0.2 m", "identities": "Identities"}

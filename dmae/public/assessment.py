@@ -44,8 +44,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
         True
     """
     from dmae.evaluation.predictions import fitting
-    from dmae.evaluation.reference import scored_actors
-    from dmae.evaluation.scores import score
+    from dmae.evaluation.scores import score, scored_actors
 
     poses = clip.poses if poses is None else poses
     if clip.truth is None or poses is None:
@@ -184,10 +183,10 @@ def benchmark(
         >>> scores["completion"]["linear"]["summary"]["filled"]
         100.0
     """
-    from dmae.evaluation.benchmark.definition import BenchmarkSize
+    from dmae.evaluation.benchmark.clips import BenchmarkSize
+    from dmae.evaluation.benchmark.page import write_scores
     from dmae.evaluation.benchmark.run import BenchmarkConfig
     from dmae.evaluation.benchmark.run import benchmark as run
-    from dmae.evaluation.benchmark.tables import write_scores
 
     if size not in [*BenchmarkSize]:
         raise ValueError(f"size={size}: expected one of {', '.join(BenchmarkSize)}")

@@ -27,7 +27,7 @@ def table(number: int, data: str | Path, out: str | Path, *overrides: str) -> di
         >>> sorted({row["origin"] for row in made["rows"]})
         ['measured here', 'not measured', 'published']
     """
-    from dmae.evaluation.paper_tables.make import make_table
+    from dmae.evaluation.paper_tables.learned import make_table
     from dmae.formats.reading import recognise
     from dmae.public.options import composed
 

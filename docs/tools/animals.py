@@ -20,7 +20,7 @@ from dmae.completion.methods.registry import METHODS  # noqa: E402
 from dmae.data.clip import Clip, Poses3D, Source  # noqa: E402
 from dmae.data.json_values import json_text  # noqa: E402
 from dmae.data.skeleton import PERSON_M  # noqa: E402
-from dmae.metrics.matching import match, take_matched  # noqa: E402
+from dmae.metrics.comparison import match, take_matched  # noqa: E402
 from dmae.reconstruction.config import CaptureConfig  # noqa: E402
 from dmae.reconstruction.pipeline import capture  # noqa: E402
 from tests.support.animals import dog_clip, hand_clip, hands_clip  # noqa: E402

@@ -101,8 +101,7 @@ _SUMS: dict[tuple[int, ...], np.ndarray] = {}
 
 def _real() -> dict[tuple[int, ...], tuple[float, float, float]]:
     """Return PCP of Shelf by subset, with the interval over blocks of time."""
-    from dmae.metrics.intervals import bootstrap_ratio
-    from dmae.metrics.time_blocks import block_sums
+    from dmae.metrics.intervals import block_sums, bootstrap_ratio
 
     path = str(Path(os.environ["DMAE_DATA"]) / "shelf")
     result = evaluate(EvaluateConfig(DataConfig("shelf", path), methods=["linear"], views=[4, 3]))

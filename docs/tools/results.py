@@ -85,8 +85,8 @@ def gaps_table(name: str, methods: list[str] | None = None) -> str:
 
 
 def benchmark_table(name: str, table: str, methods: list[str] | None = None) -> str:
-    """Return a table of `dmae benchmark` (`dmae.evaluation.benchmark.tables`), of some methods or all."""
-    from dmae.evaluation.benchmark.tables import benchmark_tables
+    """Return a table of `dmae benchmark` (`dmae.evaluation.benchmark.page`), of some methods or all."""
+    from dmae.evaluation.benchmark.page import benchmark_tables
 
     scores = load(name)["scores"]
     if methods:
@@ -161,14 +161,14 @@ def distances_table(name: str) -> str:
 
 def paper_table(name: str) -> str:
     """Return a table of the paper with its notes, as `dmae table` writes it."""
-    from dmae.evaluation.paper_tables.rendering import markdown
+    from dmae.evaluation.paper_tables.table import markdown
 
     return markdown(load(name)["table"]).rstrip()
 
 
 def protocols() -> str:
     """Return a table of the PCP protocols with their rules."""
-    from dmae.metrics.protocols import protocol
+    from dmae.metrics.pcp import protocol
 
     rows = [
         [f"`{name}`", rules.help, "counts as wrong" if rules.missed_count else "does not count",
@@ -180,7 +180,7 @@ def protocols() -> str:
 
 def stress_table(name: str, figure: str = "pcp") -> str:
     """Return a table of breaking points, by `pcp` or by the error of `hidden` joints: corruptions by methods."""
-    from dmae.evaluation.stress.words import breaking_tables
+    from dmae.evaluation.stress.page import breaking_tables
 
     table = breaking_tables(load(name)["stress"])[["pcp", "hidden"].index(figure)]
     return _table(list(table.header), [list(row) for row in table.rows])

@@ -13,7 +13,7 @@ from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.metrics.comparison import Comparison
 from dmae.metrics.identity import identity_switches, idf1
 from dmae.metrics.pcp import correct_limbs
-from dmae.metrics.percentage import percent
+from dmae.metrics.position import percent
 from dmae.numerics.filling import fill_world, smooth
 from dmae.numerics.paths import linear
 from dmae.numerics.statistics import mean_known

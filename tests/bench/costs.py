@@ -22,7 +22,7 @@ import torch
 from dmae.completion.pipeline import SMOOTHING, completers
 from dmae.data.clip import Clip
 from dmae.formats.shelf import read_shelf
-from dmae.metrics.matching import match, take_matched
+from dmae.metrics.comparison import match, take_matched
 from dmae.online.capture import OnlineCapture
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture

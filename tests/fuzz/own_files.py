@@ -22,7 +22,7 @@ from dmae.datasets.clip_files import clip_files
 from dmae.detection.pipeline import make_detector
 from dmae.detection.recording import open_recording
 from dmae.detection.registry import PoseDetectorConfig
-from dmae.evaluation.benchmark.definition import find_definition
+from dmae.evaluation.benchmark.clips import find_definition
 from dmae.files.checksums import find_damage, find_data_set_damage, refuse_damaged, write_checksums
 from dmae.files.contents import read_text
 from dmae.online.json_lines import read_frame

@@ -7,7 +7,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
-from dmae.metrics.matching import match, take_matched
+from dmae.metrics.comparison import match, take_matched
 from tests.support.clips import looking_at_origin, t_pose
 
 FPS = 25.0

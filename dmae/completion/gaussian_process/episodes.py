@@ -9,7 +9,7 @@ from dmae.completion.gaussian_process.limbs import limb_joints
 from dmae.completion.gaussian_process.problems import GapProblem, Limbs
 from dmae.completion.gaussian_process.torso import Torsos
 from dmae.data.clip import Poses3D
-from dmae.metrics.position_error import GAPS
+from dmae.metrics.position import GAPS
 from dmae.numerics.body import interpolate_bodies
 from dmae.numerics.paths import pchip
 

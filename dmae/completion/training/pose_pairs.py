@@ -8,7 +8,7 @@ from dmae.completion.fusion import true_pair
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
-from dmae.metrics.matching import match, take_matched
+from dmae.metrics.comparison import match, take_matched
 from dmae.numerics.filling import resample
 
 

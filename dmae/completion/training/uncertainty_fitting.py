@@ -7,7 +7,7 @@ import numpy as np
 from dmae.completion.completer import Completer
 from dmae.completion.uncertainty import CLASSES, Factors, gap_classes
 from dmae.data.clip import Poses3D
-from dmae.metrics.uncertainty import REGION_PROBABILITY, REGION_RADIUS
+from dmae.metrics.position import REGION_PROBABILITY, REGION_RADIUS
 
 _FEWEST = 200
 """Joints of a class of gaps from which its own factor is fitted."""

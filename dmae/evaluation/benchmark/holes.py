@@ -1,18 +1,93 @@
-"""Holes: the joints on which methods are scored, with length, cause and body part. No method can change them."""
+"""Causes of holes: the reason why cameras did not see a joint for some time."""
 
 from dataclasses import dataclass, replace
+from enum import IntEnum
 
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
-from dmae.data.labels import OcclusionLabels
+from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import Skeleton
-from dmae.evaluation.benchmark.causes import ENOUGH_VIEWS, causes
-from dmae.metrics.comparison import GAP_RATE
-from dmae.metrics.matching import match, take_matched
-from dmae.metrics.position_error import GAPS
+from dmae.metrics.comparison import GAP_RATE, match, take_matched
+from dmae.metrics.pcp import correct_limbs
+from dmae.metrics.position import GAPS, in_region
 from dmae.numerics.paths import gap_lengths, neighbours
+
+ENOUGH_VIEWS = 2
+"""Smallest number of views that must see a joint to triangulate it."""
+
+
+class Cause(IntEnum):
+    """Reason why cameras did not see or measure a joint, see `causes`."""
+
+    thing = 0
+    """Furniture, walls, carried objects."""
+    person = 1
+    """Other people."""
+    edge = 2
+    """The joint is outside the image, or behind the camera."""
+    self = 3
+    """The person's own body: fewer than two cameras would see the joint if nothing else were there."""
+    burst = 4
+    """Nothing: two cameras or more saw the joint, and yet it was not measured. The detector missed it in a burst, or
+    capture rejected what was detected."""
+
+
+_CODES = {
+    Cause.thing: (Visibility.HIDDEN_BY_OBJECT,),
+    Cause.person: (Visibility.HIDDEN_BY_PERSON,),
+    Cause.edge: (Visibility.OUTSIDE_IMAGE, Visibility.BEHIND_CAMERA),
+}
+"""The causes that a gap can have in rule 3 of `causes`, with their labels. In a tie the first one wins."""
+
+
+def causes(occlusion: OcclusionLabels, hidden: np.ndarray) -> np.ndarray:
+    """Return, for each hidden joint, the cause of its gap. A gap has one cause.
+
+    A gap is a run of frames in which one joint of one person is hidden. Its cause is
+
+    1. `burst` if in more than half of its frames `ENOUGH_VIEWS` cameras or more saw the joint; else
+    2. `self` if in more than half of its frames fewer than `ENOUGH_VIEWS` cameras would see the joint if only the
+       person's own body could hide it; else
+    3. the one of `thing`, `person` and `edge` that hides the joint most often, counted over the frames and cameras of
+       the gap.
+
+    Args:
+        occlusion: Labels of V views, T persons and J joints in F frames.
+        hidden: (F, T, J) True in gaps.
+
+    Returns:
+        (F, T, J) `Cause`, -1 where not hidden.
+
+    Raises:
+        ValueError: the shape of the labels does not fit the shape of `hidden`.
+    """
+    visibility = occlusion.visibility
+    if (len(visibility), *visibility.shape[2:]) != hidden.shape:
+        raise ValueError(f"labels of {visibility.shape} (F, V, T, J) do not fit holes of {hidden.shape} (F, T, J)")
+    # With time as the last axis, the frames of a gap are next to each other.
+    hidden = np.moveaxis(hidden, 0, -1)
+    starts = hidden & ~np.concatenate([np.zeros_like(hidden[..., :1]), hidden[..., :-1]], -1)
+    gap = (np.cumsum(starts) - 1)[hidden.ravel()]
+    number = int(starts.sum())
+
+    def per_gap(counted: np.ndarray) -> np.ndarray:
+        return np.bincount(gap, np.moveaxis(counted, 0, -1)[hidden].astype(float), minlength=number)
+
+    def mostly(views: np.ndarray) -> np.ndarray:
+        return per_gap(views >= ENOUGH_VIEWS) > np.bincount(gap, minlength=number) / 2
+
+    votes = np.stack([per_gap(np.isin(visibility, codes).sum(1)) for codes in _CODES.values()])
+    by_others = sum(np.isin(visibility, codes).sum(1) for codes in _CODES.values())
+    seen, seen_alone = mostly(occlusion.visible_views), mostly(occlusion.visible_views + by_others)
+    of_gap = np.where(seen, Cause.burst, np.where(seen_alone, votes.argmax(0), Cause.self))
+    found = np.full(hidden.shape, -1, np.int8)
+    found[hidden] = of_gap[gap]
+    return np.moveaxis(found, -1, 0)
+
+
+# Holes: the joints on which methods are scored, with length, cause and body part. No method can change them.
 
 PARTS = {
     "head": ("nose", "eye", "eye_inner", "eye_outer", "ear", "mouth", "head", "head_top", "top_head", "bottom_head"),
@@ -31,7 +106,7 @@ class Holes:
     Attributes:
         truth: True poses, (F, T, J).
         hidden: (F, T, J) True for joints that count as holes.
-        length: (F, T, J) index of `dmae.metrics.position_error.GAPS`, the class of the length of the hole.
+        length: (F, T, J) index of `dmae.metrics.position.GAPS`, the class of the length of the hole.
         cause: (F, T, J) `Cause`; -1 outside holes.
         part: (J,) index of `PARTS`.
         matches: (F, T) index of the captured person that matches each true person, -1 for none. Only for holes of
@@ -51,7 +126,7 @@ def holes_of_capture(clip: Clip, captured: Poses3D) -> Holes:
 
     Args:
         clip: Clip with truth and occlusion labels.
-        captured: Captured poses of the clip, not filled. `dmae.metrics.matching.match` matches them with true persons.
+        captured: Captured poses of the clip, not filled. `dmae.metrics.comparison.match` assigns them to true people.
             In a time without a match, a true person keeps its captured person if that is the same before and after.
             Persons that were not captured have no holes.
     """
@@ -117,3 +192,107 @@ def _bridged(matches: np.ndarray) -> np.ndarray:
     # If another person has the track in the meantime, it does not belong to this person.
     taken = (bridged[:, :, None] == matches[:, None]).any(-1)
     return np.where((matches < 0) & taken, -1, bridged)
+
+
+# Cells: sums of the errors of one clip, by cause, length of the hole and body part.
+
+AXES = {
+    "cause": [cause.name for cause in Cause],
+    "frames": [f"{low}-{high}" if high else f">{low - 1}" for low, high in GAPS],
+    "part": list(PARTS),
+}
+"""The axes of cells and their classes; `frames` is the length of a hole in frames at 25/s."""
+SHAPE = tuple(len(classes) for classes in AXES.values())
+NEAR = 0.1
+"""m; a joint that is within this distance of the truth counts as near."""
+
+
+def completion_cells(holes: Holes, given: Poses3D, linear: Poses3D, poses: Poses3D) -> dict:
+    """Return the scores of completed poses on the holes of capture.
+
+    Only the holes that linear filling fills are counted: the person stays or returns within a second, and the joint was
+    measured before and after the hole, or within half a second. If a method does not fill such a hole, it gets the
+    error of linear filling there, so that no method gains by leaving out difficult joints.
+
+    Args:
+        holes: Holes of the captured poses.
+        given: Captured poses, not filled.
+        linear: The same poses, linearly filled.
+        poses: Poses of the method, with the persons of `given`.
+
+    Returns:
+        JSON-able. Flat lists over the cells in the order of `AXES`: `holes`; `filled`, the number of holes that the
+        method filled; `mm`, the sum of errors; `stated`, the number of filled holes with a covariance; `held`, the
+        number of these in which the truth is within the 90 % region. For measured joints: `seen`, their number, and
+        `seen_mm`, the sum of their errors.
+    """
+    truth = holes.truth.xyz.astype(np.float64)
+    error, reference = (take_matched(each.xyz, holes.matches) - truth for each in (poses, linear))
+    distance, stand_in = (1000 * np.linalg.norm(each, axis=-1) for each in (error, reference))
+    counted = holes.hidden & ~np.isnan(stand_in)
+    filled = counted & ~np.isnan(distance)
+    within = in_region(error, take_matched(poses.cov, holes.matches))
+    stated = filled & ~np.isnan(within)
+    cell = _cell(holes)
+    measured = take_matched(given.measured, holes.matches, False) & ~np.isnan(distance)
+    return {
+        "holes": _counts(cell, counted),
+        "filled": _counts(cell, filled),
+        "mm": _sums(cell, counted, np.where(filled, distance, stand_in)),
+        "stated": _counts(cell, stated),
+        "held": _counts(cell, stated & (within == 1)),
+        "seen": int(measured.sum()),
+        "seen_mm": round(float(distance[measured].sum()), 1),
+    }
+
+
+def capture_cells(sight: Holes, poses: Poses3D) -> dict:
+    """Return the scores of poses of any capture on the joints that fewer than two cameras saw.
+
+    Args:
+        sight: The true joints that fewer than two cameras saw.
+        poses: Poses of P persons. They are matched to true persons frame by frame.
+
+    Returns:
+        JSON-able. For each cell: `holes`; `filled`, the number of holes with a position; `near`, the number of holes
+        within `NEAR` of the truth; `mm`, the sum of errors of the filled holes. For the other true joints: `seen`,
+        `seen_found`, `seen_near` and `seen_mm`. For strict PCP: the numbers `limbs` and `correct`. For persons, summed
+        over frames: their number `persons`, and `extra`, the number of persons that match no true person.
+    """
+    truth = sight.truth.xyz.astype(np.float64)
+    matches = match(poses.xyz, sight.truth.xyz)
+    matched = take_matched(poses.xyz, matches)
+    distance = 1000 * np.linalg.norm(matched - truth, axis=-1)
+    near = distance <= 1000 * NEAR
+    known = ~np.isnan(truth).any(-1)
+    found, seen, cell = ~np.isnan(distance), known & ~sight.hidden, _cell(sight)
+    correct, limbs = correct_limbs(matched, truth, sight.truth.skeleton)
+    present = (~np.isnan(poses.xyz).any(-1)).any(-1).sum()
+    return {
+        "holes": _counts(cell, sight.hidden),
+        "filled": _counts(cell, sight.hidden & found),
+        "near": _counts(cell, sight.hidden & near),
+        "mm": _sums(cell, sight.hidden & found, distance),
+        "seen": int(seen.sum()),
+        "seen_found": int((seen & found).sum()),
+        "seen_near": int((seen & near).sum()),
+        "seen_mm": round(float(distance[seen & found].sum()), 1),
+        "limbs": int(limbs.sum()),
+        "correct": int((correct & limbs).sum()),
+        "persons": int(present),
+        "extra": int(present - (matches >= 0).sum()),
+    }
+
+
+def _cell(holes: Holes) -> np.ndarray:
+    """Return the flat index (F, T, J) of the cell of each hole; -1 outside holes."""
+    index = np.broadcast_arrays(np.maximum(holes.cause, 0), holes.length, holes.part)
+    return np.where(holes.hidden, np.ravel_multi_index(index, SHAPE), -1)
+
+
+def _counts(cell: np.ndarray, counted: np.ndarray) -> list[int]:
+    return np.bincount(cell[counted], minlength=np.prod(SHAPE)).tolist()
+
+
+def _sums(cell: np.ndarray, counted: np.ndarray, values: np.ndarray) -> list[float]:
+    return np.bincount(cell[counted], values[counted], minlength=np.prod(SHAPE)).round(1).tolist()

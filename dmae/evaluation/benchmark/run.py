@@ -1,22 +1,343 @@
-"""Run a benchmark: generate its clips, score the hand-ins, and compare them with earlier scores."""
+"""Hand-ins of a benchmark: methods by name, functions of your own, or folders of poses made elsewhere."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from dmae.completion.methods.registry import find_method
-from dmae.evaluation.benchmark.cells import AXES, capture_cells, completion_cells
-from dmae.evaluation.benchmark.clips import clip_of, given_clip, make_clips
-from dmae.evaluation.benchmark.definition import BenchmarkSize, find_definition
-from dmae.evaluation.benchmark.differences import check_same, differences
-from dmae.evaluation.benchmark.hand_in import OURS, HandIn, Task, find_hand_in
-from dmae.evaluation.benchmark.holes import holes_of_capture, holes_of_sight
-from dmae.evaluation.benchmark.summary import capture_summary, completion_summary
+from dmae.completion.methods.registry import completion_method, find_method
+from dmae.data.clip import Clip, Poses3D
+from dmae.evaluation.benchmark.clips import BenchmarkSize, clip_of, find_definition, given_clip, make_clips
+from dmae.evaluation.benchmark.holes import (
+    AXES,
+    SHAPE,
+    capture_cells,
+    completion_cells,
+    holes_of_capture,
+    holes_of_sight,
+)
+from dmae.evaluation.predictions import fitting
 from dmae.files.structured import read_json
+from dmae.formats.recordings.pose_files import pose_paths, read_poses
+from dmae.metrics.intervals import BlockSums, Interval, bootstrap_difference, bootstrap_ratio
 from dmae.parallel import Backend, in_parallel, running_on
+from dmae.plugins import load_function
 from dmae.progress import progress
+
+OURS = "capture"
+"""Name of the capture that comes with the package, without completion."""
+
+
+class Task(StrEnum):
+    """The kind of result that a method hands in."""
+
+    completion = "completion"
+    """Poses with the holes of our capture filled: all methods on the same holes."""
+    capture = "capture"
+    """Poses made from detections, by any capture."""
+
+
+@dataclass(frozen=True)
+class HandIn:
+    """A method or capture that is scored.
+
+    Attributes:
+        name: The user's name for it: a completion method, `capture`, `package.module:function`, or a folder.
+        task: The task that it solves.
+        weights: Folder of trained weights, for learned completion methods.
+        own: A Python function; `name` is then the name of the function.
+    """
+
+    name: str
+    task: Task
+    weights: str | None = None
+    own: Callable | None = None
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder of poses; None if the name is not a folder. Write `./NAME` if a method has the same name."""
+        known = self.own or self.name in completion_method or self.name == OURS
+        return Path(self.name) if not known and Path(self.name).is_dir() else None
+
+    def check(self, clips: list[str]) -> None:
+        """Check the hand-in before anything is computed.
+
+        Args:
+            clips: Ids of the clips of the benchmark.
+
+        Raises:
+            ValueError: the method, function or folder does not exist.
+            FileNotFoundError: the folder lacks clips; the message names them.
+        """
+        if self.folder is None:
+            self.function()
+            return
+        lacking = [name for name in clips if _file(self.folder, name) is None]
+        if lacking:
+            more = f" and {len(lacking) - 3} more" if len(lacking) > 3 else ""
+            raise FileNotFoundError(
+                f"{self.name}: lacks {len(lacking)} of {len(clips)} clips: {', '.join(lacking[:3])}{more}; expected "
+                f"{lacking[0]}.npz, as dmae export format=npz writes, or another format that dmae.read_poses reads"
+            )
+
+    def function(self) -> Callable:
+        """Return the function that makes poses. Its arguments are poses and frames per second, or a clip."""
+        if self.own:
+            return self.own
+        if self.task == Task.completion:
+            return find_method(self.name).load(Path(self.weights) if self.weights else None)
+        if self.name == OURS:
+            return lambda clip: clip.poses
+        if ":" not in self.name:
+            raise ValueError(f"captures={self.name}: expected {OURS}, package.module:function, or a folder of poses")
+        return load_function("captures", self.name)
+
+    def poses(self, name: str, given: Clip) -> Poses3D:
+        """Return the poses of one clip, checked.
+
+        Args:
+            name: Id of the clip.
+            given: The data that methods get, with our captured poses.
+
+        Raises:
+            ValueError: the poses do not fit the clip; the message names both.
+        """
+        where = f"{self.name}, clip {name}"
+        if self.folder is not None:
+            found = read_poses(_file(self.folder, name))
+            if found.fps is not None and not np.isclose(found.fps, given.fps, rtol=1e-3):
+                raise ValueError(f"{where}: expected {given.fps:g} frames per second, found {found.fps:g}")
+            poses = found.poses
+        else:
+            function = _loaded(self)
+            try:
+                poses = function(given.poses, given.fps) if self.task == Task.completion else function(given)
+            # A function of another project may raise any error. The message names the clip and the function.
+            except Exception as error:
+                raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
+        return check_poses(poses, given.poses, self.task, where)
+
+
+def find_hand_in(given: str | Callable, task: Task, weights: str | None = None) -> HandIn:
+    """Return the hand-in for a name or a function."""
+    if callable(given):
+        return HandIn(getattr(given, "__name__", repr(given)), task, weights, given)
+    return HandIn(given, task, weights)
+
+
+def check_poses(poses: Poses3D, given: Poses3D, task: Task, where: str) -> Poses3D:
+    """Return poses that were handed in, converted to the skeleton of the captured poses.
+
+    Args:
+        poses: The poses that were handed in.
+        given: Captured poses of the clip.
+        task: Task that the poses solve.
+        where: Name of the poses in messages.
+
+    Raises:
+        ValueError: the poses are not `Poses3D`; differ in length, number of persons or unit; have a skeleton without a
+            conversion; or are not finite.
+    """
+    if not isinstance(poses, Poses3D):
+        raise ValueError(f"{where}: expected dmae.Poses3D, found {type(poses).__name__}")
+    return fitting(poses, given, where, tracks=task == Task.completion)
+
+
+def _file(folder: Path, name: str) -> Path | None:
+    """Return the file or folder of a clip's poses; None if it does not exist."""
+    place = folder / name
+    return (pose_paths(place.parent) or {}).get(place.name) if place.parent.is_dir() else None
+
+
+@cache
+def _loaded(hand_in: HandIn) -> Callable:
+    """Return the function of a hand-in. It is loaded once per process, because weights are large."""
+    return hand_in.function()
+
+
+# Scores of a hand-in over all clips: means over levels with their intervals, and figures by cause, length and part.
+
+_COUNTS = ("holes", "filled", "mm", "stated", "held", "near")
+
+
+def completion_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
+    """Return the scores of completed poses.
+
+    Args:
+        levels: The index of the level of each clip, by id.
+        cells: What `completion_cells` returned for each clip, by id.
+
+    Returns:
+        JSON-able; None stands for "not measured". `mm`, the mean error of holes, is the mean over levels with its 95 %
+        interval over clips; `levels`, `cause`, `frames`, `part` and `cells` (flat, in the order of `AXES`) split it.
+        `filled`, % of the holes that were filled. `held`, % of the filled holes with a covariance that are within their
+        90 % region, and `held_cause`, `held_frames`. `seen`, mm, the error of measured joints.
+    """
+    sums = _sums(cells)
+    if not sums["filled"].sum():
+        none = dict.fromkeys(("mm", "levels", "cause", "frames", "part", "cells", "held", "held_cause", "held_frames"))
+        return none | {"filled": 0.0, "seen": _ratio(sums["seen_mm"], sums["seen"])}
+    of_level = [_sums({name: cells[name] for name in cells if levels[name] == level}) for level in _numbers(levels)]
+    return {
+        "mm": interval_json(bootstrap_ratio(clip_sums(levels, cells))),
+        "levels": [_ratio(each["mm"].sum(), each["holes"].sum()) for each in of_level],
+        **{axis: _by_axis(sums, axis, "mm", "holes") for axis in AXES},
+        "cells": [_ratio(mm, count, 1) for mm, count in zip(sums["mm"].ravel(), sums["holes"].ravel(), strict=True)],
+        "filled": _ratio(100 * sums["filled"].sum(), sums["holes"].sum()),
+        "held": _ratio(100 * sums["held"].sum(), sums["stated"].sum()),
+        "held_cause": _by_axis(sums, "cause", "held", "stated", 100),
+        "held_frames": _by_axis(sums, "frames", "held", "stated", 100),
+        "seen": _ratio(sums["seen_mm"], sums["seen"]),
+    }
+
+
+def capture_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
+    """Return the scores of poses of any capture.
+
+    Arguments are as for `completion_summary`, of what `capture_cells` returned.
+
+    Returns:
+        JSON-able; None stands for "not measured". `pcp`, strict, %. Of joints that fewer than two cameras saw `near`, %
+        within 0.1 m, `found`, %, and `mm`, the error of those found; `cause` and `levels` split `near`. `seen_near`,
+        `seen_found` and `seen_mm` are the same of the other joints. `extra`, % of persons in a frame that match no true
+        person.
+    """
+    sums = _sums(cells)
+    names = ("pcp", "near", "found", "mm", "cause", "levels", "seen_near", "seen_found", "seen_mm", "extra")
+    if not sums["persons"]:
+        return dict.fromkeys(names)
+    of_level = [_sums({name: cells[name] for name in cells if levels[name] == level}) for level in _numbers(levels)]
+    holes = sums["holes"].sum()
+    return {
+        "pcp": _ratio(100 * sums["correct"], sums["limbs"]),
+        "near": _ratio(100 * sums["near"].sum(), holes),
+        "found": _ratio(100 * sums["filled"].sum(), holes),
+        "mm": _ratio(sums["mm"].sum(), sums["filled"].sum()),
+        "cause": _by_axis(sums, "cause", "near", "holes", 100),
+        "levels": [_ratio(100 * each["near"].sum(), each["holes"].sum()) for each in of_level],
+        "seen_near": _ratio(100 * sums["seen_near"], sums["seen"]),
+        "seen_found": _ratio(100 * sums["seen_found"], sums["seen"]),
+        "seen_mm": _ratio(sums["seen_mm"], sums["seen_found"]),
+        "extra": _ratio(100 * sums["extra"], sums["persons"]),
+    }
+
+
+def clip_sums(levels: dict[str, int], cells: dict[str, dict]) -> BlockSums:
+    """Return errors and numbers of holes, one ratio for each level; the bootstrap draws the clips of a level."""
+    groups = [[cells[name] for name in cells if levels[name] == level] for level in _numbers(levels)]
+    longest = max(map(len, groups))
+    total, count = (
+        np.array([[sum(each[key]) for each in group] + [0] * (longest - len(group)) for group in groups], float)
+        for key in ("mm", "holes")
+    )
+    number = len(groups)
+    blocks = np.array([len(group) for group in groups])
+    return BlockSums(total, count, np.arange(number), np.full(number, 1 / number), blocks)
+
+
+def interval_json(interval: Interval) -> dict:
+    """Return an interval as JSON, None where it is unknown."""
+    return {name: _rounded(value) for name, value in vars(interval).items()}
+
+
+def _numbers(levels: dict[str, int]) -> list[int]:
+    return sorted(set(levels.values()))
+
+
+def _sums(cells: dict[str, dict]) -> dict:
+    """Return sums over clips: arrays of `SHAPE`, and numbers."""
+    first = next(iter(cells.values()))
+    return {
+        key: np.sum([each[key] for each in cells.values()], 0).reshape(SHAPE)
+        if key in _COUNTS
+        else sum(each[key] for each in cells.values())
+        for key in first
+    }
+
+
+def _by_axis(sums: dict, axis: str, numerator: str, denominator: str, scale: float = 1) -> dict[str, float | None]:
+    others = tuple(number for number, name in enumerate(AXES) if name != axis)
+    total, count = (sums[key].sum(others) for key in (numerator, denominator))
+    return {name: _ratio(scale * total[i], count[i]) for i, name in enumerate(AXES[axis])}
+
+
+def _ratio(total: float, count: float, digits: int = 2) -> float | None:
+    return _rounded(total / count, digits) if count else None
+
+
+def _rounded(value: float, digits: int = 2) -> float | None:
+    return None if np.isnan(value) else round(float(value), digits)
+
+
+# Differences between the hand-ins of two runs of a benchmark, with intervals over clips.
+
+
+def check_same(earlier: dict, benchmark: str, size: str) -> None:
+    """Check that earlier scores are scores of this benchmark and size.
+
+    Raises:
+        ValueError: they are of another benchmark or size; the message names both.
+    """
+    found = (earlier.get("benchmark"), earlier.get("size")) if isinstance(earlier, dict) else (None, None)
+    if found != (benchmark, size):
+        raise ValueError(
+            f"against: expected scores of {benchmark} size={size}, found those of {found[0] or 'no benchmark'}"
+            f"{f' size={found[1]}' if found[1] else ''}"
+        )
+
+
+def differences(scores: dict, earlier: dict) -> list[dict]:
+    """Return the differences of errors between methods and earlier methods. Positive differences are worse.
+
+    A method is compared with the earlier method of the same name. If there is none, it is compared with each earlier
+    method. The bootstrap draws the same clips for both.
+
+    Args:
+        scores: Result of `benchmark`.
+        earlier: Scores of the same benchmark and size.
+
+    Returns:
+        An entry for each pair: `method`; `against`; `mm`, the difference of the mean over levels with its 95 %
+        interval; and `shown`, whether the interval excludes zero.
+
+    Raises:
+        ValueError: the scores are of other clips or other holes; the message names the first one.
+    """
+    levels = {clip["id"]: clip["level"] for clip in scores["clips"]}
+    new, old = (
+        {name: entry["clips"] for name, entry in each["completion"].items() if entry["summary"]["mm"]}
+        for each in (scores, earlier)
+    )
+    found = []
+    for method, cells in new.items():
+        for counterpart in [method] if method in old else old:
+            _check_holes(cells, old[counterpart])
+            difference = bootstrap_difference(clip_sums(levels, cells), clip_sums(levels, old[counterpart]))
+            found.append({
+                "method": method,
+                "against": counterpart,
+                "mm": interval_json(difference),
+                "shown": bool(difference.excludes_zero),
+            })  # fmt: skip
+    return found
+
+
+def _check_holes(cells: dict[str, dict], earlier: dict[str, dict]) -> None:
+    if list(cells) != list(earlier):
+        raise ValueError(f"against: expected scores of {len(cells)} clips from {next(iter(cells))} on, found others")
+    for name in cells:
+        now, then = sum(cells[name]["holes"]), sum(earlier[name]["holes"])
+        if cells[name]["holes"] != earlier[name]["holes"]:
+            raise ValueError(
+                f"against: clip {name} has {now} holes, then it had {then}, or others as many. The captured poses "
+                "differ, as of another version of capture or another processor; score the earlier method again"
+            )
+
+
+# Run a benchmark: generate its clips, score the hand-ins, and compare them with earlier scores.
 
 
 @dataclass(frozen=True)

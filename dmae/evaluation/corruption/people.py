@@ -5,7 +5,7 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.evaluation.corruption.detections import heights
-from dmae.metrics.matching import match
+from dmae.metrics.comparison import match
 from dmae.numerics.filling import fill_body_frame
 from dmae.numerics.paths import linear
 from dmae.reconstruction.config import CaptureConfig

@@ -1,34 +1,185 @@
-"""Tables of one recording: PCP of each actor (1), and by number of cameras (2)."""
+"""The clips of several data sets as one sequence. Each clip is read when it is accessed."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Clip, Poses3D
-from dmae.data.skeleton import SHELF14, Skeleton
-from dmae.evaluation.config import EvaluateConfig
-from dmae.evaluation.evaluate import load_methods
-from dmae.evaluation.paper_tables.config import TableConfig, TableSize
-from dmae.evaluation.paper_tables.data_sets import check_truth
-from dmae.evaluation.paper_tables.head_placement import convert_with_head
-from dmae.evaluation.paper_tables.paper_network import (
-    APART,
-    MISSING,
-    PRETRAINED,
-    TUNED,
-    TUNED_FRAMES,
-    note,
-    paper_network,
+from dmae.completion.paper.completion import load_paper_completer
+from dmae.completion.paper.config import SIZES, PaperConfig
+from dmae.completion.paper.training import SKELETON, fine_tune, pretrain
+from dmae.completion.training.pose_pairs import pose_pair
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.conversion import convert
+from dmae.data.skeleton import SHELF14, Skeleton, get_skeleton
+from dmae.evaluation.config import EvaluateConfig, TableConfig, TableSize
+from dmae.evaluation.evaluate import Trial, filled_trials, load_methods
+from dmae.evaluation.paper_tables.table import (
+    MeasuredRow,
+    TableColumn,
+    Tally,
+    actors_of,
+    limb_tally,
+    paper_table,
+    pooled,
 )
-from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, paper_table
-from dmae.evaluation.paper_tables.tally import Tally, actors_of, limb_tally, pooled
-from dmae.evaluation.trials import Trial, filled_trials
-from dmae.formats.reading import load
+from dmae.formats.reading import Clips, DataConfig, load
+from dmae.formats.recordings.selection import camera_subsets
 from dmae.metrics.intervals import bootstrap_ratio
-from dmae.metrics.pcp import correct_limbs
-from dmae.metrics.protocols import Protocol, count_limbs, protocol
+from dmae.metrics.pcp import Protocol, correct_limbs, count_limbs, protocol
+from dmae.reconstruction.pipeline import capture
+
+
+class NamedClips(Sequence):
+    """Clips of several data sets, named after their folders, because clip ids start at 0 in each set.
+
+    Args:
+        members: The set and the index of each clip.
+    """
+
+    def __init__(self, members: Sequence[tuple[Clips, int]]):
+        self.members = list(members)
+
+    @property
+    def folders(self) -> list[Path]:
+        """Folder of each clip."""
+        return [clips.folders[number] for clips, number in self.members]
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    def __getitem__(self, index: int) -> Clip:
+        clips, number = self.members[index]
+        folder = self.folders[index]
+        return replace(clips[number], id=f"{folder.parent.name}/{folder.name}")
+
+
+def load_sets(paths: Sequence[str]) -> NamedClips:
+    """Return the clips of several data sets."""
+    sets = [load(DataConfig(path=path)) for path in paths]
+    return NamedClips([(clips, number) for clips in sets for number in range(len(clips))])
+
+
+def halves(data: DataConfig, paths: Sequence[str]) -> tuple[NamedClips, NamedClips]:
+    """Return the first and the second half of the clips of each data set: to learn from, and to score.
+
+    Raises:
+        ValueError: a set has a single clip.
+    """
+    learned, scored = [], []
+    for clips in [load(data), *(load(DataConfig(path=path)) for path in paths)]:
+        if len(clips) < 2:
+            raise ValueError(
+                f"{clips.config.path}: {len(clips)} clip; expected a data set of two clips or more, half of them to "
+                "learn from, half to score; make one by synth generate"
+            )
+        half = len(clips) // 2
+        learned += [(clips, number) for number in range(half)]
+        scored += [(clips, number) for number in range(half, len(clips))]
+    return NamedClips(learned), NamedClips(scored)
+
+
+def check_truth(clip: Clip, number: int) -> None:
+    """Raise ValueError if a clip has no truth on the joints of Shelf, which a table scores."""
+    if clip.truth is None or np.isnan(clip.truth.xyz).all():
+        raise ValueError(f"clip {clip.id!r} has no truth; table {number} needs true poses on {SHELF14.name}")
+    if SHELF14 not in clip.truth.skeleton.parts:
+        raise ValueError(
+            f"clip {clip.id!r} has truth on {clip.truth.skeleton.name}; the limbs of table {number} are those of "
+            f"{SHELF14.name}"
+        )
+
+
+# Where published evaluations place the ends of the annotated head of Shelf, which no detector finds.
+#
+# Each formula has constants that were tuned on that recording. `dmae.data.conversion.convert` uses the formula
+# of Zhang et al. 2020, here `4da`.
+
+_LANDMARKS = ("nose", "l_ear", "r_ear", "l_shoulder", "r_shoulder")
+_TOP_OF_NOSE = np.array([0.75, 0.75, 1.5])
+"""The top of the head from the middle of the shoulders, as multiples of the nose's offset from there."""
+_SHARE = {"mvpose": 1.0, "voxelpose": 0.75}
+"""Weight of the nose's formula against that of the ears."""
+
+
+def convert_with_head(poses: Poses3D, target: Skeleton, head: str) -> Poses3D:
+    """Return poses on another skeleton, the ends of the head placed by a published formula.
+
+    Args:
+        poses: On any skeleton that `convert` can bring to the target.
+        target: Only the head of Shelf's skeleton depends on the formula.
+        head: `4da`, `mvpose` (Dong et al. 2019) or `voxelpose` (Tu et al. 2020). Poses that have that head already, or
+            not the joints that the formula needs, are converted as by `4da`.
+    """
+    converted = convert(poses, target)
+    own = target in poses.skeleton.parts or not set(_LANDMARKS) <= set(poses.skeleton.joints)
+    if head not in _SHARE or target != SHELF14 or own:
+        return converted
+    landmarks = poses.skeleton.index(*_LANDMARKS)
+    joints = poses.xyz[:, :, landmarks].astype(np.float64)
+    nose, ears, shoulders = joints[:, :, 0], joints[:, :, 1:3].mean(2), joints[:, :, 3:].mean(2)
+    ends = np.stack([(shoulders + nose) / 2, shoulders + (nose - shoulders) * _TOP_OF_NOSE], 2)
+    if _SHARE[head] < 1:
+        bottom = (shoulders + ears) / 2
+        ends = _SHARE[head] * ends + (1 - _SHARE[head]) * np.stack([bottom, 2 * ears - bottom], 2)
+    xyz, source = converted.xyz.copy(), converted.source.copy()
+    placed = target.index("bottom_head", "top_head")
+    xyz[:, :, placed] = ends
+    weakest = poses.source[:, :, landmarks].max(-1, keepdims=True)
+    source[:, :, placed] = np.where(np.isnan(ends).any(-1), Source.ABSENT, weakest)
+    return replace(converted, xyz=xyz, source=source)
+
+
+# The paper's own network in tables 1 and 2: pretrained on simulated people, then tuned on annotations.
+
+PRETRAINED, TUNED = "the paper's network, without fine-tuning", "the paper's network, final"
+MISSING = "there are no simulated clips to train on: give extra_data=[...]"
+TUNED_FRAMES, APART = 40, 10
+"""Frames at the beginning of the recording that are learned from, and those after them that are not scored."""
+_FEW = (150, 10)
+"""Steps of pretraining and passes of tuning for a table of the small size."""
+
+
+def paper_network(config: TableConfig, tuning: Clip, out: Path) -> dict[str, Callable[[Poses3D, float], Poses3D]]:
+    """Return the paper's network before and after fine-tuning, by the names of their rows.
+
+    Args:
+        config: `extra_data` are simulated clips, and the network learns from their truth; `paper` is the size.
+        tuning: Annotated frames that are scored in no row.
+        out: Folder for the two models.
+    """
+    wanted = SIZES[config.paper]
+    if config.size is TableSize.small:
+        wanted = replace(wanted, schedule=replace(wanted.schedule, steps=_FEW[0], tuning_epochs=_FEW[1]))
+    wanted = replace(wanted, seed=config.seed)
+    source = get_skeleton(SKELETON).parts[0]
+    truths = [(convert(clip.truth, source), clip.fps) for clip in load_sets(config.extra_data)]
+    first = pretrain(truths, wanted, out / "models" / "paper_pretrained")
+    second = fine_tune(first, _captured(config, tuning, wanted), wanted, out / "models" / "paper_tuned")
+    return {PRETRAINED: load_paper_completer(first), TUNED: load_paper_completer(second)}
+
+
+def note(config: TableConfig) -> dict[str, str]:
+    """Return what has to be known about the rows."""
+    size = SIZES[config.paper].network
+    return {
+        "note": f"{config.paper} size: {size.dim} channels and {size.depth} layers in the encoder, where the paper has "
+        "256 and 6; without any of this package's methods"
+    }
+
+
+def _captured(config: TableConfig, clip: Clip, wanted: PaperConfig):
+    """Yield pairs of captured and annotated poses, by all subsets of the cameras that table 2 has."""
+    cameras = len(clip.rig)
+    for chosen in camera_subsets(clip, [count for count in range(cameras, cameras - 3, -1) if count >= 2]):
+        part = clip.select(views=chosen)
+        part = replace(part, poses=capture(part, config.capture))
+        yield pose_pair(part, get_skeleton(SKELETON), wanted.network.fps)
+
+
+# Tables of one recording: PCP of each actor (1), and by number of cameras (2).
 
 METHODS = {
     TableSize.small: ("measured", "linear", "dmae"),

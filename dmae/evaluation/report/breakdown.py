@@ -6,7 +6,7 @@ from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
 from dmae.evaluation.report.joint_groups import JointGroup, tally
 from dmae.evaluation.report.joints import Joints
-from dmae.metrics.position_error import GAPS
+from dmae.metrics.position import GAPS
 
 BY_SOURCE, BY_GAP, BY_JOINT, BY_CAUSE = "source", "length of the gap", "joint", "cause of occlusion"
 BY_SEEING, BY_MEASURING = "cameras that see the joint", "cameras that measured the joint"

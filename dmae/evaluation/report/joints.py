@@ -8,8 +8,7 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
-from dmae.metrics.comparison import GAP_RATE, Comparison
-from dmae.metrics.matching import take_matched
+from dmae.metrics.comparison import GAP_RATE, Comparison, take_matched
 from dmae.numerics.paths import gap_lengths
 
 

@@ -8,7 +8,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert, scale_of
 from dmae.evaluation.report.joint_groups import JointGroup, added, tally
 from dmae.files.mapped import by_frames, release
-from dmae.metrics.matching import match, take_matched
+from dmae.metrics.comparison import match, take_matched
 
 GATE_M = 0.4
 """m, at the median depth of the people in a camera, for bodies of a person's size. A detection with a larger mean

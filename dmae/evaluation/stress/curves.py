@@ -5,10 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dmae.evaluation.corruption.registry import find_corruption
-from dmae.evaluation.stress.contenders import Contender
-from dmae.evaluation.stress.plan import Axis, Cell, Plan
-from dmae.metrics.intervals import Interval, bootstrap_difference, bootstrap_ratio, bootstrap_scores
-from dmae.metrics.time_blocks import block_sums
+from dmae.evaluation.stress.plan import Axis, Cell, Contender, Plan
+from dmae.metrics.intervals import Interval, block_sums, bootstrap_difference, bootstrap_ratio, bootstrap_scores
 from dmae.numerics.statistics import mean_known
 
 PCP_DROP = 10.0

@@ -1,21 +1,215 @@
-"""The stress matrix: compute every cell of every clip, or read it from the cache, and return the result."""
+"""A cell of the stress matrix: corrupt a clip, capture it, complete it with each contender, and score the results."""
 
+import hashlib
+import json
+import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 
-from dmae.data.clip import Clip
-from dmae.evaluation.stress.cache import Cache, hash_of_clip, key_of
-from dmae.evaluation.stress.cells import run_cell, subject_of
-from dmae.evaluation.stress.config import StressConfig
-from dmae.evaluation.stress.contenders import Contender, contenders
+import numpy as np
+
+from dmae.completion.blending import noisiness, smooth_by_noise
+from dmae.completion.methods.registry import completion_method, find_method
+from dmae.data.clip import Clip, Poses3D
+from dmae.data.conversion import convert
+from dmae.data.store import write_atomic
+from dmae.evaluation.config import StressConfig
+from dmae.evaluation.corruption.corrupt import corrupt
+from dmae.evaluation.corruption.people import people_of
+from dmae.evaluation.scores import measured_by_all, score, scored_actors, truth_of
 from dmae.evaluation.stress.curves import Runs, curves
-from dmae.evaluation.stress.plan import Cell, Plan, allowed, plan
+from dmae.evaluation.stress.plan import Cell, Contender, Plan, allowed, contenders, plan, source_hash
 from dmae.formats.reading import Clips
 from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import progress
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
 from dmae.reporting.words import counted
+
+SMOOTHING = 0.1
+"""s; smoothing after every method, except methods that smooth by themselves, as in `dmae evaluate`."""
+KEPT = ("pcp", "pck", "mpjpe", "shares", "hidden", "idf1", "blocks")
+"""Names of the scores that are stored."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A clip that is to be corrupted.
+
+    Attributes:
+        clip: The clip. Its truth is the reference of the results, on the skeleton of the comparison.
+        people: The people of the clip, see `dmae.evaluation.corruption.people`.
+        actors: Persons of the truth over which PCP is averaged; None for all.
+    """
+
+    clip: Clip
+    people: Poses3D
+    actors: tuple[int, ...] | None
+
+
+def subject_of(clip: Clip, config: CaptureConfig) -> Subject:
+    """Return a clip prepared to be corrupted and scored.
+
+    The reference is its truth; of a fused skeleton, the second part. Without truth, the reference is the captured
+    joints that three views or more measured, with all cameras.
+
+    Raises:
+        ValueError: the clip has neither truth nor joints that three views measured.
+    """
+    people = people_of(clip, config)
+    clip = replace(clip, images=None, poses=None, occlusion=None, detection_labels=None)
+    if clip.truth is not None:
+        truth = truth_of(clip)
+        return Subject(replace(clip, truth=convert(truth, truth.skeleton.parts[-1])), people, scored_actors(clip))
+    reference = measured_by_all(clip, config)
+    if np.isnan(reference.xyz).all():
+        raise ValueError(
+            f"clip {clip.id!r} has no truth, and its {len(clip.rig)} cameras measure no joint in three views or more, "
+            "which results would be compared with; expected truth, or more cameras"
+        )
+    return Subject(replace(clip, truth=reference), people, None)
+
+
+def run_cell(subject: Subject, cell: Cell, contenders: Sequence[Contender]) -> dict[str, dict]:
+    """Return the scores of contenders in a cell, by name. Contenders with the same capture share its result.
+
+    Raises:
+        ValueError: a method returned poses of another shape.
+    """
+    clip = corrupt(subject.clip, dict(cell.levels), seed=cell.seed, people=subject.people)
+    captured: dict[CaptureConfig, Poses3D] = {}
+    scores = {}
+    for contender in contenders:
+        if contender.capture not in captured:
+            captured[contender.capture] = capture(clip, contender.capture)
+        given = captured[contender.capture]
+        with _one_thread():
+            filled = contender.fill(given, clip.fps)
+        if filled.xyz.shape[:2] != given.xyz.shape[:2]:
+            raise ValueError(
+                f"method {contender.name}: expected poses of {given.xyz.shape[1]} persons in {len(given.xyz)} frames "
+                f"back, found {filled.xyz.shape[1]} in {len(filled.xyz)}"
+            )
+        if not (contender.method in completion_method and find_method(contender.method).smooths):
+            filled = smooth_by_noise(filled, noisiness(given), clip.fps, SMOOTHING)
+        filled = convert(filled, clip.truth.skeleton)
+        found = score(filled, given, clip.truth, subject.actors, fps=clip.fps)
+        scores[contender.name] = {name: found[name] for name in KEPT}
+    return scores
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Limit torch, if it is loaded, to one thread, so that sums do not depend on the number of workers."""
+    torch = sys.modules.get("torch")
+    if torch is None:
+        yield
+        return
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+# A cache of results. The key is a hash of everything on which a result depends, so no result is computed twice.
+
+_PACKAGE = Path(__file__).parents[2]
+_CODE = (
+    "data", "numerics", "formats/recordings", "reconstruction", "metrics", "completion", "evaluation/corruption",
+    "evaluation/scores.py", "evaluation/stress/matrix.py",
+)  # fmt: skip
+"""Modules of the package on which the results depend."""
+_VERSIONS = ("numpy", "scipy", "torch", "opencv-python-headless")
+
+
+class Cache:
+    """Scores of cells on disk, one small file for each cell; in memory if there is no folder.
+
+    Args:
+        folder: Folder of the files, created with the first result. None keeps the results in memory.
+    """
+
+    def __init__(self, folder: Path | None):
+        self.folder, self._memory = folder, {}
+
+    def get(self, key: str) -> dict | None:
+        """Return the result of a key; None if there is no result or its file is damaged."""
+        if key not in self._memory:
+            try:
+                self._memory[key] = json.loads(self._path(key).read_text()) if self.folder else None
+            except (OSError, ValueError):
+                self._memory[key] = None
+        return self._memory[key]
+
+    def put(self, key: str, result: dict) -> None:
+        """Store a result."""
+        text = json.dumps(result)
+        # A result that was just computed and one that is read later are equal, bit by bit.
+        self._memory[key] = json.loads(text)
+        if self.folder:
+            write_atomic(self._path(key), text, lasting=False)
+
+    def _path(self, key: str) -> Path:
+        return self.folder / key[:2] / f"{key}.json"
+
+
+def key_of(clip_hash: str, people: CaptureConfig, cell: Cell, contender: Contender) -> str:
+    """Return the key of a contender's scores in a cell of a clip: a hash of everything that they depend on.
+
+    Args:
+        clip_hash: Hash of the clip, from `hash_of_clip`.
+        people: Configuration that captures the people of a clip without truth.
+        cell: The corruptions.
+        contender: The contender that is scored.
+    """
+    own = {name: source_hash(name) for name, _ in cell.levels}
+    settings = [clip_hash, asdict(people), asdict(cell), own, contender.settings, code_hash()]
+    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+
+
+def hash_of_clip(clip: Clip) -> str:
+    """Return a hash of a clip without images, poses and provenance, on which results do not depend.
+
+    The hash includes the format of the clip's files, because the scored persons depend on it
+    (`dmae.evaluation.scores.scored_actors`).
+    """
+    digest = hashlib.sha256(str(clip.provenance.get("format")).encode())
+    for name in ("id", "fps", "rig", "true_rig", "detections", "truth"):
+        _update(digest, getattr(clip, name))
+    return digest.hexdigest()
+
+
+def _update(digest, value) -> None:
+    """Add a value of a clip to a hash. Arrays are added with their type and shape."""
+    if is_dataclass(value):
+        for field in fields(value):
+            _update(digest, getattr(value, field.name))
+    elif isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).tobytes())
+    else:
+        digest.update(f"{value!r};".encode())
+
+
+@cache
+def code_hash() -> str:
+    """Return a hash of the code that results depend on, and of the versions of the libraries that it uses."""
+    digest = hashlib.sha256(json.dumps({name: metadata.version(name) for name in _VERSIONS}).encode())
+    for part in _CODE:
+        path = _PACKAGE / part
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(file.relative_to(_PACKAGE).as_posix().encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+# The stress matrix: compute every cell of every clip, or read it from the cache, and return the result.
 
 CACHE = "cache"
 """Name of the folder of results inside the folder of a stress test."""

@@ -22,7 +22,7 @@ from dmae.completion.weights import save_model
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import SHELF14
-from dmae.metrics.uncertainty import REGION_RADIUS
+from dmae.metrics.position import REGION_RADIUS
 from dmae.numerics.filling import present
 from tests.support.circling_people import circling_people, clip_of
 from tests.support.completers import FPS, circling, untrained, with_holes

@@ -10,8 +10,7 @@ from dmae.completion.training.uncertainty_fitting import fit_factors
 from dmae.completion.uncertainty import CLASSES, Factors, calibrated
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import SHELF14
-from dmae.metrics.position_error import GAPS
-from dmae.metrics.uncertainty import REGION_PROBABILITY, REGION_RADIUS
+from dmae.metrics.position import GAPS, REGION_PROBABILITY, REGION_RADIUS
 from dmae.numerics.paths import gap_lengths
 
 TRUTH = Poses3D(SHELF14, np.zeros((400, 4, 14, 3)))

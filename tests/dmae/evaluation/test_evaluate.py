@@ -11,8 +11,7 @@ from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate
 from dmae.formats.reading import DataConfig
-from dmae.metrics.intervals import bootstrap_ratio
-from dmae.metrics.time_blocks import block_sums
+from dmae.metrics.intervals import block_sums, bootstrap_ratio
 from tests.support.scored_clips import by_method, config, seen
 
 

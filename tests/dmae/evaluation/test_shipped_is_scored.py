@@ -11,7 +11,7 @@ from dmae.commands.complete import CompleteCommand
 from dmae.completion.methods.registry import find_method
 from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.config import EvaluateConfig, Input
-from dmae.evaluation.trials import filled_trials
+from dmae.evaluation.evaluate import filled_trials
 from dmae.formats.reading import DataConfig, load
 from tests.support.circling_people import circling_people, clip_of
 

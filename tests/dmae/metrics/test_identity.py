@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from dmae.metrics.comparison import GATE, distances, match
 from dmae.metrics.identity import identity_switches, idf1
-from dmae.metrics.matching import GATE, distances, match
 from dmae.numerics.statistics import mean_known
 from tests.support.shelf_walkers import aside, people
 

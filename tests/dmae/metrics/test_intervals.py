@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from dmae.metrics.intervals import bootstrap_difference, bootstrap_ratio
-from dmae.metrics.time_blocks import block_sums
+from dmae.metrics.intervals import block_sums, bootstrap_difference, bootstrap_ratio
 
 
 def runs(values, counts=None, clip="a", cameras=(0, 1)):

@@ -7,7 +7,7 @@ import pytest
 
 from dmae.data.clip import Clip, Detections2D, Source
 from dmae.data.skeleton import BODY25
-from dmae.metrics.matching import match, take_matched
+from dmae.metrics.comparison import match, take_matched
 from dmae.online.capture import FinishedFrame, OnlineCapture
 from dmae.reconstruction.config import CaptureConfig, ReassignmentConfig, TrackingConfig
 from dmae.reconstruction.pipeline import capture

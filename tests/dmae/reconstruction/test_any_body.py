@@ -9,7 +9,7 @@ from dmae.completion.methods.registry import METHODS
 from dmae.completion.weights import find_shipped
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import BODY25, define
-from dmae.metrics.matching import match, take_matched
+from dmae.metrics.comparison import match, take_matched
 from dmae.numerics.body import body_rotations
 from dmae.online.capture import OnlineCapture
 from dmae.reconstruction.body_size import measured_size

@@ -11,10 +11,10 @@ from dmae.data.clip import Detections2D, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.resources import resource_folder
 from dmae.data.skeleton import BODY25, SHELF14
+from dmae.metrics.comparison import match, take_matched
 from dmae.metrics.identity import idf1
-from dmae.metrics.matching import match, take_matched
 from dmae.metrics.pcp import correct_limbs
-from dmae.metrics.percentage import percent
+from dmae.metrics.position import percent
 from dmae.numerics.filling import smooth
 from dmae.reconstruction.config import CaptureConfig, ReassignmentConfig
 from dmae.reconstruction.pipeline import capture

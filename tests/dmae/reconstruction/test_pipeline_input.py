@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
-from dmae.metrics.matching import match, take_matched
+from dmae.metrics.comparison import match, take_matched
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from tests.support.clips import looking_at_origin, looking_inwards

@@ -16,7 +16,7 @@ from dmae.completion.windows import make_rows
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
-from dmae.metrics.matching import match, take_matched
+from dmae.metrics.comparison import match, take_matched
 from dmae.numerics.filling import resample
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dmae.evaluation.benchmark.clips import make_clips
-from dmae.evaluation.benchmark.definition import BenchmarkSize, Definition, find_definition
+from dmae.evaluation.benchmark.clips import BenchmarkSize, Definition, find_definition, make_clips
 from tests.support.benchmarks import write_tiny
 
 

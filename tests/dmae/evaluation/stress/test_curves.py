@@ -6,11 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from dmae.evaluation.stress.contenders import Contender
 from dmae.evaluation.stress.curves import breaking_point, curves
-from dmae.evaluation.stress.page import write_result
-from dmae.evaluation.stress.plan import Axis, Plan
-from dmae.evaluation.stress.words import breaking_sentence, breaking_tables, summary
+from dmae.evaluation.stress.page import breaking_sentence, breaking_tables, summary, write_result
+from dmae.evaluation.stress.plan import Axis, Contender, Plan
 from dmae.reconstruction.config import CaptureConfig
 
 LEVELS = np.array([0.0, 10.0, 20.0, 40.0])

@@ -9,8 +9,8 @@ import pytest
 from dmae.data.clip import Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
+from dmae.evaluation.config import StressConfig
 from dmae.evaluation.stress import matrix
-from dmae.evaluation.stress.config import StressConfig
 from dmae.evaluation.stress.matrix import compute, prepare
 from tests.support.animals import dog_clip
 from tests.support.commands import dmae
@@ -99,7 +99,7 @@ def test_another_clip_capture_or_code_is_computed_anew(first, ran, monkeypatch):
     assert len(prepare([moved, CLIPS[1]], config(), folder).missing()) == 5
     stricter = replace(config().capture, th_p=0.3)
     assert len(prepare(CLIPS, config(capture=stricter), folder).missing()) == 10
-    monkeypatch.setattr("dmae.evaluation.stress.cache.code_hash", lambda: "other")
+    monkeypatch.setattr("dmae.evaluation.stress.matrix.code_hash", lambda: "other")
     assert len(prepare(CLIPS, config(), folder).missing()) == 10
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dmae.data.skeleton import SHELF14
-from dmae.metrics.matching import match, match_claimed, match_nearest
+from dmae.metrics.comparison import match, match_claimed, match_nearest
 from tests.support.clips import t_pose
 from tests.support.shelf_walkers import aside, people
 

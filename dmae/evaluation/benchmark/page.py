@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dmae.data.store import write_atomic
-from dmae.evaluation.benchmark.cells import AXES
-from dmae.evaluation.benchmark.checksums import FrozenMatch
+from dmae.evaluation.benchmark.clips import FrozenMatch
+from dmae.evaluation.benchmark.holes import AXES
 from dmae.reporting.figures import PERSONS
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table

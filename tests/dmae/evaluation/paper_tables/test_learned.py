@@ -9,9 +9,9 @@ from dmae.cli import DMAE, compose
 from dmae.completion.paper.config import SMALL, PaperSize
 from dmae.data.clip import Clip
 from dmae.data.store import save_clip, write_manifest
-from dmae.evaluation.paper_tables import codes, fusion, interactions, paper_network
-from dmae.evaluation.paper_tables.config import TableConfig, TableSize
-from dmae.evaluation.paper_tables.make import make_table
+from dmae.evaluation.config import TableConfig, TableSize
+from dmae.evaluation.paper_tables import learned, recording
+from dmae.evaluation.paper_tables.learned import make_table
 from dmae.formats.reading import DataConfig
 from tests.support.clips import full_clip
 from tests.support.scored_clips import seen
@@ -47,10 +47,10 @@ def rows_of(made: dict) -> dict[str, dict]:
 
 
 def test_interactions_have_a_row_for_transfer_and_one_without(clips, tmp_path, monkeypatch):
-    monkeypatch.setitem(interactions._STEPS, TableSize.small, (2, 2))
+    monkeypatch.setitem(learned._TRANSFER_STEPS, TableSize.small, (2, 2))
     made = table(tmp_path, 3, clips)
     rows = rows_of(made)
-    assert list(rows) == ["measured", "linear", "dmae", interactions.TUNED, interactions.ALONE]
+    assert list(rows) == ["measured", "linear", "dmae", learned.TUNED_HERE, learned.ALONE]
     assert made["recording"] == "2 simulated clips"
     for name, row in rows.items():
         assert row["origin"] == "measured here"
@@ -64,48 +64,48 @@ def test_interactions_have_a_row_for_transfer_and_one_without(clips, tmp_path, m
 
 
 def test_codes_have_recall_and_error_of_the_same_masked_joints(clips, tmp_path, monkeypatch):
-    monkeypatch.setitem(codes._STEPS, TableSize.small, 2)
+    monkeypatch.setitem(learned._CODE_STEPS, TableSize.small, 2)
     rows = rows_of(table(tmp_path, 5, clips))
-    assert list(rows) == [*codes.VARIANTS, codes.INTERPOLATED]
+    assert list(rows) == [*learned.VARIANTS, learned.INTERPOLATED]
     for row in rows.values():
         assert 0 <= row["cells"]["recall"]["value"] <= 100
-    assert all(rows[name]["cells"]["mpjpe"]["value"] > 1 for name in codes.VARIANTS)
+    assert all(rows[name]["cells"]["mpjpe"]["value"] > 1 for name in learned.VARIANTS)
     # Walkers glide: interpolation is right where two steps of training are not.
-    assert rows[codes.INTERPOLATED]["cells"]["recall"]["value"] > 99
-    assert rows[codes.BOTH]["cells"]["recall"]["value"] < 90
+    assert rows[learned.INTERPOLATED]["cells"]["recall"]["value"] > 99
+    assert rows[learned.BOTH]["cells"]["recall"]["value"] < 90
 
 
 def test_the_paper_s_network_has_rows_before_and_after_tuning(clips, tmp_path, monkeypatch):
-    monkeypatch.setattr(paper_network, "_FEW", (2, 1))
+    monkeypatch.setattr(recording, "_FEW", (2, 1))
     tiny = replace(SMALL, schedule=replace(SMALL.schedule, batch=64))
-    monkeypatch.setitem(paper_network.SIZES, PaperSize.small, tiny)
+    monkeypatch.setitem(recording.SIZES, PaperSize.small, tiny)
     save_clip(seen(frames=60), tmp_path / "clip")
     made = table(tmp_path, 1, tmp_path / "clip", extra_data=[str(clips)])
     rows = rows_of(made)
-    assert list(rows)[-2:] == [paper_network.PRETRAINED, paper_network.TUNED]
-    for name in (paper_network.PRETRAINED, paper_network.TUNED):
+    assert list(rows)[-2:] == [recording.PRETRAINED, recording.TUNED]
+    for name in (recording.PRETRAINED, recording.TUNED):
         assert rows[name]["cells"]["average"]["value"] is not None
         assert rows[name]["note"].startswith("small size: 64 channels and 2 layers in the encoder")
     # 15 frames are tuned on, 10 after them left out.
     assert made["frames"] == {"actor 1": 35, "actor 2": 35}
     without = rows_of(table(tmp_path / "without", 1, tmp_path / "clip"))
-    assert without[paper_network.TUNED]["origin"] == "not measured"
-    assert "give extra_data=[...]" in without[paper_network.TUNED]["note"]
+    assert without[recording.TUNED]["origin"] == "not measured"
+    assert "give extra_data=[...]" in without[recording.TUNED]["note"]
 
 
 def test_fusion_has_rows_before_and_after_tuning_and_the_better_of_two_says_so(clips, tmp_path, monkeypatch):
-    monkeypatch.setitem(fusion._STEPS, TableSize.small, 2)
-    monkeypatch.setattr(fusion, "_TUNING_STEPS", 2)
+    monkeypatch.setitem(learned._FUSION_STEPS, TableSize.small, 2)
+    monkeypatch.setattr(learned, "_TUNING_STEPS", 2)
     save_clip(seen(frames=60), tmp_path / "clip")
     made = table(tmp_path, 4, tmp_path / "clip", extra_data=[str(clips)])
     rows = rows_of(made)
-    assert list(rows) == ["linear", "dmae", fusion.PRETRAINED, fusion.TUNED, fusion.BETTER]
-    for group in fusion.GROUPS:
-        assert rows[fusion.TUNED]["cells"][group]["value"] is not None
-    better = rows[fusion.BETTER]
+    assert list(rows) == ["linear", "dmae", learned.FUSED, learned.FUSED_TUNED, learned.BETTER]
+    for group in learned.GROUPS:
+        assert rows[learned.FUSED_TUNED]["cells"][group]["value"] is not None
+    better = rows[learned.BETTER]
     assert better["protocol"] == "hkbu, better of two by the truth"
     assert "no system can do so" in better["note"]
-    for name in ("dmae", fusion.TUNED):
+    for name in ("dmae", learned.FUSED_TUNED):
         assert better["cells"]["average"]["value"] >= rows[name]["cells"]["average"]["value"] - 0.5
     # 15 frames are tuned on, 10 after them left out.
     assert made["frames"] == {"actor 1": 35, "actor 2": 35}
@@ -114,7 +114,7 @@ def test_fusion_has_rows_before_and_after_tuning_and_the_better_of_two_says_so(c
 def test_fusion_without_simulated_clips_is_not_measured(tmp_path):
     save_clip(seen(frames=60), tmp_path / "clip")
     rows = rows_of(table(tmp_path, 4, tmp_path / "clip"))
-    for name in (fusion.PRETRAINED, fusion.TUNED, fusion.BETTER):
+    for name in (learned.FUSED, learned.FUSED_TUNED, learned.BETTER):
         assert rows[name]["origin"] == "not measured"
         assert "give extra_data=[...]" in rows[name]["note"]
         assert {cell["value"] for cell in rows[name]["cells"].values()} == {None}
@@ -128,7 +128,7 @@ def test_a_set_of_one_clip_cannot_be_halved(tmp_path):
 
 def test_the_network_is_the_paper_s_but_for_its_size(clips):
     wanted = compose(DMAE.commands["train"], [f"data={clips}", "model=paper"])
-    made = codes.training_plan(TableConfig(number=5))
+    made = learned.training_plan(TableConfig(number=5))
     for name in ("frames", "fps", "dropout", "key_init", "residual", "align_heading"):
         assert getattr(made.model, name) == getattr(wanted.model, name), name
     assert made.examples == wanted.examples

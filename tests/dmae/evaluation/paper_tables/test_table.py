@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-import dmae.evaluation.paper_tables.published as published
-from dmae.evaluation.paper_tables.config import NUMBERS
-from dmae.evaluation.paper_tables.published import published_rows
-from dmae.metrics.protocols import protocol
+import dmae.evaluation.paper_tables.table as published
+from dmae.evaluation.config import NUMBERS
+from dmae.evaluation.paper_tables.table import published_rows
+from dmae.metrics.pcp import protocol
 
 ROWS = tomllib.loads((Path(published.__file__).parent / "published.toml").read_text())["row"]
 KEYS = {
