@@ -24,8 +24,7 @@ from dmae.data.conversion import convert
 from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25
 from synth.detector.matching import match_detections
-from synth.recognition.crops import NEAR, UNOBSTRUCTED
-from synth.recognition.sightings import sightings
+from synth.recognition.realism import NEAR, UNOBSTRUCTED, sightings
 
 RESULT = Path(__file__).parents[1] / "results/found_people.json"
 _SEEDS = (6007, 7411, 8123)

@@ -30,12 +30,9 @@ from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate
 from dmae.formats.reading import DataConfig
 from synth.cli import SYNTH
-from synth.planning.candidates import given_cameras
-from synth.planning.check import check_rigs, expected
-from synth.planning.evidence import JointEvidence
-from synth.planning.mounts import stage_of
-from synth.planning.plan import check_numbers, find_candidates, gather_evidence
-from synth.planning.search import choose, predict
+from synth.planning.places import given_cameras, stage_of
+from synth.planning.plan import check_numbers, check_rigs, expected, find_candidates, gather_evidence
+from synth.planning.search import JointEvidence, choose, predict
 from synth.rigs.lenses import joined
 from synth.rigs.placement import RingConfig
 from synth.rigs.rig import RigConfig, make_rig

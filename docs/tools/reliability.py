@@ -19,8 +19,7 @@ from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25
 from dmae.detection.blazepose.confidence import GROUPS
 from synth.detector.matching import match_detections
-from synth.recognition.crops import NEAR
-from synth.recognition.sightings import sightings
+from synth.recognition.realism import NEAR, sightings
 
 RESULT = Path(__file__).parents[1] / "results/reliability.json"
 _COMMAND = (

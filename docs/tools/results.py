@@ -103,7 +103,7 @@ def kept_table(name: str, table: str) -> str:
 
 def contacts_table(name: str) -> str:
     """Return a table of interactions: how often and how hard people touch, as `synth stats` counts."""
-    from synth.datasets.statistics.page import CONTACT_HEAD, contact_rows
+    from synth.datasets.statistics import CONTACT_HEAD, contact_rows
 
     return _table(list(CONTACT_HEAD), [list(row) for row in contact_rows(load(name))])
 
@@ -120,7 +120,7 @@ def motion_table(names: dict[str, str]) -> str:
 
 def realism_table(name: str, headings: list[str]) -> str:
     """Return a table with the rows of `synth realism` under some headings."""
-    from synth.recognition.meter import HEAD, Rate, described
+    from synth.recognition.realism import HEAD, Rate, described
 
     rows = [Rate(**row) for row in load(name)["rows"]]
     return _table(list(HEAD), [list(described(row)) for row in rows if row.heading in headings])

@@ -8,9 +8,20 @@ from pathlib import Path
 from dmae.data.rng import Stream, generator
 from dmae.data.store import MANIFEST, write_atomic
 from dmae.reporting.tables import print_tables
-from synth.datasets.motion_comparison import draw, largest_differences, numbers, table, write_page
-from synth.datasets.motion_realism import MIN_SECONDS, compare, measure
-from synth.datasets.motion_tracks import ReadingConfig, clip_tracks, same_rate, take_tracks
+from synth.datasets.motion_comparison import (
+    MIN_SECONDS,
+    ReadingConfig,
+    clip_tracks,
+    compare,
+    draw,
+    largest_differences,
+    measure,
+    numbers,
+    same_rate,
+    table,
+    take_tracks,
+    write_page,
+)
 
 WRITES = "folder"
 EXAMPLES = (

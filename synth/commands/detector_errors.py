@@ -9,9 +9,7 @@ from dmae.data.store import write_atomic
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables
 from synth.detector.presets import load_preset
-from synth.recognition.error_figure import draw_errors
-from synth.recognition.error_tables import tables
-from synth.recognition.study import study
+from synth.recognition.detector_errors import draw_errors, study, tables
 
 WRITES = "folder"
 EXAMPLES = (

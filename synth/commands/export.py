@@ -6,8 +6,7 @@ from pathlib import Path
 from dmae.parallel import Backend, running_on
 from dmae.reporting.words import counted
 from synth.datasets.exporters.export import export
-from synth.datasets.exporters.registry import exporter
-from synth.datasets.exporters.selection import PictureFormat
+from synth.datasets.exporters.selection import PictureFormat, exporter
 
 WRITES = "folder"
 EXAMPLES = (

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from dmae.data.store import clip_folders
 from dmae.parallel import Backend, running_on
-from synth.datasets.physical.add import add_labels
+from synth.datasets.physical_labels import add_labels
 from synth.labels.physical_labels import FILE, KINDS
 
 WRITES = None

@@ -7,8 +7,7 @@ from dmae.parallel import running_on
 from dmae.progress import duration
 from dmae.reporting.tables import print_tables
 from synth.planning.config import PlanConfig
-from synth.planning.files import mounting_table, write_files
-from synth.planning.page import PAGE, numbers_table, write_page
+from synth.planning.page import PAGE, mounting_table, numbers_table, write_files, write_page
 from synth.planning.plan import forecast_plan, make_plan
 from synth.rooms.room import load_room
 

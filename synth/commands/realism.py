@@ -10,8 +10,7 @@ from dmae.data.store import write_atomic
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import Table, print_tables
-from synth.recognition.meter import HEAD, described, judge, rates
-from synth.recognition.sheet import draw_sheet, worst
+from synth.recognition.realism import HEAD, described, draw_sheet, judge, rates, worst
 
 WRITES = "folder"
 EXAMPLES = (

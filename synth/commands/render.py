@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from dmae.reporting.words import counted
-from synth.datasets.images.render import RenderConfig, render
+from synth.datasets.render import RenderConfig, render
 
 WRITES = "folder"
 EXAMPLES = (

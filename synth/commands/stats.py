@@ -5,7 +5,7 @@ from pathlib import Path
 
 from dmae.parallel import Backend, running_on
 from dmae.reporting.words import counted
-from synth.datasets.statistics.page import PAGE, PICTURE, describe
+from synth.datasets.statistics import PAGE, PICTURE, describe
 
 WRITES = "folder"
 EXAMPLES = ("synth stats data=runs/data", "synth stats data=runs/hug extra_data=[runs/fight,runs/dance] out=runs/card")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dmae.data.store import write_atomic
-from synth.datasets.parts.take_list import as_table, list_takes
+from synth.datasets.splits import as_table, list_takes
 from synth.motion.readers.take_lists import find_subject_leaks
 
 WRITES = "file"

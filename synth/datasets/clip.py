@@ -1,36 +1,116 @@
-"""Generate one clip from a configuration, a seed and a number: truth, labels, detections, and body states."""
+"""Label the states of a scene for the cameras of a rig: truth, visibility, detections."""
 
+import json
+import platform
 import re
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from importlib import metadata
 
+import cv2
 import mujoco
 import numpy as np
+import scipy
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip
+from dmae.data.clip import Clip, Poses3D
 from dmae.data.rng import Stream, generator
 from dmae.parallel import Backend
 from dmae.parts import clip_numbers
-from synth.datasets.images.clip_images import IMAGE_CHOICES, ImageOptions, RgbFormat, check_images, image_kinds
-from synth.datasets.labelling import label_clip
-from synth.datasets.occlusion import OcclusionConfig
-from synth.datasets.occlusion_target import sample_hidden_scene
+from synth.datasets.images import IMAGE_CHOICES, ImageOptions, RgbFormat, check_images, image_kinds
+from synth.datasets.occlusion import OcclusionConfig, confirm, sample_hidden_scene, summary
 from synth.detector.config import DetectorConfig
+from synth.detector.simulated_detector import detect
 from synth.errors import FailedSimulation
 from synth.interactions import InteractionConfig
+from synth.labels.visibility import joint_visibility
 from synth.motion.source import MotionConfig
+from synth.people.landmarks import SKELETON, landmarks
 from synth.physics.body_state import BodyState
+from synth.physics.joint_positions import joint_positions, moved_with
 from synth.physics.simulation import simulate
 from synth.rendering.renderer import ImageQuality
 from synth.rigs.coverage import Stage
 from synth.rigs.lenses import add_cameras
+from synth.rigs.miscalibration import MiscalibrationConfig, calibration_error, miscalibrate
 from synth.rigs.rig import RigConfig, make_rig
 from synth.rooms.catalogue import arena_file
 from synth.rooms.props import PropsConfig
 from synth.rooms.room import load_room
 from synth.scene.sampling import SampledScene, sample_scene
-from synth.scene.spec import MOST_CLIPS, SceneConfig
+from synth.scene.spec import MOST_CLIPS, SceneConfig, SceneSpec
+
+
+def label_clip(
+    line: dict,
+    spec: SceneSpec,
+    scene,
+    qpos: np.ndarray,
+    rig: CameraRig,
+    *,
+    detector: DetectorConfig,
+    occlusion: OcclusionConfig,
+    error: MiscalibrationConfig,
+    stage: Stage,
+) -> Clip:
+    """Return the clip of simulated states with its labels. The same states and cameras always give the same labels.
+
+    Args:
+        line: The clip's line in the manifest. `occlusion` is added to it and, if the calibration has errors,
+            `calibration_error`.
+        spec: The scene.
+        scene: Its `model`, `geom_ids` and `objects`: a `synth.scene.build.Scene` or a simulation.
+        qpos: (F, nq) states.
+        rig: V cameras.
+        detector: The simulated detector.
+        occlusion: Settings of the summary of occlusion, and the target that the clip must meet.
+        error: Errors of the calibration.
+        stage: The people's area, for the error of the calibration.
+
+    Raises:
+        FailedSimulation: the clip does not meet the target.
+    """
+    bodies = [person.body for person in spec.persons]
+    joints = joint_positions(scene.model, qpos, bodies)
+    truth = Poses3D(SKELETON, joints)
+    depth = np.stack([landmarks(body)[2] for body in bodies])
+    moving = moved_with(scene.model, bodies)
+    seen = joint_visibility(scene.model, qpos, joints, depth, scene.geom_ids, rig, moving, scene.objects)
+    confirm(seen.visibility, occlusion)
+    detected = detect(truth, seen, rig, spec.fps, detector, rng=generator(spec.seed, spec.clip, Stream.DETECTOR))
+    line = line | {"occlusion": summary(seen.visibility, occlusion)}
+    reported = miscalibrate(rig, error, rng=generator(spec.seed, spec.clip, Stream.CALIBRATION))
+    if reported:
+        line["calibration_error"] = calibration_error(rig, reported, stage)
+    filled = load_room(spec.arena).filled
+    return Clip(
+        id=line["id"],
+        fps=spec.fps,
+        rig=reported or rig,
+        detections=detected.detections,
+        truth=truth,
+        occlusion=seen,
+        detection_labels=detected.labels,
+        true_rig=rig if reported else None,
+        provenance={
+            "manifest": line,
+            "spec": json.loads(spec.to_json()),
+            **({"room": list(filled)} if filled else {}),
+            "versions": _versions(),
+        },
+    )
+
+
+def _versions() -> dict[str, str]:
+    modules = {"numpy": np, "scipy": scipy, "opencv": cv2, "mujoco": mujoco}
+    return {
+        "dmae-synth": metadata.version("dmae-synth"),
+        "python": platform.python_version(),
+        **{name: module.__version__ for name, module in modules.items()},
+    }
+
+
+# Generate one clip from a configuration, a seed and a number: truth, labels, detections, and body states.
 
 
 @dataclass(frozen=True)

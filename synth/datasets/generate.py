@@ -1,24 +1,120 @@
-"""Generate data sets: many clips in parallel, with a manifest. Runs can be resumed, and images can be added later."""
+"""Claim the folder of a data set when it is begun. Its stored configuration identifies the data set."""
 
+import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from enum import Enum
 from pathlib import Path
 
-from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, whole_folder, write_manifest
+import numpy as np
+
+from dmae.data.images import KINDS
+from dmae.data.resume import claim_folder
+from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, whole_folder, write_atomic, write_manifest
 from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
+from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, running_on
 from dmae.parts import SHARD, claim_shard
 from dmae.progress import counted_progress, progress
 from synth.datasets.clip import GenerateConfig, attempt_seed, check, clip_id, simulate_clip
-from synth.datasets.images.clip_images import add_images, missing_kinds
-from synth.datasets.images.image_checks import missing_files
-from synth.datasets.images.tally import FILE as TALLY
-from synth.datasets.images.tally import PixelTally
-from synth.datasets.set_folder import CONFIG, as_settings, claim
+from synth.datasets.images import add_images, image_kinds, missing_files, missing_kinds
 from synth.errors import FailedSimulation
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import load_state, save_state
+
+CONFIG = "config.json"
+_OF_IMAGES = ("images", "quality", "rgb")
+"""Settings that may differ when images are added to a data set."""
+_OF_COMMANDS = ("config.yaml",)
+"""Files that a folder may contain and still counts as empty: a command writes them about its own run."""
+
+
+def claim(out: Path, settings: dict) -> None:
+    """Claim a folder for a data set, and store the settings in it. The folder is new, empty, or contains a part of it.
+
+    Args:
+        out: The folder.
+        settings: All settings that the clips depend on, as JSON values. `images`, `quality` and `rgb` may differ when
+            images are added to existing clips.
+
+    Raises:
+        ValueError: the folder contains something else, or a data set of another configuration.
+    """
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"out={out}: expected a folder, found a file")
+    others = [path.name for path in sorted(out.glob("*")) if path.name not in _OF_COMMANDS] if out.is_dir() else []
+    if others and not (out / CONFIG).is_file():
+        raise ValueError(
+            f"out={out}: expected a new or empty folder, or a data set; it holds {', '.join(others[:3])}"
+            f"{' and more' if len(others) > 3 else ''} and no {CONFIG}"
+        )
+    claim_folder(out / CONFIG, settings, "a data set", may_differ=_OF_IMAGES)
+    kept = read_json(out / CONFIG)
+    kinds = {*image_kinds(kept["images"]), *image_kinds(settings["images"])}
+    if kinds != {*image_kinds(kept["images"])}:
+        kept |= {"quality": settings["quality"], "rgb": settings["rgb"]}
+        kept["images"] = [kind for kind in KINDS if kind in kinds]
+        write_atomic(out / CONFIG, json.dumps(kept, indent=1))
+
+
+def as_settings(config, leave: Collection[str] = ()) -> dict:
+    """Return the options of a configuration as JSON values, without the names in `leave`."""
+
+    def plain(value):
+        return value.name if isinstance(value, Enum) else str(value)
+
+    settings = {name: value for name, value in asdict(config).items() if name not in leave}
+    settings["images"] = image_kinds(config.images)
+    return json.loads(json.dumps(settings, default=plain))
+
+
+# Count the pictures that several processes render.
+
+TALLY = ".pictures"
+"""Name of the file with the numbers, in the folder of a data set while it is made."""
+
+
+class PixelTally:
+    """Two numbers for each clip, in a file that processes share: rendered pictures, and all pictures.
+
+    Args:
+        folder: Folder of the data set.
+        clips: Number of clips.
+    """
+
+    def __init__(self, folder: Path, clips: int):
+        self._path, self._shape = Path(folder) / TALLY, (clips, 2)
+
+    def begin(self, pictures: Sequence[int]) -> None:
+        """Create the file, with the number of pictures of each clip."""
+        np.stack([np.zeros(self._shape[0]), pictures], axis=1).astype(np.int64).tofile(self._path)
+
+    def count(self) -> tuple[int, int]:
+        """Return the number of rendered pictures, and the number of all pictures."""
+        return tuple(np.fromfile(self._path, np.int64).reshape(self._shape).sum(0).tolist())
+
+    @contextmanager
+    def clip(self, index: int, pictures: int) -> Iterator[Callable[[], None]]:
+        """Store the number of pictures of a clip, and yield a function to call after each picture.
+
+        Nothing is counted if the file does not exist. `begin` creates the file.
+        """
+        if not self._path.is_file():
+            yield lambda: None
+            return
+        numbers = np.memmap(self._path, np.int64, "r+", shape=self._shape)
+        numbers[index] = 0, pictures
+
+        def seen() -> None:
+            numbers[index, 0] += 1
+
+        yield seen
+
+
+# Generate data sets: many clips in parallel, with a manifest. Runs can be resumed, and images can be added later.
 
 _NOT_STORED = ("out", "first", "clips", "shard", "recheck", "workers", "backend", "dry_run")
 """Options that may differ when a data set is continued. They are not stored."""

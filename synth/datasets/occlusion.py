@@ -1,12 +1,28 @@
 """Occlusion of people: configuration of its target, its measurement, and its summary."""
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
+import mujoco
 import numpy as np
 
 from dmae.data.cameras import CameraRig
+from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
+from dmae.data.rng import Stream, generator
 from synth.errors import FailedSimulation
+from synth.interactions import InteractionConfig
+from synth.labels.visibility import joint_visibility
+from synth.motion.source import MotionConfig
+from synth.people.landmarks import landmarks
+from synth.physics.joint_addresses import find_joints
+from synth.physics.joint_positions import joint_positions, moved_with
+from synth.physics.planning import plan_motions
+from synth.physics.reference import make_reference
+from synth.rooms.props import PropsConfig
+from synth.scene.build import Scene, add_prop, build_scene
+from synth.scene.sampling import SampledScene, lay_out, sample_people
+from synth.scene.spec import PLAN_FPS, Layout, PropSpec, SceneConfig
 
 DETECTED = slice(0, 25)
 """The joints of `synth.people.landmarks.SKELETON` that detectors find: BODY_25."""
@@ -127,3 +143,156 @@ def unmet(found: list[np.ndarray], config: OcclusionConfig) -> FailedSimulation:
         f"occlusion.target={[low, high]} is not met: of the joints, {reached} are hidden {by_others}in at "
         f"least {config.views} of {len(found[0]) - 1} cameras. What would help: {listed}"
     )
+
+
+# Sample scenes that meet a target occlusion.
+
+_FRAMES = 12
+"""Number of frames of a clip in which its occlusion is predicted."""
+_PROPS = 14
+"""Number of props in a layout. Some of them are removed later."""
+_SPREAD = 3.0
+"""Greatest factor by which the gathering of people is made wider or narrower than configured."""
+_MARGIN, _FAR = 0.15, 0.2
+"""The prediction must be inside the target range by a margin of this fraction of its width. If it misses the range by
+the fraction `_FAR` of the joints, people move all the way from keeping apart to crowding together. If it then still
+misses by half of `_FAR`, the target cannot be met."""
+
+
+def sample_hidden_scene(
+    scene: SceneConfig,
+    motion: MotionConfig,
+    props: PropsConfig,
+    config: OcclusionConfig,
+    rig: CameraRig,
+    interaction: InteractionConfig | None = None,
+    *,
+    seed: int,
+    clip: int,
+) -> SampledScene:
+    """Sample the scene of one clip with the target occlusion; see `synth.scene.sampling.sample_scene`.
+
+    A layout is drawn with many props. Props are removed until the remaining ones hide a fraction that is drawn from the
+    target. If all props together hide too little, people gather closer in the next layout. If people alone hide too
+    much, they keep farther apart. Occlusion is predicted from the planned paths of people, before physics.
+
+    Raises:
+        FailedSimulation: no layout meets the target; the message says what would help.
+        ValueError: the configuration cannot be met.
+    """
+    config.check(rig)
+    inset = _MARGIN * (config.target[1] - config.target[0])
+    low, high = config.target[0] + inset, config.target[1] - inset
+    aim = float(generator(seed, clip, Stream.LAYOUT).uniform(low, high))
+    people = sample_people(scene, motion, interaction, seed=seed, clip=clip)
+    base, found, closeness = None, [], 0.5
+    for draw in range(config.layouts):
+        layout = _layout(scene, closeness, draw, rig)
+        try:
+            spec, motions = lay_out(people, scene, props, layout)
+        except FailedSimulation:
+            # People who gather like this do not fit. Another draw may succeed.
+            continue
+        base = base or build_scene(replace(spec, props=()), rig)
+        prediction = _OcclusionPrediction(SampledScene(spec, motions), base, rig, config)
+        fewest, most = min(scene.props[0], len(spec.props)), len(spec.props)
+        for count in _counts(prediction.share, fewest, most, aim):
+            if low <= prediction.share(count) <= high:
+                return SampledScene(replace(spec, props=spec.props[:count]), motions)
+        found += prediction.histograms.values()
+        short = _target_error(prediction.share(fewest), prediction.share(most), low, high)
+        wanted = float(np.clip(closeness + short / _FAR, 0, 1))
+        if abs(short) > _FAR / 2 and wanted == closeness:
+            break
+        closeness = wanted
+    if not found:
+        raise FailedSimulation(
+            f"no room for people in any of {config.layouts} layouts; fewer people (scene.persons), shorter clips or a "
+            "larger scene.radius would help"
+        )
+    raise unmet(found, config)
+
+
+def _counts(share: Callable[[int], float], fewest: int, most: int, aim: float) -> tuple[int, ...]:
+    """Return the numbers of props that hide just more and just less than `aim`. More props never hide less."""
+    if share(fewest) >= aim:
+        return (fewest,)
+    if share(most) <= aim:
+        return (most,)
+    while most - fewest > 1:
+        middle = (fewest + most) // 2
+        if share(middle) < aim:
+            fewest = middle
+        else:
+            most = middle
+    return most, fewest
+
+
+def _target_error(fewest: float, most: float, low: float, high: float) -> float:
+    """Return the fraction of joints by which any number of props hides too little (> 0) or too much (< 0)."""
+    return min(0.0, high - fewest) + max(0.0, low - most)
+
+
+def _layout(scene: SceneConfig, closeness: float, draw: int, rig: CameraRig) -> Layout:
+    """Return a layout with many props, in which people keep apart (`closeness` 0) or crowd together (1)."""
+    nearest, farthest = scene.clearance
+    return Layout(
+        draw=draw,
+        gathering=scene.gathering * _SPREAD ** (1 - 2 * closeness),
+        clearance=farthest + closeness * (nearest - farthest),
+        props=max(_PROPS, scene.props[0]),
+        cameras=tuple((float(x), float(y)) for x, y in rig.centers[:, :2]),
+    )
+
+
+class _OcclusionPrediction:
+    """Prediction of the occlusion in a few frames of a scene, if every person follows the plan."""
+
+    def __init__(self, scene: SampledScene, base: Scene, rig: CameraRig, config: OcclusionConfig):
+        """Args:
+        scene: P people.
+        base: The built scene: its room and people, without props.
+        rig: V cameras.
+        config: The target.
+        """
+        spec, motions = scene
+        bodies, model = [person.body for person in spec.persons], base.model
+        _, discs = _build_props(spec.props)
+        plan = plan_motions(spec, motions, np.concatenate([base.obstacles, discs]))
+        frames = np.unique(np.linspace(0, len(plan.root) - 1, _FRAMES).round().astype(int))
+        reference = make_reference(plan.root[frames], plan.rotations[frames], plan.bearing[frames], PLAN_FPS, 1)
+        joints = find_joints(model, len(bodies))
+        qpos = np.tile(model.qpos0, (len(frames), 1))
+        joints.root(qpos)[:], joints.quats(qpos)[:] = reference.root, reference.quats
+        self._spec, self._rig, self._config = spec, rig, config
+        self._places = joint_positions(model, qpos, bodies)
+        self._depth = np.stack([landmarks(body)[2] for body in bodies])
+        self._without_props = joint_visibility(
+            model, qpos, self._places, self._depth, base.geom_ids, rig, moved_with(model, bodies)
+        ).visibility
+
+        self.histograms: dict[int, np.ndarray] = {}
+        """Predicted histograms of occlusion, by number of props. They are computed only once."""
+
+    def share(self, count: int) -> float:
+        """Return the fraction of the joints that count as hidden with the first `count` props of the scene."""
+        if count not in self.histograms:
+            joints = self._visibility(count)[..., DETECTED]
+            self.histograms[count] = histogram(joints, by_self=self._config.by_self)
+        return float(self.histograms[count][self._config.views :].sum())
+
+    def _visibility(self, count: int) -> np.ndarray:
+        """Return (F, V, P, 39) `Visibility`."""
+        if not count:
+            return self._without_props
+        props, _ = _build_props(self._spec.props[:count])
+        ids, still = np.full(props.ngeom, FIRST_OBJECT_ID), np.empty((len(self._places), 0))
+        behind = joint_visibility(props, still, self._places, self._depth, ids, self._rig).visibility
+        return np.where(behind == Visibility.HIDDEN_BY_OBJECT, behind, self._without_props)
+
+
+def _build_props(props: tuple[PropSpec, ...]) -> tuple[mujoco.MjModel, np.ndarray]:
+    """Return a model of the props alone, and the (K, 3) discs that they cover on the floor, m."""
+    world = mujoco.MjSpec()
+    discs = [add_prop(world, f"{number}/", prop) for number, prop in enumerate(props)]
+    return world.compile(), np.concatenate([np.empty((0, 3)), *discs])

@@ -1,15 +1,206 @@
-"""The page of a plan: expected capture for each number of cameras, mounting positions, and views."""
+"""Write the files of a plan: rigs for `rig=` and captures, lists to print, and all numbers as JSON."""
 
+import tempfile
+from dataclasses import asdict, replace
 from pathlib import Path
 
+import matplotlib.image
 import numpy as np
+import yaml
+from matplotlib.figure import Figure
 
+from dmae.data.cameras import CameraRig
+from dmae.data.json_values import json_text
+from dmae.data.store import write_atomic
+from dmae.formats.calibrations.pose2sim import write_cameras
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
-from synth.planning.check import FIGURES, Expected
-from synth.planning.figures import curves_figure, floor_figure, people_to_show, views_figure
-from synth.planning.files import mounting_table
-from synth.planning.plan import CameraPlan, PlannedRig
+from dmae.viewing.layers import LayersConfig, chosen_layers
+from dmae.viewing.sheet import write_sheet
+from synth.planning.plan import FIGURES, CameraPlan, Expected, PlannedRig, check_numbers
+from synth.planning.search import Rehearsal, rehearse
+from synth.viewing.rooms import draw_rooms
+
+NUMBERS = "plan.json"
+_HEADER = ("camera", "mount", "x m", "y m", "height m", "pan deg", "tilt deg", "view deg", "size px")
+
+
+def write_files(plan: CameraPlan, out: Path) -> None:
+    """Write `cameras_<n>.toml`, `rig/planned_<n>.yaml` and `mounting_<n>.txt` of each rig, and `plan.json`."""
+    for each in plan.rigs:
+        number = len(each.rig)
+        write_cameras(each.rig, out / f"cameras_{number}.toml")
+        write_atomic(out / "rig" / f"planned_{number}.yaml", _preset(each))
+        write_atomic(out / f"mounting_{number}.txt", mounting_text(each))
+    write_atomic(out / NUMBERS, json_text(numbers(plan)))
+
+
+def mounting_table(planned: PlannedRig) -> Table:
+    """Return a table with the position and the direction of each camera."""
+    rows = [
+        (
+            name, kind, *(f"{length:.2f}" for length in center), *(f"{angle:.0f}" for angle in angles),
+            f"{width} x {high}",
+        )
+        for name, kind, center, angles, (width, high) in zip(
+            planned.rig.names, planned.kind, planned.rig.centers,
+            np.column_stack([planned.pan_deg, planned.tilt_deg, planned.view_deg]),
+            planned.rig.size, strict=True,
+        )
+    ]  # fmt: skip
+    return Table(f"where to mount {len(rows)} cameras", _HEADER, rows)
+
+
+def mounting_text(planned: PlannedRig) -> str:
+    """Return the mounting list as text to print."""
+    table = mounting_table(planned)
+    rows = [table.header, *table.rows]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(table.header))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    legend = (
+        "x, y: on the floor, as in the room's file. Pan: direction of the lens from +x towards +y. Tilt: above the\n"
+        "horizontal; below 0 the camera looks down. View: horizontal field of view. Calibrate after mounting."
+    )
+    return "\n".join([table.caption, "", *lines, "", legend, ""])
+
+
+def numbers(plan: CameraPlan) -> dict:
+    """Return all numbers of a plan for JSON. A figure without data is None."""
+    config = plan.config
+    return {
+        "arena": config.setting().arena,
+        "persons": list(config.setting().persons),
+        "detector": config.detector.name,
+        "seed": config.seed,
+        "candidates": plan.candidates,
+        "clips": {"search": config.search.clips, "check": config.search.check_clips},
+        "rigs": [
+            {
+                "cameras": len(each.rig),
+                "names": list(each.rig.names),
+                "mount": each.kind.tolist(),
+                "position": np.round(each.rig.centers, 3).tolist(),
+                "pan_deg": np.round(each.pan_deg, 1).tolist(),
+                "tilt_deg": np.round(each.tilt_deg, 1).tolist(),
+                "view_deg": np.round(each.view_deg, 1).tolist(),
+                "predicted": asdict(each.prediction),
+                "expected": _plain(each.figures),
+                "worth": [_plain(worth) for worth in each.worth],
+                "floor_seen_by": {str(least): each.floor.share(least) for least in (2, 3)},
+            }
+            for each in plan.rigs
+        ],
+    }
+
+
+def _plain(figures: dict) -> dict:
+    return {
+        name: [round(value, 3) if np.isfinite(value) else None for value in (each.value, each.low, each.high)]
+        for name, each in figures.items()
+    }
+
+
+def _preset(planned: PlannedRig) -> str:
+    """Return the YAML preset of a rig. `rig=planned_<n>` finds it with `--config-dir`."""
+    rig = planned.rig
+    cameras = [
+        {
+            "name": name,
+            "size": rig.size[view].tolist(),
+            "K": rig.K[view].ravel().tolist(),
+            "cam_from_world": rig.cam_from_world[view, :3].ravel().tolist(),
+            "dist": rig.dist[view].tolist(),
+            "fisheye": bool(rig.fisheye[view]),
+        }
+        for view, name in enumerate(rig.names)
+    ]
+    comment = f"# {len(rig)} cameras that `synth plan` chose.\n"
+    return comment + yaml.safe_dump({"name": f"planned_{len(rig)}", "cameras": cameras}, sort_keys=False)
+
+
+# Figures of a plan: curves by number of cameras, maps of the floor, views from each camera.
+
+_CURVES = ("missing", "pcp", "error")
+_MARKS = {"wall": "s", "ceiling": "o", "tripod": "^", "given": "D"}
+_COLOUR = "#0072b2"
+_VIEW_WIDTH = 320
+"""Width of the drawn views, px."""
+
+
+def curves_figure(plan: CameraPlan) -> Figure:
+    """Draw the expected figures for each number of cameras, with 95 % intervals."""
+    figure = Figure(figsize=(11.5, 3.2), layout="constrained")
+    numbers = [len(each.rig) for each in plan.rigs]
+    for axes, name in zip(figure.subplots(1, len(_CURVES)), _CURVES, strict=True):
+        value, low, high = np.array([[getattr(each.figures[name], part) for part in ("value", "low", "high")]
+                                     for each in plan.rigs]).T  # fmt: skip
+        axes.errorbar(numbers, value, [value - low, high - value], fmt="o-", color=_COLOUR, capsize=3, label="captured")
+        if name == "missing":
+            predicted = [each.prediction.missing for each in plan.rigs]
+            axes.plot(numbers, predicted, "x--", color="#777777", label="by visibility alone")
+            axes.legend(frameon=False, fontsize=8)
+        heading, unit = FIGURES[name]
+        axes.set(xlabel="cameras", ylabel=f"{heading} [{unit}]", xticks=numbers)
+        axes.grid(color="#dddddd", linewidth=0.5)
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def floor_figure(planned: PlannedRig) -> Figure:
+    """Draw a map of the people's area: the number of cameras that see each point, and the cameras."""
+    figure = Figure(figsize=(5.2, 4.6), layout="constrained")
+    axes = figure.subplots()
+    floor = planned.floor
+    seen = np.where(floor.cameras < 0, np.nan, floor.cameras)
+    half = (floor.x[1] - floor.x[0]) / 2
+    extent = (floor.x[0] - half, floor.x[-1] + half, floor.y[0] - half, floor.y[-1] + half)
+    drawn = axes.imshow(
+        seen.T, origin="lower", extent=extent, cmap="viridis", vmin=0, vmax=len(planned.rig), interpolation="nearest"
+    )
+    figure.colorbar(drawn, ax=axes, label="cameras that see a person there", ticks=range(len(planned.rig) + 1))
+    for name, kind, (x, y, z), pan in zip(
+        planned.rig.names, planned.kind, planned.rig.centers, np.radians(planned.pan_deg), strict=True
+    ):
+        axes.plot(x, y, _MARKS[kind], color="#d55e00", markersize=7)
+        axes.annotate("", (x + 0.8 * np.cos(pan), y + 0.8 * np.sin(pan)), (x, y), arrowprops={"arrowstyle": "->"})
+        axes.annotate(f"{name} {z:.1f} m", (x, y), textcoords="offset points", xytext=(5, 5), fontsize=7)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.margins(0.12)
+    return figure
+
+
+def people_to_show(plan: CameraPlan) -> Rehearsal:
+    """Return the first clip that the rigs were checked on, reduced to its middle frame."""
+    rehearsal = rehearse(plan.config, check_numbers(plan.config)[0])
+    frame = len(rehearsal.qpos) // 2
+    shown = slice(frame, frame + 1)
+    return replace(rehearsal, qpos=rehearsal.qpos[shown], joints=rehearsal.joints[shown])
+
+
+def views_figure(plan: CameraPlan, planned: PlannedRig, people: Rehearsal) -> Figure:
+    """Draw the view of each camera on simulated people in their room."""
+    clip = people.seen_by(_smaller(planned.rig), plan.config.detector)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "sheet.png"
+        write_sheet(clip, path, chosen_layers(clip, LayersConfig()), rows=1, width=_VIEW_WIDTH, rooms=draw_rooms(clip))
+        picture = matplotlib.image.imread(path)
+    height, width = picture.shape[:2]
+    figure = Figure(figsize=(width / 140, height / 140))
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.imshow(picture)
+    axes.set_axis_off()
+    return figure
+
+
+def _smaller(rig: CameraRig) -> CameraRig:
+    """Return the cameras with images scaled to the drawn width."""
+    scale = _VIEW_WIDTH / rig.size[:, 0]
+    K = rig.K.copy()
+    K[:, :2] *= scale[:, None, None]
+    return replace(rig, K=K, size=np.maximum(1, np.round(rig.size * scale[:, None])).astype(int))
+
+
+# The page of a plan: expected capture for each number of cameras, mounting positions, and views.
 
 PAGE = "plan.html"
 _SHOWN = ("missing", "pcp", "error", "switches")

@@ -11,7 +11,7 @@ from dmae.data.rng import Stream, generator
 from dmae.public.arguments import checked
 
 if TYPE_CHECKING:
-    from synth.datasets.motion_realism import Difference
+    from synth.datasets.motion_comparison import Difference
     from synth.detector.comparison import Limits, Row
     from synth.detector.config import DetectorConfig
     from synth.detector.fitting.fit import Fit
@@ -75,8 +75,8 @@ def compare_motion(
         >>> bool(max(each.ks for each in differences) <= 1)
         True
     """
-    from synth.datasets import motion_realism
-    from synth.datasets.motion_tracks import same_rate, take_tracks, tracks_of
+    from synth.datasets import motion_comparison as motion_realism
+    from synth.datasets.motion_comparison import same_rate, take_tracks, tracks_of
 
     simulated = tracks_of(((clip.id, clip) for clip in sim), captured=False)
     if isinstance(real, str | Path):

@@ -20,9 +20,8 @@ from synth.datasets.clip import GenerateConfig, check, clip_id, generate_clip
 from synth.datasets.exporters import export as datasets_export
 from synth.datasets.exporters.selection import PictureFormat
 from synth.datasets.parts import merge as datasets_merge
-from synth.datasets.parts.take_list import Take, list_takes
-from synth.datasets.splits import SplitBy
-from synth.datasets.statistics.page import NUMBERS, describe
+from synth.datasets.splits import SplitBy, Take, list_takes
+from synth.datasets.statistics import NUMBERS, describe
 from synth.datasets.verify import Problem
 from synth.errors import FailedSimulation
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from synth.datasets.physical.add import add_labels
+from synth.datasets.physical_labels import add_labels
 from synth.labels.physical_labels import KINDS, PhysicalLabels, load_physical_labels
 from synth.physics.body_state import BodyState, load_state
 

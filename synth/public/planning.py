@@ -56,8 +56,7 @@ def plan(
         (3, 3, ['error', 'idf1', 'missing', 'pcp', 'switches'])
     """
     from dmae.data.store import check_vacant, whole_folder
-    from synth.planning.files import write_files
-    from synth.planning.page import PAGE, write_page
+    from synth.planning.page import PAGE, write_files, write_page
     from synth.planning.plan import make_plan
 
     given = [f"cameras={list(cameras)}", f"detector={detector}", f"seed={seed}", f"workers={workers}"]

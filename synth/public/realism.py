@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from synth.recognition.meter import Rate
+    from synth.recognition.realism import Rate
 
 
 def realism(
@@ -46,7 +46,7 @@ def realism(
         ('all', True)
     """
     from dmae.detection.registry import PoseDetectorConfig
-    from synth.recognition.meter import judge, rates
+    from synth.recognition.realism import judge, rates
 
     folders = [Path(each) for each in (path, *extra_data)]
     return rates(judge(folders, PoseDetectorConfig(name=detector), every, workers))
@@ -85,7 +85,7 @@ def detector_errors(
         ('visible', 0.0)
     """
     from synth.detector.presets import load_preset
-    from synth.recognition.study import study
+    from synth.recognition.detector_errors import study
 
     presets = {Path(name).stem: load_preset(name) for name in simulated}
     return study([Path(each) for each in (path, *extra_data)], presets, seed, workers)

@@ -11,8 +11,8 @@ from dmae.data.clip import Clip
 from dmae.data.store import clip_folders, load_clip
 from synth.cli import SYNTH
 from synth.datasets import forecast as datasets_forecast
+from synth.datasets import render as rendering
 from synth.datasets.forecast import Forecast
-from synth.datasets.images import render as rendering
 
 
 def forecast(*overrides: str, out: str | Path = "runs/data") -> Forecast:

@@ -26,7 +26,7 @@ from synth.detector.fitting.fit import Fit, fit, redetect
 from synth.detector.parts import PartConfig, PartsConfig, kind_of
 from synth.detector.pooling import measure_all
 from synth.detector.statistics import ErrorReference
-from synth.recognition.observations import DetectorObservations, JointsSeen, PeopleSeen, observe, pooled
+from synth.recognition.detector_errors import DetectorObservations, JointsSeen, PeopleSeen, observe, pooled
 
 LIMITS = Limits(miss=0.02, joint_miss=0.03, distance=0.08, confidence=0.06)
 """Greatest allowed distances for a preset that is fitted to truth."""

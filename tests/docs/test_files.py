@@ -14,13 +14,11 @@ from dmae.data.images import KINDS
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import FORMAT, save_clip
-from synth.datasets import splits
+from synth.datasets import splits, statistics
 from synth.datasets.exporters import export
 from synth.datasets.exporters.export import export as export_data_set
-from synth.datasets.exporters.huggingface import PERSONS
-from synth.datasets.exporters.physical_entries import KEYS
+from synth.datasets.exporters.layouts import KEYS, PERSONS
 from synth.datasets.splits import SplitBy, write_splits
-from synth.datasets.statistics import page as statistics
 from tests.support.clips import pictured_clip
 from tests.support.data_sets import pictured_set
 

@@ -18,7 +18,7 @@ from dmae.completion.paper.training import FORMAT as PAPER_FORMAT
 from dmae.data.images import write_rgb, write_video
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import save_clip, write_atomic
-from dmae.datasets.clip_files import clip_files
+from dmae.datasets import clip_files
 from dmae.detection.pipeline import make_detector
 from dmae.detection.recording import open_recording
 from dmae.detection.registry import PoseDetectorConfig

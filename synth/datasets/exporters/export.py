@@ -10,8 +10,7 @@ from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import check_vacant, clip_folders, whole_folder, write_atomic
 from dmae.files.checksums import refuse_damaged
 from dmae.files.structured import read_json
-from synth.datasets.exporters.registry import Exporter, exporter
-from synth.datasets.exporters.selection import PARTS, PictureFormat, Selection
+from synth.datasets.exporters.selection import PARTS, Exporter, PictureFormat, Selection, exporter
 from synth.datasets.splits import read_splits
 from synth.labels.physical_labels import FILE as PHYSICS
 from synth.labels.surface_points import NAMES

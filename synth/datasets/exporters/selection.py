@@ -1,4 +1,8 @@
-"""The clips that are exported, and the tasks and files of the processes that export them."""
+"""The registry of exporters of data sets.
+
+An exporter is a function with the decorator `exporter` in a module of this package. It takes a `Selection` of clips and
+the folder to write. It returns counts of what it wrote, by split.
+"""
 
 import json
 from collections import Counter
@@ -15,6 +19,30 @@ from dmae.formats.labelled_images.joints import joint_labels
 from dmae.formats.labelled_images.pictures import PersonLabel, Picture, file_part, read_pictures
 from dmae.parallel import in_parallel
 from dmae.progress import progress
+from dmae.registry import Entry, Registry
+
+
+@dataclass(frozen=True)
+class Exporter(Entry):
+    """An exporter: a function that takes a `Selection` and the folder to write, and returns counts by split.
+
+    Attributes:
+        pictures: Whether it needs colour images.
+        skeleton: Default skeleton.
+        only: Whether the format supports only this skeleton.
+        validation: Whether readers of the format require splits for training and validation.
+    """
+
+    pictures: bool = True
+    skeleton: str = "coco17"
+    only: bool = False
+    validation: bool = False
+
+
+exporter = Registry("exporter", Exporter, __package__, option="format")
+
+
+# The clips that are exported, and the tasks and files of the processes that export them.
 
 PARTS = ".parts"
 """Folder of temporary files of the processes, in the folder of the export. It is removed at the end."""

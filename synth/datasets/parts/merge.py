@@ -10,7 +10,7 @@ from dmae.files.structured import read_json
 from dmae.parts import SHARD
 from dmae.progress import progress
 from synth.datasets.clip import clip_id
-from synth.datasets.set_folder import CONFIG
+from synth.datasets.generate import CONFIG
 
 _SHOWN = 3
 """Greatest number of clip names in a message."""

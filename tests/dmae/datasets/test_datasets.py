@@ -9,11 +9,12 @@ import pytest
 import torch
 from torch.utils.data import DataLoader
 
+from dmae import datasets
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import load_clip, save_clip, write_manifest
-from dmae.datasets import ClipDataset, FrameDataset, WindowDataset, clip_files
+from dmae.datasets import ClipDataset, FrameDataset, WindowDataset
 from tests.support.clips import full_clip
 from tests.support.data_sets import pictured_set
 
@@ -41,7 +42,7 @@ def pictures(tmp_path_factory) -> Path:
 
 
 def test_a_part_of_a_clip_is_that_part_of_the_whole(clips):
-    for file in clip_files.clip_files(clips):
+    for file in datasets.clip_files(clips):
         whole, part = load_clip(file.folder), file.read(1, 3)
         expected = whole.select(slice(1, 3))
         assert (file.frames, file.cameras) == (len(whole), whole.rig.names)
@@ -145,7 +146,7 @@ def same(one, two) -> None:
 
 def test_clips_are_read_when_they_are_asked_for(clips, pictures, monkeypatch):
     """Making a data set reads sizes and names alone; pickled, as for workers, it stays small."""
-    monkeypatch.setattr(clip_files, "assemble_clip", None)
+    monkeypatch.setattr(datasets, "assemble_clip", None)
     for made in (ClipDataset(clips), WindowDataset(clips, frames=2), FrameDataset(pictures)):
         assert len(pickle.dumps(made)) < 5_000
     lengths = ClipDataset(clips, transform=len)

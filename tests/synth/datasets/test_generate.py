@@ -13,8 +13,7 @@ from dmae.data.store import CHECKSUMS, load_clip, read_manifest
 from synth.datasets import clip as module
 from synth.datasets import generate as dataset
 from synth.datasets.clip import GenerateConfig, attempt_seed, generate_clip
-from synth.datasets.generate import generate
-from synth.datasets.set_folder import CONFIG
+from synth.datasets.generate import CONFIG, generate
 from synth.detector.config import DetectorConfig
 from synth.detector.errors.ghosts import Ghosts
 from synth.detector.errors.misses import Misses

@@ -12,8 +12,7 @@ from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
 from synth.commands import compare_motion as command
 from synth.commands.compare_motion import CompareMotionCommand
-from synth.datasets.motion_realism import Sample, compare, measure
-from synth.datasets.motion_tracks import ReadingConfig, Track, clip_tracks, take_tracks
+from synth.datasets.motion_comparison import ReadingConfig, Sample, Track, clip_tracks, compare, measure, take_tracks
 from synth.motion.kinematics import QUANTITIES
 from synth.motion.procedural.walking import ProceduralConfig, make_motion
 from synth.people.segments import SEGMENTS

@@ -9,8 +9,7 @@ from dmae.data.labels import Visibility
 from dmae.data.rng import Stream, generator
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.datasets.generate import generate
-from synth.datasets.occlusion import OcclusionConfig, histogram, share, summary
-from synth.datasets.occlusion_target import sample_hidden_scene
+from synth.datasets.occlusion import OcclusionConfig, histogram, sample_hidden_scene, share, summary
 from synth.errors import FailedSimulation
 from synth.motion.source import MotionConfig
 from synth.rigs.placement import RingConfig

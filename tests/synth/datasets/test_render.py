@@ -10,8 +10,8 @@ import pytest
 from dmae.data.store import load_clip, read_manifest
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
-from synth.datasets.images.clip_images import RgbFormat, image_kinds
-from synth.datasets.images.render import RenderConfig, render
+from synth.datasets.images import RgbFormat, image_kinds
+from synth.datasets.render import RenderConfig, render
 from synth.datasets.verify import verify
 from synth.detector.config import DetectorConfig
 from synth.detector.errors.misses import Misses

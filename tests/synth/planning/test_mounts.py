@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from synth.planning.candidates import aimed_cameras
 from synth.planning.config import LensConfig, MountConfig
-from synth.planning.mounts import find_places, stage_of
+from synth.planning.places import aimed_cameras, find_places, stage_of
 from synth.rooms.catalogue import arena_file, room_choices
 
 MIDDLE = np.zeros(2)

@@ -9,11 +9,8 @@ import synth
 from dmae.cli import compose
 from dmae.formats.calibrations.files import read_calibration
 from synth.cli import SYNTH
-from synth.planning.check import FIGURES
-from synth.planning.evidence import gather
-from synth.planning.floor import cover_floor
-from synth.planning.plan import check_numbers, find_candidates, with_one_less
-from synth.planning.rehearsal import rehearse
+from synth.planning.plan import FIGURES, check_numbers, cover_floor, find_candidates, with_one_less
+from synth.planning.search import gather, rehearse
 from synth.rooms.catalogue import arena_file
 from tests.support.commands import synth as run
 

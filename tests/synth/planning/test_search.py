@@ -5,9 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from synth.planning.check import expected
-from synth.planning.evidence import JointEvidence
-from synth.planning.search import choose, predict, standard_errors
+from synth.planning.plan import expected
+from synth.planning.search import JointEvidence, choose, predict, standard_errors
 
 
 def evidence_of(centers: np.ndarray, joints: np.ndarray, probability: np.ndarray, error: float = 0.01) -> JointEvidence:

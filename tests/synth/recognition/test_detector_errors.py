@@ -10,10 +10,7 @@ from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip
 from synth.detector.presets import load_preset
-from synth.recognition.error_figure import draw_errors
-from synth.recognition.error_tables import numbers, tables
-from synth.recognition.observations import observe, pooled
-from synth.recognition.study import study
+from synth.recognition.detector_errors import draw_errors, numbers, observe, pooled, study, tables
 from tests.support.clips import looking_at_origin, walkers
 
 FRAMES, VIEWS = 4, 3

@@ -13,10 +13,7 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip
 from dmae.detection.registry import PoseDetectorConfig
-from synth.recognition.crops import crops
-from synth.recognition.meter import described, judge, rates
-from synth.recognition.sheet import draw_sheet, worst
-from synth.recognition.sightings import sightings
+from synth.recognition.realism import crops, described, draw_sheet, judge, rates, sightings, worst
 from tests.support.clips import full_clip, looking_at_origin, t_pose
 
 PEOPLE = 2
@@ -158,7 +155,7 @@ def test_how_people_appear():
 
 
 def test_what_is_cut_out_beyond_the_picture_is_black():
-    from synth.recognition.crops import cut
+    from synth.recognition.realism import cut
 
     picture = np.full((10, 20, 3), 200, np.uint8)
     square = cut(picture, (-4, 2), 12)

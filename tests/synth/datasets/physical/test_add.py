@@ -10,9 +10,9 @@ import pytest
 from dmae.data.store import load_clip
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.exporters.export import export
-from synth.datasets.exporters.physical_entries import KEYS
+from synth.datasets.exporters.layouts import KEYS
 from synth.datasets.generate import generate
-from synth.datasets.physical.add import add_labels, make_labels
+from synth.datasets.physical_labels import add_labels, make_labels
 from synth.datasets.verify import verify
 from synth.labels.physical_labels import FILE, load_physical_labels
 from synth.labels.surface_points import NAMES

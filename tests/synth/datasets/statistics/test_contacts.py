@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from synth.datasets.statistics.contacts import clip_contacts, spread
+from synth.datasets.statistics import clip_contacts, spread
 from synth.people.body import Body
 from synth.people.segments import SEGMENTS
 from synth.physics.body_state import BodyState

@@ -13,9 +13,7 @@ from dmae.data.clip import Poses3D
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import clip_folders, load_clip, save_clip, write_manifest
-from synth.datasets.statistics.histograms import QUANTITIES, Statistics, measure, measure_clip
-from synth.datasets.statistics.page import numbers, page, quantiles
-from synth.datasets.statistics.picture import draw
+from synth.datasets.statistics import QUANTITIES, Statistics, draw, measure, measure_clip, numbers, page, quantiles
 from tests.support.clips import full_clip, looking_inwards, t_pose
 from tests.support.commands import synth
 from tests.support.data_sets import pictured_set

@@ -2,8 +2,7 @@
 
 from collections import Counter
 
-from synth.datasets.statistics.histograms import Statistics
-from synth.datasets.statistics.terms import terms
+from synth.datasets.statistics import Statistics, terms
 
 
 def section(**scenes: int) -> str:

@@ -17,8 +17,9 @@ from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, fi
 from dmae.files.structured import read_json
 from dmae.parallel import Backend, in_parallel, running_on
 from dmae.progress import counted_progress
-from synth.datasets.generate import limit_threads
-from synth.datasets.images.clip_images import (
+from synth.datasets.clip import label_clip
+from synth.datasets.generate import CONFIG, TALLY, PixelTally, as_settings, claim, limit_threads
+from synth.datasets.images import (
     IMAGE_CHOICES,
     ImageOptions,
     RgbFormat,
@@ -27,11 +28,7 @@ from synth.datasets.images.clip_images import (
     image_kinds,
     missing_kinds,
 )
-from synth.datasets.images.tally import FILE as TALLY
-from synth.datasets.images.tally import PixelTally
-from synth.datasets.labelling import label_clip
 from synth.datasets.occlusion import OcclusionConfig
-from synth.datasets.set_folder import CONFIG, as_settings, claim
 from synth.detector.config import DetectorConfig
 from synth.physics.body_state import BodyState, load_state, save_state
 from synth.rendering.renderer import ImageQuality

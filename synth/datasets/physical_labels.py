@@ -18,7 +18,7 @@ from dmae.files.checksums import (
 from dmae.parallel import in_parallel
 from dmae.parts import SHARD
 from dmae.progress import progress
-from synth.datasets.set_folder import CONFIG
+from synth.datasets.generate import CONFIG
 from synth.labels.ground_reaction import carry
 from synth.labels.physical_labels import (
     FILE,

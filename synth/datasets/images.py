@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.data.images import KINDS
+from dmae.data.images import KINDS, Images
 from dmae.data.store import save_clip
 from synth.physics.body_state import BodyState
 from synth.rendering.backend import find_backend
@@ -150,3 +150,13 @@ def add_images(
     clip = replace(clip, images=images, provenance=clip.provenance | {"images": painted})
     save_clip(clip, folder)
     return clip
+
+
+def image_files(images: Images) -> set[Path]:
+    """Return the paths of all files of images."""
+    return {images.path(kind, view, frame) for kind in images.kinds for view in images.views for frame in images.frames}
+
+
+def missing_files(clip: Clip) -> list[Path]:
+    """Return the image files that a clip refers to but that do not exist."""
+    return [] if clip.images is None else sorted(path for path in image_files(clip.images) if not path.is_file())

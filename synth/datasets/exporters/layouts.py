@@ -1,0 +1,414 @@
+"""Physical labels as entries of a person in a picture: contacts, ground reaction, and points on the surface."""
+
+import io
+import json
+import re
+import shutil
+import tarfile
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+import yaml
+
+from dmae.data.cameras import CameraRig
+from dmae.data.conversion import convert
+from dmae.data.labels import Visibility
+from dmae.files.structured import read_json
+from dmae.formats.labelled_images.coco_entries import annotation_entry, category_entry, clip_entry, image_entry
+from dmae.formats.labelled_images.joints import joint_labels
+from dmae.formats.labelled_images.pictures import PersonLabel, Picture, file_part
+from dmae.formats.panoptic import write_panoptic
+from dmae.formats.recordings.coco_categories import joint_names
+from synth.datasets.exporters.selection import ClipTask, Selection, exporter, world_joints, write_lines
+from synth.labels.people_contacts import ContactSource
+from synth.labels.physical_labels import FILE, PhysicalLabels, load_physical_labels
+
+KEYS = (
+    "contacts", "weight", "ground_reaction", "centre_of_pressure", "residual", "surface_keypoints",
+    "surface_visibility", "surface_hidden_by",
+)  # fmt: skip
+"""Keys of an entry. Each kind of physical labels has some of them."""
+
+
+class PhysicalEntries:
+    """The entries of one clip. Entries are empty if the clip has no physical labels.
+
+    Args:
+        folder: Folder of the clip.
+        rig: True cameras of the clip.
+    """
+
+    def __init__(self, folder: Path, rig: CameraRig):
+        self._labels = load_physical_labels(folder) if (folder / FILE).is_file() else PhysicalLabels()
+        self._rig = rig
+        contacts = self._labels.contacts
+        self._persons = None if contacts is None else contacts.persons
+
+    def of(self, picture: Picture, person: PersonLabel) -> dict:
+        """Return the entry of a person in a picture, with the known keys of `KEYS`."""
+        found = {}
+        if self._labels.contacts is not None:
+            found["contacts"] = self._contacts(picture.frame, person.person)
+        if (forces := self._labels.forces) is not None:
+            at = picture.frame, person.person
+            found |= {"weight": round(float(forces.weights[person.person]), 2)}
+            found |= {
+                name: [_known(values, digits) for values in getattr(forces, name)[at]]
+                for name, digits in (("ground_reaction", 2), ("centre_of_pressure", 4), ("residual", 2))
+            }
+        if self._labels.surface is not None:
+            found |= self._surface(picture, person.person)
+        return found
+
+    def _contacts(self, frame: int, person: int) -> list[dict]:
+        """Return the contacts of a person in a frame, with the forces that act on the person."""
+        contacts, found = self._labels.contacts, []
+        first, last = np.searchsorted(contacts.frame, (frame, frame + 1))
+        for number in range(first, last):
+            for side in (1, 0):
+                if self._persons[number, side] != person:
+                    continue
+                part, other = (contacts.names[contacts.between[number, each]] for each in (side, 1 - side))
+                force = contacts.force[number] * (1 if side else -1)
+                found.append(
+                    {
+                        "part": part.partition("/")[2],
+                        "with": other,
+                        "xyz": _known(contacts.point[number], 4),
+                        "force": _known(force, 2),
+                        "depth": round(float(contacts.depth[number]), 4),
+                        "source": ContactSource(contacts.source[number]).name.lower(),
+                    }
+                )
+        return found
+
+    def _surface(self, picture: Picture, person: int) -> dict:
+        surface, frame, view = self._labels.surface, picture.frame, picture.view
+        xy = self._rig[view : view + 1].project(surface.xyz[frame, person][None])[0][0, 0]
+        codes = surface.visibility[frame, view, person]
+        flags = np.select([codes == Visibility.VISIBLE, codes <= Visibility.HIDDEN_BY_OBJECT], [2, 1], 0)
+        points = np.where(flags[:, None] > 0, xy, 0).round(2).tolist()
+        return {
+            "surface_keypoints": [v for (x, y), flag in zip(points, flags.tolist(), strict=True) for v in (x, y, flag)],
+            "surface_visibility": codes.tolist(),
+            "surface_hidden_by": surface.hidden_by[frame, view, person].tolist(),
+        }
+
+
+def _known(values: np.ndarray, digits: int) -> list[float] | None:
+    """Return rounded numbers as a list; None if one is NaN, because JSON has no NaN."""
+    return None if np.isnan(values).any() else [round(value, digits) for value in values.tolist()]
+
+
+# COCO keypoints: `annotations/person_keypoints_<split>.json` and `images/<split>/`.
+
+
+@exporter("coco")
+def export_coco(selection: Selection, out: Path) -> dict[str, Counter]:
+    """COCO keypoints with masks as run lengths, boxes, and the occluder of each joint."""
+    found = {split: Counter() for split in selection.splits}
+    tasks: dict[str, list[ClipTask]] = {split: [] for split in selection.splits}
+    for task, counts in selection.each_clip(_write_clip, out):
+        found[task.split] += counts
+        tasks[task.split].append(task)
+    (out / "annotations").mkdir()
+    for split, each in tasks.items():
+        with (out / f"annotations/person_keypoints_{split}.json").open("w") as file:
+            _join(file, each, category_entry(selection.skeleton))
+    return found
+
+
+def _write_clip(task: ClipTask) -> Counter:
+    """Write the images of a clip, and the entries of its images and annotations with ids from 1 on. Return counts."""
+    clip, counts = task.load(), Counter(clips=1)
+    images, annotations = [], []
+    physical = PhysicalEntries(task.folder, clip.rig)
+    for picture in task.pictures(clip, counts):
+        images.append(image_entry(picture, len(images) + 1, task.write(picture, "images")) | {"clip": task.name})
+        for person in picture.persons:
+            entry = annotation_entry(person, len(annotations) + 1, len(images))
+            annotations.append(entry | physical.of(picture, person))
+    write_lines(task.part("images"), images)
+    write_lines(task.part("annotations"), annotations)
+    task.part("clip").write_text(json.dumps(clip_entry(clip)))
+    return counts
+
+
+def _join(file: TextIO, tasks: list[ClipTask], category: dict) -> None:
+    """Write the entries of all clips as one JSON with new ids. Only one entry is in memory at a time."""
+    info = {"clips": {task.name: read_json(task.part("clip")) for task in tasks}}
+    file.write(f'{{"info": {json.dumps(info)}, "categories": {json.dumps([category])}')
+    images_before = [0]
+    file.write(', "images": [\n')
+    separator = ""
+    for task in tasks:
+        count = 0
+        for line in _lines(task.part("images")):
+            file.write(separator + json.dumps(line | {"id": images_before[-1] + line["id"]}))
+            separator, count = ",\n", count + 1
+        images_before.append(images_before[-1] + count)
+    file.write('], "annotations": [\n')
+    separator, number = "", 0
+    for task, before in zip(tasks, images_before, strict=False):
+        for line in _lines(task.part("annotations")):
+            number += 1
+            file.write(separator + json.dumps(line | {"id": number, "image_id": before + line["image_id"]}))
+            separator = ",\n"
+    file.write("]}\n")
+
+
+def _lines(path: Path) -> Iterator[dict]:
+    with path.open() as file:
+        yield from map(json.loads, file)
+
+
+# YOLO pose in the layout of Ultralytics: `data.yaml`, `images/<split>/`, and one text file per image in
+# `labels/<split>/`.
+
+_KEYS = {"train": "train", "validation": "val", "test": "test"}
+"""Keys of splits in `data.yaml`."""
+
+
+@exporter("yolo", validation=True)
+def export_yolo(selection: Selection, out: Path) -> dict[str, Counter]:
+    """YOLO pose: one line per person with class, box and joints, as fractions of the image."""
+    found = {split: Counter() for split in selection.splits}
+    for task, counts in selection.each_clip(_yolo_write_clip, out):
+        found[task.split] += counts
+    content = {_KEYS.get(split, split): f"images/{split}" for split in selection.splits}
+    content["names"] = {0: "person"}
+    content["kpt_shape"] = [len(selection.skeleton), 3]
+    content["flip_idx"] = list(selection.skeleton.mirror)
+    (out / "data.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    return found
+
+
+def _yolo_write_clip(task: ClipTask) -> Counter:
+    counts = Counter(clips=1)
+    for picture in task.pictures(task.load(), counts):
+        name = Path(task.write(picture, "images"))
+        path = task.out / "labels" / task.split / name.with_suffix(".txt")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("".join(_line(person, picture) + "\n" for person in picture.persons if person.box))
+    return counts
+
+
+def _line(person: PersonLabel, picture: Picture) -> str:
+    """Return the line of a person: class, centre, width and height of the box, and x, y, v of each joint.
+
+    Positions are fractions of the image, from its corner. Pixel (0, 0) of our convention is the centre of the first
+    pixel.
+    """
+    width, height = picture.size
+    x, y, box_width, box_height = person.box
+    # A box around joints is in pixel coordinates, so its origin is the centre of a pixel.
+    half = 0 if person.visible_pixels else 0.5
+    values = [(x + half + box_width / 2) / width, (y + half + box_height / 2) / height]
+    values += [box_width / width, box_height / height]
+    for (u, v), flag in zip(person.xy.tolist(), person.flags.tolist(), strict=True):
+        values += [(u + 0.5) / width, (v + 0.5) / height, flag] if flag else [0, 0, 0]
+    return " ".join(["0", *(f"{value:.6g}" for value in values)])
+
+
+# WebDataset: tar shards of images and their labels, which are read sequentially.
+
+SHARD_BYTES = 10**9
+"""A new shard begins after this number of bytes. All images of a clip are in the same shard."""
+
+
+@exporter("webdataset")
+def export_webdataset(selection: Selection, out: Path) -> dict[str, Counter]:
+    """Tar shards `<split>-000000.tar` of `<clip>/<camera>/<frame>.jpg` and `.json`."""
+    found = {split: Counter() for split in selection.splits}
+    shard = None
+    try:
+        for task, counts in selection.each_clip(_webdataset_write_clip, out):
+            part, split = task.part("tar"), found[task.split]
+            if shard and (not split or shard.offset > SHARD_BYTES):
+                shard.close()
+                shard = None
+            if shard is None:
+                shard = tarfile.open(out / f"{task.split}-{split['shards']:06d}.tar", "w")  # noqa: SIM115
+                split["shards"] += 1
+            split += counts
+            with tarfile.open(part) as members:
+                for member in members:
+                    shard.addfile(member, members.extractfile(member))
+            part.unlink()
+    finally:
+        if shard:
+            shard.close()
+    return found
+
+
+def _webdataset_write_clip(task: ClipTask) -> Counter:
+    clip, counts = task.load(), Counter(clips=1)
+    about = clip_entry(clip) | {"clip": task.name, "joints": joint_names(task.skeleton)}
+    physical = PhysicalEntries(task.folder, clip.rig)
+    with tarfile.open(task.part("tar"), "w") as tar:
+        for picture in task.pictures(clip, counts):
+            persons = []
+            for number, person in enumerate(picture.persons, 1):
+                entry = annotation_entry(person, number, 0)
+                persons.append(
+                    {key: value for key, value in entry.items() if not key.endswith("id") or key == "track_id"}
+                )
+                persons[-1] |= {"xyz": world_joints(person)} | physical.of(picture, person)
+            label = about | {
+                "camera": camera_entry(clip.rig, picture.view),
+                "frame": picture.number,
+                "persons": persons,
+            }
+            for suffix, data in ((task.suffix, picture.encoded(task.suffix)), ("json", json.dumps(label).encode())):
+                member = tarfile.TarInfo(f"{task.file_name(picture)}.{suffix}")
+                member.size = len(data)
+                tar.addfile(member, io.BytesIO(data))
+    return counts
+
+
+def camera_entry(rig: CameraRig, view: int) -> dict:
+    """Return name, size and calibration of a camera, with the fields of `CameraRig`."""
+    return {
+        "name": rig.names[view],
+        "size": rig.size[view].tolist(),
+        "K": rig.K[view].tolist(),
+        "dist": rig.dist[view].tolist(),
+        "fisheye": bool(rig.fisheye[view]),
+        "cam_from_world": rig.cam_from_world[view].tolist(),
+    }
+
+
+# Hugging Face `datasets`: one image folder per split, with `metadata.jsonl`.
+
+METADATA = "metadata.jsonl"
+PERSONS = (
+    "track_id", "bbox", "bbox_of", "area", "keypoints", "xyz", "segmentation", "visibility", "hidden_by",
+    "visible_pixels", "amodal_pixels", "amodal_segmentation", "amodal_bbox", *KEYS,
+)  # fmt: skip
+"""Keys of `persons`, as in COCO's annotations: each a list with one entry per person. Keys that a clip does not have
+are left out, because a column of nulls has no type."""
+
+
+@exporter("huggingface")
+def export_huggingface(selection: Selection, out: Path) -> dict[str, Counter]:
+    """Image folders that `datasets.load_dataset` reads, with the persons of each picture."""
+    found = {split: Counter() for split in selection.splits}
+    for task, counts in selection.each_clip(_huggingface_write_clip, out):
+        found[task.split] += counts
+        with (out / task.split / METADATA).open("ab") as joined, task.part("jsonl").open("rb") as part:
+            shutil.copyfileobj(part, joined)
+    return found
+
+
+def _huggingface_write_clip(task: ClipTask) -> Counter:
+    clip, counts = task.load(), Counter(clips=1)
+    about = clip_entry(clip) | {"clip": task.name}
+    lines, of_persons, physical = [], [], PhysicalEntries(task.folder, clip.rig)
+    for picture in task.pictures(clip, counts):
+        camera = camera_entry(clip.rig, picture.view)
+        lines.append({"file_name": task.write(picture, ""), **about, "camera": camera, "frame": picture.number})
+        of_persons.append(
+            [
+                annotation_entry(each, 0, 0) | {"xyz": world_joints(each)} | physical.of(picture, each)
+                for each in picture.persons
+            ]
+        )
+    known = [key for key in PERSONS if any(entry.get(key, []) != [] for entries in of_persons for entry in entries)]
+    for line, entries in zip(lines, of_persons, strict=True):
+        line["persons"] = {key: [entry[key] for entry in entries] for key in known}
+    write_lines(task.part("jsonl"), lines)
+    return counts
+
+
+# NumPy: one `.npz` per clip with its cameras, truth and labels, for programs without this package.
+
+
+@exporter("npz", pictures=False, skeleton="body25")
+def export_npz(selection: Selection, out: Path) -> dict[str, Counter]:
+    """One numpy file per clip: cameras, joints, visibility, and physical labels if there are any."""
+    found = {split: Counter() for split in selection.splits}
+    for task, counts in selection.each_clip(_npz_write_clip, out):
+        found[task.split] += counts
+    return found
+
+
+def _npz_write_clip(task: ClipTask) -> Counter:
+    clip, counts = task.load(), Counter(clips=1)
+    for _ in task.pictures(clip, counts) if clip.images is not None else ():
+        # Pictures are only counted for the README of the export, not written.
+        pass
+    frames = slice(None, None, task.every)
+    labels = joint_labels(clip, clip.truth, task.skeleton)
+    arrays = {
+        "fps": np.array(clip.fps / task.every),
+        "frames": np.arange(len(clip))[frames],
+        "cameras": np.array(clip.rig.names),
+        **{f"camera.{name}": getattr(clip.rig, name) for name in ("K", "dist", "cam_from_world", "size", "fisheye")},
+        "joint_names": np.array(task.skeleton.joints),
+        "joints": convert(clip.truth, task.skeleton).xyz[frames],
+        "joints_2d": labels.xy[frames],
+        **({} if labels.cause is None else {"visibility": labels.cause[frames], "hidden_by": labels.occluder[frames]}),
+        "objects": np.array(clip.occlusion.objects if clip.occlusion else (), dtype=str),
+        **physical_arrays(task.folder, task.every),
+    }
+    path = task.out / task.split / f"{file_part(task.name)}.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(path, **arrays)
+    return counts
+
+
+def physical_arrays(folder: Path, every: int = 1) -> dict[str, np.ndarray]:
+    """Return arrays of the physical labels of a clip, for one frame in `every`: `contacts.*`, `forces.*`, `surface.*`.
+
+    Frame numbers of contacts are those of the clip. The result is empty if the clip has no physical labels.
+    """
+    labels = load_physical_labels(folder) if (folder / FILE).is_file() else PhysicalLabels()
+    found = {}
+    for kind in labels.kinds:
+        part = getattr(labels, kind)
+        values = {field.name: np.array(getattr(part, field.name)) for field in fields(part)}
+        if kind == "contacts":
+            kept = part.frame % every == 0
+            values = {name: each if name == "names" else each[kept] for name, each in values.items()}
+        else:
+            single = ("names", "weights")
+            values = {name: each if name in single else each[::every] for name, each in values.items()}
+        found |= {f"{kind}.{name}": each for name, each in values.items()}
+    return found
+
+
+# CMU Panoptic Studio: one folder per sequence, with calibration, poses and images.
+
+IMAGES = "hdImgs"
+PHYSICS = "physics.npz"
+
+
+@exporter("panoptic", pictures=False, skeleton="panoptic19", only=True)
+def export_panoptic(selection: Selection, out: Path) -> dict[str, Counter]:
+    """One folder per clip in the layout of CMU Panoptic: calibration, poses in 3D, and images if there are any."""
+    found = {split: Counter() for split in selection.splits}
+    for task, counts in selection.each_clip(_panoptic_write_clip, out):
+        found[task.split] += counts
+    return found
+
+
+def _panoptic_write_clip(task: ClipTask) -> Counter:
+    """Write one sequence, and return counts. Cameras without a name <panel>_<node> become nodes of panel 0."""
+    clip, counts = task.load(), Counter(clips=1)
+    names = [name if re.fullmatch(r"\d\d_\d\d", name) else f"00_{view:02}" for view, name in enumerate(clip.rig.names)]
+    folder = task.out / task.split / file_part(task.name)
+    pictured = clip.images is not None and "rgb" in clip.images.kinds
+    for picture in task.pictures(clip, counts) if pictured else ():
+        camera = names[picture.view]
+        path = folder / IMAGES / camera / f"{camera}_{picture.number:08d}.{task.suffix}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(picture.encoded(task.suffix))
+    named = replace(clip, id=file_part(clip.id), rig=replace(clip.rig, names=tuple(names)), images=None)
+    write_panoptic(convert(clip.truth, task.skeleton), named, folder)
+    if physical := physical_arrays(task.folder):
+        np.savez_compressed(folder / PHYSICS, **physical)
+    return counts

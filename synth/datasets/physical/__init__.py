@@ -1,1 +1,0 @@
-"""Physical labels for existing clips: contacts, forces, and points on body surfaces."""

@@ -1,0 +1,546 @@
+"""Frequency and force of contacts between the people of a clip."""
+
+import io
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from functools import reduce
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from dmae.data.clip import Clip
+from dmae.data.labels import Visibility
+from dmae.data.store import MANIFEST, clip_folders, load_clip, read_manifest, write_atomic
+from dmae.numerics.body import body_heading
+from dmae.parallel import in_parallel
+from dmae.progress import progress
+from synth.datasets.splits import SplitBy, identities
+from synth.physics.body_state import FILE as STATE
+from synth.physics.body_state import BodyState, load_state
+from synth.rooms.catalogue import room_choices
+
+
+class ClipContacts(NamedTuple):
+    """Contacts between different people of one clip.
+
+    Attributes:
+        frames: Number of frames of the clip.
+        touching: Number of frames in which a person touches another.
+        touches: Number of uninterrupted stretches of such frames.
+        force: Greatest force in a frame, N: the median over the frames with contact; 0 without contact.
+    """
+
+    frames: int
+    touching: int
+    touches: int
+    force: float
+
+
+def clip_contacts(state: BodyState) -> ClipContacts:
+    """Return the contacts between people, counted in the body states of a clip."""
+    owner = [name.partition("/")[0] if name.startswith("person") else "" for name in state.contact_names]
+    one, other = np.array([*owner, ""])[state.contact_between].T
+    between = (one != "") & (other != "") & (one != other)
+    greatest = np.zeros(len(state.qpos))
+    np.maximum.at(greatest, state.contact_frame[between], np.linalg.norm(state.contact_force[between], axis=1))
+    touching = np.zeros(len(state.qpos), bool)
+    touching[state.contact_frame[between]] = True
+    touches = int(touching[0]) + int((touching[1:] & ~touching[:-1]).sum())
+    force = float(np.median(greatest[touching])) if touching.any() else 0.0
+    return ClipContacts(len(state.qpos), int(touching.sum()), touches, force)
+
+
+def spread(clips: Sequence[ClipContacts]) -> dict[str, float]:
+    """Return the number of clips, and the least, median and greatest value of each measure of contact over clips."""
+    shares = np.array([clip.touching / clip.frames for clip in clips])
+    found = {"clips": len(clips), "frames": sum(clip.frames for clip in clips)}
+    measures = {"share": shares, "touches": [clip.touches for clip in clips], "force": [clip.force for clip in clips]}
+    for name, values in measures.items():
+        found |= {f"{name}_{which}": float(take(values)) for which, take in _SPREAD.items()}
+    return found
+
+
+_SPREAD = {"least": np.min, "median": np.median, "most": np.max}
+
+
+# Counts and histograms of clips. They can be added over a data set with constant memory.
+
+MOST_CAMERAS = 32
+"""Greatest number of cameras in a histogram."""
+
+
+@dataclass(frozen=True)
+class BinnedQuantity:
+    """A quantity with a histogram.
+
+    Attributes:
+        name: Key in the results.
+        meaning: Description for readers.
+        unit: Unit of the edges.
+        edges: (N + 1,) edges of the bins. Values beyond the ends count in the first and the last bin.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    edges: np.ndarray
+
+
+QUANTITIES = {
+    each.name: each
+    for each in (
+        BinnedQuantity("persons_in_picture", "persons in a picture", "", np.arange(-0.5, 13)),
+        BinnedQuantity("visible_views", "cameras that see a joint", "", np.arange(-0.5, MOST_CAMERAS + 1)),
+        BinnedQuantity("distance", "distance of a person from a camera", "m", np.arange(0, 15.5, 0.5)),
+        BinnedQuantity(
+            "azimuth", "camera around a person, 0 in front, 90 to the left", "degrees", np.arange(-180, 181, 15)
+        ),
+        BinnedQuantity("elevation", "camera above the level of a person's hips", "degrees", np.arange(-90, 91, 7.5)),
+        BinnedQuantity("box_height", "height of a person in a picture", "px", np.arange(0, 1201, 40)),
+        BinnedQuantity("visible_share", "share of a person's pixels that is visible", "", np.linspace(0, 1, 21)),
+        BinnedQuantity("hip_speed", "speed of the hips", "m/s", np.arange(0, 4.05, 0.1)),
+        BinnedQuantity("wrist_speed", "speed of the wrists", "m/s", np.arange(0, 8.2, 0.2)),
+        BinnedQuantity("stature", "height of persons", "m", np.arange(1.0, 2.11, 0.05)),
+    )
+}
+
+
+@dataclass
+class Statistics:
+    """Counts of some clips, for the J joints of the skeleton's first part. `+` adds two of them.
+
+    Attributes:
+        joints: Names of the J joints.
+        counts: `clips`, `clips_without_truth`, `frames`, `pictures`, `seconds`, and clips by number of persons,
+            `persons=3`, and of cameras, `cameras=5`.
+        causes: (J, 7) numbers of joints in views, by `Visibility`.
+        histograms: Counts in the bins of each of `QUANTITIES`, by its name.
+        occluders: Number of hidden joints by occluder: `self`, `person`, or the name of an object.
+        scenes: Number of clips by arena, interaction, and kind of motion: `arena=office`.
+        contacts: `ClipContacts` of each clip with body states, by interaction.
+        persons: Names of persons, from `synth.datasets.splits`.
+        takes: Names of takes, from `synth.datasets.splits`.
+        rigs: Names of rigs, from `synth.datasets.splits`.
+    """
+
+    joints: tuple[str, ...] = ()
+    counts: Counter = field(default_factory=Counter)
+    causes: np.ndarray | None = None
+    histograms: dict[str, np.ndarray] = field(default_factory=dict)
+    occluders: Counter = field(default_factory=Counter)
+    scenes: Counter = field(default_factory=Counter)
+    contacts: dict[str, tuple[ClipContacts, ...]] = field(default_factory=dict)
+    persons: set[str] = field(default_factory=set)
+    takes: set[str] = field(default_factory=set)
+    rigs: set[str] = field(default_factory=set)
+
+    def __add__(self, other: "Statistics") -> "Statistics":
+        """Return the sum of both counts.
+
+        Raises:
+            ValueError: the clips have different skeletons.
+        """
+        if self.joints and other.joints and self.joints != other.joints:
+            raise ValueError(f"expected clips of one skeleton, found joints {self.joints} and {other.joints}")
+        together = {each.name: (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)}
+        names, kinds = self.histograms | other.histograms, self.contacts | other.contacts
+        return Statistics(
+            joints=self.joints or other.joints,
+            causes=_sum(*together["causes"]),
+            contacts={kind: self.contacts.get(kind, ()) + other.contacts.get(kind, ()) for kind in kinds},
+            histograms={name: _sum(self.histograms.get(name), other.histograms.get(name)) for name in names},
+            **{name: one + two for name, (one, two) in together.items() if isinstance(one, Counter)},
+            **{name: one | two for name, (one, two) in together.items() if isinstance(one, set)},
+        )
+
+
+def _sum(one: np.ndarray | None, two: np.ndarray | None) -> np.ndarray | None:
+    return two if one is None else one if two is None else one + two
+
+
+def measure(data: Path | list[Path], *, workers: int = 1) -> Statistics:
+    """Return the statistics of data sets, or of clips.
+
+    Args:
+        data: One folder, or several.
+        workers: Processes; -1 for one per core.
+
+    Raises:
+        FileNotFoundError: there is neither a clip nor a data set.
+        ValueError: a clip is damaged, or clips have different skeletons.
+    """
+    each = data if isinstance(data, list) else [data]
+    folders = [folder for path in each for folder in clip_folders(Path(path))]
+    found = in_parallel(_measure_clip, ((folder,) for folder in folders), workers)
+    return reduce(Statistics.__add__, progress(found, "reading clips", len(folders)), Statistics())
+
+
+def _measure_clip(folder: Path) -> Statistics:
+    clip = load_clip(folder)
+    spec = clip.provenance.get("spec")
+    found = measure_clip(clip)
+    found.rigs.add(*identities(folder, SplitBy.rig))
+    if spec:
+        found.persons |= identities(folder, SplitBy.person)
+        found.takes |= identities(folder, SplitBy.motion)
+    if spec and (folder / STATE).is_file():
+        kind = spec.get("interaction", {}).get("kind", "none")
+        found.contacts[kind] = (clip_contacts(load_state(folder)),)
+    return found
+
+
+def measure_clip(clip: Clip) -> Statistics:
+    """Return the statistics of one clip."""
+    views = len(clip.rig)
+    found = Statistics(counts=Counter(clips=1, frames=len(clip), pictures=views * len(clip)))
+    found.counts[f"cameras={views}"] += 1
+    found.counts["seconds"] += len(clip) / clip.fps
+    spec = clip.provenance.get("spec")
+    if spec:
+        together = spec.get("interaction", {}).get("kind", "none")
+        for key in (f"arena={spec['arena']}", f"motion={spec['motion']['kind']}", f"interaction={together}"):
+            found.scenes[key] += 1
+        _add(found, "stature", [person["body"]["stature"] for person in spec["persons"]])
+    if clip.truth is None:
+        found.counts["clips_without_truth"] += 1
+        return found
+    found.counts[f"persons={clip.truth.xyz.shape[1]}"] += 1
+    _measure_people(clip, found)
+    if clip.occlusion is not None:
+        _measure_occlusion(clip, found)
+    return found
+
+
+def _add(found: Statistics, name: str, values) -> None:
+    edges = QUANTITIES[name].edges
+    values = np.asarray(values, np.float64).ravel()
+    values = np.clip(values[np.isfinite(values)], edges[0], edges[-1])
+    found.histograms[name] = np.histogram(values, edges)[0]
+
+
+def _measure_people(clip: Clip, found: Statistics) -> None:
+    """Add to `found` the positions of people relative to the cameras, and their motion."""
+    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    part = clip.truth.skeleton.parts[0]
+    xyz = clip.truth.xyz[:, :, : len(part)].astype(np.float64)
+    hips = xyz[:, :, part.index("l_hip", "r_hip")].mean(2)
+    towards = rig.centers[:, None] - hips[:, None]
+    level = np.linalg.norm(towards[..., :2], axis=-1)
+    _add(found, "distance", np.linalg.norm(towards, axis=-1))
+    _add(found, "elevation", np.degrees(np.arctan2(towards[..., 2], level)))
+    around = np.arctan2(towards[..., 1], towards[..., 0]) - body_heading(xyz, part)[:, None]
+    _add(found, "azimuth", np.degrees((around + np.pi) % (2 * np.pi) - np.pi))
+    _add(found, "hip_speed", np.linalg.norm(np.diff(hips, axis=0), axis=-1) * clip.fps)
+    wrists = xyz[:, :, part.index("l_wrist", "r_wrist")]
+    _add(found, "wrist_speed", np.linalg.norm(np.diff(wrists, axis=0), axis=-1) * clip.fps)
+    xy, _ = rig.project(xyz)
+    inside = rig.inside(xy)
+    _add(found, "persons_in_picture", inside.any(-1).sum(-1))
+    y = xy[..., 1]
+    high = np.where(inside, y, -np.inf).max(-1) - np.where(inside, y, np.inf).min(-1)
+    _add(found, "box_height", np.where(inside.any(-1), high, np.nan))
+
+
+def _measure_occlusion(clip: Clip, found: Statistics) -> None:
+    part = clip.truth.skeleton.parts[0]
+    found.joints = part.joints
+    code = clip.occlusion.visibility[..., : len(part)]
+    found.causes = np.stack([(code == cause).sum((0, 1, 2)) for cause in Visibility], -1)
+    there = (code != Visibility.ABSENT).any(1)
+    _add(found, "visible_views", np.where(there, (code == Visibility.VISIBLE).sum(1), np.nan))
+    if clip.occlusion.amodal_pixels is not None:
+        _add(found, "visible_share", clip.occlusion.visible_fraction)
+    found.occluders["self"] += int((code == Visibility.HIDDEN_BY_SELF).sum())
+    found.occluders["person"] += int((code == Visibility.HIDDEN_BY_PERSON).sum())
+    if clip.occlusion.occluder is not None:
+        by = clip.occlusion.occluder[..., : len(part)][code == Visibility.HIDDEN_BY_OBJECT]
+        for index, count in enumerate(np.bincount(by[by >= 0], minlength=len(clip.occlusion.objects)).tolist()):
+            # Names of props begin with their number in the scene, for example 0/drum.
+            found.occluders[clip.occlusion.objects[index].rpartition("/")[2]] += count
+
+
+# The terms of use of a data set, which follow from its inputs: free parts, and parts with separate terms.
+
+_PROCEDURAL = "procedural"
+
+
+def terms(found: Statistics) -> str:
+    """Return the section on rights for the page of a data set, in Markdown."""
+    motion, rooms = _by(found, "motion="), _by(found, "arena=")
+    recorded = {kind: count for kind, count in motion.items() if kind != _PROCEDURAL}
+    foreign = {room: count for room, count in rooms.items() if room not in room_choices()}
+    lines = [
+        "People, clothes, textures, rooms and detectors of dmae-synth are made by its code, from published statistics. "
+        "The clips that it makes of them belong to you, for commercial use as well."
+    ]
+    if recorded:
+        lines.append(
+            f"**Recorded motion** ({_listed(recorded)}): the terms of those takes apply to these clips. "
+            "`clip.json` names the take of each person."
+        )
+    if foreign:
+        lines.append(f"**Rooms from files** ({_listed(foreign)}): the terms of those files apply to images of them.")
+    if not motion:
+        lines.append(
+            "**Not simulated by this project**: the clips do not state their origin. Ask the source of the clips."
+        )
+    return "\n\n".join(lines)
+
+
+def _by(found: Statistics, prefix: str) -> dict[str, int]:
+    return {key.removeprefix(prefix): count for key, count in found.scenes.items() if key.startswith(prefix)}
+
+
+def _listed(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name}: {count} {'clip' if count == 1 else 'clips'}" for name, count in sorted(counts.items()))
+
+
+# A figure of the histograms of a data set.
+
+_CAUSES = {
+    Visibility.VISIBLE: ("visible", "#3c9d4e"),
+    Visibility.HIDDEN_BY_SELF: ("hidden by self", "#f2c14e"),
+    Visibility.HIDDEN_BY_PERSON: ("by a person", "#d1495b"),
+    Visibility.HIDDEN_BY_OBJECT: ("by an object", "#3066be"),
+    Visibility.OUTSIDE_IMAGE: ("outside the image", "#b8b8b8"),
+    Visibility.BEHIND_CAMERA: ("behind the camera", "#8a8a8a"),
+}
+_BARS = "#2f6f9f"
+
+
+def draw(found: Statistics) -> bytes:
+    """Return a figure as PNG: joints by cause of occlusion, and one panel for each of `QUANTITIES`."""
+    figure = Figure(figsize=(13, 9.5), layout="constrained")
+    grid = figure.add_gridspec(4, 4)
+    _draw_causes(figure.add_subplot(grid[:, 0]), found)
+    places = [(row, column) for row in range(4) for column in (1, 2, 3)]
+    for (row, column), quantity in zip(places, QUANTITIES.values(), strict=False):
+        axes = figure.add_subplot(grid[row, column])
+        axes.set_title(f"{quantity.meaning}{f' [{quantity.unit}]' if quantity.unit else ''}", fontsize=8)
+        axes.set_yticks([])
+        axes.spines[["top", "left", "right"]].set_visible(False)
+        axes.tick_params(labelsize=8)
+        counts = found.histograms.get(quantity.name)
+        if counts is None or not counts.sum():
+            _say_not_measured(axes)
+            continue
+        used = np.flatnonzero(counts)
+        axes.stairs(counts / counts.sum(), quantity.edges, fill=True, color=_BARS)
+        axes.set_xlim(quantity.edges[used[0]], quantity.edges[used[-1] + 1])
+        axes.xaxis.set_major_locator(MaxNLocator("auto", integer=quantity.edges[0] == -0.5))
+    panel = figure.add_subplot(grid[3, 2:])
+    _draw_occluders(panel, found)
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=110)
+    return file.getvalue()
+
+
+def _draw_causes(axes: Axes, found: Statistics) -> None:
+    axes.set_title("joints in views, by cause", fontsize=9)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    if found.causes is None:
+        _say_not_measured(axes)
+        return
+    judged = found.causes[:, : Visibility.ABSENT]
+    shares = judged / np.maximum(judged.sum(1, keepdims=True), 1)
+    rows, left = np.arange(len(found.joints)), np.zeros(len(found.joints))
+    for cause, (name, colour) in _CAUSES.items():
+        axes.barh(rows, shares[:, cause], left=left, color=colour, label=name)
+        left += shares[:, cause]
+    axes.set(xlim=(0, 1), ylim=(len(rows) - 0.5, -0.5), yticks=rows)
+    axes.set_yticklabels([joint.replace("_", " ") for joint in found.joints], fontsize=8)
+    axes.xaxis.set_major_formatter("{x:.0%}")
+    axes.tick_params(labelsize=8)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.4, -0.03), ncols=2, frameon=False, fontsize=8)
+
+
+def _draw_occluders(axes: Axes, found: Statistics) -> None:
+    axes.set_title("what hides joints", fontsize=8)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.set_xticks([])
+    if not found.occluders.total():
+        _say_not_measured(axes)
+        return
+    common = [(name, count) for name, count in found.occluders.most_common(8) if count]
+    total = found.occluders.total()
+    axes.barh(range(len(common)), [count / total for _, count in common], color=_BARS)
+    for row, (_, count) in enumerate(common):
+        axes.text(count / total, row, f" {count / total:.0%}", va="center", fontsize=8)
+    axes.set(yticks=range(len(common)), ylim=(len(common) - 0.5, -0.5))
+    axes.set_yticklabels([name for name, _ in common], fontsize=8)
+
+
+def _say_not_measured(axes: Axes) -> None:
+    axes.text(0.5, 0.5, "not measured", ha="center", va="center", transform=axes.transAxes, color="#888888")
+    axes.set(xticks=[], yticks=[])
+
+
+# The page of a data set: its contents in words, tables and one figure.
+
+PAGE, PICTURE, NUMBERS = "README.md", "statistics.png", "statistics.json"
+FORMAT = 1
+_HIDDEN = (Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_PERSON, Visibility.HIDDEN_BY_OBJECT)
+_OCCLUDERS = 12
+"""Greatest number of listed occluders."""
+
+
+def describe(data: Path | list[Path], out: Path, *, workers: int = 1) -> Statistics:
+    """Write the page of data sets, its figure, and the numbers of both.
+
+    Args:
+        data: The data set or clip, or several.
+        out: Folder to write; it must not exist, be empty, or contain an earlier page.
+        workers: Processes; -1 for one per core.
+
+    Raises:
+        FileNotFoundError: there is neither a clip nor a data set.
+        ValueError: the folder contains something else, or a clip is damaged.
+    """
+    data, out = [Path(path) for path in (data if isinstance(data, list) else [data])], Path(out)
+    if workers == 0:
+        raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+    if out.is_dir() and any(out.iterdir()) and not (out / NUMBERS).is_file():
+        raise ValueError(
+            f"{out}: expected no such folder, an empty one, or one with an earlier {NUMBERS}; choose another out"
+        )
+    found = measure(data, workers=workers)
+    lines = [line for path in data if (path / MANIFEST).is_file() for line in read_manifest(path)]
+    failed = sum(line["status"] != "ok" for line in lines)
+    picture = draw(found)
+    write_atomic(out / PICTURE, picture)
+    write_atomic(out / PAGE, page(found, ", ".join(path.resolve().name for path in data), failed))
+    write_atomic(out / NUMBERS, json.dumps(numbers(found, failed), indent=1))
+    return found
+
+
+def numbers(found: Statistics, failed: int) -> dict:
+    """Return the statistics for JSON."""
+    histograms = {
+        name: {"unit": QUANTITIES[name].unit, "edges": QUANTITIES[name].edges.tolist(), "counts": counts.tolist()}
+        for name, counts in found.histograms.items()
+    }
+    causes = {} if found.causes is None else {
+        joint: dict(zip((cause.name.lower() for cause in Visibility), row, strict=True))
+        for joint, row in zip(found.joints, found.causes.tolist(), strict=True)
+    }  # fmt: skip
+    return {
+        "format": FORMAT,
+        "counts": dict(found.counts) | {"clips_failed": failed},
+        "different": {"persons": len(found.persons), "takes": len(found.takes), "rigs": len(found.rigs)},
+        "scenes": dict(found.scenes),
+        "contacts": {kind: spread(clips) for kind, clips in sorted(found.contacts.items())},
+        "occlusion": causes,
+        "occluders": dict(found.occluders),
+        "histograms": histograms,
+    }
+
+
+def page(found: Statistics, name: str, failed: int) -> str:
+    """Return the page in Markdown."""
+    counts = found.counts
+    rows = [
+        ("clips", f"{counts['clips']}{f', and {failed} that failed' if failed else ''}"),
+        ("frames", f"{counts['frames']}, {counts['seconds']:.0f} s"),
+        ("views of frames", str(counts["pictures"])),
+        ("clips by persons", _page_listed(counts, "persons=")),
+        ("clips by cameras", _page_listed(counts, "cameras=")),
+        *((f"clips by {key}", _page_listed(found.scenes, f"{key}=")) for key in ("arena", "motion", "interaction")),
+        ("different persons, motions, rigs", ", ".join(str(len(x)) for x in (found.persons, found.takes, found.rigs))),
+    ]
+    if counts["clips_without_truth"]:
+        rows.append(("clips without truth", f"{counts['clips_without_truth']}; nothing below is of them"))
+    parts = [
+        f"# {name}\n\nSimulated people who hide each other: clips of calibrated cameras with exact joints.",
+        f"![Histograms]({PICTURE})",
+        _table(("", ""), rows),
+        "## Occlusion\n\n" + _occlusion(found),
+        "## Contacts between people\n\n" + _contacts(found),
+        "## Quantities\n\n" + _quantities(found),
+        "## Rights\n\n" + terms(found),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _page_listed(counts, prefix: str) -> str:
+    found = {key.removeprefix(prefix): count for key, count in counts.items() if key.startswith(prefix)}
+    order = sorted(found, key=lambda key: (not key.isdigit(), int(key) if key.isdigit() else 0, key))
+    return ", ".join(f"{key}: {found[key]}" for key in order) or "not known"
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = [head, ("---",) * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _occlusion(found: Statistics) -> str:
+    """Return a table of joints by cause of occlusion, and a table of occluders."""
+    if found.causes is None:
+        return "Not measured: the clips have no labels of visibility."
+    judged = found.causes[:, : Visibility.ABSENT]
+    total = judged.sum()
+    if not total:
+        return "Not measured: no clip contains a person."
+    rows = [
+        (joint.replace("_", " "), *(f"{share:.0%}" for share in row / max(1, row.sum())))
+        for joint, row in [("all", judged.sum(0)), *zip(found.joints, judged, strict=True)]
+    ]
+    head = ("joint", *(cause.name.lower().replace("_", " ") for cause in Visibility if cause != Visibility.ABSENT))
+    hidden = judged[:, _HIDDEN].sum()
+    by = [(name, f"{count / max(1, hidden):.0%}") for name, count in found.occluders.most_common(_OCCLUDERS) if count]
+    return (
+        "Share of joints in views, of persons who are in the scene.\n\n"
+        + _table(head, rows)
+        + f"\n\nWhat hides the {hidden} hidden joints:\n\n"
+        + _table(("occluder", "of the hidden joints"), by)
+    )
+
+
+def _contacts(found: Statistics) -> str:
+    """Return a table of contacts by interaction."""
+    if not found.contacts:
+        return "Not measured: no clip has the state of its bodies."
+    return (
+        "Share of frames in which a person touches another, number of touches, and greatest force in such a frame; of "
+        "clips the least, the median and the greatest.\n\n" + _table(CONTACT_HEAD, contact_rows(numbers(found, 0)))
+    )
+
+
+CONTACT_HEAD = ("interaction", "clips", "frames in contact", "touches", "force, N")
+
+
+def contact_rows(kept: dict) -> list[tuple[str, ...]]:
+    """Return the rows of the table of contacts, from the content of `statistics.json`."""
+
+    def three(row: dict, name: str, style: str) -> str:
+        return " / ".join(format(row[f"{name}_{which}"], style) for which in ("least", "median", "most"))
+
+    return [
+        (kind, str(row["clips"]), three(row, "share", ".0%"), three(row, "touches", ".0f"), three(row, "force", ".0f"))
+        for kind, row in kept["contacts"].items()
+    ]
+
+
+def _quantities(found: Statistics) -> str:
+    rows = []
+    for name, quantity in QUANTITIES.items():
+        counts = found.histograms.get(name)
+        if counts is None or not counts.sum():
+            rows.append((quantity.meaning, quantity.unit, "not measured", "", ""))
+            continue
+        rows.append((quantity.meaning, quantity.unit, *(f"{value:.3g}" for value in quantiles(counts, quantity.edges))))
+    return "Precision is the bin width of the histograms in `statistics.json`.\n\n" + _table(
+        ("quantity", "unit", "5 % below", "median", "95 % below"), rows
+    )
+
+
+def quantiles(counts: np.ndarray, edges: np.ndarray, shares: tuple[float, ...] = (0.05, 0.5, 0.95)) -> list[float]:
+    """Return the approximate quantiles of a histogram (N,): the middles of the bins that reach these shares."""
+    reached = np.cumsum(counts) / counts.sum()
+    bins = [int(np.searchsorted(reached, share - 1e-9)) for share in shares]
+    return [float((edges[each] + edges[each + 1]) / 2) for each in bins]

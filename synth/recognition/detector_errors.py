@@ -1,0 +1,427 @@
+"""The result of a detector for each true joint and person of a clip: error, miss, confidence, and occluder."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from dmae.data.clip import Clip
+from dmae.data.conversion import convert, convert_detections
+from dmae.data.labels import Visibility
+from dmae.data.skeleton import BODY25
+from dmae.formats.reading import DataConfig, load
+from dmae.parallel import in_parallel
+from dmae.progress import progress
+from dmae.reporting.tables import Table
+from synth.detector.config import DetectorConfig
+from synth.detector.fitting.fit import redetect
+from synth.detector.matching import FRAGMENT, match_detections
+from synth.detector.parts import kind_of
+from synth.detector.statistics import GROSS
+from synth.recognition.realism import NEAR, UNOBSTRUCTED, Sightings, sightings
+
+_IN_IMAGE = Visibility.HIDDEN_BY_OBJECT
+_MIRROR = list(BODY25.mirror)
+
+
+@dataclass(frozen=True)
+class JointsSeen:
+    """The n joints in the images that belong to people found by a detector.
+
+    Attributes:
+        joint: (n,) index into BODY25.
+        cause: (n,) `Visibility`.
+        margin: (n,) distance in depth from the occluder to the joint, m; NaN where the joint is visible.
+        size: (n,) height that the body would have if it stood upright at its distance, px.
+        crowding: (n,) distance in the image from the hips to the hips of the nearest other person, in heights.
+        direction: (n,) text from `Sightings.direction`.
+        error: (n,) distance from the true position, in heights; NaN where the joint was missed.
+        score: (n,) confidence; NaN where missed.
+        inverted: (n,) True where the same joint of the other side is nearer, by half and by `GROSS`.
+    """
+
+    joint: np.ndarray
+    cause: np.ndarray
+    margin: np.ndarray
+    size: np.ndarray
+    crowding: np.ndarray
+    direction: np.ndarray
+    error: np.ndarray
+    score: np.ndarray
+    inverted: np.ndarray
+
+    @property
+    def missed(self) -> np.ndarray:
+        """(n,) True where the joint was not detected."""
+        return np.isnan(self.score)
+
+    def __getitem__(self, some: np.ndarray) -> "JointsSeen":
+        return JointsSeen(**{field.name: getattr(self, field.name)[some] for field in fields(self)})
+
+
+@dataclass(frozen=True)
+class PeopleSeen:
+    """The n people in the images.
+
+    Attributes:
+        hidden: (n, 25) True for joints that are hidden or outside the image.
+        visible: (n,) share of the joints that are visible.
+        unobstructed: (n,) share of the joints that are visible or hidden only by the person's own body.
+        size, crowding, direction: The same as in `JointsSeen`.
+        found: (n,) True if a detection belongs to the person.
+    """
+
+    hidden: np.ndarray
+    visible: np.ndarray
+    unobstructed: np.ndarray
+    size: np.ndarray
+    crowding: np.ndarray
+    direction: np.ndarray
+    found: np.ndarray
+
+
+@dataclass(frozen=True)
+class DetectorObservations:
+    """The results of a detector on some clips.
+
+    Attributes:
+        joints: Joints of people that were found.
+        people: All people in the images.
+        pictures: Number of images.
+        ghosts: Number of detections far from every person.
+        duplicates: Number of further detections near a person.
+    """
+
+    joints: JointsSeen
+    people: PeopleSeen
+    pictures: int
+    ghosts: int
+    duplicates: int
+
+
+def observe(clip: Clip) -> DetectorObservations:
+    """Compare the detections of a clip with its truth.
+
+    Raises:
+        ValueError: the clip has no truth or no visibility labels, or its detections have an unsuitable skeleton.
+    """
+    seen = sightings(clip)
+    body = convert_detections(clip.detections, BODY25)
+    true = replace(clip, rig=clip.true_rig or clip.rig, detections=body, poses=None, detection_labels=None)
+    match = match_detections(true, convert(clip.truth, BODY25))
+    # Joints that the detector's skeleton lacks, for example small toes, do not count as misses.
+    reported = (~np.isnan(match.score)).any((0, 1, 2))
+    counted = match.matched[..., None] & (seen.visibility <= _IN_IMAGE) & reported
+    height = seen.height[..., None]
+    error = np.linalg.norm(match.found - seen.xy, axis=-1) / height
+    across = np.linalg.norm(match.found - seen.xy[..., _MIRROR, :], axis=-1) / height
+    sided = np.array(_MIRROR) != np.arange(len(BODY25))
+    with np.errstate(invalid="ignore"):
+        inverted = (error > GROSS) & (across < error / 2) & sided
+
+    def of_joints(values: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(values, counted.shape)[counted]
+
+    there = ~np.isnan(match.height)
+    joints = JointsSeen(
+        joint=of_joints(np.arange(len(BODY25))),
+        cause=seen.visibility[counted],
+        margin=seen.depth_margin[counted],
+        size=of_joints(height),
+        crowding=of_joints(seen.crowding[..., None]),
+        direction=of_joints(seen.direction[..., None]),
+        error=error[counted],
+        score=match.score[counted],
+        inverted=inverted[counted],
+    )
+    people = PeopleSeen(
+        hidden=~seen.visible[there],
+        visible=seen.visible.mean(-1)[there],
+        unobstructed=seen.unobstructed.mean(-1)[there],
+        size=seen.height[there],
+        crowding=seen.crowding[there],
+        direction=seen.direction[there],
+        found=match.matched[there],
+    )
+    ghosts = match.left_over & ~match.near & ~_is_cut(body.xy, seen)
+    return DetectorObservations(
+        joints, people, len(clip) * len(clip.rig), int(ghosts.sum()), int((match.left_over & match.near).sum())
+    )
+
+
+def _is_cut(xy: np.ndarray, seen: Sightings) -> np.ndarray:
+    """Return (F, V, D) True for detections of people that are mostly outside the image. `Match` leaves these out."""
+    off = np.linalg.norm(seen.xy[:, :, None] - xy[:, :, :, None], axis=-1) / seen.height[:, :, None, :, None]
+    known = ~np.isnan(off)
+    middle = np.nanmedian(np.where(known.any(-1, keepdims=True), off, np.inf), -1)
+    return (middle < FRAGMENT).any(-1)
+
+
+def pooled(parts: Sequence[DetectorObservations]) -> DetectorObservations:
+    """Return the observations of several clips as one."""
+
+    def together(name: str):
+        each = [getattr(part, name) for part in parts]
+        return type(each[0])(
+            **{field.name: np.concatenate([getattr(one, field.name) for one in each]) for field in fields(each[0])}
+        )
+
+    counts = {name: sum(getattr(part, name) for part in parts) for name in ("pictures", "ghosts", "duplicates")}
+    return DetectorObservations(together("joints"), together("people"), **counts)
+
+
+# Tables of a detector's errors: by visibility, cause, depth margin, size, crowding, direction and joint.
+
+_MARGINS = (0.05, 0.15, 0.3, 1.0)
+_SIZES = (150.0, 250.0, 400.0)
+_CROWDING = (0.15, 0.3, 0.6)
+_SHARES = (0.2, 0.4, 0.6, 0.8)
+_CAUSES = {
+    Visibility.VISIBLE: "visible",
+    Visibility.HIDDEN_BY_SELF: "hidden by the own body",
+    Visibility.HIDDEN_BY_PERSON: "hidden by another person",
+    Visibility.HIDDEN_BY_OBJECT: "hidden by an object",
+}
+_COLUMNS = (
+    ("joints", "near", f"Detected joints within {NEAR:.0%} of the height, %"),
+    ("joints", "median", "Median error, % of the height"),
+    ("joints", "confidence", "Mean confidence, %"),
+    ("joints", "missed", "Joints missed, of people who were found, %"),
+    ("joints", "inverted", "Joints on that of the other side, %"),
+    ("people", "found", "People found, %"),
+)
+"""The tables, their columns, and their captions."""
+_KINDS = np.array([kind_of(joint) for joint in BODY25.joints])
+
+
+@dataclass(frozen=True)
+class JointRow:
+    """The joints of a group, for people that were found. Shares are from 0 to 1; None if no joint was detected.
+
+    Attributes:
+        heading, group: For example "cause" and "visible".
+        joints: Number of joints.
+        missed: Share of joints that were not detected.
+        near: Share of detected joints with an error within 5 % of the height.
+        median, p90: Median and 90 % quantile of the errors of detected joints, in heights.
+        confidence: Mean confidence of detected joints.
+        inverted: Share of detected joints at the position of the same joint of the other side.
+    """
+
+    heading: str
+    group: str
+    joints: int
+    missed: float
+    near: float | None
+    median: float | None
+    p90: float | None
+    confidence: float | None
+    inverted: float | None
+
+
+@dataclass(frozen=True)
+class PeopleRow:
+    """The people of a group.
+
+    Attributes:
+        heading, group: For example "visible joints" and "80 % or more".
+        people: Number of people.
+        found: Share of people that were found.
+    """
+
+    heading: str
+    group: str
+    people: int
+    found: float
+
+
+def joint_rows(joints: JointsSeen) -> list[JointRow]:
+    """Return the rows of joints. Visible and hidden joints are separate in rows by size, crowding, direction, kind."""
+    visible = joints.cause == Visibility.VISIBLE
+    groups = [("cause", name, joints.cause == cause) for cause, name in _CAUSES.items()]
+    groups += [("margin of hidden joints", *each) for each in _ranges(joints.margin, _MARGINS, "m")]
+    for state, chosen in (("visible", visible), ("hidden", ~visible)):
+        kinds = [("joint", str(kind), _KINDS[joints.joint] == kind) for kind in dict.fromkeys(_KINDS)]
+        groups += [(f"{name}, {state}", group, some & chosen) for name, group, some in (*_sorted(joints), *kinds)]
+    return [_joint_row(heading, group, joints[some]) for heading, group, some in groups if some.any()]
+
+
+def people_rows(people: PeopleSeen) -> list[PeopleRow]:
+    """Return the rows of people. The rows by size, crowding and direction contain only people in plain sight."""
+    plain = people.unobstructed >= UNOBSTRUCTED
+    groups = [("visible joints", *each) for each in _ranges(people.visible, _SHARES)]
+    groups.append(("in plain sight", "", plain))
+    groups += [(f"{name}, in plain sight", group, some & plain) for name, group, some in _sorted(people)]
+    return [
+        PeopleRow(heading, group, int(some.sum()), float(people.found[some].mean()))
+        for heading, group, some in groups
+        if some.any()
+    ]
+
+
+def _sorted(seen: JointsSeen | PeopleSeen) -> list[tuple[str, str, np.ndarray]]:
+    """Return headings and groups, with a mask of the members of each group."""
+    found = [("size", *each) for each in _ranges(seen.size, _SIZES, "px")]
+    found += [("crowding", *each) for each in _ranges(seen.crowding, _CROWDING, "heights")]
+    return found + [("direction", group, seen.direction == group) for group in ("facing", "sideways", "away")]
+
+
+def numbers(found: DetectorObservations) -> dict:
+    """Return the tables of a detector for JSON."""
+    return {
+        "joints": [asdict(row) for row in joint_rows(found.joints)],
+        "people": [asdict(row) for row in people_rows(found.people)],
+        "pictures": found.pictures,
+        "ghosts": found.ghosts,
+        "duplicates": found.duplicates,
+    }
+
+
+def tables(studied: dict[str, dict]) -> list[Table]:
+    """Return tables with one column per detector, from the results of `numbers`. Kinds of joints are left out.
+
+    The first detector determines the rows.
+    """
+    names, made = list(studied), []
+    for of, column, title in _COLUMNS:
+        keyed = {name: {_name(row): row for row in studied[name][of]} for name in names}
+        rows = [
+            (key, str(row[of]), *(_percent(keyed[name].get(key, {}).get(column)) for name in names))
+            for key, row in keyed[names[0]].items()
+            if not row["heading"].startswith("joint")
+        ]
+        made.append(Table(title, (of, "number", *names), rows))
+    counts = [
+        (name, f"{100 * each['ghosts'] / each['pictures']:.1f}", f"{100 * each['duplicates'] / each['pictures']:.1f}")
+        for name, each in studied.items()
+    ]
+    made.append(Table("In a hundred pictures", ("detector", "ghosts", "duplicates"), counts))
+    return made
+
+
+def _name(row: dict) -> str:
+    return f"{row['heading']}: {row['group']}" if row["group"] else row["heading"]
+
+
+def _ranges(values: np.ndarray, edges: Sequence[float], unit: str = "") -> list[tuple[str, np.ndarray]]:
+    """Return the name of each range between edges, with a mask of the values in it."""
+    ends = (0.0, *edges, np.inf)
+    after = f" {unit}" if unit else ""
+    found = []
+    for low, high in pairwise(ends):
+        name = f"{low:g} or more{after}" if high == np.inf else f"{low:g} to {high:g}{after}"
+        with np.errstate(invalid="ignore"):
+            found.append((name, (values >= low) & ((values < high) | (high == np.inf))))
+    return found
+
+
+def _joint_row(heading: str, group: str, some: JointsSeen) -> JointRow:
+    error, score = some.error[~some.missed], some.score[~some.missed]
+    known = len(error) > 0
+    return JointRow(
+        heading,
+        group,
+        len(some.error),
+        float(some.missed.mean()),
+        float((error < NEAR).mean()) if known else None,
+        float(np.median(error)) if known else None,
+        float(np.quantile(error, 0.9)) if known else None,
+        float(score.mean()) if known else None,
+        float(some.inverted[~some.missed].mean()) if known else None,
+    )
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.1f}"
+
+
+# Curves of the errors of several detectors.
+
+_error_figure_COLUMNS = (
+    ("cause", "what hides the joint"),
+    ("margin of hidden joints", "depth margin of hidden joints"),
+    ("size, visible", "size, visible joints"),
+    ("crowding, hidden", "nearest other person, hidden joints"),
+)
+_ROWS = (("near", "joints within 5 % of the height, %"), ("confidence", "mean confidence, %"), ("missed", "missed, %"))
+_COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:purple", "tab:brown")
+_SHORT = (("hidden by ", ""), ("the own body", "self"), ("another person", "person"), ("an object", "object"),
+          (" or more", "+"), (" to ", "-"), (" heights", " h"))  # fmt: skip
+
+
+def draw_errors(studied: dict[str, dict]) -> Figure:
+    """Return curves of near joints, confidence and misses by cause, margin, size and crowding, a line per detector.
+
+    Args:
+        studied: Results of `synth.recognition.detector_errors.numbers` by name of the detector.
+    """
+    figure = Figure(figsize=(14, 8), layout="constrained")
+    axes = figure.subplots(len(_ROWS), len(_error_figure_COLUMNS), sharey="row", squeeze=False)
+    for column, (heading, label) in enumerate(_error_figure_COLUMNS):
+        groups = list(dict.fromkeys(
+            row["group"] for each in studied.values() for row in each["joints"] if row["heading"] == heading
+        ))  # fmt: skip
+        for row, (value, title) in enumerate(_ROWS):
+            ax = axes[row, column]
+            for number, (name, each) in enumerate(studied.items()):
+                found = {line["group"]: line for line in each["joints"] if line["heading"] == heading}
+                places = [i for i, group in enumerate(groups) if found.get(group, {}).get(value) is not None]
+                heights = [100 * found[groups[i]][value] for i in places]
+                ax.plot(places, heights, "o-", color=_COLOURS[number % len(_COLOURS)], label=name)
+            ax.set_xticks(range(len(groups)), [_shortened(group) for group in groups], fontsize=8)
+            ax.set_xlim(-0.3, max(len(groups) - 0.7, 0.3))
+            ax.grid(color="#dddddd")
+            if column == 0:
+                ax.set_ylabel(title)
+            if row == len(_ROWS) - 1:
+                ax.set_xlabel(label)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(studied))
+    return figure
+
+
+def _shortened(group: str) -> str:
+    for long, short in _SHORT:
+        group = group.replace(long, short)
+    return group
+
+
+# Compare a detector and simulated detectors with the same truth on the same clips.
+
+
+def study(
+    folders: Sequence[Path], simulated: Mapping[str, DetectorConfig], seed: int = 0, workers: int = 1
+) -> dict[str, dict]:
+    """Measure the errors of the detections in clips, and of simulated detectors on the same clips.
+
+    Args:
+        folders: Folders of data sets or clips with truth and visibility labels.
+        simulated: Simulated detectors by name.
+        seed: Seed of the simulated detectors.
+        workers: Processes; -1 for one per core.
+
+    Returns:
+        The tables of each detector, by its name, see `synth.recognition.detector_errors.numbers`. The detector of the
+        clips is first.
+
+    Raises:
+        FileNotFoundError: there are no clips.
+        ValueError: a clip has no truth or labels, or the clips come from several detectors.
+    """
+    tasks = []
+    for folder in folders:
+        clips = load(DataConfig("clip", str(folder)))
+        tasks += [(clips.folders[i], dict(simulated), seed) for i in range(len(clips))]
+    done = list(progress(in_parallel(_study_clip, tasks, workers), "measuring", len(tasks)))
+    names = {next(iter(found)) for found in done}
+    if len(names) > 1:
+        raise ValueError(f"expected clips of one detector, found {', '.join(sorted(names))}")
+    return {name: numbers(pooled([found[name] for found in done])) for name in done[0]}
+
+
+def _study_clip(folder: Path, simulated: Mapping[str, DetectorConfig], seed: int) -> dict[str, DetectorObservations]:
+    clip = load(DataConfig("clip", str(folder)))[0]
+    own = f"{clip.provenance.get('detector', 'detections')} (measured)"
+    return {own: observe(clip)} | {name: observe(redetect(clip, config, seed)) for name, config in simulated.items()}
