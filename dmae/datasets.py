@@ -19,8 +19,7 @@ from dmae.data.skeleton import Skeleton, decode_skeleton, get_skeleton
 from dmae.data.store import FORMAT, assemble_clip, clip_folders, is_of_frames, load_clip
 from dmae.files.contents import check_file
 from dmae.files.structured import read_json
-from dmae.formats.labelled_images.joints import joint_labels
-from dmae.formats.labelled_images.pictures import PersonLabel, label_persons
+from dmae.formats.labelled_images import PersonLabel, joint_labels, label_persons
 
 ARRAYS, META = "arrays.safetensors", "clip.json"
 _DAMAGED = (SafetensorError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError)

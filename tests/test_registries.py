@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from dmae.data.store import load_clip, save_clip
-from dmae.formats.calibrations.files import write_calibration
+from dmae.formats.calibrations import write_calibration
 from tests.support.clips import full_clip
 
 pytestmark = pytest.mark.slow

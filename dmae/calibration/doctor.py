@@ -43,8 +43,8 @@ from dmae.calibration.world.floor import Floor, find_floor
 from dmae.calibration.world.gravity_and_scale import relative_size
 from dmae.calibration.world.placement import FLOOR_KEY
 from dmae.data.clip import Clip
-from dmae.formats.calibrations.conventions import Convention
-from dmae.formats.recordings.selection import shift_views
+from dmae.formats.config import Convention
+from dmae.formats.reading import shift_views
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 

@@ -11,7 +11,7 @@ from dmae.calibration.hypothesis import Hypothesis
 from dmae.calibration.remedies import camera_names, remedy, unit_remedy, up_remedy
 from dmae.calibration.world.floor import Floor
 from dmae.calibration.world.gravity_and_scale import relative_size, upright_direction
-from dmae.formats.calibrations.conventions import Convention
+from dmae.formats.config import Convention
 from dmae.numerics.statistics import mean_known
 
 MIN_DETECTIONS = 20

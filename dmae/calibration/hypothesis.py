@@ -10,8 +10,8 @@ from dmae.calibration.adjustment.joints import coarse_skeleton
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
-from dmae.formats.calibrations.conventions import Convention
-from dmae.formats.recordings.selection import shift_views
+from dmae.formats.config import Convention
+from dmae.formats.reading import shift_views
 
 CHECKED_FRAMES = 150
 """Number of sampled frames for a check of a result from fewer frames."""

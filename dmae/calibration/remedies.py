@@ -5,7 +5,7 @@ import numpy as np
 from dmae.calibration.corrections import Correction
 from dmae.calibration.faults import Fault
 from dmae.data.cameras import CameraRig
-from dmae.formats.calibrations.conventions import METRES, Convention, LengthUnit, UpDirection
+from dmae.formats.config import METRES, Convention, LengthUnit, UpDirection
 
 _IN_DETECTIONS = {
     Fault.mirrored: "replace x by width - 1 - x (and exchange left and right joints if the images were mirrored "

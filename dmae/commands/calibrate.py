@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dmae.calibration.adjustment.refinement import RefineConfig, Refined, refine
 from dmae.data.store import write_atomic
-from dmae.formats.calibrations.pose2sim import write_cameras
+from dmae.formats.pose2sim import write_cameras
 from dmae.formats.reading import DataConfig, is_data_set, load
 from dmae.reporting.tables import Table, print_tables
 

@@ -5,8 +5,8 @@ from functools import partial
 from pathlib import Path
 
 from dmae.commands.data_sets import Manifest, each_clip
+from dmae.formats.config import DataConfig
 from dmae.formats.reading import is_data_set
-from dmae.formats.recordings.data_config import DataConfig
 from dmae.formats.registry import recording_writer
 from dmae.formats.writing import write_recording
 from dmae.reporting.words import counted

@@ -22,8 +22,8 @@ from dmae.detection.recording import (
     write_images,
 )
 from dmae.detection.registry import PoseDetectorConfig
-from dmae.formats.calibrations.conventions import LengthUnit, UpDirection
-from dmae.formats.calibrations.files import read_calibration
+from dmae.formats.calibrations import read_calibration
+from dmae.formats.config import LengthUnit, UpDirection
 from dmae.reporting.words import counted
 
 WRITES = "folder"

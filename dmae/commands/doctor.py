@@ -14,9 +14,8 @@ from dmae.calibration.hypothesis import Hypothesis
 from dmae.commands.data_sets import describe_sides, each_clip
 from dmae.data.clip import Clip
 from dmae.data.store import write_atomic
-from dmae.formats.calibrations.conventions import Convention
-from dmae.formats.reading import DataConfig, written_convention
-from dmae.formats.recordings.selection import offsets_of_all
+from dmae.formats.config import Convention
+from dmae.formats.reading import DataConfig, offsets_of_all, written_convention
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import Table, print_tables

@@ -8,7 +8,7 @@ from socketserver import StreamRequestHandler, TCPServer
 
 from dmae.completion.pipeline import SMOOTHING, completers
 from dmae.data.skeleton import get_skeleton
-from dmae.formats.calibrations.files import read_calibration
+from dmae.formats.calibrations import read_calibration
 from dmae.online.capture import OnlineCapture
 from dmae.online.json_lines import LONGEST, answer_lines
 from dmae.reconstruction.config import CaptureConfig

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from dmae.evaluation.report.page import TITLE, write_clips_report
 from dmae.evaluation.report_section import read_scores
+from dmae.formats.config import DataConfig
 from dmae.formats.reading import load
-from dmae.formats.recordings.data_config import DataConfig
 
 WRITES = "file"
 EXAMPLES = (

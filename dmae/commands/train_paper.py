@@ -52,7 +52,7 @@ def run(config: TrainPaperCommand, out: Path) -> None:
     from dmae.completion.training.pose_pairs import pose_pair
     from dmae.data.conversion import convert
     from dmae.data.skeleton import get_skeleton
-    from dmae.formats.recordings.selection import camera_subsets
+    from dmae.formats.reading import camera_subsets
     from dmae.reconstruction.pipeline import capture
 
     size, skeleton = SIZES[config.size], get_skeleton(SKELETON)

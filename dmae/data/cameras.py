@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from dmae.data.array_fields import short_repr
-from dmae.files.numbers import LEAST_FOCAL, MOST_DISTORTION, MOST_FOCAL, MOST_METRES, MOST_SIZE, check_numbers
+from dmae.files.checks import LEAST_FOCAL, MOST_DISTORTION, MOST_FOCAL, MOST_METRES, MOST_SIZE, check_numbers
 
 # OpenCV's default criteria leave up to 0.07 px; these converge to 1e-10.
 _UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)

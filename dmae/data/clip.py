@@ -10,15 +10,8 @@ from dmae.data.cameras import CameraRig
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import Skeleton
+from dmae.files.checks import MOST_METRES, MOST_PIXELS, MOST_SCORE, MOST_VARIANCE, check_numbers, check_rate
 from dmae.files.mapped import by_frames, frame_blocks
-from dmae.files.numbers import (
-    MOST_METRES,
-    MOST_PIXELS,
-    MOST_SCORE,
-    MOST_VARIANCE,
-    check_numbers,
-    check_rate,
-)
 
 
 class Source(IntEnum):

@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 
 from dmae.data.array_fields import short_repr
-from dmae.files.names import child
-from dmae.files.pictures import read_picture
-from dmae.files.videos import kept_open, open_video
+from dmae.files.checks import child
+from dmae.files.pictures import kept_open, open_video, read_picture
 
 KINDS = ("rgb", "depth", "ids", "parts", "normals", "flow", "amodal")
 RGB_FILES = {"h264": "mp4", "png": "png", "jpeg": "jpg"}

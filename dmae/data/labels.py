@@ -6,7 +6,7 @@ from enum import IntEnum
 import numpy as np
 
 from dmae.data.array_fields import ANY, set_array, short_repr
-from dmae.files.numbers import MOST_METRES, MOST_PIXELS, check_numbers
+from dmae.files.checks import MOST_METRES, MOST_PIXELS, check_numbers
 
 
 class Visibility(IntEnum):

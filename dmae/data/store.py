@@ -18,11 +18,11 @@ from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import decode_skeleton, encode
+from dmae.files.arrays import digest_of, read_tensors, tensor_pieces
+from dmae.files.checks import child
 from dmae.files.contents import read_text
 from dmae.files.mapped import frame_blocks
-from dmae.files.names import child
 from dmae.files.structured import parse_json, read_json
-from dmae.files.tensors import digest_of, read_tensors, tensor_pieces
 
 FORMAT = 1
 MANIFEST = "manifest.jsonl"

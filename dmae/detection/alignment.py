@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmae.detection.pictures import CameraPictures
-from dmae.files.numbers import check_rate
+from dmae.files.checks import check_rate
 
 _SAME_RATE = 1e-3
 """Relative difference of frame rates above which a note is written."""

@@ -18,7 +18,7 @@ from dmae.detection.pictures import CameraPictures, pictures_in, read_files
 from dmae.detection.pipeline import detect_people, make_detector, to_detections
 from dmae.detection.recording import output_skeleton
 from dmae.detection.registry import PoseDetectorConfig
-from dmae.files.names import PICTURES, child
+from dmae.files.checks import PICTURES, child
 from dmae.files.pictures import read_upright, upright_size
 from dmae.formats.openpose import write_people
 from dmae.progress import progress

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.images import Images
-from dmae.files.names import PICTURES, VIDEOS
-from dmae.files.pictures import read_upright, upright_size
-from dmae.files.videos import open_video
-from dmae.formats.recordings.camera_matching import frame_number, natural
+from dmae.files.checks import PICTURES, VIDEOS
+from dmae.files.pictures import open_video, read_upright, upright_size
+from dmae.formats.recordings import frame_number, natural
 
 
 @dataclass(frozen=True)

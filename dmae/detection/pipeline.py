@@ -13,7 +13,7 @@ from dmae.data.store import write_atomic
 from dmae.detection.pictures import CameraPictures
 from dmae.detection.registry import PictureDetector, PoseDetectorConfig, pose_detector
 from dmae.files.arrays import read_arrays
-from dmae.files.numbers import MOST_PIXELS
+from dmae.files.checks import MOST_PIXELS
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 

@@ -21,8 +21,8 @@ from dmae.detection.picture_size import Fitting, fit_pictures
 from dmae.detection.pictures import CameraPictures, cameras_of, find_cameras
 from dmae.detection.pipeline import Found, detect_people, make_detector, to_detections
 from dmae.detection.registry import PoseDetectorConfig
-from dmae.files.names import child
-from dmae.formats.recordings.camera_matching import match_cameras
+from dmae.files.checks import child
+from dmae.formats.recordings import match_cameras
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 

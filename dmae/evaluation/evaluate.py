@@ -18,8 +18,7 @@ from dmae.evaluation.gates import scored_clip, scored_options
 from dmae.evaluation.predictions import predictions_of, read_prediction
 from dmae.evaluation.scores import measured_by_all, score, scored_actors, summary, truth_of
 from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
-from dmae.formats.reading import Clips, load
-from dmae.formats.recordings.selection import camera_subsets
+from dmae.formats.reading import Clips, camera_subsets, load
 from dmae.metrics.comparison import GATE, match, take_matched
 from dmae.parallel import Backend, in_parallel, process_count, running_on
 from dmae.progress import duration, progress

@@ -8,7 +8,7 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
-from dmae.formats.recordings.pose_files import pose_paths, read_poses
+from dmae.formats.poses import pose_paths, read_poses
 from dmae.numerics.statistics import mean_known
 
 _LARGER = 2.5
@@ -49,7 +49,7 @@ def read_prediction(path: Path, clip: Clip, truth: Poses3D, *, tracks: bool = Fa
     """Return the poses of a clip, read from a file and converted to the skeleton of its truth.
 
     Args:
-        path: Poses in any format that `dmae.formats.recordings.pose_files.read_poses` reads.
+        path: Poses in any format that `dmae.formats.poses.read_poses` reads.
         clip: The clip, F frames.
         truth: True poses, (F, T, J).
         tracks: Whether person i of the poses has to be true person i.

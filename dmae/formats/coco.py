@@ -1,30 +1,179 @@
-"""COCO keypoints: images and annotations of all cameras in one JSON file, or one JSON file per camera."""
+"""Names of joints in COCO's categories, and the skeletons with these joints."""
 
+import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import BinaryIO
 
 import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
-from dmae.data.skeleton import Skeleton
-from dmae.data.store import check_vacant, whole_folder
+from dmae.data.skeleton import SKELETONS, Skeleton
+from dmae.data.store import check_vacant, whole_folder, write_atomic
+from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.mapped import frame_blocks
-from dmae.files.numbers import MOST_PIXELS, check_numbers
 from dmae.files.structured import read_json
-from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
-from dmae.formats.labelled_images.coco_entries import clip_entry, write_json
-from dmae.formats.labelled_images.joints import joint_labels
-from dmae.formats.labelled_images.pictures import Picture, array_pictures, read_pictures
-from dmae.formats.openpose import CALIBRATION
-from dmae.formats.recordings.camera_matching import frame_number, natural
-from dmae.formats.recordings.coco_categories import category_joints, recognise_skeleton
-from dmae.formats.recordings.confidences import Confidences
-from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
+from dmae.formats.calibrations import FOUND, CalibrationSource, write_calibration
+from dmae.formats.labelled_images import PersonLabel, Picture, array_pictures, joint_labels, read_pictures
+from dmae.formats.openpose import BY_COUNT, CALIBRATION
+from dmae.formats.poses import covariance_entry
+from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural, with_cameras
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.formats.writing import exported_poses
 from dmae.progress import progress
+
+_SIDES = {"l_": "left_", "r_": "right_"}
+
+
+def joint_names(skeleton: Skeleton) -> list[str]:
+    """Return the names of joints as COCO writes them, left_eye for example."""
+    names = []
+    for joint in skeleton.joints:
+        part, dot, bare = joint.rpartition(".")
+        names.append(part + dot + _SIDES.get(bare[:2], bare[:2]) + bare[2:])
+    return names
+
+
+def category_joints(file: Path, categories) -> list[str] | None:
+    """Return the names of the joints from the only category with keypoints; None if no category has keypoints."""
+    if not isinstance(categories, list) or not all(isinstance(category, dict) for category in categories):
+        raise ValueError(f"{file}: expected a list of categories, found {categories!r:.60}")
+    named = [category["keypoints"] for category in categories if category.get("keypoints")]
+    if len(named) > 1:
+        raise ValueError(f"{file}: expected one category with keypoints, found {len(named)}")
+    return [str(name).lower().replace(" ", "_") for name in named[0]] if named else None
+
+
+def recognise_skeleton(path: Path, names: list[str] | None, joints: int | None) -> Skeleton:
+    """Return the skeleton with the joints that a category names, or else the default for a number of joints.
+
+    Args:
+        path: Path of the annotations, for messages.
+        names: Names of the joints, as `category_joints` returns them.
+        joints: Number of joints in the annotations; None if there are no annotations.
+
+    Raises:
+        ValueError: no skeleton has these joints.
+    """
+    for skeleton in SKELETONS.values():
+        if names and names in (joint_names(skeleton), list(skeleton.joints)):
+            return skeleton
+    if names is None and joints is None:
+        raise ValueError(f"{path}: no keypoints in any annotation, and no category that names them")
+    if names or joints not in BY_COUNT:
+        raise ValueError(
+            f"{path}: no skeleton has the keypoints {names or joints}; there are {sorted(SKELETONS)}, "
+            "data.skeleton=... names the one to take them for"
+        )
+    return BY_COUNT[joints]
+
+
+# Entries of a COCO file: images, annotations and categories.
+
+
+def image_entry(picture: Picture, number: int, file_name: str) -> dict:
+    """Return the entry of an image, with the additional keys `camera` and `frame`."""
+    width, height = picture.size
+    return {
+        "id": number,
+        "width": width,
+        "height": height,
+        "file_name": file_name,
+        "camera": picture.camera,
+        "frame": picture.number,
+    }
+
+
+def annotation_entry(person: PersonLabel, number: int, image: int) -> dict:
+    """Return the entry of an annotation, to 0.001 px. `docs/reference/exports.md` lists the additional keys."""
+    box = [0, 0, 0, 0] if person.box is None else list(person.box)
+    entry = {
+        "id": number,
+        "image_id": image,
+        "category_id": 1,
+        "iscrowd": 0,
+        "bbox": box,
+        "bbox_of": "pixels" if person.visible_pixels else "joints",
+        "area": person.area,
+        "segmentation": [] if person.mask is None else person.mask,
+        "num_keypoints": int((person.flags > 0).sum()),
+        "keypoints": keypoints(person),
+    }
+    if person.scores is not None:
+        known = np.where(person.flags > 0, person.scores, 0).astype(np.float64)
+        entry["keypoint_scores"] = known.round(4).tolist()
+    if person.sources is not None:
+        entry |= {"track_id": person.person, "joint_source": person.sources.tolist()}
+    if person.cov is not None:
+        entry["joint_covariance"] = covariance_entry(person.cov)
+    if person.cause is not None:
+        entry |= {"visibility": person.cause.tolist(), "hidden_by": person.occluder.tolist()}
+    for name in ("visible_pixels", "amodal_pixels"):
+        if getattr(person, name) is not None:
+            entry[name] = getattr(person, name)
+    if person.amodal_mask is not None:
+        entry |= {"amodal_segmentation": person.amodal_mask, "amodal_bbox": list(person.amodal_box or (0, 0, 0, 0))}
+    return entry
+
+
+def keypoints(person: PersonLabel) -> list[float]:
+    """Return x and y in px and v of all joints in one list; zeros for joints that are not in the image."""
+    labelled = person.flags > 0
+    points = np.where(labelled[:, None], person.xy.astype(np.float64), 0).round(3)
+    return [
+        value for (x, y), flag in zip(points.tolist(), person.flags.tolist(), strict=True) for value in (x, y, flag)
+    ]
+
+
+def category_entry(skeleton: Skeleton) -> dict:
+    """Return the entry of the category `person`, with the joints and bones of a skeleton."""
+    return {
+        "id": 1,
+        "name": "person",
+        "supercategory": "person",
+        "keypoints": joint_names(skeleton),
+        "skeleton": [[parent + 1, child + 1] for parent, child in skeleton.bones],
+    }
+
+
+def clip_entry(clip: Clip) -> dict:
+    """Return the `info` entry of a clip. `hidden_by` is an index of `objects` where `visibility` is 3."""
+    return {"fps": clip.fps, "objects": list(clip.occlusion.objects) if clip.occlusion else []}
+
+
+def write_json(path: Path, info: dict, skeleton: Skeleton, pictures: Iterable[Picture], folder: str = "") -> None:
+    """Write pictures and their persons as one JSON file, with one picture in memory at a time.
+
+    The `file_name` of an image is `folder` + `<camera>/<frame>.jpg`.
+    """
+    with TemporaryFile(prefix="dmae-") as annotations:
+        write_atomic(Path(path), _pieces(info, skeleton, pictures, folder, annotations))
+
+
+def _pieces(
+    info: dict, skeleton: Skeleton, pictures: Iterable[Picture], folder: str, annotations: BinaryIO
+) -> Iterator[bytes]:
+    """Yield the JSON in pieces. Annotations follow all images, so they are first written to a temporary file."""
+    yield f'{{"info": {json.dumps(info)}, "images": ['.encode()
+    labelled = 0
+    for number, picture in enumerate(pictures, 1):
+        entry = image_entry(picture, number, f"{folder}{picture.path}.jpg")
+        yield f"{', ' if number > 1 else ''}{json.dumps(entry)}".encode()
+        for person in picture.persons:
+            labelled += 1
+            entry = annotation_entry(person, labelled, number)
+            annotations.write(f"{', ' if labelled > 1 else ''}{json.dumps(entry)}".encode())
+    yield b'], "annotations": ['
+    annotations.seek(0)
+    yield from iter(partial(annotations.read, 1 << 20), b"")
+    yield f'], "categories": {json.dumps([category_entry(skeleton)])}}}'.encode()
+
+
+# COCO keypoints: images and annotations of all cameras in one JSON file, or one JSON file per camera.
 
 KEYPOINTS = "keypoints.json"
 HIDDEN_SCORE = 0.5

@@ -20,16 +20,13 @@ from dmae.data.skeleton import (
     Skeleton,
 )
 from dmae.data.store import write_atomic
-from dmae.files.names import child
-from dmae.files.numbers import MOST_PIXELS, check_numbers
+from dmae.files.checks import MOST_PIXELS, check_numbers, child
 from dmae.files.structured import read_json
-from dmae.formats.calibrations.files import FOUND, CalibrationSource, write_calibration
-from dmae.formats.recordings.camera_matching import frame_number, natural
-from dmae.formats.recordings.confidences import Confidences
-from dmae.formats.recordings.numbered_detections import NumberedDetections, with_cameras
-from dmae.formats.recordings.pixel_covariances import covariance_entry, pixel_covariances
-from dmae.formats.recordings.skeleton_guess import guess_skeleton
+from dmae.formats.calibrations import FOUND, CalibrationSource, write_calibration
+from dmae.formats.poses import covariance_entry, pixel_covariances
+from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural, with_cameras
 from dmae.formats.registry import pose_writer, reader, recording_writer
+from dmae.formats.skeletons import guess_skeleton
 from dmae.progress import progress
 
 CALIBRATION = "calibration.toml"

@@ -30,7 +30,7 @@ class RecordingReader(Entry):
 
 @dataclass(frozen=True)
 class PoseReader(Entry):
-    """A reader of poses: a function that takes a path and returns a `dmae.formats.recordings.pose_files.PoseFile`.
+    """A reader of poses: a function that takes a path and returns a `dmae.formats.poses.PoseFile`.
 
     Attributes:
         file: Pattern of the names of files that it reads; empty if it reads folders.
@@ -68,8 +68,7 @@ class RecordingWriter(Entry):
     lacks: list[str] = field(default_factory=list)
 
 
-_TRACKERS, _MOTION_CAPTURE = f"{__package__}.trackers", f"{__package__}.motion_capture"
-reader = Registry("reader", RecordingReader, __package__, _TRACKERS, option="data")
-pose_reader = Registry("pose_reader", PoseReader, __package__, _MOTION_CAPTURE, _TRACKERS)
-pose_writer = Registry("pose_writer", PoseWriter, __package__, _MOTION_CAPTURE, _TRACKERS, option="format")
+reader = Registry("reader", RecordingReader, __package__, option="data")
+pose_reader = Registry("pose_reader", PoseReader, __package__)
+pose_writer = Registry("pose_writer", PoseWriter, __package__, option="format")
 recording_writer = Registry("recording_writer", RecordingWriter, __package__, option="format")

@@ -12,10 +12,9 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY21, BODY25, SHELF14
 from dmae.files.arrays import read_npy
-from dmae.files.numbers import MOST_METRES, MOST_PIXELS, check_numbers
-from dmae.formats.calibrations.entries import CameraTable, ParsedCamera, make_rig
-from dmae.formats.recordings.camera_matching import frame_number, natural
-from dmae.formats.recordings.numbered_detections import NumberedDetections, to_clip
+from dmae.files.checks import MOST_METRES, MOST_PIXELS, check_numbers
+from dmae.formats.calibrations import CameraTable, ParsedCamera, make_rig
+from dmae.formats.recordings import NumberedDetections, frame_number, natural, to_clip
 from dmae.formats.registry import reader
 
 CAMERAS, DETECTIONS, TRUTH = "camera_params.npy", "*2d_detection_dict.npy", "*3d_eval*.npy"

@@ -12,18 +12,18 @@ import yaml
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
 from dmae.data.store import write_atomic
+from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import read_text, written
 from dmae.files.mapped import by_frames, frame_blocks
-from dmae.files.numbers import MOST_METRES, check_numbers, check_rate
-from dmae.formats.calibrations.conventions import METRES, LengthUnit
-from dmae.formats.motion_capture.source_table import (
+from dmae.formats.config import METRES, LengthUnit
+from dmae.formats.poses import (
+    PoseFile,
     person_paths,
     read_covariance_table,
     source_table,
     write_covariance_table,
     write_source_table,
 )
-from dmae.formats.recordings.pose_files import PoseFile
 from dmae.formats.registry import pose_reader, pose_writer
 
 # Indices that reorder axes from TRC to world, and from world to TRC: TRC (x, y, z) = world (y, z, x).

@@ -7,8 +7,8 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton, get_skeleton
 from dmae.data.store import check_vacant
-from dmae.files.names import child
-from dmae.formats.calibrations.conventions import LengthUnit
+from dmae.files.checks import child
+from dmae.formats.config import LengthUnit
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
 from dmae.numerics.statistics import without_unlikely
 

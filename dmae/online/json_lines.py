@@ -27,7 +27,7 @@ import numpy as np
 
 from dmae.data.clip import Detections2D, Source
 from dmae.data.skeleton import Skeleton
-from dmae.files.numbers import MOST_PIXELS, MOST_SCORE, check_numbers
+from dmae.files.checks import MOST_PIXELS, MOST_SCORE, check_numbers
 from dmae.online.capture import OnlineCapture
 from dmae.online.completion import FinishedFrame
 

@@ -12,11 +12,11 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.store import load_clip, save_clip
 from dmae.detection.recording import detect_clip, detect_recording, make_clip, open_recording
 from dmae.detection.registry import PoseDetectorConfig
-from dmae.formats.calibrations.files import read_calibration
+from dmae.formats import poses as pose_files
+from dmae.formats.calibrations import read_calibration
+from dmae.formats.config import DataConfig
+from dmae.formats.poses import PoseFile
 from dmae.formats.reading import Clips
-from dmae.formats.recordings import pose_files
-from dmae.formats.recordings.data_config import DataConfig
-from dmae.formats.recordings.pose_files import PoseFile
 from dmae.formats.writing import write_poses, write_recording
 from dmae.public.arguments import checked
 
@@ -33,7 +33,7 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
         format: A format of `dmae convert`; by default recognised by the files in the folder.
         **options: The `data.*` options of the commands: `calibration`, `detections`, `videos`, `size`, `skeleton`,
             `unit`, `up`, `inverse`, `offsets`, `cameras`, `frames` (see
-            `dmae.formats.recordings.data_config.DataConfig`).
+            `dmae.formats.config.DataConfig`).
 
     Returns:
         A clip of F frames and V views. `clip.provenance["notes"]` lists what was missing or guessed.

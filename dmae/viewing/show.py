@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip
+from dmae.formats.config import DataConfig
 from dmae.formats.reading import is_data_set, load
-from dmae.formats.recordings.data_config import DataConfig
 from dmae.viewing.layers import LayersConfig, chosen_layers
 from dmae.viewing.sheet import has_images, write_overlay_video, write_sheet
 

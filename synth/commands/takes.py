@@ -5,7 +5,7 @@ from pathlib import Path
 
 from dmae.data.store import write_atomic
 from synth.datasets.splits import as_table, list_takes
-from synth.motion.readers.take_lists import find_subject_leaks
+from synth.motion.readers.takes import find_subject_leaks
 
 WRITES = "file"
 EXAMPLES = (

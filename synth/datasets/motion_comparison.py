@@ -24,7 +24,7 @@ from dmae.reporting.tables import Table
 from synth.motion.body_fit import fit_to_body
 from synth.motion.kinematics import GROUPS, QUANTITIES, Quantity, kinematics
 from synth.motion.readers import format_of, reader, take_name
-from synth.motion.readers.cmu import subject_and_trial
+from synth.motion.readers.takes import subject_and_trial
 from synth.motion.source import UpAxis, cut, read_take
 from synth.people.body import Body
 from synth.people.landmarks import SKELETON

@@ -20,8 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from dmae.data.store import clip_folders, write_atomic
 from dmae.files.structured import read_json
 from dmae.progress import progress
-from synth.motion.readers.cmu import subject
-from synth.motion.readers.take_lists import LIST, NO_SET, ListedTake, find_takes, read_take_list
+from synth.motion.readers.takes import LIST, NO_SET, ListedTake, find_takes, read_take_list, subject
 from synth.motion.source import read_take
 
 
@@ -180,7 +179,7 @@ def identities(folder: Path, by: SplitBy) -> set[str]:
     A person is identified by all numbers of its `Body`. A recorded motion is identified by the file stem of its take,
     independent of the stretch that was cut from it. Procedural motion is identified by seed, clip and person. A rig is
     identified by K, distortion and pose of all true cameras, to 1e-6. A subject is found by
-    `synth.motion.readers.cmu.subject`.
+    `synth.motion.readers.takes.subject`.
 
     Raises:
         FileNotFoundError: there is no clip in the folder.

@@ -13,7 +13,7 @@ from synth.interactions.registry import InteractionConfig, find_interaction
 from synth.interactions.script import Cast, Role, Script, poses_of
 from synth.motion.body_fit import fit_to_body
 from synth.motion.motion import Motion
-from synth.motion.readers.cmu import partner
+from synth.motion.readers.takes import partner
 from synth.motion.source import PROCEDURAL, MotionConfig, cut, draw_takes, load_motion, takes
 from synth.people.body import Body
 from synth.people.segments import SEGMENTS

@@ -9,10 +9,9 @@ from scipy.spatial.transform import Rotation
 from synth.motion.floor import flatten_soles, level_floor
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, take_name
-from synth.motion.readers.cmu import true_fps
-from synth.motion.readers.dialects import OWN, Dialect, at_rest, known_joints, recognise
-from synth.motion.readers.joint_names import renamed
-from synth.motion.readers.skeleton_recording import SkeletonRecording
+from synth.motion.readers.dialects import OWN, Dialect, at_rest, known_joints, recognise, renamed
+from synth.motion.readers.recording import SkeletonRecording
+from synth.motion.readers.takes import true_fps
 from synth.motion.rotations import UPRIGHT, aligned
 from synth.motion.soundness import correct_rate, repair
 from synth.people.body import ANKLE_HEIGHT, LEG_LENGTH
@@ -42,7 +41,7 @@ def retarget_take(recording: SkeletonRecording, options: ReadOptions) -> Motion:
     falls in it.
 
     Raises:
-        ValueError: as `retarget` and `synth.motion.readers.joint_names.renamed`.
+        ValueError: as `retarget` and `synth.motion.readers.dialects.renamed`.
     """
     recording = replace(
         recording,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmae.files.numbers import check_numbers
+from dmae.files.checks import check_numbers
 
 HAIRSTYLES = ("short", "bald", "bob", "long", "bun")
 HANDS = ("relaxed", "open", "grip", "fist", "point")

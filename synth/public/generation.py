@@ -215,7 +215,7 @@ def takes(
         ValueError: the shares do not add up to 1, or there are fewer subjects than sets.
 
     Examples:
-        >>> from synth.motion.readers.smpl import write_npz
+        >>> from synth.motion.readers.npz import write_npz
         >>> from synth.motion.source import MotionConfig, load_motion
         >>> write_npz(Path("2_1.npz"), load_motion(MotionConfig(), seconds=2, fps=30, rng=np.random.default_rng(0)))
         >>> [(take.listed.subject, take.seconds) for take in synth.takes("2_1.npz")]

@@ -7,9 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
-from dmae.formats.calibrations.conventions import LengthUnit, UpDirection
-from dmae.formats.calibrations.entries import LacksSize
-from dmae.formats.calibrations.files import read_calibration
+from dmae.formats.calibrations import LacksSize, read_calibration
+from dmae.formats.config import LengthUnit, UpDirection
 from synth.errors import FailedSimulation
 from synth.rigs.camera_geometry import pose
 from synth.rigs.coverage import Stage, check_rig, views_of_cells

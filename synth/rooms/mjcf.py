@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 
 import mujoco
 
+from dmae.files.checks import check_numbers
 from dmae.files.contents import check_file, read_text
-from dmae.files.numbers import check_numbers
 from dmae.files.pictures import check_picture
 
 _MOST_TEXT, _MOST_ASSET = 4 << 20, 200 << 20

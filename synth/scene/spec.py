@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from dmae.data.json_values import decode
-from dmae.files.numbers import check_numbers, check_rate
+from dmae.files.checks import check_numbers, check_rate
 from dmae.files.structured import parse_json
 from synth.interactions.registry import InteractionConfig
 from synth.interactions.script import Load

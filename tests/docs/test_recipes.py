@@ -45,7 +45,7 @@ def recipe(tmp_path: Path, monkeypatch):
 
 
 def test_a_format(recipe, small_clip, tmp_path: Path):
-    from dmae.formats.calibrations.files import write_calibration
+    from dmae.formats.calibrations import write_calibration
 
     recipe("add_format")
     found = small_clip.detections

@@ -23,19 +23,18 @@ from dmae.data.store import load_clip
 from dmae.evaluation.report_section import read_scores
 from dmae.evaluation.review.decisions import load_decisions
 from dmae.files.contents import read_text
-from dmae.formats.calibrations.files import read_calibration
-from dmae.formats.calibrations.registry import calibration_format
-from dmae.formats.npz import read_npz
+from dmae.formats.calibrations import calibration_format, read_calibration
+from dmae.formats.own import read_npz
+from dmae.formats.poses import read_poses
 from dmae.formats.reading import DataConfig, load
-from dmae.formats.recordings.pose_files import read_poses
 from dmae.formats.registry import reader as recording_reader
 from dmae.formats.trc import read_trc, write_trc
 from synth.cli import SYNTH
 from synth.datasets.verify import verify
 from synth.labels.physical_labels import load_physical_labels
 from synth.motion.readers import reader as motion_reader
-from synth.motion.readers.joint_names import read_mapping
-from synth.motion.readers.take_lists import read_take_list
+from synth.motion.readers.dialects import read_mapping
+from synth.motion.readers.takes import read_take_list
 from synth.motion.source import read_take
 from synth.rooms.meshes import MESHES, load_mesh
 from synth.rooms.mjcf import compile_mjcf

@@ -16,12 +16,12 @@ from dmae.data.images import write_video
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.review.decisions import Decision, ReviewVerdict, save_decisions
-from dmae.formats.calibrations.files import write_calibration as write_rig
-from dmae.formats.npz import export_npz
+from dmae.formats.calibrations import write_calibration as write_rig
+from dmae.formats.own import export_npz
 from dmae.formats.panoptic import write_poses as write_panoptic_poses
 from dmae.formats.writing import write_recording
 from synth.labels.physical_labels import save_physical_labels
-from synth.motion.readers.smpl import write_npz as write_smpl
+from synth.motion.readers.npz import write_npz as write_smpl
 from synth.motion.source import MotionConfig
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneConfig
@@ -40,7 +40,7 @@ FPS = 25.0
 
 
 def write_shelf(folder: Path) -> None:
-    from dmae.formats.recordings.candidate_assembly import BODY25_LINKS
+    from dmae.formats.shelf import BODY25_LINKS
 
     clip = recording(BODY25, 3, 2)
     (folder / "detection").mkdir()

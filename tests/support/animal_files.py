@@ -9,7 +9,7 @@ import pandas as pd
 import xarray
 
 from dmae.data.clip import Clip
-from dmae.formats.calibrations.files import write_calibration
+from dmae.formats.calibrations import write_calibration
 from dmae.formats.writing import write_poses
 from tests.support.animals import dog_clip
 

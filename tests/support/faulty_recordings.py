@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
-from dmae.formats.calibrations.conventions import Convention
+from dmae.formats.config import Convention
 from tests.support.circling_people import circling_people
 from tests.support.clips import looking_inwards
 

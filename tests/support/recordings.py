@@ -7,7 +7,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
-from dmae.formats.calibrations.files import write_calibration
+from dmae.formats.calibrations import write_calibration
 from tests.support.clips import looking_at_origin, walkers
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BLAZEPOSE33, COCO17, Skeleton
-from dmae.formats.calibrations.files import write_calibration
+from dmae.formats.calibrations import write_calibration
 from tests.support.recordings import recording
 
 

@@ -14,8 +14,8 @@ from scipy.spatial.distance import pdist
 from dmae.calibration.world.gravity_and_scale import upright_direction
 from dmae.calibration.world.standing import Postures, Soles, soles_and_postures
 from dmae.data.clip import Poses3D
+from dmae.files.checks import MOST_METRES
 from dmae.files.mapped import by_frames
-from dmae.files.numbers import MOST_METRES
 
 _ROUGHLY_UPRIGHT = 0.7
 """Smallest agreement of people on the vertical direction."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from dmae.files.numbers import check_rate
+from dmae.files.checks import check_rate
 
 _MOST = {"frames": 1000, "dim": 16384, "depth": 64, "heads": 256, "head_dim": 4096, "mlp": 65536}
 """Largest sizes of a network."""

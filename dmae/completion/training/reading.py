@@ -10,7 +10,7 @@ from dmae.completion.training.pose_pairs import PosePair, pose_pair
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import Skeleton
-from dmae.formats.recordings.selection import camera_subsets
+from dmae.formats.reading import camera_subsets
 from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture
 

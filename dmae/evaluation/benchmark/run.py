@@ -21,7 +21,7 @@ from dmae.evaluation.benchmark.holes import (
 )
 from dmae.evaluation.predictions import fitting
 from dmae.files.structured import read_json
-from dmae.formats.recordings.pose_files import pose_paths, read_poses
+from dmae.formats.poses import pose_paths, read_poses
 from dmae.metrics.intervals import BlockSums, Interval, bootstrap_difference, bootstrap_ratio
 from dmae.parallel import Backend, in_parallel, running_on
 from dmae.plugins import load_function

@@ -25,8 +25,7 @@ from dmae.evaluation.paper_tables.table import (
     paper_table,
     pooled,
 )
-from dmae.formats.reading import Clips, DataConfig, load
-from dmae.formats.recordings.selection import camera_subsets
+from dmae.formats.reading import Clips, DataConfig, camera_subsets, load
 from dmae.metrics.intervals import bootstrap_ratio
 from dmae.metrics.pcp import Protocol, correct_limbs, count_limbs, protocol
 from dmae.reconstruction.pipeline import capture

@@ -18,11 +18,9 @@ from dmae.data.cameras import CameraRig
 from dmae.data.conversion import convert
 from dmae.data.labels import Visibility
 from dmae.files.structured import read_json
-from dmae.formats.labelled_images.coco_entries import annotation_entry, category_entry, clip_entry, image_entry
-from dmae.formats.labelled_images.joints import joint_labels
-from dmae.formats.labelled_images.pictures import PersonLabel, Picture, file_part
+from dmae.formats.coco import annotation_entry, category_entry, clip_entry, image_entry, joint_names
+from dmae.formats.labelled_images import PersonLabel, Picture, file_part, joint_labels
 from dmae.formats.panoptic import write_panoptic
-from dmae.formats.recordings.coco_categories import joint_names
 from synth.datasets.exporters.selection import ClipTask, Selection, exporter, world_joints, write_lines
 from synth.labels.people_contacts import ContactSource
 from synth.labels.physical_labels import FILE, PhysicalLabels, load_physical_labels

@@ -15,8 +15,7 @@ from typing import NamedTuple
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import load_clip
-from dmae.formats.labelled_images.joints import joint_labels
-from dmae.formats.labelled_images.pictures import PersonLabel, Picture, file_part, read_pictures
+from dmae.formats.labelled_images import PersonLabel, Picture, file_part, joint_labels, read_pictures
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.registry import Entry, Registry

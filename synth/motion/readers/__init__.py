@@ -9,7 +9,7 @@ choices of `motion=`, their help, and the tests of all readers come from this re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dmae.files.compressed import without_compression
+from dmae.files.contents import without_compression
 from dmae.registry import Entry, Registry
 
 

@@ -8,8 +8,15 @@ from scipy.spatial.transform import Rotation
 
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader, take_name
-from synth.motion.readers.skeleton_recording import SkeletonRecording
-from synth.motion.readers.text import LARGEST, check_size, find_text, malformed, numbers, read_lines
+from synth.motion.readers.recording import (
+    LARGEST,
+    SkeletonRecording,
+    check_size,
+    find_text,
+    malformed,
+    numbers,
+    read_lines,
+)
 from synth.motion.retargeting import retarget_take
 
 _FPS = 120.0

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
-from synth.motion.readers.skeleton_recording import SkeletonRecording
-from synth.motion.readers.text import LARGEST, check_size, malformed, numbers, read_lines
+from synth.motion.readers.recording import LARGEST, SkeletonRecording, check_size, malformed, numbers, read_lines
 from synth.motion.retargeting import retarget_take
 
 _CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")

@@ -21,7 +21,7 @@ from dmae.calibration.hypothesis import Hypothesis
 from dmae.commands import doctor as command
 from dmae.commands.doctor import DoctorCommand
 from dmae.data.store import save_clip
-from dmae.formats.calibrations.conventions import Convention, LengthUnit, UpDirection
+from dmae.formats.config import Convention, LengthUnit, UpDirection
 from dmae.formats.reading import DataConfig, load, written_convention
 from tests.support.commands import run_command
 from tests.support.faulty_recordings import (

@@ -9,7 +9,7 @@ from dmae.calibration.epipolar import ViewSample, fundamental
 from dmae.calibration.hypothesis import Hypothesis
 from dmae.data.clip import Detections2D
 from dmae.data.skeleton import BODY25
-from dmae.formats.calibrations.conventions import Convention
+from dmae.formats.config import Convention
 from tests.support.clips import full_clip
 from tests.support.faulty_recordings import lenses
 

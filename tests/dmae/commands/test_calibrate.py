@@ -11,7 +11,7 @@ from dmae.calibration.adjustment.refinement import RefineConfig
 from dmae.commands import calibrate as command
 from dmae.commands.calibrate import CalibrateCommand
 from dmae.data.store import save_clip
-from dmae.formats.calibrations.files import read_calibration
+from dmae.formats.calibrations import read_calibration
 from dmae.formats.reading import DataConfig
 from tests.support.clips import full_clip
 

@@ -11,8 +11,8 @@ from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, PANOPTIC19
 from dmae.data.store import load_clip, save_clip, write_manifest
 from dmae.formats import easymocap, panoptic
-from dmae.formats.calibrations.files import write_calibration
-from dmae.formats.npz import read_npz
+from dmae.formats.calibrations import write_calibration
+from dmae.formats.own import read_npz
 from dmae.formats.trc import read_trc
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import dmae

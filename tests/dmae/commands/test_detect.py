@@ -16,7 +16,7 @@ from dmae.data.clip import Clip
 from dmae.data.images import Images, write_video
 from dmae.data.skeleton import COCO17
 from dmae.data.store import load_clip, save_clip
-from dmae.formats.calibrations.files import write_calibration
+from dmae.formats.calibrations import write_calibration
 from tests.support.commands import dmae
 from tests.support.detected_people import detected_clip, walk
 

@@ -20,10 +20,10 @@ from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25, COCO17, PANOPTIC19, SHELF14, get_skeleton
 from dmae.data.store import load_clip, save_clip
 from dmae.formats import panoptic
-from dmae.formats.calibrations.files import read_calibration
-from dmae.formats.labelled_images.joints import joint_labels
-from dmae.formats.npz import read_npz
+from dmae.formats.calibrations import read_calibration
+from dmae.formats.labelled_images import joint_labels
 from dmae.formats.openpose import CALIBRATION
+from dmae.formats.own import read_npz
 from dmae.formats.reading import DataConfig, load
 from dmae.formats.trc import read_trc
 from tests.support.clips import full_clip, pictured_clip, walkers

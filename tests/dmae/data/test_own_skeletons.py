@@ -11,7 +11,7 @@ from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import for_any_size, resized_poses, usual_size
 from dmae.data.skeleton import BODY25, SKELETONS, decode_skeleton, encode, get_skeleton
 from dmae.data.store import load_clip, save_clip
-from dmae.formats.npz import export_npz, read_npz
+from dmae.formats.own import export_npz, read_npz
 from tests.support.animals import DOG, HAND, dog_clip
 
 START = "name: spider\njoints:\n  body:\n"

@@ -13,7 +13,7 @@ from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14, Skeleton
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.evaluate import evaluate
-from dmae.formats.npz import export_npz
+from dmae.formats.own import export_npz
 from tests.support.commands import dmae
 from tests.support.scored_clips import config, seen
 

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from dmae.data.clip import Clip, Detections2D, Poses3D, Source
 from dmae.data.skeleton import BODY25, COCO17, HALPE26
-from dmae.formats.coco import HIDDEN_SCORE, read_detections, write_annotations
-from dmae.formats.recordings.coco_categories import joint_names
-from dmae.formats.recordings.numbered_detections import to_clip
+from dmae.formats.coco import HIDDEN_SCORE, joint_names, read_detections, write_annotations
+from dmae.formats.recordings import to_clip
 from dmae.formats.writing import write_poses
 from tests.support.clips import looking_at_origin
 from tests.support.recordings import recording, same_detections

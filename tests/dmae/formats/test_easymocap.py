@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from dmae.data.skeleton import BODY25, COCO17
-from dmae.formats.calibrations.files import find_calibration, read_calibration, write_calibration
+from dmae.formats.calibrations import find_calibration, read_calibration, write_calibration
 from dmae.formats.easymocap import read_detections, write_detections
-from dmae.formats.recordings.numbered_detections import to_clip
+from dmae.formats.recordings import to_clip
 from tests.support.clips import full_clip
 
 

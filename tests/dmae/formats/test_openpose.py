@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dmae.data.clip import Detections2D, Poses3D, Source
 from dmae.data.skeleton import BODY21, BODY25, BODY25B, COCO17, COCO18, HALPE26
 from dmae.formats.openpose import COMPLETED_SCORE, read_detections, reproject, write_detections
-from dmae.formats.recordings.numbered_detections import NumberedDetections, to_clip
+from dmae.formats.recordings import NumberedDetections, to_clip
 from tests.support.clips import looking_at_origin, walkers
 from tests.support.recordings import recording, same_detections, write_frames
 

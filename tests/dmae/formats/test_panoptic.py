@@ -11,8 +11,8 @@ import dmae
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, PANOPTIC19
-from dmae.formats.calibrations.conventions import Convention
-from dmae.formats.calibrations.files import read_calibration, write_calibration
+from dmae.formats.calibrations import read_calibration, write_calibration
+from dmae.formats.config import Convention
 from dmae.formats.panoptic import POSES, read_poses, write_poses
 from tests.support.clips import full_clip, looking_at_origin, walkers
 

@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from dmae.data.resources import resource_folder
 from dmae.data.skeleton import BODY25B, COCO17, HALPE26
-from dmae.formats.calibrations.files import write_calibration
+from dmae.formats.calibrations import write_calibration
 from dmae.formats.pose2sim import read_detections
 from dmae.formats.reading import DataConfig, load
 from dmae.formats.trc import read_trc, write_trc

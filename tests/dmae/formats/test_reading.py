@@ -11,11 +11,10 @@ from dmae.data.labels import JointError
 from dmae.data.skeleton import BODY25, BODY25B, PANOPTIC19, SHELF14
 from dmae.data.store import save_clip, write_manifest
 from dmae.formats import easymocap, panoptic
-from dmae.formats.calibrations.conventions import Convention, LengthUnit, UpDirection
-from dmae.formats.calibrations.files import write_calibration
+from dmae.formats.calibrations import write_calibration
 from dmae.formats.coco import write_annotations
-from dmae.formats.reading import DataConfig, is_data_set, load
-from dmae.formats.recordings.selection import select_views
+from dmae.formats.config import Convention, LengthUnit, UpDirection
+from dmae.formats.reading import DataConfig, is_data_set, load, select_views
 from tests.support.clips import full_clip, walkers
 from tests.support.recordings import recording, same_detections, write_frames, write_openpose_recording
 

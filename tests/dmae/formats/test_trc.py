@@ -5,9 +5,8 @@ import pytest
 
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, BODY25B, HALPE26, SHELF14
-from dmae.formats.calibrations.conventions import LengthUnit
-from dmae.formats.motion_capture.source_table import person_paths
-from dmae.formats.recordings.pose_files import read_poses
+from dmae.formats.config import LengthUnit
+from dmae.formats.poses import person_paths, read_poses
 from dmae.formats.trc import marker, opensim_marker, read_trc, write_trc
 from tests.support.animals import DOG, dog
 from tests.support.clips import walkers

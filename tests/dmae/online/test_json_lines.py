@@ -10,7 +10,7 @@ import pytest
 
 from dmae.data.clip import Source
 from dmae.data.skeleton import BODY25
-from dmae.formats.calibrations.files import write_calibration
+from dmae.formats.calibrations import write_calibration
 from dmae.online.capture import OnlineCapture
 from dmae.online.json_lines import answer_lines, read_frame
 from dmae.reconstruction.config import CaptureConfig

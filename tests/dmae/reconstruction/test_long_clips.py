@@ -11,7 +11,7 @@ from dmae.calibration.world import standing
 from dmae.calibration.world.floor import find_floor
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.store import load_clip, save_clip
-from dmae.files import mapped, tensors
+from dmae.files import arrays, mapped
 from dmae.formats.writing import write_poses
 from dmae.numerics.filling import smooth
 from dmae.reconstruction import evidence, pipeline
@@ -30,7 +30,7 @@ def in_blocks(monkeypatch):
 
     def set_blocks(frames: int) -> None:
         monkeypatch.setattr(mapped, "LARGE", 4000)
-        monkeypatch.setattr(tensors, "LARGE", 4000)
+        monkeypatch.setattr(arrays, "LARGE", 4000)
         monkeypatch.setattr(mapped, "_BLOCK", 60_000)
         monkeypatch.setattr(evidence, "_BLOCK", 1)
         monkeypatch.setattr(evidence, "_FEWEST", frames)

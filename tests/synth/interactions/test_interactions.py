@@ -9,7 +9,7 @@ import pytest
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.errors import FailedSimulation
 from synth.interactions import NO_INTERACTION, InteractionConfig, find_interaction, interaction_choices
-from synth.motion.readers.smpl import write_npz
+from synth.motion.readers.npz import write_npz
 from synth.motion.source import MotionConfig, read_take
 from synth.people.landmarks import SKELETON
 from synth.physics.simulation import simulate

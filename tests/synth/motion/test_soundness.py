@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from synth.motion.floor import level_floor
 from synth.motion.motion import Motion
-from synth.motion.readers.cmu import partner
+from synth.motion.readers.takes import partner
 from synth.motion.soundness import correct_rate, repair
 from synth.motion.source import read_take
 from synth.people.segments import SEGMENTS

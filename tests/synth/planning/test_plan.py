@@ -7,7 +7,7 @@ import pytest
 
 import synth
 from dmae.cli import compose
-from dmae.formats.calibrations.files import read_calibration
+from dmae.formats.calibrations import read_calibration
 from synth.cli import SYNTH
 from synth.planning.plan import FIGURES, check_numbers, cover_floor, find_candidates, with_one_less
 from synth.planning.search import gather, rehearse

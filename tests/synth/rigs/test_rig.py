@@ -8,9 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
-from dmae.formats.calibrations.conventions import UpDirection
-from dmae.formats.calibrations.files import read_calibration, write_calibration
-from dmae.formats.calibrations.registry import calibration_format
+from dmae.formats.calibrations import calibration_format, read_calibration, write_calibration
+from dmae.formats.config import UpDirection
 from synth.errors import FailedSimulation
 from synth.rigs.coverage import Stage, area
 from synth.rigs.jitter import JitterConfig

@@ -4,7 +4,7 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.evaluation.corruption.registry import corruption
-from dmae.formats.recordings.selection import shift_views
+from dmae.formats.reading import shift_views
 
 
 @corruption("offsets", order=32, unit="frames", levels=(2, 4, 8, 16), small=(4, 8), whole=True)

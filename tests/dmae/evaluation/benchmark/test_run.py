@@ -27,7 +27,7 @@ from dmae.evaluation.benchmark.clips import (
 from dmae.evaluation.benchmark.holes import holes_of_capture
 from dmae.evaluation.benchmark.page import benchmark_tables
 from dmae.evaluation.benchmark.run import BenchmarkConfig, HandIn, Task, benchmark, check_poses, check_same, differences
-from dmae.formats.npz import export_npz
+from dmae.formats.own import export_npz
 from tests.support.benchmarks import IDS
 from tests.support.clips import full_clip, walkers
 from tests.support.commands import dmae

@@ -10,7 +10,7 @@ from pycocotools.cocoeval import COCOeval
 
 from dmae.data.skeleton import COCO17
 from dmae.data.store import load_clip
-from dmae.formats.labelled_images.joints import joint_labels
+from dmae.formats.labelled_images import joint_labels
 from synth.datasets.exporters.selection import PictureFormat
 
 SHOWN = {"train": 22, "validation": 11}

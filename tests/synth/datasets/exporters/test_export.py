@@ -13,7 +13,7 @@ from pycocotools.coco import COCO
 
 from dmae.data.skeleton import get_skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip, write_manifest
-from dmae.formats.labelled_images.pictures import file_part
+from dmae.formats.labelled_images import file_part
 from synth.datasets.exporters.export import export
 from synth.datasets.exporters.selection import exporter
 from tests.support.clips import full_clip, walkers

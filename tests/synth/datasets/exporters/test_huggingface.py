@@ -3,7 +3,7 @@
 import numpy as np
 
 from dmae.data.store import load_clip
-from dmae.formats.labelled_images.masks import decode_mask
+from dmae.formats.labelled_images import decode_mask
 from tests.support.other_process import printed_lines
 
 READ = """

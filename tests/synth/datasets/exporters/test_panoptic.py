@@ -7,7 +7,7 @@ from dmae.data.conversion import convert
 from dmae.data.skeleton import PANOPTIC19
 from dmae.data.store import load_clip
 from dmae.formats import panoptic
-from dmae.formats.calibrations.files import read_calibration
+from dmae.formats.calibrations import read_calibration
 
 
 def test_poses_cameras_and_pictures_are_those_of_the_clip(exported, data):

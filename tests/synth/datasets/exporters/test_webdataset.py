@@ -5,7 +5,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import COCO17
 from dmae.data.store import load_clip
-from dmae.formats.labelled_images.masks import decode_mask
+from dmae.formats.labelled_images import decode_mask
 from synth.datasets.exporters import layouts as module
 from synth.datasets.exporters.selection import PictureFormat
 from tests.support.other_process import printed_lines

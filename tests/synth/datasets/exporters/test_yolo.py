@@ -7,7 +7,7 @@ import yaml
 
 from dmae.data.skeleton import COCO17
 from dmae.data.store import load_clip
-from dmae.formats.labelled_images.joints import joint_labels
+from dmae.formats.labelled_images import joint_labels
 from synth.datasets.exporters.export import export
 
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from synth.motion.motion import Motion
 from synth.motion.procedural.walking import ProceduralConfig, make_motion
-from synth.motion.readers.smpl import write_npz
+from synth.motion.readers.npz import write_npz
 from synth.motion.source import UpAxis, place, read_take
 from synth.people.segments import SEGMENTS
 from tests.support.stick_figure import joints, soles

@@ -13,7 +13,7 @@ import pytest
 import synth
 from synth.motion.procedural.walking import ProceduralConfig, make_motion
 from synth.motion.readers import ReadOptions, reader, reader_of
-from synth.motion.readers.smpl import write_npz
+from synth.motion.readers.npz import write_npz
 from synth.motion.source import MotionConfig, load_motion, read_take, takes
 from synth.people.segments import SEGMENTS
 from tests.support.marker_files import c3d, t_pose

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from synth.motion.readers.cmu import partner, true_fps
+from synth.motion.readers.takes import partner, true_fps
 from synth.motion.source import read_take
 from synth.people.segments import SEGMENTS
 from tests.support.stick_figure import elbows, joints, knees, soles

@@ -1,0 +1,90 @@
+"""File names from the names of cameras, clips and presets in untrusted files: none leads out of its folder."""
+
+import re
+import unicodedata
+from pathlib import Path
+
+import numpy as np
+
+from dmae.files.mapped import frame_blocks
+
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff")
+VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".wmv")
+"""Suffixes of picture and of video files."""
+
+_SIGNS = frozenset('/\\<>:"|?*')
+_RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])(\..*)?", re.IGNORECASE)
+"""Names of devices on Windows."""
+_LONGEST = 230
+"""Bytes; file systems accept 255, and temporary names need some of them."""
+
+
+def child(folder: Path, name: str, what: str) -> Path:
+    """Return the path of a file or folder with this name directly in a folder.
+
+    Args:
+        folder: The folder that will contain it.
+        name: The name, as it was read.
+        what: The kind of thing named, for messages, such as "camera".
+
+    Raises:
+        ValueError: the name leads elsewhere, or not every file system accepts it; the message gives the reason.
+    """
+    reason = _wrong(name)
+    if reason:
+        raise ValueError(f"{what} {name!r:.80}: cannot be the name of a file in {folder}, {reason}; rename it")
+    return Path(folder) / name
+
+
+def _wrong(name: str) -> str | None:
+    if not isinstance(name, str):
+        return f"it is no text but a {type(name).__name__}"
+    if not name.strip(". "):
+        return "it is empty or consists of dots"
+    if signs := sorted(_SIGNS.intersection(name)):
+        return f"it contains {' '.join(signs)}"
+    if any(unicodedata.category(sign).startswith("C") for sign in name):
+        return "it contains characters that cannot be shown"
+    if name != name.strip() or name.endswith("."):
+        return "it begins or ends with a space, or ends with a dot"
+    if _RESERVED.fullmatch(name):
+        return "Windows keeps that name for a device"
+    if len(name.encode()) > _LONGEST:
+        return f"it is longer than {_LONGEST} bytes"
+    return None
+
+
+# Checks of numbers from files against limits that no real lens, room or clock exceeds.
+
+MOST_PIXELS, MOST_METRES, MOST_SCORE, MOST_VARIANCE = 1e7, 1e7, 1e6, 1e30
+"""Largest coordinate, px and m, largest confidence, and largest covariance, m^2."""
+LEAST_FOCAL, MOST_FOCAL, MOST_DISTORTION, MOST_SIZE = 0.1, 1e6, 1e4, 100_000
+"""Largest focal length and principal point, px, and largest coefficient of distortion."""
+LEAST_RATE, MOST_RATE = 0.01, 100_000.0
+"""Largest number of frames per second."""
+
+
+def check_numbers(what: str, values, most: float | np.ndarray, least: float | None = None) -> None:
+    """Raise ValueError, which names `what`, unless all numbers except NaN are from `least` (or -`most`) to `most`."""
+    array = np.asarray(values)
+    if array.ndim > np.ndim(most):
+        for part in frame_blocks(array):
+            _check_numbers(what, array[part], most, least)
+    else:
+        _check_numbers(what, array, most, least)
+
+
+def _check_numbers(what: str, array: np.ndarray, most: float | np.ndarray, least: float | None) -> None:
+    least = -most if least is None else least
+    with np.errstate(invalid="ignore"):
+        wrong = (array > most) | (array < least)
+    if wrong.any():
+        most = np.broadcast_to(most, array.shape)[wrong].flat[0]
+        raise ValueError(f"{what}: expected numbers from {least:g} to {most:g}, found {array[wrong].flat[0]:g}")
+
+
+def check_rate(what: str, fps) -> float:
+    """Return frames per second as a float; raise ValueError, which names `what`, if the number is impossible."""
+    if isinstance(fps, bool) or not isinstance(fps, int | float | np.number) or not LEAST_RATE <= fps <= MOST_RATE:
+        raise ValueError(f"{what}: expected frames per second from {LEAST_RATE:g} to {MOST_RATE:g}, found {fps!r:.40}")
+    return float(fps)

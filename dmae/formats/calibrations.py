@@ -1,0 +1,390 @@
+"""The registry of calibration formats. A format is a function with the decorator `calibration_format`.
+
+The function takes a path, and an image size for cameras without one. It returns a `CameraRig` in the convention of the
+file. The first line of its docstring describes the file and names the programs that write it; error messages show this
+line. Listing the formats imports their modules, because the settings of a format contain functions.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dmae.data.cameras import CameraRig
+from dmae.files.contents import read_text
+from dmae.files.structured import read_json, read_toml
+from dmae.formats.config import OURS, Convention, LengthUnit, UpDirection
+from dmae.registry import Entry, Registry
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationFormat(Entry):
+    """A calibration format.
+
+    Attributes:
+        syntax: "json", "toml" or "yaml".
+        matches: Function that takes the content of a JSON or TOML file and returns whether it has this format.
+        write: Function that takes cameras in the convention of the file, and a path to write.
+        convention: Convention of the format for lengths, world axes and extrinsics.
+        files: Patterns of its files, relative to the folder of a recording.
+        files_above: Patterns of its files, relative to each of the two folders above the recording.
+    """
+
+    syntax: str
+    matches: Callable[[object], bool] = lambda content: True
+    write: Callable[[CameraRig, Path], None]
+    convention: Convention = OURS
+    files: tuple[str, ...]
+    files_above: tuple[str, ...] = ()
+
+
+calibration_format = Registry("calibration_format", CalibrationFormat, __package__)
+
+
+# Read the numbers of each camera in a calibration file, with errors that name file, camera and key.
+
+# CameraRig accepts the same rounding of published rotations. The error raised here names the key.
+_ROUNDING = 1e-3
+_LARGEST = 1e10
+"""Largest absolute value of any number: ten thousand kilometres in millimetres."""
+
+
+class ParsedCamera(NamedTuple):
+    """One camera in the convention of its file, with its pose as [R | t]."""
+
+    name: str
+    K: np.ndarray
+    dist: np.ndarray
+    R: np.ndarray
+    t: np.ndarray
+    size: np.ndarray | None
+    """Width and height, px; None if the file does not state them."""
+    fisheye: bool = False
+
+
+@dataclass(frozen=True)
+class CameraTable:
+    """The values of one camera in a calibration file, by key.
+
+    Every method raises ValueError that names file, camera and key, the expected value and the value found.
+    """
+
+    path: Path
+    camera: str
+    values: dict
+
+    def __post_init__(self):
+        if not isinstance(self.values, dict):
+            raise ValueError(
+                f"{self.path}: camera {self.camera!r}: expected a table of its values, found {self.values!r:.60}"
+            )
+
+    def error(self, key: str, expected: str, found) -> ValueError:
+        return ValueError(f"{self.path}: camera {self.camera!r}: expected {key} {expected}, found {found}")
+
+    def numbers(self, key: str, *counts: int) -> np.ndarray:
+        """Return the finite numbers of a key as a flat array. Their count must be one of `counts`."""
+        wanted = f"of {' or '.join(map(str, counts))} numbers"
+        if key not in self.values:
+            raise self.error(key, wanted, f"no such key among {sorted(map(str, self.values))}")
+        found = self.values[key]
+        try:
+            array = np.ravel(np.asarray(found))
+        except ValueError:
+            raise self.error(key, wanted, f"{found!r:.60}") from None
+        if array.dtype.kind not in "iuf" or array.size not in counts:
+            raise self.error(key, wanted, f"{found!r:.60}")
+        if not np.isfinite(array).all():
+            raise self.error(key, "of finite numbers", f"{found!r:.60}")
+        if (np.abs(array.astype(np.float64)) > _LARGEST).any():
+            raise self.error(key, f"of numbers up to {_LARGEST:g}", f"{found!r:.60}")
+        return array.astype(np.float64)
+
+    def intrinsics(self, key: str) -> np.ndarray:
+        """Return a camera matrix (3, 3), px."""
+        K = self.numbers(key, 9).reshape(3, 3)
+        if not np.allclose(K[2], (0, 0, 1)) or not np.isclose(K[1, 0], 0):
+            raise self.error(key, "to be a camera matrix (fx s cx, 0 fy cy, 0 0 1)", K.tolist())
+        self.check_focal(key, K[0, 0], K[1, 1])
+        return K
+
+    def check_focal(self, key: str, *lengths: float) -> None:
+        if min(lengths) <= 0:
+            raise self.error(key, "of positive focal lengths", ", ".join(f"{length:g}" for length in lengths))
+
+    def rotation(self, key: str, matrix: np.ndarray | None = None) -> np.ndarray:
+        """Return the checked rotation matrix (3, 3) of a key.
+
+        Args:
+            key: The key.
+            matrix: The matrix, if it is a part of a larger array of this key.
+        """
+        R = self.numbers(key, 9).reshape(3, 3) if matrix is None else matrix
+        # The file can contain numbers that overflow.
+        with np.errstate(all="ignore"):
+            error, determinant = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
+        if not (error <= _ROUNDING and determinant > 0):
+            found = f"a matrix with R R^T off by {error:.1e} and determinant {determinant:+.3f}"
+            raise self.error(key, "to be a right-handed rotation", found)
+        return R
+
+    def rodrigues(self, key: str) -> np.ndarray:
+        """Return the rotation matrix (3, 3) of a Rodrigues vector, rad."""
+        return Rotation.from_rotvec(self.numbers(key, 3)).as_matrix()
+
+    def size(self, *keys: str) -> np.ndarray:
+        """Return image width and height, px, from one key or from two."""
+        size = np.concatenate([self.numbers(key, 2 // len(keys)) for key in keys])
+        if not ((size >= 1) & (size < 1e6) & (size == np.round(size))).all():
+            raise self.error(", ".join(keys), "to be a positive whole width and height", size.tolist())
+        return size.astype(np.int64)
+
+
+class LacksSize(ValueError):
+    """Raised when a calibration file states no image size and none is given; names the option that gives it."""
+
+    def __init__(self, what: str, option: str = "size"):
+        super().__init__(f"{what}; give it as {option}=[width,height], px")
+        self.what = what
+
+
+def make_rig(path: Path, cameras: Iterable[ParsedCamera], size: tuple[int, int] | None) -> CameraRig:
+    """Return the rig of the cameras in a file, in the units and world axes of the file.
+
+    Args:
+        path: Path of the file, for messages.
+        cameras: The cameras in the file.
+        size: Image width and height, px, of cameras for which the file states no size.
+
+    Raises:
+        LacksSize: the image size of a camera is unknown.
+        ValueError: there are no cameras, two cameras have the same name, or `size` contradicts the file.
+    """
+    cameras = list(cameras)
+    if not cameras:
+        raise ValueError(f"{path}: expected cameras, found none")
+    names = [camera.name for camera in cameras]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"{path}: expected cameras of different names, found {', '.join(map(repr, twice))} twice")
+    for camera in cameras:
+        if camera.size is None and size is None:
+            raise LacksSize(f"{path}: camera {camera.name!r}: the file holds no image size")
+        if camera.size is not None and size is not None and tuple(camera.size) != tuple(size):
+            raise ValueError(
+                f"{path}: camera {camera.name!r}: the file says that images are of {camera.size.tolist()} px, "
+                f"which contradicts size={list(size)}"
+            )
+    longest = max(len(camera.dist) for camera in cameras)
+    cam_from_world = np.tile(np.eye(4), (len(cameras), 1, 1))
+    cam_from_world[:, :3, :3] = [camera.R for camera in cameras]
+    cam_from_world[:, :3, 3] = [camera.t for camera in cameras]
+    try:
+        return CameraRig(
+            tuple(names),
+            np.array([camera.K for camera in cameras]),
+            np.array([np.pad(camera.dist, (0, max(longest, 5) - len(camera.dist))) for camera in cameras]),
+            cam_from_world,
+            np.array([size if camera.size is None else camera.size for camera in cameras]),
+            np.array([camera.fisheye for camera in cameras]),
+        )
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def require(format: str, rig: CameraRig, *, coefficients: int, fisheye: bool = False, skew: bool = True) -> None:
+    """Check that a format can store the lenses of a rig.
+
+    Args:
+        format: Name of the format, for messages.
+        rig: The cameras.
+        coefficients: Number of OpenCV's distortion coefficients that the format stores.
+        fisheye: Whether the format stores fisheye lenses.
+        skew: Whether the format stores the skew of K.
+
+    Raises:
+        ValueError: the format cannot store a lens; the message names the camera and the values that would be lost.
+    """
+    for view, name in enumerate(rig.names):
+        lost = None
+        if rig.fisheye[view] and not fisheye:
+            lost = "a fisheye lens"
+        elif not rig.fisheye[view] and rig.dist[view, coefficients:].any():
+            beyond = f" beyond {coefficients} coefficients" if coefficients else ""
+            lost = f"distortion{beyond}, {rig.dist[view, coefficients:].tolist()}"
+        elif rig.K[view, 0, 1] and not skew:
+            lost = f"the skew {rig.K[view, 0, 1]} of K"
+        if lost:
+            raise ValueError(f"camera {name!r}: {format} cannot hold {lost}; choose another format or undistort first")
+
+
+def orthonormal(rig: CameraRig) -> tuple[np.ndarray, np.ndarray]:
+    """Return the exact rotations (V, 3, 3) nearest to those of a rig, and translations (V, 3) m for the same centres.
+
+    Published rotation matrices are rounded. A Rodrigues vector can only describe an exact rotation.
+    """
+    R = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
+    return R, -np.einsum("vij,vj->vi", R, rig.centers)
+
+
+# Find, recognise, read and write calibration files of any format.
+
+
+@dataclass(frozen=True)
+class CalibrationSource:
+    """Path of the calibration of a recording, and values that its file does not state.
+
+    Attributes:
+        file: Calibration file, or folder that contains it; None to search for it in the recording.
+        size: Image width and height, px; None if the file states it.
+        unit: Unit of lengths; None for the unit of the format.
+        up: Axis that points up; None for the axis of the format.
+        inverse: Whether extrinsics are world_from_cam; None for the convention of the format.
+    """
+
+    file: str | None = None
+    size: tuple[int, int] | None = None
+    unit: LengthUnit | None = None
+    up: UpDirection | None = None
+    inverse: bool | None = None
+
+    def read(self, recording: Path, size: tuple[int, int] | None = None) -> CameraRig:
+        """Return the cameras of a recording; errors as in `read_calibration`.
+
+        Args:
+            recording: Folder to search for the calibration, or a file in that folder.
+            size: Image width and height, px, if neither `self.size` nor the calibration states it.
+        """
+        path = Path(self.file or (recording.parent if recording.is_file() else recording))
+        try:
+            return read_calibration(path, size=self.size or size, unit=self.unit, up=self.up, inverse=self.inverse)
+        except FileNotFoundError as error:
+            raise FileNotFoundError(f"{error}; name it by data.calibration=...") from None
+        except LacksSize as error:
+            raise LacksSize(error.what, "data.size") from None
+
+    def convention(self, own: Convention) -> Convention:
+        """Return the convention `own`, changed to the unit, up axis and direction that are given here."""
+        return _convention(own, self.unit, self.up, self.inverse)
+
+
+FOUND = CalibrationSource()
+"""The calibration in the folder of a recording, in the convention of its format."""
+
+
+def read_calibration(
+    path: Path,
+    *,
+    size: tuple[int, int] | None = None,
+    unit: LengthUnit | None = None,
+    up: UpDirection | None = None,
+    inverse: bool | None = None,
+) -> CameraRig:
+    """Return the cameras of a calibration file in our convention: cam_from_world, m, z up.
+
+    Args:
+        path: The file. Its content determines the format. For EasyMocap, one of its two files, or their folder. It can
+            also be a folder in which `find_calibration` finds one calibration.
+        size: Image width and height, px, for files that do not state them.
+        unit: Unit of lengths; None for the unit of the format.
+        up: Axis that points up; None for the axis of the format.
+        inverse: Whether extrinsics are world_from_cam; None for the convention of the format.
+
+    Raises:
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is malformed, has no known format, or lacks image sizes; the message names the file, the
+            camera and the key.
+    """
+    path = Path(path)
+    path = find_calibration(path) if path.is_dir() else path
+    format = calibration_format[recognise(path)]
+    return _convention(format.convention, unit, up, inverse).rig(format.function(path, size))
+
+
+def convention_of(
+    path: Path, *, unit: LengthUnit | None = None, up: UpDirection | None = None, inverse: bool | None = None
+) -> Convention:
+    """Return the convention by which `read_calibration` reads a file; arguments as in `read_calibration`."""
+    path = Path(path)
+    format = calibration_format[recognise(find_calibration(path) if path.is_dir() else path)]
+    return _convention(format.convention, unit, up, inverse)
+
+
+def write_calibration(
+    rig: CameraRig,
+    path: Path,
+    format: str,
+    *,
+    unit: LengthUnit | None = None,
+    up: UpDirection | None = None,
+    inverse: bool | None = None,
+) -> None:
+    """Write cameras to a file, or for EasyMocap to a folder; `unit`, `up` and `inverse` as in `read_calibration`.
+
+    Every format stores names and image sizes. The formats pose2sim and easymocap write Rodrigues vectors: rotations
+    that a publication rounded become exact, and camera centres do not change.
+
+    Raises:
+        ValueError: the format is unknown or cannot store a lens. shelf stores no distortion, voxelpose and panoptic
+            store five coefficients, voxelpose stores no skew, and only pose2sim and caliscope store fisheyes.
+    """
+    found = calibration_format.find(format)
+    found.write(_convention(found.convention, unit, up, inverse).written_rig(rig), Path(path))
+
+
+def _convention(own: Convention, unit: LengthUnit | None, up: UpDirection | None, inverse: bool | None) -> Convention:
+    changes = {"unit": unit, "up": up, "inverse": inverse}
+    return replace(own, **{key: value for key, value in changes.items() if value is not None})
+
+
+def recognise(path: Path) -> str:
+    """Return the name of the format of a calibration file.
+
+    Raises:
+        FileNotFoundError: the file does not exist.
+        ValueError: the file has none of the known formats, or is malformed.
+    """
+    path = Path(path)
+    start = read_text(path).lstrip()
+    # Only the module of its format parses OpenCV's dialect of YAML.
+    syntax, content = "yaml", None
+    if not start.startswith("%YAML") and path.suffix not in (".yml", ".yaml"):
+        syntax = "json" if start.startswith("{") or path.suffix == ".json" else "toml"
+        content = read_json(path) if syntax == "json" else read_toml(path)
+    for format in calibration_format.values():
+        if format.syntax == syntax and format.matches(content):
+            return format.name
+    known = "; ".join(format.help.removesuffix(".") for format in calibration_format.values())
+    raise ValueError(f"{path}: expected a calibration: {known}; found {start[:60]!r}")
+
+
+def find_calibration(folder: Path) -> Path:
+    """Return the only calibration file of the recording in a folder; for EasyMocap, its `intri.yml`.
+
+    The patterns `files` of all formats are searched in the folder. If there is no match, the patterns `files_above` are
+    searched in its parent folder, and then in the folder above that.
+
+    Raises:
+        FileNotFoundError: there is no calibration; the message lists the patterns.
+        ValueError: there are several calibrations; the message lists them.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder}: no such folder")
+    formats = calibration_format.values()
+    inside = sorted({pattern for format in formats for pattern in format.files})
+    above = sorted({pattern for format in formats for pattern in format.files_above})
+    whole = folder.resolve()
+    for place, patterns in ((folder, inside), (whole.parent, above), (whole.parent.parent, above)):
+        found = sorted({path for pattern in patterns for path in place.glob(pattern) if path.is_file()})
+        if len(found) > 1:
+            raise ValueError(
+                f"{folder}: expected one calibration, found {', '.join(map(str, found))}; name the file to use"
+            )
+        if found:
+            return found[0]
+    beside = ", ".join(f"../{pattern}, ../../{pattern}" for pattern in above)
+    raise FileNotFoundError(f"{folder}: found no calibration; looked for {', '.join(inside)}, {beside}")

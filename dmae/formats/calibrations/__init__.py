@@ -1,1 +1,0 @@
-"""ARE THE CAMERAS KNOWN? Calibration files, one module per format; `files` finds, recognises, reads and writes them."""

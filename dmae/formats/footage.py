@@ -1,0 +1,132 @@
+"""Frame rates of videos."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from dmae.data.clip import Clip
+from dmae.data.images import Images, picture_files
+from dmae.files.checks import check_rate
+from dmae.files.pictures import check_picture, open_video
+from dmae.formats.recordings import match_cameras, natural
+
+
+def video_rate(folder: Path) -> float | None:
+    """Return the frames per second of the first video in a folder that states its rate; None if no video does."""
+    for path in sorted(folder.glob("*")):
+        try:
+            with open_video(path) as video:
+                rate = video.streams.video[0].average_rate
+        except (ValueError, FileNotFoundError, IsADirectoryError):
+            continue
+        if rate:
+            return check_rate(f"{path}: frame rate", float(rate))
+    return None
+
+
+# Use videos, one per camera, as the images of a clip.
+
+_ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
+
+
+def with_videos(clip: Clip, folder: Path) -> Clip:
+    """Return the clip with the videos of a folder, one per camera, as its colour images.
+
+    Videos are matched to cameras by `match_cameras`, like detections. Frame n of a video, counted from 0, is frame
+    number n of the detections. If the videos are too short for this but long enough for the clip, their first frame is
+    the first frame of the clip. If a video has another image size than the calibration, its images are stretched when
+    they are drawn. A note in `provenance["notes"]` reports each of these cases.
+
+    Raises:
+        FileNotFoundError: the folder contains no videos.
+        ValueError: a camera has no video, or a video is damaged or has too few frames.
+    """
+    files = sorted(
+        (file for file in Path(folder).glob("*") if file.suffix.lower() in _ENDINGS),
+        key=lambda file: natural(file.name),
+    )
+    if not files:
+        raise FileNotFoundError(f"{folder}: expected a video for each camera, <camera>.mp4, found none")
+    index, how = match_cameras([file.stem for file in files], clip.rig, Path(folder))
+    lacking = [name for view, name in enumerate(clip.rig.names) if view not in index]
+    if lacking:
+        raise ValueError(f"{folder}: expected a video for each camera, found none of {', '.join(lacking)}")
+    ordered = [files[index.index(view)] for view in range(len(clip.rig))]
+    notes, counts = [how] if how else [], []
+    for file, size, name in zip(ordered, clip.rig.size.tolist(), clip.rig.names, strict=True):
+        with open_video(file) as video:
+            stream = video.streams.video[0]
+            counts.append(stream.frames or None)
+            found = [stream.width, stream.height]
+        if found != size:
+            notes.append(f"camera {name}: {file.name} has pictures of {found} px, the calibration says {size}")
+    first = clip.provenance.get("first_frame", 0)
+    least = min((count for count in counts if count), default=first + len(clip))
+    if least < first + len(clip):
+        if least < len(clip):
+            short = ordered[counts.index(least)]
+            raise ValueError(f"{short}: expected {len(clip)} frames or more as of the detections, found {least}")
+        notes.append(f"the first frame of the videos is assumed to be frame {first}, as they have {least} frames")
+        first = 0
+    images = Images(
+        Path(folder),
+        clip.rig.names,
+        tuple(range(first, first + len(clip))),
+        ("rgb",),
+        files=tuple(f.name for f in ordered),
+    )
+    provenance = clip.provenance | {"notes": [*clip.provenance.get("notes", ()), *notes]}
+    return replace(clip, images=images, provenance=provenance)
+
+
+# Use folders of image files, one folder per camera, as the images of a clip.
+
+
+def with_pictures(clip: Clip, folder: Path) -> Clip:
+    """Return the clip with the image files of a folder as its colour images. The folder contains one folder per camera.
+
+    Folders are matched to cameras by `match_cameras`, like detections. A file is the first frame of the clip if its
+    name ends with the number of that frame, and if it has the same position in every folder. Otherwise the first file
+    is frame 0 or, if there are too few files for this, the first frame of the clip; a note states the assumption.
+    Another note says if images have another size than in the calibration.
+
+    Raises:
+        FileNotFoundError: the folder contains no folders of images.
+        ValueError: a camera has no images or too few of them, or an image is damaged.
+    """
+    folders = sorted(
+        (each for each in Path(folder).glob("*") if each.is_dir() and picture_files(each)),
+        key=lambda each: natural(each.name),
+    )
+    if not folders:
+        raise FileNotFoundError(f"{folder}: expected a folder of PNG or JPEG files for each camera, found none")
+    index, how = match_cameras([each.name for each in folders], clip.rig, Path(folder), "pictures", "data.images=...")
+    lacking = [name for view, name in enumerate(clip.rig.names) if view not in index]
+    if lacking:
+        raise ValueError(f"{folder}: expected pictures of each camera, found none of {', '.join(lacking)}")
+    ordered = [folders[index.index(view)] for view in range(len(clip.rig))]
+    files, notes = [picture_files(each) for each in ordered], [how] if how else []
+    for each, size, name in zip(files, clip.rig.size.tolist(), clip.rig.names, strict=True):
+        found = list(check_picture(each[0]))
+        if found != size:
+            notes.append(f"camera {name}: {each[0].name} has {found} px, the calibration says {size}")
+        if len(each) < len(clip):
+            parent = each[0].parent
+            raise ValueError(f"{parent}: expected {len(clip)} pictures or more as of the detections, found {len(each)}")
+    first, least = clip.provenance.get("first_frame", 0), min(map(len, files))
+    places = {_index_of_number(each, first) for each in files}
+    start = places.pop() if len(places) == 1 else None
+    if start is None or least < start + len(clip):
+        start = first if least >= first + len(clip) else 0
+        notes.append(f"the first of the {least} pictures is assumed to be frame {first - start}")
+    frames = tuple(range(start, start + len(clip)))
+    images = Images(folder, clip.rig.names, frames, ("rgb",), rgb="png", files=tuple(each.name for each in ordered))
+    return replace(
+        clip, images=images, provenance=clip.provenance | {"notes": [*clip.provenance.get("notes", ()), *notes]}
+    )
+
+
+def _index_of_number(files: tuple[Path, ...], number: int) -> int | None:
+    """Return the index of the file with this number as the last number in its name; None if there is none."""
+    numbers = [re.findall(r"\d+", file.stem) for file in files]
+    return next((place for place, found in enumerate(numbers) if found and int(found[-1]) == number), None)

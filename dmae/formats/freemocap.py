@@ -1,0 +1,90 @@
+"""FreeMoCap: the folder of a recording, with detections by MediaPipe in its synchronised videos."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Clip
+from dmae.data.skeleton import BLAZEPOSE33, Skeleton
+from dmae.files.arrays import read_npy
+from dmae.files.checks import MOST_PIXELS, check_numbers
+from dmae.formats.calibrations import FOUND, CalibrationSource
+from dmae.formats.config import LengthUnit, UpDirection
+from dmae.formats.footage import video_rate
+from dmae.formats.recordings import NumberedDetections, known_rate, to_clip
+from dmae.formats.registry import reader
+
+_POINTS = "*2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy"
+_FOLDERS = ("", "output_data/raw_data", "output_data")
+_VIDEOS = "synchronized_videos"
+
+
+@reader("freemocap", signs=[["output_data/raw_data/*2dData_numCams*.npy"], ["output_data/*2dData_numCams*.npy"]])
+def read_freemocap(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """A FreeMoCap recording: <name>_camera_calibration.toml and output_data/raw_data/*2dData*_pixelXY.npy.
+
+    Lengths in its calibration are in mm, and its world axes are those of the first camera, y down, unless `unit` and
+    `up` are given. The array of points contains the cameras of the calibration in the same order.
+
+    Args:
+        path: The recording.
+        calibration: Path of the calibration, and the values that its file does not state.
+        detections: The array of points; by default found in `path`.
+        fps: Frames per second; by default the rate of the synchronised videos.
+        skeleton: Skeleton of the first points; by default MediaPipe's 33 body landmarks.
+
+    Raises:
+        FileNotFoundError: the points or the calibration are missing.
+        ValueError: a file is malformed, or the files do not fit together.
+    """
+    unit, up = calibration.unit or LengthUnit.mm, calibration.up or UpDirection.minus_y
+    rig = replace(calibration, unit=unit, up=up).read(path)
+    found = read_detections(detections or path, rig.names, skeleton or BLAZEPOSE33)
+    found = replace(found, fps=video_rate(path / _VIDEOS))
+    return to_clip(found, rig, known_rate(fps, found, path), path)
+
+
+def read_detections(path: Path, cameras: tuple[str, ...], skeleton: Skeleton = BLAZEPOSE33) -> NumberedDetections:
+    """Read an array of points (cameras, frames, points, 2 or 3): x, y in px and, in older recordings, a confidence.
+
+    The first J points are used for the J joints of the skeleton. Without a confidence in the file, it is 1.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: there are several files, or the array has another shape.
+    """
+    file = _file(Path(path))
+    values = read_npy(file)
+    shape = f"({len(cameras)} cameras, frames, {len(skeleton)} or more points, 2 or 3)"
+    if not isinstance(values, np.ndarray) or values.ndim != 4 or values.dtype.kind not in "fiu":
+        raise ValueError(f"{file}: expected numbers of shape {shape}, found {getattr(values, 'shape', type(values))}")
+    views, frames, points, numbers = values.shape
+    if views != len(cameras) or points < len(skeleton) or numbers not in (2, 3) or not frames:
+        raise ValueError(f"{file}: expected shape {shape}, found {values.shape}")
+    xy = values[:, :, : len(skeleton), :2].astype(np.float64)
+    check_numbers(f"{file}: pixels", xy, MOST_PIXELS)
+    confidence = values[:, :, : len(skeleton), 2].astype(np.float64) if numbers == 3 else np.ones(xy.shape[:-1])
+    known = np.isfinite(xy).all(-1) & (confidence > 0)
+    rows = np.where(known[..., None], np.concatenate([xy, confidence[..., None]], -1), np.nan)
+    each = {name: dict(enumerate(view[:, None])) for name, view in zip(cameras, rows, strict=True)}
+    return NumberedDetections(skeleton, each)
+
+
+def _file(path: Path) -> Path:
+    if path.is_file():
+        return path
+    found = [file for folder in _FOLDERS for file in sorted((path / folder).glob(_POINTS))]
+    if len(found) > 1:
+        raise ValueError(f"{path}: expected one array of points, found {', '.join(map(str, found))}; give one as "
+                         "data.detections=...")  # fmt: skip
+    if not found:
+        raise FileNotFoundError(f"{path}: expected output_data/raw_data/{_POINTS}, found none")
+    return found[0]

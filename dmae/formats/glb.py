@@ -1,0 +1,174 @@
+"""GLB, the binary file of glTF 2.0: animated skeletons that Blender, game engines and browsers open.
+
+Each person is a skin with a T-pose that faces z, y up, and a mesh of bones. A red octahedron marks each joint that no
+camera measured in the frame. A person that is absent has scale 0. This module assembles the file itself, because no
+known library writes animated skins.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.store import write_atomic
+from dmae.formats.bvh import Y_UP, JointRotations, joint_rotations
+from dmae.formats.poses import person_paths, write_source_table
+from dmae.formats.registry import pose_writer
+
+_COLOURS = ((0.12, 0.47, 0.71), (0.20, 0.63, 0.17), (0.42, 0.24, 0.60), (0.55, 0.34, 0.29), (0.09, 0.75, 0.81))
+"""RGB colours of persons. None is red, because red marks joints that were not measured."""
+_RED = (0.84, 0.15, 0.16)
+_THICKNESS, _MARKER = 0.12, 0.045
+"""Thickness of a bone as a share of its length, and size of a red marker in m."""
+_FLOAT, _BYTE, _SHORT = 5126, 5121, 5123
+_VERTICES, _INDICES = 34962, 34963
+_CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+_FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+
+
+@pose_writer("glb")
+def write_glb(poses: Poses3D, clip: Clip, path: Path) -> None:
+    """glTF animated skeletons, all persons in one file, with the sources of joints in a second file for each."""
+    path, persons = Path(path), poses.xyz.shape[1]
+    file = _File(np.arange(len(poses.xyz)) / clip.fps)
+    red = file.mesh("not measured", _MARKER * _CORNERS, _FACES, _RED)
+    for person, table in enumerate(person_paths(path, persons)):
+        motion = joint_rotations(poses, clip.fps, person)
+        source = poses.source[:, person][:, motion.order]
+        _add_person(file, motion, source, f"person {person}", _COLOURS[person % len(_COLOURS)], red)
+        write_source_table(table, motion.joints, source)
+    write_atomic(path, file.data())
+
+
+class _File:
+    """The content of a glTF file under construction: its JSON and its only buffer."""
+
+    def __init__(self, times: np.ndarray):
+        self.json = {"asset": {"version": "2.0", "generator": "dmae-synth"}, "scene": 0, "scenes": [{"nodes": []}]}
+        self.json |= {name: [] for name in ("nodes", "meshes", "materials", "skins", "accessors", "bufferViews")}
+        self.animation = {"name": "motion", "channels": [], "samplers": []}
+        self.buffer = bytearray()
+        # A sampler needs at least one sample, and the smallest and largest time.
+        self.times = self.accessor(times.astype(np.float32), "SCALAR", bounds=True) if len(times) else None
+
+    def add(self, kind: str, **fields) -> int:
+        self.json[kind].append(fields)
+        return len(self.json[kind]) - 1
+
+    def accessor(self, array: np.ndarray, type: str, component: int = _FLOAT, target: int = 0, bounds=False) -> int:
+        data = array.astype({_FLOAT: "<f4", _BYTE: "u1", _SHORT: "<u2"}[component]).tobytes()
+        view = {"buffer": 0, "byteOffset": len(self.buffer), "byteLength": len(data)}
+        self.buffer += data + bytes(-len(data) % 4)
+        view = self.add("bufferViews", **view, **({"target": target} if target else {}))
+        limits = {}
+        if bounds:
+            rows = array.reshape(len(array), -1)
+            limits = {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()}
+        return self.add("accessors", bufferView=view, componentType=component, count=len(array), type=type, **limits)
+
+    def mesh(self, name: str, points: np.ndarray, faces: np.ndarray, colour, joints: np.ndarray | None = None) -> int:
+        """Add a mesh of points (n, 3) and faces (m, 3), and return its index.
+
+        If `joints` (n,) are given, each point moves with one joint of a skin.
+        """
+        material = {"baseColorFactor": [*colour, 1], "metallicFactor": 0, "roughnessFactor": 0.8}
+        primitive = {"material": self.add("materials", name=name, pbrMetallicRoughness=material)}
+        # Faces have flat shading, so each face has its own copies of its points.
+        flat = points[faces].astype(np.float32)
+        normals = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+        attributes = {
+            "POSITION": self.accessor(flat.reshape(-1, 3), "VEC3", target=_VERTICES, bounds=True),
+            "NORMAL": self.accessor(np.repeat(normals, 3, 0), "VEC3", target=_VERTICES),
+        }
+        if joints is not None:
+            bound = np.zeros((flat.shape[0] * 3, 4))
+            bound[:, 0] = joints[faces].ravel()
+            attributes["JOINTS_0"] = self.accessor(bound, "VEC4", _BYTE, _VERTICES)
+            attributes["WEIGHTS_0"] = self.accessor(np.eye(4)[np.zeros(len(bound), int)], "VEC4", target=_VERTICES)
+        return self.add("meshes", name=name, primitives=[{"attributes": attributes, **primitive}])
+
+    def animate(self, node: int, path: str, values: np.ndarray, step: bool = False) -> None:
+        if self.times is None:
+            return
+        output = self.accessor(values, "VEC4" if path == "rotation" else "VEC3")
+        sampler = {"input": self.times, "output": output, "interpolation": "STEP" if step else "LINEAR"}
+        self.animation["samplers"].append(sampler)
+        target = {"node": node, "path": path}
+        self.animation["channels"].append({"sampler": len(self.animation["samplers"]) - 1, "target": target})
+
+    def data(self) -> bytes:
+        """Return the bytes of the file: header, JSON, buffer. The length of each is a multiple of four bytes."""
+        content = {name: part for name, part in self.json.items() if part != []}
+        if self.animation["channels"]:
+            content["animations"] = [self.animation]
+        if self.buffer:
+            content["buffers"] = [{"byteLength": len(self.buffer)}]
+        text = json.dumps(content, separators=(",", ":")).encode()
+        text += b" " * (-len(text) % 4)
+        chunks = [(text, b"JSON")] + ([(bytes(self.buffer), b"BIN\0")] if self.buffer else [])
+        body = b"".join(len(chunk).to_bytes(4, "little") + kind + chunk for chunk, kind in chunks)
+        return b"glTF" + (2).to_bytes(4, "little") + (12 + len(body)).to_bytes(4, "little") + body
+
+
+def _add_person(file: _File, motion: JointRotations, source: np.ndarray, name: str, colour, red: int) -> None:
+    offsets = motion.offsets @ Y_UP.T
+    turned = Y_UP @ motion.rotations @ Y_UP.T
+    quaternions = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_quat().reshape(len(turned), -1, 4)
+    nodes = [
+        file.add("nodes", name=f"{name}: {joint}", translation=offset.tolist())
+        for joint, offset in zip(motion.joints, offsets, strict=True)
+    ]
+    for joint, node in enumerate(nodes):
+        marker = file.add("nodes", name=f"{name}: {motion.joints[joint]} not measured", mesh=red, scale=[0, 0, 0])
+        children = [nodes[child] for child, parent in enumerate(motion.parents) if parent == joint]
+        file.json["nodes"][node]["children"] = [*children, marker]
+        file.animate(node, "rotation", _continuous(quaternions[:, joint]))
+        there = (source != Source.ABSENT).any(-1)
+        unmeasured = (source[:, joint] == Source.COMPLETED) | ((source[:, joint] == Source.ABSENT) & there)
+        file.animate(marker, "scale", np.repeat(unmeasured[:, None].astype(float), 3, 1), step=True)
+    file.animate(nodes[0], "translation", motion.root @ Y_UP.T)
+    file.animate(nodes[0], "scale", np.repeat(there[:, None].astype(float), 3, 1), step=True)
+    rest = _rest_positions(offsets, motion.parents)
+    bind = np.tile(np.eye(4), (len(nodes), 1, 1))
+    bind[:, :3, 3] = -rest
+    # Matrices are stored column by column.
+    matrices = file.accessor(bind.swapaxes(1, 2).reshape(-1, 16), "MAT4")
+    skin = file.add("skins", name=name, joints=nodes, skeleton=nodes[0], inverseBindMatrices=matrices)
+    points, faces, bound = _bones(rest, motion.parents)
+    mesh = file.mesh(name, points, faces, colour, bound)
+    body = file.add("nodes", name=name, mesh=mesh, skin=skin)
+    file.json["scenes"][0]["nodes"] += [nodes[0], body]
+
+
+def _continuous(quaternions: np.ndarray) -> np.ndarray:
+    """Return the quaternions (F, 4) with signs chosen so that consecutive quaternions are close to each other."""
+    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
+    return quaternions * np.concatenate([[1.0], np.cumprod(np.where(flips == 0, 1, flips))])[: len(quaternions), None]
+
+
+def _rest_positions(offsets: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
+    rest = offsets.copy()
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            rest[joint] += rest[parent]
+    return rest
+
+
+def _bones(rest: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return one octahedron per bone: points (6B, 3), faces (8B, 3), and the joint (6B,) that moves each point."""
+    points, faces, joints = np.empty((0, 3)), np.empty((0, 3), int), np.empty(0, int)
+    for joint, parent in enumerate(parents):
+        if parent < 0:
+            continue
+        along = rest[joint] - rest[parent]
+        across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+        across *= _THICKNESS * np.linalg.norm(along) / max(np.linalg.norm(across), 1e-9)
+        axes = np.stack([across, np.cross(along, across) / max(np.linalg.norm(along), 1e-9)])
+        corners = rest[parent] + 0.2 * along + _CORNERS[:4, :2] @ axes
+        faces = np.concatenate([faces, _FACES + len(points)])
+        points = np.concatenate([points, corners, [rest[joint], rest[parent]]])
+        joints = np.concatenate([joints, np.full(6, parent)])
+    return points, faces, joints

@@ -1,0 +1,376 @@
+"""Labels of the joints in each view of a clip: position, visibility and occluder."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import repeat
+from typing import TypedDict
+from urllib.parse import quote
+
+import cv2
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.conversion import convert
+from dmae.data.labels import Visibility
+from dmae.data.skeleton import Skeleton
+from dmae.formats.poses import pixel_covariances
+
+
+@dataclass(frozen=True)
+class JointLabels:
+    """Labels of J joints of P persons in V views and F frames.
+
+    Attributes:
+        skeleton: J joints.
+        xyz: (F, P, J, 3) m, world.
+        xy: (F, V, P, J, 2) px.
+        flags: (F, V, P, J) COCO's v: 2 visible, 1 in the image but hidden or not measured, 0 not in the image.
+        sources: (F, P, J) `Source` of the poses.
+        cause: (F, V, P, J) `Visibility`; None if unknown for all joints.
+        occluder: (F, V, P, J) index of the occluder, as in `OcclusionLabels.occluder`; None if `cause` is None.
+        cov: (F, V, P, J, 3) px^2, xx, xy and yy of the covariance of `xy`; None if unknown for all joints.
+        true: Whether the poses are the truth of the clip. Only then do its images of ids show the same persons.
+    """
+
+    skeleton: Skeleton
+    xyz: np.ndarray
+    xy: np.ndarray
+    flags: np.ndarray
+    sources: np.ndarray
+    cause: np.ndarray | None = None
+    occluder: np.ndarray | None = None
+    cov: np.ndarray | None = None
+    true: bool = False
+
+
+def joint_labels(clip: Clip, poses: Poses3D, skeleton: Skeleton) -> JointLabels:
+    """Return the labels of the joints of poses in each view of a clip.
+
+    For the truth of a simulated clip, its occlusion labels state which joints in the image are visible. For other
+    poses, completed joints count as hidden and the others as visible. A joint that is derived from several joints has
+    the visibility and the occluder of the least visible of them.
+
+    Args:
+        clip: The clip. Its `true_rig`, if it has one, projects the truth; its `rig` projects other poses.
+        poses: The truth of the clip, or other poses of its frames.
+        skeleton: Skeleton of the labels, with J joints.
+    """
+    true = poses is clip.truth
+    rig = clip.true_rig if true and clip.true_rig is not None else clip.rig
+    converted = convert(poses, skeleton)
+    xy, _ = rig.project(converted.xyz)
+    inside = rig.inside(xy)
+    if not true or clip.occlusion is None:
+        visible = np.where(converted.source == Source.COMPLETED, 1, 2)[:, None]
+        flags, cov = np.where(inside, visible, 0), pixel_covariances(converted, rig)
+        return JointLabels(skeleton, converted.xyz, xy, flags, converted.source, cov=cov, true=true)
+    occluders = clip.occlusion.occluder
+    views = [
+        _converted_causes(
+            poses, skeleton, clip.occlusion.visibility[:, view], None if occluders is None else occluders[:, view]
+        )
+        for view in range(len(rig))
+    ]
+    cause, occluder = (np.stack(each, 1) for each in zip(*views, strict=True))
+    flags = np.where(inside, np.where(cause == Visibility.VISIBLE, 2, 1), 0)
+    return JointLabels(skeleton, converted.xyz, xy, flags, converted.source, cause, occluder, true=true)
+
+
+def _converted_causes(
+    poses: Poses3D, skeleton: Skeleton, visibility: np.ndarray, occluder: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return cause and occluder of one view, (F, P, J) each, for the joints of another skeleton.
+
+    This uses `convert`: for a derived joint it returns the smallest `views` of the joints that it is derived from. Here
+    `views` are replaced by the ranks of the joints by visibility, with 1 for the least visible.
+    """
+    order = np.argsort(-visibility.astype(int), -1, kind="stable")
+    ranks = np.empty(order.shape, np.uint8)
+    np.put_along_axis(ranks, order, np.arange(1, order.shape[-1] + 1, dtype=np.uint8), -1)
+    least = convert(replace(poses, views=ranks), skeleton).views.astype(int)
+    joint = np.take_along_axis(order, np.maximum(least - 1, 0), -1)
+    cause = np.where(least > 0, np.take_along_axis(visibility, joint, -1), Visibility.ABSENT).astype(np.uint8)
+    if occluder is None:
+        return cause, np.full(cause.shape, -1, np.int16)
+    return cause, np.where(least > 0, np.take_along_axis(occluder, joint, -1), -1).astype(np.int16)
+
+
+# Masks of persons as COCO's run lengths, and boxes.
+
+Box = tuple[float, float, float, float]
+"""x and y of the upper left corner, width, height, px."""
+
+
+class RunLengths(TypedDict):
+    """A mask as COCO's uncompressed run lengths. `pycocotools.mask.frPyObjects` reads it."""
+
+    size: list[int]
+    """Height and width, px."""
+    counts: list[int]
+    """Lengths of the runs of pixels outside, inside, outside, ... the mask, counted down each column."""
+
+
+def encode_mask(mask: np.ndarray) -> RunLengths:
+    """Return the run lengths of a mask (H, W) of bool."""
+    down = np.asarray(mask, bool).ravel(order="F")
+    changes = np.flatnonzero(down[1:] != down[:-1]) + 1
+    ends = np.concatenate([[0] if down.size and down[0] else [], [0], changes, [down.size]]).astype(int)
+    return {"size": list(mask.shape), "counts": np.diff(ends).tolist()}
+
+
+def decode_mask(runs: RunLengths) -> np.ndarray:
+    """Return the mask (H, W) of bool that run lengths describe."""
+    inside = np.arange(len(runs["counts"])) % 2 == 1
+    return np.repeat(inside, runs["counts"]).reshape(runs["size"], order="F")
+
+
+def mask_box(mask: np.ndarray) -> Box | None:
+    """Return the box around the pixels of a mask (H, W), with whole pixels as in COCO; None if the mask is empty."""
+    columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
+    if not len(columns):
+        return None
+    low, high = (columns[0], rows[0]), (columns[-1], rows[-1])
+    return int(low[0]), int(low[1]), int(high[0] - low[0] + 1), int(high[1] - low[1] + 1)
+
+
+def joints_box(xy: np.ndarray, labelled: np.ndarray) -> Box | None:
+    """Return the box around the points xy (J, 2) px where `labelled` (J,) is True; None if no joint is labelled."""
+    if not labelled.any():
+        return None
+    points = np.asarray(xy[labelled], np.float64).round(3)
+    low, high = points.min(0), points.max(0)
+    return (*low.tolist(), *(high - low).round(3).tolist())
+
+
+# The pictures of a clip, one per camera and frame, with the labels of the persons in each.
+
+SHOWN = ("rgb", "ids", "amodal")
+"""Kinds of images that pictures, and the labels of their persons, are made from."""
+
+
+@dataclass(frozen=True)
+class PersonLabel:
+    """The labels of a person in a picture, with J joints.
+
+    Attributes:
+        person: Index in the poses of the clip.
+        xy: (J, 2) px.
+        flags: (J,) COCO's v: 2 visible, 1 in the image but hidden or not measured, 0 not in the image.
+        box: Box around the visible pixels. If there are none or they are unknown, box around the joints in the image;
+            None if there are no joints in the image either.
+        mask: Mask of the visible pixels; None without an image of ids.
+        visible_pixels: Number of visible pixels; None without an image of ids.
+        amodal_pixels: Number of pixels that would show the person if nothing else were there; None if unknown.
+        amodal_mask: Mask of these pixels; None without an image of them.
+        amodal_box: Box around these pixels; None without an image of them.
+        xyz: (J, 3) m, world; None for detections.
+        sources: (J,) `Source`; None for detections.
+        cov: (J, 3) px^2, xx, xy and yy of the covariance of `xy`; None if unknown.
+        scores: (J,) confidences; only for detections.
+        cause: (J,) `Visibility`; None if unknown.
+        occluder: (J,) index of the person or object in front; -1 for none, None if unknown.
+    """
+
+    person: int
+    xy: np.ndarray
+    flags: np.ndarray
+    box: Box | None
+    mask: RunLengths | None = None
+    visible_pixels: int | None = None
+    amodal_pixels: int | None = None
+    amodal_mask: RunLengths | None = None
+    amodal_box: Box | None = None
+    xyz: np.ndarray | None = None
+    sources: np.ndarray | None = None
+    cov: np.ndarray | None = None
+    scores: np.ndarray | None = None
+    cause: np.ndarray | None = None
+    occluder: np.ndarray | None = None
+
+    @property
+    def shown(self) -> bool:
+        """Whether a pixel of the person is visible or, if pixels are not counted, a joint."""
+        return bool((self.flags == 2).any()) if self.visible_pixels is None else self.visible_pixels > 0
+
+    @property
+    def area(self) -> float:
+        """Number of visible pixels or, if pixels are not counted, the area of the box, px^2."""
+        if self.visible_pixels is not None:
+            return self.visible_pixels
+        return 0.0 if self.box is None else round(self.box[2] * self.box[3], 3)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The picture of one frame by one camera.
+
+    Attributes:
+        camera: Name of the camera.
+        view: Index of the camera in the rig.
+        frame: Index of the frame in the clip.
+        number: Number of the frame in the recording.
+        size: Width and height, px.
+        persons: Labels of the persons in the picture.
+        rgb: (H, W, 3) uint8; None if there is no colour image, or if it was not requested.
+    """
+
+    camera: str
+    view: int
+    frame: int
+    number: int
+    size: tuple[int, int]
+    persons: list[PersonLabel]
+    rgb: np.ndarray | None = None
+
+    @property
+    def path(self) -> str:
+        """Relative path of a file of the picture, `<camera>/<frame>`, without suffix."""
+        return f"{file_part(self.camera)}/{self.number:06d}"
+
+    def encoded(self, suffix: str) -> bytes:
+        """Return `rgb` encoded as `jpg` (quality 95) or `png`."""
+        quality = {"jpg": [cv2.IMWRITE_JPEG_QUALITY, 95], "png": [cv2.IMWRITE_PNG_COMPRESSION, 1]}[suffix]
+        written, data = cv2.imencode(f".{suffix}", cv2.cvtColor(self.rgb, cv2.COLOR_RGB2BGR), quality)
+        if not written:
+            raise OSError(f"frame {self.number} of camera {self.camera}: could not write {suffix}")
+        return data.tobytes()
+
+
+def file_part(name: str) -> str:
+    """Return a name as a safe part of a path: all characters except letters, digits, - and _ become %XX."""
+    return quote(name, safe="").replace(".", "%2E").replace("~", "%7E") or "%"
+
+
+def read_pictures(clip: Clip, labels: JointLabels, *, every: int = 1, rgb: bool = True) -> Iterator[Picture]:
+    """Yield the pictures of a clip, view by view. One picture is in memory at a time.
+
+    Args:
+        clip: A clip with or without images.
+        labels: Labels of the joints in all its frames and views.
+        every: Yield one frame in this number; 2 for every second frame.
+        rgb: Whether to read colour images, if the clip has any.
+
+    Raises:
+        ValueError: an image has another size than its camera.
+        FileNotFoundError: an image is missing.
+    """
+    frames = range(0, len(clip), every)
+    kinds = _kinds(clip, labels, rgb)
+    images = clip.images and clip.images.select(slice(None, None, every), clip.rig.names)
+    first = clip.provenance.get("first_frame", 0)
+    for view, name in enumerate(clip.rig.names):
+        size = tuple(clip.rig.size[view].tolist())
+        streams = {kind: images.read(kind, name) if kind in kinds else repeat(None) for kind in SHOWN}
+        for frame, *read in zip(frames, *streams.values(), strict=False):
+            for kind, image in zip(SHOWN, read, strict=True):
+                if image is not None and image.shape[1::-1] != size:
+                    raise ValueError(
+                        f"clip {clip.id!r}, {kind} of camera {name}, frame {frame}: expected {size[0]} x {size[1]} px, "
+                        f"found {image.shape[1]} x {image.shape[0]}"
+                    )
+            colour, ids, amodal = read
+            persons = label_persons(clip, labels, frame, view, ids, amodal)
+            yield Picture(name, view, frame, first + frame, size, persons, colour)
+
+
+def array_pictures(
+    rig: CameraRig,
+    xy: np.ndarray,
+    flags: np.ndarray,
+    *,
+    scores: np.ndarray | None = None,
+    sources: np.ndarray | None = None,
+    first: int = 0,
+) -> list[Picture]:
+    """Return pictures without colour or masks, frame by frame, with all people that have a labelled joint.
+
+    Args:
+        rig: V cameras.
+        xy: (F, V, D, J, 2) px.
+        flags: (F, V, D, J) COCO's v.
+        scores: (F, V, D, J) confidences.
+        sources: (F, D, J) `Source`. The D detections are then persons with the same index in all frames.
+        first: Number of the first frame.
+    """
+
+    def label(frame: int, view: int, person: int) -> PersonLabel:
+        here, labelled = xy[frame, view, person], flags[frame, view, person]
+        box = joints_box(here, labelled > 0)
+        score = None if scores is None else scores[frame, view, person]
+        source = None if sources is None else sources[frame, person]
+        return PersonLabel(person, here, labelled, box, sources=source, scores=score)
+
+    known = (flags > 0).any(-1)
+    return [
+        Picture(
+            name, view, frame, first + frame, tuple(rig.size[view].tolist()),
+            [label(frame, view, person) for person in np.flatnonzero(known[frame, view]).tolist()],
+        )
+        for frame in range(len(xy))
+        for view, name in enumerate(rig.names)
+    ]  # fmt: skip
+
+
+def _kinds(clip: Clip, labels: JointLabels, rgb: bool) -> set[str]:
+    """Return the kinds of images to read. Images of ids and whole persons are only read if the poses are the truth."""
+    wanted = ({"rgb"} if rgb else set()) | ({"ids", "amodal"} if labels.true else set())
+    return wanted & set(clip.images.kinds if clip.images else ())
+
+
+def label_persons(
+    clip: Clip,
+    labels: JointLabels,
+    frame: int,
+    view: int,
+    ids: np.ndarray | None = None,
+    amodal: np.ndarray | None = None,
+    *,
+    masks: bool = True,
+) -> list[PersonLabel]:
+    """Return the labels of the persons with a joint or a pixel in one picture.
+
+    Args:
+        clip: The clip, with its counts of pixels.
+        labels: Labels of the joints in all frames and views of the clip.
+        frame, view: Indices of the picture.
+        ids: (H, W) image of ids, if there is one: 1 + p is person p.
+        amodal: (H, W) image of whole persons, if there is one: bit p is 1 at pixels that would show person p if
+            nothing else were there.
+        masks: Whether to make run lengths of masks. Boxes and counts of pixels are always made.
+    """
+    persons = range(labels.flags.shape[2])
+    shown = None if ids is None else np.bincount(ids.ravel(), minlength=1 + len(persons))
+    found = []
+    for person in persons:
+        xy, flags = labels.xy[frame, view, person], labels.flags[frame, view, person]
+        more = _pixels(ids, shown, amodal, person, masks) if ids is not None or amodal is not None else {}
+        box = more.pop("box", None) or joints_box(xy, flags > 0)
+        if box is None and more.get("amodal_box") is None:
+            continue
+        if clip.occlusion is not None and labels.true and clip.occlusion.amodal_pixels is not None:
+            more["amodal_pixels"] = int(clip.occlusion.amodal_pixels[frame, view, person])
+        if labels.cause is not None:
+            more |= {name: getattr(labels, name)[frame, view, person] for name in ("cause", "occluder")}
+        more |= {"xyz": labels.xyz[frame, person], "sources": labels.sources[frame, person]}
+        more["cov"] = None if labels.cov is None else labels.cov[frame, view, person]
+        found.append(PersonLabel(person, xy, flags, box, **more))
+    return found
+
+
+def _pixels(
+    ids: np.ndarray | None, shown: np.ndarray | None, amodal: np.ndarray | None, person: int, masks: bool
+) -> dict:
+    """Return the fields of `PersonLabel` of one person that images of ids and of whole persons give."""
+    found = {}
+    if ids is not None:
+        mask = ids == 1 + person
+        found = {"visible_pixels": int(shown[1 + person]), "box": mask_box(mask)}
+        if masks:
+            found["mask"] = encode_mask(mask)
+    if amodal is not None:
+        whole = (amodal >> person) & 1 > 0
+        found["amodal_box"] = mask_box(whole)
+        if masks:
+            found["amodal_mask"] = encode_mask(whole)
+    return found

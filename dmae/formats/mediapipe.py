@@ -1,0 +1,131 @@
+"""MediaPipe: pose landmarks, saved as one JSON file per camera."""
+
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+from dmae.data.skeleton import BLAZEPOSE33, Skeleton
+from dmae.files.checks import MOST_SCORE, check_numbers
+from dmae.files.structured import read_json
+from dmae.formats.calibrations import FOUND, CalibrationSource
+from dmae.formats.recordings import Confidences, NumberedDetections, known_rate, match_cameras, natural, to_clip
+from dmae.formats.registry import reader
+
+_FOLDER = "mediapipe"
+_LANDMARKS = ("landmarks", "poseLandmarks", "pose_landmarks", "landmark")
+_NUMBERS = ("frame", "frame_id", "frame_index")
+_MOST_IMAGE_SIZES = 100.0
+"""Largest absolute x and y of a landmark, as a multiple of the image size: landmarks can be outside the image."""
+
+
+@reader("mediapipe", signs=[["mediapipe/*.json"]])
+def read_mediapipe(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """Pose landmarks of MediaPipe, mediapipe/<camera>.json of all frames, with a calibration of any format.
+
+    Args:
+        path: The recording.
+        calibration: Path of the calibration, and the values that its file does not state.
+        detections: Folder of the files, or one file; by default `mediapipe` in `path`.
+        fps: Frames per second. The files do not state it.
+        skeleton: Must be the skeleton of the 33 landmarks.
+
+    Raises:
+        FileNotFoundError: there are no such files, or no calibration.
+        ValueError: a file is malformed, or the files do not fit together.
+    """
+    if skeleton not in (None, BLAZEPOSE33):
+        raise ValueError(f"{path}: MediaPipe's landmarks are {BLAZEPOSE33.name}, not {skeleton.name}")
+    rig = calibration.read(path)
+    found = read_detections(detections or path / _FOLDER, rig)
+    return to_clip(found, rig, known_rate(fps, found, path), path)
+
+
+def read_detections(path: Path, rig: CameraRig) -> NumberedDetections:
+    """Read one file per camera. A file contains a list of frames, each with its people.
+
+    A frame is null, a person, a list of people, or an object. An object contains the people as `landmarks`,
+    `poseLandmarks` or `pose_landmarks`, and can contain the number of the frame as `frame`. A person is a list of 33
+    landmarks. A landmark has x and y, from 0 to 1 across the image, and `visibility`, which is 1 by default.
+
+    Args:
+        path: Folder of the files, or one file.
+        rig: The cameras. Their image sizes convert x and y to px.
+
+    Raises:
+        FileNotFoundError: there are no such files.
+        ValueError: a file is malformed, or its name matches no camera of the rig.
+    """
+    path = Path(path)
+    files = [path] if path.is_file() else sorted(path.glob("*.json"), key=lambda file: natural(file.name))
+    if not files:
+        raise FileNotFoundError(f"{path}: expected <camera>.json, found none; name their folder by data.detections=...")
+    confidences, views = Confidences(), {}
+    index, _ = match_cameras([file.stem for file in files], rig, path)
+    for file, view in zip(files, index, strict=True):
+        views[file.stem] = {
+            number: np.array([_person(place, person, rig.size[view], confidences) for person in people]).reshape(
+                -1, len(BLAZEPOSE33), 3
+            )
+            for number, (place, people) in _frames(file).items()
+        }
+    return NumberedDetections(BLAZEPOSE33, views, notes=confidences.notes)
+
+
+def _frames(file: Path) -> dict[int, tuple[str, list]]:
+    """Return the frames by number: the position of each frame in the file, for messages, and its people."""
+    content = read_json(file)
+    content = content["frames"] if isinstance(content, dict) and "frames" in content else content
+    if not isinstance(content, list):
+        raise ValueError(f"{file}: expected a list of frames, found {content!r:.60}")
+    frames: dict[int, tuple[str, list]] = {}
+    for position, frame in enumerate(content):
+        place, number = f"{file}: [{position}]", position
+        if isinstance(frame, dict):
+            number = next((frame[name] for name in _NUMBERS if name in frame), position)
+        if not isinstance(number, int) or isinstance(number, bool) or number in frames:
+            raise ValueError(f"{place}: expected a frame number, each once, found {number!r:.20}")
+        frames[number] = place, _people(_inner(frame))
+    return frames
+
+
+def _inner(found: object) -> object:
+    """Return the landmarks from up to three nested objects; None if there are none."""
+    for _ in range(3):
+        if isinstance(found, dict) and not {"x", "y"} <= set(found):
+            found = next((found[name] for name in _LANDMARKS if name in found), None)
+    return found
+
+
+def _people(found: object) -> list:
+    """Return the people of a frame, which is a list of people or only one person."""
+    if not found:
+        return []
+    if isinstance(found, list) and isinstance(_inner(found[0]), list):
+        return [_inner(person) for person in found if person]
+    return [found]
+
+
+def _person(place: str, person: object, size: np.ndarray, confidences: Confidences) -> np.ndarray:
+    """Return the landmarks of a person, (33, 3): x and y in px, confidence; NaN where absent."""
+    count = len(BLAZEPOSE33)
+    if not isinstance(person, list) or len(person) != count:
+        what = f"{len(person)} of them" if isinstance(person, list) else f"{person!r:.40}"
+        raise ValueError(f"{place}: expected {count} landmarks of each person, found {what}")
+    try:
+        rows = np.array([[each["x"], each["y"], each.get("visibility", 1.0)] for each in person], np.float64)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
+        raise ValueError(f"{place}: expected landmarks with x, y and visibility, found {person[0]!r:.60}") from None
+    check_numbers(f"{place}: x and y, shares of the image", rows[:, :2], _MOST_IMAGE_SIZES)
+    check_numbers(f"{place}: visibility", rows[:, 2], MOST_SCORE)
+    # In our convention, 0 is the centre of the first pixel.
+    rows[:, :2] = rows[:, :2] * size - 0.5
+    return confidences.clean(place, rows)

@@ -1,1 +1,0 @@
-"""Formats of programs for biomechanics and animation: C3D, BVH, GLB."""

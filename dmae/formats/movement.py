@@ -1,0 +1,219 @@
+"""movement: netCDF files of its data sets of poses, in 2D for each camera, or in 3D.
+
+For F frames, P individuals and J keypoints a data set of poses in 3D contains:
+
+| Variable | Axes | What it is |
+|---|---|---|
+| `position` | time, space, keypoints, individuals | positions, m, world z up; NaN where absent |
+| `confidence` | time, keypoints, individuals | 1 where measured, 0 where completed, NaN where absent |
+| `source` | time, keypoints, individuals | 0 absent, 1 measured, 2 denoised (measured, then moved), 3 completed |
+| `standard_error` | time, keypoints, individuals | m, along an axis; NaN where unknown |
+
+Coordinates are `time` in s, `space` x, y, z, and the names of `keypoints` and `individuals`. Attributes are `fps`,
+`time_unit`, `source_software`, `ds_type` and `skeleton`: its name, or the definition of your own skeleton as JSON.
+movement itself reads the first two variables.
+"""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.skeleton import Skeleton, decode_skeleton, encode
+from dmae.data.store import write_atomic
+from dmae.files.checks import MOST_METRES, check_numbers, check_rate
+from dmae.files.hdf5 import Hdf5, open_hdf5
+from dmae.files.structured import parse_json
+from dmae.formats.calibrations import FOUND, CalibrationSource
+from dmae.formats.poses import PoseFile
+from dmae.formats.recordings import NumberedDetections, natural, with_cameras
+from dmae.formats.registry import pose_reader, pose_writer, reader
+from dmae.formats.skeletons import NamedDetections, named_detections, named_skeleton
+
+_WHAT = "a data set of movement"
+_AXES = ("time", "space", "keypoints", "individuals")
+_MOST = {"time": 10_000_000, "individuals": 1000}
+
+
+@reader("movement", signs=[["*.nc"]])
+def read_movement(
+    path: Path,
+    *,
+    calibration: CalibrationSource = FOUND,
+    detections: Path | None = None,
+    fps: float | None = None,
+    skeleton: Skeleton | None = None,
+) -> Clip:
+    """movement's <camera>.nc, poses in 2D of each camera, with a calibration of any format.
+
+    Args:
+        path: The recording.
+        calibration: Path of the calibration, and the values that its file does not state.
+        detections: Folder of the files; by default `path`.
+        fps: Frames per second; by default the rate that the files state.
+        skeleton: As in `read_detections`.
+
+    Raises:
+        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
+    """
+    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
+
+
+def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
+    """Read one file per camera, with the name of the camera. A missing confidence of a keypoint becomes 1.
+
+    Args:
+        path: Folder of the files.
+        skeleton: By default the skeleton that the files name, or else a skeleton for their keypoints, see
+            `dmae.formats.skeletons.named_skeleton`.
+
+    Raises:
+        FileNotFoundError: there are no such files.
+        ValueError: a file is malformed or in 3D, or its keypoints are not the joints of the skeleton.
+    """
+    path = Path(path)
+    files = sorted(path.glob("*.nc"), key=lambda file: natural(file.name))
+    if not files:
+        raise FileNotFoundError(f"{path}: expected <camera>.nc, found none")
+    rates = set()
+
+    def read(file: Path) -> NamedDetections:
+        with open_hdf5(file, _WHAT) as data_set:
+            names, position, confidence, _, rate = _read(file, data_set, ["x", "y"])
+            stated = _stated_skeleton(file, data_set)
+        rates.add(rate)
+        score = np.where(np.isnan(confidence), 1.0, confidence)
+        return NamedDetections(names, np.concatenate([position, score[..., None]], -1), skeleton=stated)
+
+    found = named_detections({file.stem: file for file in files}, read, skeleton)
+    return replace(found, fps=rates.pop() if len(rates) == 1 else None)
+
+
+@pose_reader("movement", file="*.nc")
+def read_movement_poses(path: Path) -> PoseFile:
+    """movement's poses in 3D, m; keypoints without a source count as measured."""
+    path = Path(path)
+    with open_hdf5(path, _WHAT) as data_set:
+        names, position, _, source, rate = _read(path, data_set, ["x", "y", "z"])
+        skeleton, index, _ = named_skeleton(names, [], _stated_skeleton(path, data_set), path)
+    check_numbers(f"{path}: position", position, MOST_METRES)
+    xyz = np.where(np.isfinite(position).all(-1, keepdims=True), position, np.nan)[:, :, index]
+    try:
+        poses = Poses3D(skeleton, xyz, None if source is None else _as_uint8(source)[:, :, index])
+        poses.check_numbers()
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return PoseFile(poses, rate)
+
+
+@pose_writer("movement")
+def write_movement(poses: Poses3D, clip: Clip, path: Path) -> None:
+    """A netCDF file of movement: positions, sources and standard errors of all joints.
+
+    Raises:
+        ValueError: xarray or h5netcdf is not installed.
+    """
+    write_atomic(path, bytes(movement_data_set(poses, clip.fps).to_netcdf(engine="h5netcdf")))
+
+
+def movement_data_set(poses: Poses3D, fps: float):
+    """Return poses as an xarray data set, which the docstring of this module describes.
+
+    Raises:
+        ValueError: xarray or h5netcdf is not installed.
+    """
+    try:
+        import h5netcdf  # noqa: F401
+        import xarray
+    except ImportError:
+        raise ValueError("format=movement: xarray and h5netcdf write it; pip install dmae-synth[animals]") from None
+    frames, persons, _ = poses.source.shape
+    encoded = encode(poses.skeleton)
+    measured, absent = poses.measured, poses.source == Source.ABSENT
+    variance = np.trace(poses.cov.astype(np.float64), axis1=-2, axis2=-1) / 3
+    per_joint = ("time", "keypoints", "individuals")
+    return xarray.Dataset(
+        {
+            "position": (_AXES, poses.xyz.astype(np.float64).transpose(0, 3, 2, 1)),
+            "confidence": (per_joint, np.where(absent, np.nan, measured.astype(float)).swapaxes(1, 2)),
+            "source": (
+                per_joint,
+                poses.source.swapaxes(1, 2),
+                {"flag_values": [int(kind) for kind in Source],
+                 "flag_meanings": " ".join(kind.name.lower() for kind in Source)},
+            ),
+            "standard_error": (per_joint, np.sqrt(variance).swapaxes(1, 2), {"units": "m"}),
+        },
+        {
+            "time": np.arange(frames) / fps,
+            "space": ["x", "y", "z"],
+            "keypoints": list(poses.skeleton.joints),
+            "individuals": [f"individual_{number}" for number in range(persons)],
+        },
+        {
+            "fps": float(fps),
+            "time_unit": "seconds",
+            "source_software": "dmae",
+            "ds_type": "poses",
+            "skeleton": encoded if isinstance(encoded, str) else json.dumps(encoded),
+        },
+    )  # fmt: skip
+
+
+def _read(
+    path: Path, data_set: Hdf5, space: list[str]
+) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray | None, float | None]:
+    """Return keypoints, positions (F, P, J, 2 or 3), confidences and sources (F, P, J), and frames per second."""
+    found, names = data_set.texts("space"), data_set.texts("keypoints")
+    if found != space:
+        kind = "2D of one camera" if len(space) == 2 else "3D"
+        raise ValueError(f"{path}: expected {_WHAT} in {kind}, with space {', '.join(space)}; found {', '.join(found)}")
+    position = _in_order(path, data_set, "position", _AXES)
+    frames, persons, joints, _ = position.shape
+    if position.shape[2:] != (len(names), len(space)) or any(
+        count > most for count, most in zip((frames, persons), _MOST.values(), strict=True)
+    ):
+        raise ValueError(f"{path}: expected positions of {len(names)} keypoints, found the shape {position.shape}")
+    others = []
+    for name in ("confidence", "source"):
+        values = None
+        if name in data_set:
+            values = _in_order(path, data_set, name, tuple(axis for axis in _AXES if axis != "space"))
+            if values.shape != (frames, persons, joints):
+                raise ValueError(f"{path}: expected {name} of shape {(frames, persons, joints)}, found {values.shape}")
+        others.append(values)
+    confidence = np.full((frames, persons, joints), np.nan) if others[0] is None else others[0]
+    return names, position, confidence, others[1], _rate(path, data_set)
+
+
+def _in_order(path: Path, data_set: Hdf5, name: str, axes: tuple[str, ...]) -> np.ndarray:
+    """Return an array with its axes in the order time, individuals, keypoints, space."""
+    values, there = data_set.array(name), data_set.axes(name)
+    if sorted(there) != sorted(axes) or values.ndim != len(axes) or values.dtype.names:
+        raise ValueError(f"{path}: expected {name} with the axes {', '.join(axes)}, found {', '.join(there)}")
+    wanted = ("time", "individuals", "keypoints", "space")
+    return values.astype(np.float64).transpose([there.index(axis) for axis in wanted if axis in axes])
+
+
+def _rate(path: Path, data_set: Hdf5) -> float | None:
+    """Return the attribute `fps`, frames per second; None if there is none, because time then counts frames."""
+    rate = data_set.attribute("fps")
+    return None if rate is None or isinstance(rate, str) else check_rate(f"{path}: fps", rate)
+
+
+def _stated_skeleton(path: Path, data_set: Hdf5) -> Skeleton | None:
+    stated = data_set.attribute("skeleton")
+    if not isinstance(stated, str):
+        return None
+    try:
+        return decode_skeleton(parse_json(stated) if stated.startswith("{") else stated, "skeleton")
+    except (ValueError, KeyError) as error:
+        raise ValueError(f"{path}: {error.args[0] if error.args else error}") from None
+
+
+def _as_uint8(source: np.ndarray) -> np.ndarray:
+    """Return sources as uint8. Values that are not whole numbers from 0 to 255 become 255, which is refused later."""
+    fine = np.isfinite(source) & (source == np.round(source)) & (source >= 0) & (source <= 255)
+    return np.where(fine, source, 255).astype(np.uint8)

@@ -1,0 +1,136 @@
+"""Poses as a NumPy archive, which `numpy.load` reads without pickle.
+
+For F frames, P persons and J joints it contains:
+
+| Array | Shape and type | What it is |
+|---|---|---|
+| `joints` | (F, P, J, 3) float32 | positions, m, world z up; NaN where absent |
+| `source` | (F, P, J) uint8 | where each joint comes from: an index of `source_names` |
+| `source_names` | (4,) text | `absent`, `measured`, `denoised` (measured, then moved), `completed` (not measured) |
+| `cov` | (F, P, J, 3, 3) float32 | covariance of each joint, m^2; NaN where unknown |
+| `views` | (F, P, J) uint8 | number of cameras that measured the joint |
+| `names` | (J,) text | names of the joints |
+| `skeleton` | text | name of the skeleton, or the definition of your own skeleton as JSON |
+| `fps` | float64 | frames per second |
+
+A person is absent from a frame if all its joints are absent.
+"""
+
+import json
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryFile
+from zipfile import ZIP_DEFLATED, ZipFile
+
+import numpy as np
+from numpy.lib.format import header_data_from_array_1_0, write_array_header_1_0
+
+from dmae.data.clip import Clip, Poses3D, Source
+from dmae.data.skeleton import Skeleton, decode_skeleton, encode
+from dmae.data.store import load_clip, save_clip, write_atomic
+from dmae.files.arrays import read_arrays
+from dmae.files.checks import check_rate
+from dmae.files.mapped import frame_blocks
+from dmae.files.structured import parse_json
+from dmae.formats.poses import PoseFile
+from dmae.formats.registry import pose_reader, pose_writer, reader, recording_writer
+
+
+@pose_writer("npz", fused=True)
+def write_npz(poses: Poses3D, clip: Clip, path: Path) -> None:
+    """A NumPy archive with joints, their sources, covariances and names."""
+    export_npz(poses, clip.fps, path)
+
+
+@pose_reader("npz", file="*.npz")
+def read_npz_poses(path: Path) -> PoseFile:
+    """A NumPy archive that `write_npz` wrote."""
+    return PoseFile(*read_npz(path))
+
+
+def export_npz(poses: Poses3D, fps: float, path: Path) -> None:
+    """Write poses as an archive of the arrays that the docstring of this module lists."""
+    arrays = {
+        "joints": poses.xyz,
+        "source": poses.source,
+        "source_names": np.array([source.name.lower() for source in Source]),
+        "cov": poses.cov,
+        "views": poses.views,
+        "names": np.array(poses.skeleton.joints),
+        "skeleton": np.array(_written(poses.skeleton)),
+        "fps": np.array(fps, np.float64),
+    }
+    # This writes the same archive as numpy.savez_compressed, without loading whole arrays into memory.
+    with TemporaryFile(prefix="dmae-") as file:
+        with ZipFile(file, "w", ZIP_DEFLATED) as archive:
+            for name, array in arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    write_array_header_1_0(member, header_data_from_array_1_0(array) | {"fortran_order": False})
+                    for part in frame_blocks(array) if array.ndim else [...]:
+                        member.write(array[part].tobytes())
+        file.seek(0)
+        write_atomic(Path(path), iter(partial(file.read, 1 << 20), b""))
+
+
+def read_npz(path: Path) -> tuple[Poses3D, float]:
+    """Return the poses and the frames per second of a file that `export_npz` wrote.
+
+    Files from versions before 0.2 contain no covariances.
+
+    Raises:
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is not an archive of poses; the message names the missing arrays.
+    """
+    path = Path(path)
+    needed = ("joints", "source", "views", "names", "skeleton", "fps")
+    arrays = read_arrays(path, "an .npz archive of poses", needed, ("cov",))
+    skeleton = _skeleton(path, str(arrays["skeleton"]), tuple(map(str, np.atleast_1d(arrays["names"]))))
+    try:
+        poses = Poses3D(skeleton, arrays["joints"], arrays["source"], arrays.get("cov"), arrays["views"])
+        poses.check_numbers()
+        return poses, check_rate("fps", arrays["fps"].item())
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _written(skeleton: Skeleton) -> str:
+    encoded = encode(skeleton)
+    return encoded if isinstance(encoded, str) else json.dumps(encoded)
+
+
+def _skeleton(path: Path, name: str, joints: tuple[str, ...]) -> Skeleton:
+    try:
+        skeleton = decode_skeleton(parse_json(name) if name.startswith("{") else name, "skeleton")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    except KeyError as error:
+        raise ValueError(f"{path}: {error.args[0]}") from None
+    if skeleton.joints != joints:
+        raise ValueError(
+            f"{path}: expected the joints of {skeleton.name}, {list(skeleton.joints)}, found {list(joints)}"
+        )
+    return skeleton
+
+
+# The project's own clips, see `dmae.data.store`.
+
+
+@reader("clip", signs=[["clip.json"], ["manifest.jsonl"]], data_set=True)
+def read_clip(path: Path) -> Clip:
+    """A clip folder or a data set of clips, which synth generate and dmae capture write."""
+    return load_clip(path)
+
+
+@pose_reader("clip", signs=["clip.json"])
+def read_clip_poses(path: Path) -> PoseFile:
+    """The captured or completed poses of a clip folder."""
+    clip = load_clip(path)
+    if clip.poses is None:
+        raise ValueError(f"{path}: clip {clip.id!r} has no poses; run dmae capture on it first")
+    return PoseFile(clip.poses, clip.fps, clip.id)
+
+
+@recording_writer("clip")
+def write_clip(clip: Clip, path: Path) -> None:
+    """A clip folder, with all data of the clip."""
+    save_clip(clip, path)

@@ -1,1 +1,0 @@
-"""Pictures and videos of recordings: found by camera, joined to a clip."""

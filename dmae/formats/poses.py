@@ -1,0 +1,218 @@
+"""Read pose files, of this package or of other programs, in any format with a pose reader."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Poses3D, Source
+from dmae.data.store import MANIFEST, clip_folders, write_atomic
+from dmae.files.contents import read_text, written
+from dmae.files.mapped import frame_blocks
+from dmae.formats.registry import PoseReader, pose_reader
+
+_PERSON = re.compile(r"_P\d+$")
+"""End of the names of files that contain one of several persons."""
+
+
+@dataclass(frozen=True)
+class PoseFile:
+    """The content of a pose file or of a folder of poses.
+
+    Attributes:
+        poses: (F, P, J, 3) m, world.
+        fps: Frames per second; None if the file does not state it.
+        clip: Id of the clip of these poses; None if the file does not state it.
+    """
+
+    poses: Poses3D
+    fps: float | None = None
+    clip: str | None = None
+
+
+def read_poses(path: Path) -> PoseFile:
+    """Read the poses of one clip. The format is recognised by the name of the file, or by the files in the folder.
+
+    Raises:
+        FileNotFoundError: the path does not exist.
+        ValueError: no format is recognised, or the file is malformed.
+    """
+    path = Path(path)
+    found = _reader(path)
+    if found is None and not path.exists():
+        raise FileNotFoundError(f"{path}: expected poses, found no such file or folder")
+    if found is None:
+        raise ValueError(f"{path}: expected poses, {_expected()}; found none of them")
+    try:
+        return found.function(path)
+    except KeyError as error:
+        raise ValueError(error.args[0]) from None
+
+
+def pose_paths(path: Path) -> dict[str, Path] | None:
+    """Return the paths of the poses of several clips, by clip id: `<id>.npz`, `<id>.trc`, `<id>/` and so on.
+
+    Args:
+        path: A folder of pose files, or a data set of clips.
+
+    Returns:
+        Paths by clip id; None if the path contains the poses of only one clip.
+
+    Raises:
+        FileNotFoundError: the path does not exist, or the folder contains no poses.
+        ValueError: a clip has poses in two files.
+    """
+    path = Path(path)
+    if _reader(path) is not None:
+        return None
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: expected poses, found no such file or folder")
+    if (path / MANIFEST).is_file():
+        return {folder.name: folder for folder in clip_folders(path)}
+    found: dict[str, Path] = {}
+    for item in sorted(path.iterdir()) if path.is_dir() else []:
+        if _reader(item) is None:
+            continue
+        name = item.name
+        if item.is_file():
+            # Each person of a clip can have its own file. These files are read together.
+            name = _PERSON.sub("", item.stem)
+            item = item.with_stem(name)
+        if found.setdefault(name, item) != item:
+            raise ValueError(f"{path}: expected poses of clip {name!r} once, found {found[name].name} and {item.name}")
+    if not found:
+        raise FileNotFoundError(f"{path}: expected poses, {_expected()}, a file or folder for each clip; found none")
+    return found
+
+
+def _reader(path: Path) -> PoseReader | None:
+    if path.is_dir():
+        return next((each for each in pose_reader.values() if any(any(path.glob(sign)) for sign in each.signs)), None)
+    there = path.is_file() or any(path.parent.glob(f"{path.stem}_P*{path.suffix}"))
+    return next((each for each in pose_reader.values() if there and fnmatch(path.name, each.file)), None)
+
+
+def _expected() -> str:
+    """Return a list of the pose formats as text, for messages."""
+    return " or ".join(each.file or f"a folder of {each.signs[0]}" for each in pose_reader.values())
+
+
+# Tables of the source and the covariance of each joint, for formats that cannot store them.
+
+_AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
+_ROWS, _COLUMNS = np.triu_indices(3)
+
+
+def write_source_table(path: Path, names: Sequence[str], source: np.ndarray, first: int = 1) -> None:
+    """Write `<name>.source.csv`: measured, denoised, completed or absent, one row per frame, one column per joint.
+
+    Args:
+        path: The pose file that the table belongs to.
+        names: J names of joints, as in the pose file.
+        source: (F, J) `Source`.
+        first: Number of the first frame.
+    """
+    words = [kind.name.lower() for kind in Source]
+    rows = (",".join([str(frame), *(words[kind] for kind in row.tolist())]) for frame, row in enumerate(source, first))
+    write_atomic(source_table(path), written(chain([",".join(["Frame#", *names])], rows)))
+
+
+def source_table(path: Path) -> Path:
+    """Return the path of the table of sources of a pose file."""
+    return Path(path).with_suffix(".source.csv")
+
+
+def write_covariance_table(path: Path, names: Sequence[str], cov: np.ndarray, first: int = 1) -> None:
+    """Write `<name>.covariance.csv`: six columns per joint, xx to zz, in the axes and the squared unit of the file.
+
+    If no covariance is known, no table is written, and a table of earlier poses is removed.
+
+    Args:
+        cov: (F, J, 3, 3); NaN where unknown, which becomes an empty cell.
+        path, names, first: As in `write_source_table`.
+    """
+    if all(np.isnan(cov[part]).all() for part in frame_blocks(cov)):
+        covariance_table(path).unlink(missing_ok=True)
+        return
+    header = ",".join(["Frame#", *(f"{name}_{axes}" for name in names for axes in _AXES)])
+    rows = (
+        ",".join([str(frame), *("" if value != value else f"{value:.6g}" for value in values.tolist())])
+        for part in frame_blocks(cov)
+        for frame, values in enumerate(
+            cov[part][:, :, _ROWS, _COLUMNS].reshape(part.stop - part.start, -1), first + part.start
+        )
+    )
+    write_atomic(covariance_table(path), written(chain([header], rows)))
+
+
+def read_covariance_table(path: Path, frames: int, joints: int) -> np.ndarray | None:
+    """Return the covariances (F, J, 3, 3) that `write_covariance_table` wrote; None if there is no table.
+
+    Args:
+        path: The pose file that the table belongs to.
+        frames: F, number of frames in the pose file.
+        joints: J, number of joints in the pose file.
+
+    Raises:
+        ValueError: the table is malformed, or has other numbers of frames or joints.
+    """
+    table = covariance_table(path)
+    if not table.is_file():
+        return None
+    lines = [line.split(",") for line in read_text(table).splitlines()[1:]]
+    if len(lines) != frames or any(len(line) != 1 + len(_AXES) * joints for line in lines):
+        raise ValueError(
+            f"{table}: expected {frames} frames of {joints} markers as in {path.name}; delete it if it is not its"
+        )
+    try:
+        values = np.array([[float(cell) if cell.strip() else np.nan for cell in line[1:]] for line in lines])
+    except ValueError as error:
+        raise ValueError(f"{table}: expected numbers, {error}") from None
+    cov = np.empty((frames, joints, 3, 3))
+    cov[..., _ROWS, _COLUMNS] = cov[..., _COLUMNS, _ROWS] = values.reshape(frames, joints, len(_AXES))
+    return cov
+
+
+def covariance_table(path: Path) -> Path:
+    """Return the path of the table of covariances of a pose file."""
+    return Path(path).with_suffix(".covariance.csv")
+
+
+def person_paths(path: Path, persons: int) -> list[Path]:
+    """Return one path per person: `<name>_P1.<suffix>` and so on, or only `path` if there is one person."""
+    path = Path(path)
+    if persons == 1:
+        return [path]
+    return [path.with_name(f"{path.stem}_P{person + 1}{path.suffix}") for person in range(persons)]
+
+
+# Covariances of projected joints, px^2: the uncertainty of poses for files that contain pixel coordinates.
+
+_STEP_M = 1e-4
+
+
+def pixel_covariances(poses: Poses3D, rig: CameraRig) -> np.ndarray | None:
+    """Return the covariances (F, V, P, J, 3) px^2 of projected joints, to first order: xx, xy, yy.
+
+    NaN where unknown. None if the covariances of all joints are unknown.
+    """
+    if not np.isfinite(poses.cov).any():
+        return None
+    xyz, cov = poses.xyz.astype(np.float64), poses.cov.astype(np.float64)
+    steps = [rig.project(xyz + sign * _STEP_M * axis)[0] for axis in np.eye(3) for sign in (1, -1)]
+    by_xyz = np.stack(
+        [(ahead - behind) / (2 * _STEP_M) for ahead, behind in zip(steps[::2], steps[1::2], strict=True)], -1
+    )
+    found = by_xyz @ cov[:, None] @ by_xyz.swapaxes(-1, -2)
+    return np.stack([found[..., 0, 0], found[..., 0, 1], found[..., 1, 1]], -1)
+
+
+def covariance_entry(covariance: np.ndarray) -> list[list[float] | None]:
+    """Return covariances (J, 3) px^2 as lists for JSON, rounded to 0.0001; None for joints where unknown."""
+    known = np.isfinite(covariance).all(-1)
+    return [row if there else None for row, there in zip(covariance.round(4).tolist(), known, strict=True)]

@@ -1,0 +1,310 @@
+"""Match the cameras of detections to calibrated cameras, by name, number or order."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.skeleton import Skeleton
+from dmae.formats.calibrations import CalibrationSource
+
+_OPTIONS = "data.calibration=... or data.detections=..."
+
+
+def match_cameras(
+    names: Sequence[str], rig: CameraRig, path: Path, what: str = "detections", options: str = _OPTIONS
+) -> tuple[list[int], str | None]:
+    """Match the cameras of detections to the cameras of a rig.
+
+    Cameras are matched by name, ignoring case and punctuation; or else by the last number in the name; or else, if
+    names have no numbers, by order. The rig may contain further cameras only if the cameras match by name.
+
+    Args:
+        names: Names of the cameras of the detections.
+        rig: Calibrated cameras.
+        path: Path of the recording, for messages.
+        what: The data of the cameras with these names, "detections" for example, for messages.
+        options: Options by which the user can give other files, for messages.
+
+    Returns:
+        index: Index of a camera in the rig, one for each name.
+        note: How cameras were matched if not by name, and the calibrated cameras that are left out; None if neither
+            applies.
+
+    Raises:
+        ValueError: the cameras do not match; the message lists both.
+    """
+    calibrated, found = [_plain(name) for name in rig.names], [_plain(name) for name in names]
+    both = f"{what} of {', '.join(names)} and calibration of {', '.join(rig.names)}"
+    if len(set(found)) < len(found) or len(set(calibrated)) < len(calibrated):
+        raise ValueError(f"{path}: expected different cameras, found {both}")
+    if set(found) <= set(calibrated):
+        spare = [name for name, plain in zip(rig.names, calibrated, strict=True) if plain not in found]
+        note = f"{len(spare)} calibrated cameras have no {what} and are left out: {', '.join(spare[:5])}"
+        return [calibrated.index(name) for name in found], note if spare else None
+    if set(found) & set(calibrated) or len(names) != len(rig):
+        lacking = [name for name, plain in zip(names, found, strict=True) if plain not in calibrated]
+        raise ValueError(
+            f"{path}: expected a calibration of each camera that has {what}, found {both}: {', '.join(lacking)} "
+            f"has none; give the cameras the same names, or name other files by {options}"
+        )
+    numbers = [[_number(name) for name in part] for part in (names, rig.names)]
+    ranks, how = [_ranks([natural(name) for name in part]) for part in (names, rig.names)], "in order of their names"
+    if all(None not in part and len(set(part)) == len(part) for part in numbers):
+        steps = {a - b for a, b in zip(*map(sorted, numbers), strict=True)}
+        if len(steps) > 1:
+            raise ValueError(f"{path}: expected cameras with the same numbers, found {both}")
+        ranks, how = [_ranks(part) for part in numbers], "by number" if steps == {0} else "in order of their numbers"
+    index = [ranks[1].index(rank) for rank in ranks[0]]
+    pairs = ", ".join(f"{name} = {rig.names[i]}" for name, i in zip(names, index, strict=True))
+    return index, f"cameras of {what} and calibration are matched {how}: {pairs}"
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def _number(name: str) -> int | None:
+    digits = re.findall(r"\d+", name)
+    return int(digits[-1]) if digits else None
+
+
+def natural(name: str) -> list:
+    """Return a sort key by which cam2 comes before cam10."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+
+
+def _ranks(keys: list) -> list[int]:
+    """Return the rank of each key."""
+    return [sorted(keys).index(key) for key in keys]
+
+
+def frame_number(path: Path, stem: str) -> int:
+    """Return the last number in the name of a file.
+
+    Raises:
+        ValueError: the name contains no number.
+    """
+    number = _number(stem)
+    if number is None:
+        raise ValueError(f"{path}: expected a file name that ends in the frame number")
+    return number
+
+
+# Check confidences of detected joints: 0 means that a joint is absent, and impossible confidences are counted.
+
+
+@dataclass
+class Confidences:
+    """Makes joints without a positive confidence absent, and counts joints with an impossible confidence.
+
+    Attributes:
+        odd: Number of joints with x and y, but with a negative or null confidence.
+        first: File and field of the first of these joints.
+    """
+
+    odd: int = 0
+    first: str = ""
+
+    def clean(self, place: str, joints: np.ndarray) -> np.ndarray:
+        """Return joints (..., 3), x, y and confidence; NaN where the confidence is not positive.
+
+        Args:
+            place: File and field of the joints, for the note.
+            joints: (..., 3) x, y and confidence as the file states them.
+        """
+        confidence = joints[..., 2]
+        odd = np.isfinite(joints[..., :2]).all(-1) & ((confidence < 0) | np.isnan(confidence))
+        if odd.any():
+            self.first = self.first or place
+            self.odd += int(odd.sum())
+        return np.where(confidence[..., None] > 0, joints, np.nan)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A note on the joints that were made absent; empty if all confidences were possible."""
+        if not self.odd:
+            return ()
+        joints = (
+            "1 joint has a negative or null confidence and is"
+            if self.odd == 1
+            else (f"{self.odd} joints have a negative or null confidence and are")
+        )
+        return (f"{joints} treated as absent, first in {self.first}",)
+
+
+# Detections of several cameras by camera name and frame number, and their conversion to a clip.
+
+_MAX_SPAN = 20
+"""Largest number of frames between the first and last number of a recording, per frame with a file.
+
+If it is larger, the numbers in the names of files are probably not frame numbers.
+"""
+
+_MAX_CELLS, _MAX_CELLS_EACH = 250_000, 50
+"""Largest number of people times frames in an array: the first number, or the second number per detected person."""
+
+
+@dataclass(frozen=True)
+class NumberedDetections:
+    """Detections of several cameras, as read from their files.
+
+    Attributes:
+        skeleton: J joints.
+        views: By camera and frame number, detections (D, J, 3): x, y px, confidence; NaN where absent.
+        fps: Frames per second; None if the files do not state it.
+        unreadable: By camera, error messages of the files that could not be read.
+        notes: Decisions of the reader that can be wrong.
+        sizes: By camera, image width and height, px, if the files state them.
+    """
+
+    skeleton: Skeleton
+    views: dict[str, dict[int, np.ndarray]]
+    fps: float | None = None
+    unreadable: dict[str, list[str]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Image width and height of all cameras, px; None if they differ or the files do not state them."""
+        sizes = set(self.sizes.values())
+        return sizes.pop() if len(sizes) == 1 and set(self.sizes) == set(self.views) else None
+
+
+def to_clip(
+    found: NumberedDetections,
+    rig: CameraRig,
+    fps: float,
+    path: Path,
+    truth: dict[int, np.ndarray] | None = None,
+    truth_skeleton: Skeleton | None = None,
+) -> Clip:
+    """Return detections and cameras as a clip, from the first to the last frame that any camera has.
+
+    Frames are aligned by number. If a camera lacks a frame, its detections in that frame are absent.
+    `provenance["notes"]` contains the number of missing frames and all other notes.
+
+    Args:
+        found: The detections.
+        rig: The cameras. Cameras without detections are left out.
+        fps: Frames per second.
+        path: Path of the recording, for the id of the clip and for messages.
+        truth: By frame number, (P, K, 3) m; P is the same in all frames.
+        truth_skeleton: Skeleton of the truth, with K joints.
+
+    Raises:
+        ValueError: cameras of detections and calibration do not match, nothing could be read, or the numbers in the
+            names of files are not frame numbers.
+    """
+    index, how = match_cameras(list(found.views), rig, path)
+    numbers = [number for view in found.views.values() for number in view]
+    for name, view in found.views.items():
+        if not view:
+            broken = found.unreadable.get(name, [])
+            raise ValueError(
+                f"{path}: camera {name!r} has no readable frame{': ' * bool(broken)}{'; '.join(broken[:1])}"
+            )
+    first, frames = min(numbers), max(numbers) - min(numbers) + 1
+    if frames > _MAX_SPAN * max(len(view) for view in found.views.values()) + 1000:
+        raise ValueError(
+            f"{path}: expected files numbered by frame, found {len(numbers)} that count from {first} to "
+            f"{max(numbers)}; name files of detections <anything><frame number>.json"
+        )
+    for name, view in zip(found.views, index, strict=True):
+        expected = tuple(rig.size[view].tolist())
+        if found.sizes.get(name, expected) != expected:
+            raise ValueError(
+                f"{path}: camera {name!r}: expected images of {expected} px as its calibration says, found "
+                f"{found.sizes[name]}; detect in images of the size that was calibrated"
+            )
+    order = np.argsort(index)
+    names = [list(found.views)[i] for i in order]
+    values = _stack([found.views[name] for name in names], first, frames, len(found.skeleton))
+    notes = [how] if how else []
+    notes += [*found.notes, *_absences(found, names, first, frames)]
+    return Clip(
+        id=path.resolve().stem,
+        fps=fps,
+        rig=rig[sorted(index)],
+        detections=Detections2D(found.skeleton, values[..., :2], values[..., 2]),
+        truth=None if truth is None else _truth(truth, truth_skeleton, first, frames),
+        provenance={"path": str(path), "first_frame": first, "notes": notes},
+    )
+
+
+def with_cameras(
+    found: NumberedDetections,
+    path: Path,
+    calibration: CalibrationSource,
+    fps: float | None,
+    truth: dict[int, np.ndarray] | None = None,
+    truth_skeleton: Skeleton | None = None,
+) -> Clip:
+    """Return the clip of a recording, from its detections and the calibration that this function reads.
+
+    Args:
+        found: The detections.
+        path: Path of the recording.
+        calibration: Path of the calibration, and the values that its file does not state.
+        fps: Frames per second; None for the rate that the files state.
+        truth, truth_skeleton: As in `to_clip`.
+
+    Raises:
+        FileNotFoundError: there is no calibration.
+        ValueError: as `to_clip`, or the calibration is malformed, or the frame rate is unknown.
+    """
+    rig = calibration.read(path, found.size)
+    return to_clip(found, rig, known_rate(fps, found, path), path, truth, truth_skeleton)
+
+
+def known_rate(fps: float | None, found: NumberedDetections, path: Path) -> float:
+    """Return the given frame rate, or else the rate that the files state; raise ValueError if both are unknown."""
+    fps = found.fps if fps is None else fps
+    if fps is None:
+        raise ValueError(f"{path}: no file states the frame rate; give data.fps=...")
+    return fps
+
+
+def _stack(views: list[dict[int, np.ndarray]], first: int, frames: int, joints: int) -> np.ndarray:
+    """Return the detections of all views as one array (F, V, D, J, 3): x, y px, confidence; NaN where absent."""
+    counts = [len(found) for view in views for found in view.values()]
+    most = max(counts, default=0)
+    _check_array_size("detections in one frame", frames * len(views) * most, most, sum(counts))
+    values = np.full((frames, len(views), most, joints, 3), np.nan)
+    for v, view in enumerate(views):
+        for number, found in view.items():
+            values[number - first, v, : len(found)] = found
+    values[~np.isfinite(values).all(-1)] = np.nan
+    return values
+
+
+def _truth(truth: dict[int, np.ndarray], skeleton: Skeleton, first: int, frames: int) -> Poses3D:
+    counts = [len(found) for found in truth.values()]
+    persons = max(counts, default=0)
+    _check_array_size("true persons", frames * persons, persons, sum(counts))
+    xyz = np.full((frames, persons, len(skeleton), 3), np.nan)
+    for number, found in truth.items():
+        if first <= number < first + frames:
+            xyz[number - first] = found
+    return Poses3D(skeleton, xyz)
+
+
+def _check_array_size(what: str, cells: int, most: int, total: int) -> None:
+    """Raise ValueError if the array would be too large because one frame contains far more people than the others."""
+    if cells > max(_MAX_CELLS, _MAX_CELLS_EACH * total):
+        raise ValueError(f"found {most} {what}, and {total} in all frames, which span too many")
+
+
+def _absences(found: NumberedDetections, names: list[str], first: int, frames: int) -> list[str]:
+    notes = []
+    for name in names:
+        absent, broken = frames - len(found.views[name]), found.unreadable.get(name, [])
+        if absent or broken:
+            note = f"camera {name}: {absent} of frames {first} to {first + frames - 1} are absent"
+            notes.append(note + (f"; {len(broken)} files could not be read, first {broken[0]}" if broken else ""))
+    return notes

@@ -1,0 +1,239 @@
+"""Determine which of several skeletons with the same number of joints detections have, from the lengths of bones."""
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.skeleton import SKELETONS, Skeleton, define
+from dmae.files.checks import MOST_PIXELS, check_numbers
+from dmae.formats.recordings import NumberedDetections
+
+_MIN_BONES = 4
+"""Smallest number of bones of each skeleton that a person must show to be compared.
+
+With this number, all of 4674 people in two real recordings fit the right skeleton better."""
+_MIN_PEOPLE = 3
+"""Smallest number of people that must be compared."""
+_MAJORITY = 0.8
+"""Share of the people that have to fit the same skeleton best."""
+
+
+def guess_skeleton(
+    path: Path, candidates: Sequence[Skeleton], people: Iterable[np.ndarray]
+) -> tuple[Skeleton, tuple[str, ...]]:
+    """Return the skeleton with the shortest bones in the image: with the wrong order of joints, bones cross the body.
+
+    For each person, the mean length of the bones, relative to the extent of the person's joints, is compared between
+    the skeletons. Each person counts as one vote.
+
+    Args:
+        path: Path of the detections, for the message.
+        candidates: Skeletons of J joints, the most common one first.
+        people: Arrays (D, J, 3) of x, y in px and confidence; NaN where absent.
+
+    Returns:
+        skeleton: The skeleton; the most common one if there are no people.
+        notes: A note with the margin of the decision. It is left out if the skeleton is the most common one and at
+            least 95% of the people fit it best.
+
+    Raises:
+        ValueError: too few people show enough joints, or too few of them agree.
+    """
+    arrays = [found[..., :2] for found in people if len(found)]
+    if not arrays:
+        return candidates[0], ()
+    xy = np.concatenate(arrays)
+    lengths = np.array([_mean_bone(skeleton, xy) for skeleton in candidates])
+    lengths = lengths[:, np.isfinite(lengths).all(0)]
+    votes = (
+        np.bincount(lengths.argmin(0), minlength=len(candidates)) if lengths.size else np.zeros(len(candidates), int)
+    )
+    count, best = int(votes.sum()), int(votes.argmax())
+    names = " or ".join(f"data.skeleton={skeleton.name}" for skeleton in candidates)
+    if count < _MIN_PEOPLE or votes[best] < _MAJORITY * count:
+        found = " and ".join(
+            f"{number} fit {skeleton.name}" for number, skeleton in zip(votes, candidates, strict=True)
+        )
+        raise ValueError(
+            f"{path}: people of {xy.shape[1]} joints can have different skeletons, and the detections do not decide: "
+            f"of {len(xy)} detected people {count} show enough joints to be compared, {found}; give {names}"
+        )
+    others = np.delete(lengths, best, 0).min(0)
+    margin = float(np.median(others / np.maximum(lengths[best], 1e-9)))
+    if best == 0 and votes[0] >= 0.95 * count:
+        return candidates[0], ()
+    wrong = " or ".join(skeleton.name for skeleton in candidates if skeleton != candidates[best])
+    return candidates[best], (
+        f"people of {xy.shape[1]} joints are assumed to be {candidates[best].name}, not {wrong}: its bones are "
+        f"{margin:.1f} times shorter, in {votes[best]} of {count} people that show enough joints; data.skeleton "
+        "overrides",
+    )
+
+
+def _mean_bone(skeleton: Skeleton, xy: np.ndarray) -> np.ndarray:
+    """Return the mean bone length (D,) of people (D, J, 2), relative to their extent; NaN if few bones are known."""
+    start, end = np.array(skeleton.bones).T
+    length = np.linalg.norm(xy[:, start] - xy[:, end], axis=-1)
+    known, bones = np.isfinite(xy).all(-1, keepdims=True), np.isfinite(length)
+    count = np.maximum(known.sum(1), 1)
+    middle = np.where(known, xy, 0).sum(1) / count
+    extent = np.sqrt((np.where(known, xy - middle[:, None], 0) ** 2).sum((1, 2)) / count[:, 0])
+    enough = (bones.sum(1) >= _MIN_BONES) & (extent > 0)
+    mean = np.where(bones, length, 0).sum(1) / np.maximum(bones.sum(1), 1)
+    return np.where(enough, mean / np.maximum(extent, 1e-9), np.nan)
+
+
+# Skeleton and detections of files that contain the names of joints, with or without bones.
+
+_REFUSED = re.compile(r"[+./\\\t,]")
+_SIDES = {"l": "r", "left": "right", "L": "R", "Left": "Right", "LEFT": "RIGHT"}
+_SIDE = re.compile(r"^(left|Left|LEFT|[lL](?=[_A-Z -]))|(?<=[a-z_ -])(left|Left|LEFT|L)$|(?<=[_ -])l$")
+
+
+@dataclass(frozen=True)
+class NamedDetections:
+    """Detections in the file of one camera, with the names of their joints.
+
+    Attributes:
+        names: Names of the J joints.
+        people: (F, D, J, 3) x and y in px, confidence; NaN where absent.
+        frames: (F,) numbers of the frames; by default they count from 0.
+        edges: Pairs of indices of connected joints, the parent first.
+        skeleton: The skeleton that the file names; None if it names none.
+    """
+
+    names: Sequence[str]
+    people: np.ndarray
+    frames: Sequence[int] | None = None
+    edges: Sequence[tuple[int, int]] = ()
+    skeleton: Skeleton | None = None
+
+
+def named_detections(
+    files: Mapping[str, Path], read: Callable[[Path], NamedDetections], wanted: Skeleton | None
+) -> NumberedDetections:
+    """Return the detections of all cameras on one skeleton, which `named_skeleton` finds.
+
+    A joint without coordinates or confidence is absent. A person without joints is also absent.
+
+    Args:
+        files: The file of each camera, by name of the camera.
+        read: Function that reads one file.
+        wanted: The skeleton that the user requested; None if there was no request.
+
+    Raises:
+        ValueError: coordinates are impossible, or the joints differ from the joints of the skeleton or of the other
+            cameras.
+    """
+    views: dict[str, dict[int, np.ndarray]] = {}
+    first: list[str] = []
+    notes: tuple[str, ...] = ()
+    for camera, file in files.items():
+        found = read(file)
+        names = list(found.names)
+        if not views:
+            wanted, index, notes = named_skeleton(names, found.edges, wanted or found.skeleton, file)
+            first = names
+        elif names != first:
+            expected = f"expected the joints of the other cameras, {', '.join(first)}"
+            raise ValueError(f"{file}: {expected}; found {', '.join(names)}")
+        check_numbers(f"{file}: coordinates", found.people[..., :2], MOST_PIXELS)
+        people = found.people[:, :, index]
+        people[~np.isfinite(people).all(-1)] = np.nan
+        there = ~np.isnan(people[..., 0]).all(-1)
+        frames = range(len(people)) if found.frames is None else found.frames
+        views[camera] = {int(n): each[shown] for n, each, shown in zip(frames, people, there, strict=True)}
+    return NumberedDetections(wanted, views, notes=notes)
+
+
+def named_skeleton(
+    names: Sequence[str], edges: Sequence[tuple[int, int]], wanted: Skeleton | None, path: Path
+) -> tuple[Skeleton, list[int], tuple[str, ...]]:
+    """Return a skeleton for the joints in a file, and the index of each of its joints in the file.
+
+    Without a requested skeleton, it is a skeleton of this package with the same joints. If there is none, a new
+    skeleton is defined by the names, the edges, and left and right in the names.
+
+    Args:
+        names: Names of the joints in the file.
+        edges: Pairs of indices of connected joints, the parent first.
+        wanted: The requested skeleton. All its joints have to be in the file.
+        path: Path of the file, for messages.
+
+    Returns:
+        skeleton: The skeleton, with J joints.
+        index: (J,) indices into `names`.
+        notes: Decisions that can be wrong.
+
+    Raises:
+        ValueError: a joint occurs twice or is missing; the message lists the joints.
+    """
+    plain = [_plain(name) for name in names]
+    if len(set(plain)) < len(plain) or not names:
+        raise ValueError(f"{path}: expected joints of different names, found {', '.join(names) or 'none'}")
+    same = (each for each in SKELETONS.values() if {_plain(joint) for joint in each.joints} == set(plain))
+    skeleton = wanted or next(same, None)
+    if skeleton is not None:
+        lacking = [joint for joint in skeleton.joints if _plain(joint) not in plain]
+        if lacking:
+            raise ValueError(
+                f"{path}: its joints are not those of {skeleton.name}: it lacks {', '.join(lacking)}, and has "
+                f"{', '.join(names)}"
+            )
+        index = [plain.index(_plain(joint)) for joint in skeleton.joints]
+        others = [name for number, name in enumerate(names) if number not in index]
+        notes = (f"joints that {skeleton.name} lacks are left out: {', '.join(others)}",) if others else ()
+        return skeleton, index, notes
+    return _new_skeleton(names, edges, path)
+
+
+def _new_skeleton(
+    names: Sequence[str], edges: Sequence[tuple[int, int]], path: Path
+) -> tuple[Skeleton, list[int], tuple[str, ...]]:
+    joints = [_REFUSED.sub("_", name).strip() for name in names]
+    parents: dict[str, str | None] = dict.fromkeys(joints)
+    notes = []
+    for parent, child in edges:
+        if parents[joints[child]] is None and not _is_ancestor(joints[child], joints[parent], parents):
+            parents[joints[child]] = joints[parent]
+        else:
+            notes.append(f"the edge from {joints[parent]} to {joints[child]} is left out, as bones make a tree")
+    pairs = [[name, other] for name in joints if (other := _other_side(name)) in joints]
+    fitting = [pair for pair in pairs if _can_be_mirrored(pair, pairs, parents)]
+    skeleton = define({"name": "tracked", "joints": parents, "mirror": fitting}, str(path))
+    sides = ", ".join(f"{left} and {right}" for left, right in fitting)
+    notes.append(
+        f"no skeleton was given: {len(joints)} joints with {len(skeleton.bones)} bones as the file names them"
+        + (f", of left and right {sides}" if sides else "")
+        + "; data.skeleton=my_skeleton.yaml states bones, sides and size"
+    )
+    return skeleton, list(range(len(joints))), tuple(notes)
+
+
+def _is_ancestor(ancestor: str, joint: str | None, parents: dict[str, str | None]) -> bool:
+    while joint is not None and joint != ancestor:
+        joint = parents[joint]
+    return joint is not None
+
+
+def _can_be_mirrored(pair: list[str], pairs: list[list[str]], parents: dict[str, str | None]) -> bool:
+    """Return whether a pair of joints can be mirrored: their parents are one joint, or a pair that can be mirrored."""
+    above = [parents[joint] for joint in pair]
+    if above[0] == above[1]:
+        return True
+    return above in pairs and _can_be_mirrored(above, pairs, parents)
+
+
+def _other_side(name: str) -> str | None:
+    """Return the name of the joint on the right that corresponds to a joint on the left; None for other joints."""
+    found = _SIDE.search(name)
+    if not found:
+        return None
+    return name[: found.start()] + _SIDES[found[0]] + name[found.end() :]
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())

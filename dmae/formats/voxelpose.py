@@ -1,0 +1,86 @@
+"""Calibration of the Shelf and Campus recordings as VoxelPose publishes them: JSON."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from dmae.data.cameras import CameraRig
+from dmae.data.store import write_atomic
+from dmae.files.structured import read_json
+from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, make_rig, require
+from dmae.formats.config import Convention, LengthUnit
+
+
+def _camera(entry: CameraTable) -> ParsedCamera:
+    fx, fy, cx, cy = (entry.numbers(key, 1).item() for key in ("fx", "fy", "cx", "cy"))
+    entry.check_focal("fx", fx)
+    entry.check_focal("fy", fy)
+    (k1, k2, k3), (p1, p2) = entry.numbers("k", 3), entry.numbers("p", 2)
+    R = entry.rotation("R")
+    return ParsedCamera(
+        entry.camera,
+        np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
+        np.array([k1, k2, p1, p2, k3]),
+        R,
+        -R @ entry.numbers("T", 3),
+        entry.size("size") if "size" in entry.values else None,
+    )
+
+
+def write_cameras(rig: CameraRig, path: Path) -> None:
+    """Write cameras to a file. The rotations in `cam_from_world` are not changed.
+
+    Other programs ignore the additional key `size`.
+
+    Raises:
+        ValueError: the format cannot store a lens.
+    """
+    require("a VoxelPose calibration", rig, coefficients=5, skew=False)
+    cameras = {}
+    for view, name in enumerate(rig.names):
+        K, (k1, k2, p1, p2, k3) = rig.K[view], rig.dist[view, :5]
+        cameras[name] = {
+            "R": rig.cam_from_world[view, :3, :3].tolist(),
+            "T": rig.centers[view][:, None].tolist(),
+            "fx": K[0, 0],
+            "fy": K[1, 1],
+            "cx": K[0, 2],
+            "cy": K[1, 2],
+            "k": [[k1], [k2], [k3]],
+            "p": [[p1], [p2]],
+            "size": rig.size[view].tolist(),
+        }
+    write_atomic(path, json.dumps(cameras, indent=1))
+
+
+def _matches(content: object) -> bool:
+    cameras = content.values() if isinstance(content, dict) else ()
+    keys = {key for camera in cameras if isinstance(camera, dict) for key in camera}
+    return bool(keys & {"T", "fx", "fy"}) and not keys & {"RT", "imgSize"}
+
+
+@calibration_format(
+    "voxelpose",
+    syntax="json",
+    matches=_matches,
+    write=write_cameras,
+    convention=Convention(unit=LengthUnit.mm),
+    files=("*alib*.json", "*alib*/*.json"),
+)
+def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
+    """JSON cameras with R, T, fx (VoxelPose).
+
+    Return the cameras of the file: cam_from_world, mm. `T` is the centre of the camera: x = R (X - T).
+
+    The published files contain no image sizes (Shelf 1032 x 776 px, Campus 360 x 288 px). Files from `write_cameras`
+    contain them.
+
+    Raises:
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is malformed, or it contains no sizes and `size` is None.
+    """
+    cameras = read_json(path)
+    if not isinstance(cameras, dict):
+        raise ValueError(f"{path}: expected an object of cameras, found {cameras!r:.60}")
+    return make_rig(path, (_camera(CameraTable(path, name, values)) for name, values in cameras.items()), size)

@@ -1,0 +1,115 @@
+"""Pictures of a recording in a folder for each camera; time offsets by the names of cameras."""
+
+import numpy as np
+import pytest
+
+import dmae
+from dmae.data.images import write_rgb, write_video
+from dmae.data.skeleton import BODY25
+from dmae.formats.reading import offsets_of_all
+from tests.support.recordings import recording, write_openpose_recording
+
+
+def write_pictures(folder, frames: range, cameras: int = 4, size: tuple[int, int] = (600, 960), name="f{}.png"):
+    """Pictures in which every camera has its own grey, and every frame is a little lighter."""
+    for camera in range(cameras):
+        for frame in frames:
+            write_rgb(
+                folder / f"cam{camera}" / name.format(frame), np.full((*size, 3), 40 * camera + 3 * frame, np.uint8)
+            )
+    return str(folder)
+
+
+def test_pictures_are_those_of_the_frame_and_camera(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=8)
+    pictures = write_pictures(tmp_path / "pictures", range(7, 14))
+    clip = dmae.read(tmp_path / "rec", fps=25, images=pictures, cameras=["cam3", "cam1"], frames=[1, 3])
+    assert clip.provenance["notes"] == []
+    for view, camera in enumerate((3, 1)):
+        # f9 comes before f10: by number, not by letter.
+        assert clip.images.at("rgb", clip.rig.names[view], 1).mean() == pytest.approx(40 * camera + 3 * 10)
+    dmae.save(clip, tmp_path / "clip")
+    frames = list(dmae.load(tmp_path / "clip").images.read("rgb", "cam1"))
+    assert [frame.mean() for frame in frames] == [40 + 3 * 9, 40 + 3 * 10]
+
+
+def test_pictures_without_the_numbers_of_the_frames_are_noted(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=100)
+    pictures = write_pictures(tmp_path / "pictures", range(4), size=(300, 480), name="p{}.jpg")
+    clip = dmae.read(tmp_path / "rec", fps=25, images=pictures)
+    assert any("the first of the 4 pictures is assumed to be frame 100" in note for note in clip.provenance["notes"])
+    assert any("has [480, 300] px, the calibration says" in note for note in clip.provenance["notes"])
+
+
+def test_what_lacks_pictures_is_refused_by_name(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
+    (tmp_path / "none").mkdir()
+    with pytest.raises(FileNotFoundError, match="expected a folder of PNG or JPEG files for each camera"):
+        dmae.read(tmp_path / "rec", fps=25, images=str(tmp_path / "none"))
+    with pytest.raises(ValueError, match="found none of cam3"):
+        dmae.read(tmp_path / "rec", fps=25, images=write_pictures(tmp_path / "three", range(4), cameras=3))
+    with pytest.raises(ValueError, match="cam0: expected 4 pictures or more as of the detections, found 2"):
+        dmae.read(tmp_path / "rec", fps=25, images=write_pictures(tmp_path / "few", range(2)))
+    with pytest.raises(ValueError, match="expected one of them"):
+        dmae.read(tmp_path / "rec", fps=25, images="a", videos="b")
+
+
+def test_offsets_are_given_in_order_or_by_name(tmp_path):
+    names = ("left", "right", "top:1")
+    assert offsets_of_all([0, 2, -1], names) == [0, 2, -1]
+    assert offsets_of_all(["right:-3", "top:1:+2"], names) == [0, -3, 2]
+    assert offsets_of_all(None, names) is None
+    for wrong in (["left"], ["middle:3"], ["left:1.5"], ["left:1", "left:2"], [1, "left:2"]):
+        with pytest.raises(ValueError, match="expected a number for each camera, or entries as left:3"):
+            offsets_of_all(wrong, names)
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
+    by_name, in_order = (dmae.read(tmp_path / "rec", fps=25, offsets=each) for each in (["cam2:1"], [0, 0, 1, 0]))
+    np.testing.assert_array_equal(by_name.detections.xy, in_order.detections.xy)
+    assert by_name.provenance["offsets"] == [0, 0, 1, 0]
+
+
+# Videos of a recording: the backgrounds of reports and pictures.
+
+
+def write_videos(folder, frames: int = 6, cameras: int = 4, size: tuple[int, int] = (600, 960), name="cam{}.mp4"):
+    """Videos in which every camera has its own grey, and every frame is a little lighter."""
+    for camera in range(cameras):
+        grey = [np.full((*size, 3), 40 * camera + 8 * frame, np.uint8) for frame in range(frames)]
+        write_video(folder / name.format(camera), grey, 25)
+    return str(folder)
+
+
+def test_pictures_of_videos_are_those_of_the_frame_and_camera(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=2)
+    videos = write_videos(tmp_path / "videos")
+    clip = dmae.read(tmp_path / "rec", fps=25, videos=videos, cameras=["cam3", "cam1"], frames=[1, 3])
+    assert clip.provenance["notes"] == []
+    # The first frame is number 3 of the recording.
+    for view, camera in enumerate((3, 1)):
+        grey = clip.images.at("rgb", clip.rig.names[view], 0).mean()
+        assert grey == pytest.approx(40 * camera + 8 * 3, abs=3)
+    dmae.save(clip, tmp_path / "clip")
+    again = dmae.load(tmp_path / "clip")
+    frames = list(again.images.read("rgb", "cam1"))
+    assert len(frames) == 2 and frames[1].mean() == pytest.approx(40 + 8 * 4, abs=3)
+
+
+def test_videos_that_begin_with_the_clip_or_have_another_size_are_noted(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec", first=100)
+    videos = write_videos(tmp_path / "videos", frames=4, size=(600, 952), name="Cam_{}.mp4")
+    clip = dmae.read(tmp_path / "rec", fps=25, videos=videos)
+    notes = clip.provenance["notes"]
+    assert "the first frame of the videos is assumed to be frame 100, as they have 4 frames" in notes
+    assert any("has pictures of [952, 600] px, the calibration says [960, 600]" in note for note in notes)
+    assert clip.images.at("rgb", "cam0", 2).mean() == pytest.approx(16, abs=3)
+
+
+def test_what_lacks_videos_is_refused_by_name(tmp_path):
+    write_openpose_recording(recording(BODY25, 4), tmp_path / "rec")
+    (tmp_path / "none").mkdir()
+    with pytest.raises(FileNotFoundError, match="expected a video for each camera"):
+        dmae.read(tmp_path / "rec", fps=25, videos=str(tmp_path / "none"))
+    with pytest.raises(ValueError, match="found none of cam3"):
+        dmae.read(tmp_path / "rec", fps=25, videos=write_videos(tmp_path / "three", cameras=3))
+    with pytest.raises(ValueError, match=r"cam0\.mp4: expected 4 frames or more as of the detections, found 2"):
+        dmae.read(tmp_path / "rec", fps=25, videos=write_videos(tmp_path / "short", frames=2))
