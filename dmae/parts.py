@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dmae.data.json_values import decode
 from dmae.data.resume import claim_folder
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 
 SHARD = "shard.json"

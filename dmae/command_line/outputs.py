@@ -59,8 +59,8 @@ def locked(out: Path) -> Iterator[None]:
 
 def record(configuration: str, out: Path) -> None:
     """Write the resolved configuration, as YAML, to the output of its command."""
-    from dmae.data.store import write_atomic
     from dmae.files.checksums import RECORD, with_own_checksum  # it loads NumPy, which `--help` does not need
+    from dmae.files.contents import write_atomic
 
     folder = out if out.is_dir() else out.parent
     name = RECORD if out.is_dir() else f"{out.name}.{RECORD}"

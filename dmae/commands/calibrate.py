@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from dmae.calibration.adjustment.refinement import RefineConfig, Refined, refine
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.formats.pose2sim import write_cameras
 from dmae.formats.reading import DataConfig, is_data_set, load
 from dmae.reporting.tables import Table, print_tables

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.completion.model_card import model_card
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 
 WRITES = None
 EXAMPLES = ('dmae card weights=runs/model scores=[runs/scores] command="make weights"',)

@@ -13,7 +13,7 @@ from dmae.calibration.epipolar_arrows import draw_arrows
 from dmae.calibration.hypothesis import Hypothesis
 from dmae.commands.data_sets import describe_sides, each_clip
 from dmae.data.clip import Clip
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.formats.config import Convention
 from dmae.formats.reading import DataConfig, offsets_of_all, written_convention
 from dmae.reconstruction.config import CaptureConfig

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from dmae.commands.data_sets import part_of
 from dmae.data.json_values import json_text
-from dmae.data.store import write_atomic
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate, forecast
 from dmae.evaluation.gates import check_baseline, compare_scores, scored_options
 from dmae.evaluation.scores import read_scores
+from dmae.files.contents import write_atomic
 from dmae.formats.reading import load
 from dmae.metrics.tables import score_tables
 from dmae.parts import write_part

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.data.json_values import json_text
-from dmae.data.store import CHECKSUMS, check_vacant, read_manifest, whole_folder, write_atomic, write_manifest
+from dmae.data.store import CHECKSUMS, read_manifest, write_manifest
 from dmae.evaluation.joining import join_scores, join_stress
 from dmae.evaluation.scores import read_scores
 from dmae.evaluation.stress.page import write_result
 from dmae.files.checksums import clip_checksum, end_data_set, refuse_damaged, write_checksums
+from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
 from dmae.parts import Part, read_parts
 from dmae.progress import progress

@@ -5,8 +5,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 from dmae.command_line.outputs import versions
-from dmae.data.store import CHECKSUMS, write_atomic
+from dmae.data.store import CHECKSUMS
 from dmae.files.checksums import find_damage, number_of, read_checksums
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 
 UNFINISHED = "unfinished.json"

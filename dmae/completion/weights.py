@@ -20,8 +20,7 @@ from dmae.completion.network.build import build_network
 from dmae.completion.network.config import ModelConfig, model_config
 from dmae.completion.network.paper import DMAE
 from dmae.data.skeleton import Skeleton, decode_skeleton, encode, get_skeleton
-from dmae.data.store import write_atomic
-from dmae.files.contents import read_bytes
+from dmae.files.contents import read_bytes, write_atomic
 from dmae.files.structured import read_json
 
 FORMAT = 5

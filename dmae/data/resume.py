@@ -4,7 +4,7 @@ import json
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 
 _LISTED = 8

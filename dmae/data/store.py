@@ -3,10 +3,6 @@
 import hashlib
 import json
 import os
-import shutil
-import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 
@@ -20,7 +16,7 @@ from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import decode_skeleton, encode
 from dmae.files.arrays import digest_of, read_tensors, tensor_pieces
 from dmae.files.checks import child
-from dmae.files.contents import read_text
+from dmae.files.contents import read_text, write_atomic
 from dmae.files.mapped import frame_blocks
 from dmae.files.structured import parse_json, read_json
 
@@ -43,74 +39,6 @@ _LABELS = {
     },
 }
 """Fields of the labels of a clip, and the names of their arrays on disk. Older clips lack some of them."""
-
-
-def write_atomic(path: Path, data: bytes | str | Iterable[bytes], *, lasting: bool = True) -> None:
-    """Write a file completely or not at all: write to a temporary name, fsync, rename.
-
-    Args:
-        path: The file. Its folder is created.
-        data: Content, complete or in pieces.
-        lasting: Whether to fsync. Without it, a loss of power can damage the file. It is unnecessary for files that are
-            checked when they are read, and that can be made again.
-    """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    data = data.encode() if isinstance(data, str) else data
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.writelines([data] if isinstance(data, bytes) else data)
-            file.flush()
-            if lasting:
-                os.fsync(file.fileno())
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except BaseException as error:
-        Path(temporary).unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
-            # The error of a full disk names no file. An error without `errno` has its message only in its arguments.
-            raise OSError(error.errno, error.strerror, str(path)) from None
-        raise
-
-
-def check_vacant(out: Path, contents: str) -> None:
-    """Check that a folder does not exist yet, or is empty.
-
-    Args:
-        out: The folder.
-        contents: Name of the content that will be written into it, for the message: "the data set".
-
-    Raises:
-        ValueError: the path is a file, or a folder that is not empty.
-    """
-    out = Path(out)
-    if out.is_file() or (out.is_dir() and any(out.iterdir())):
-        there = "a file" if out.is_file() else f"a folder with {min(path.name for path in out.iterdir())}"
-        raise ValueError(
-            f"{out}: expected no such folder yet, or an empty one, for {contents}; found {there}. "
-            "Choose another out, or remove it"
-        )
-
-
-@contextmanager
-def whole_folder(out: Path) -> Iterator[Path]:
-    """Yield a temporary folder. It is renamed to `out` if the block ends without an error, and is removed otherwise.
-
-    Args:
-        out: A folder that does not exist or is empty (`check_vacant`).
-    """
-    out = Path(out)
-    partial = out.with_name(f".{out.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
-    try:
-        yield partial
-        if out.is_dir():
-            out.rmdir()
-        partial.rename(out)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def save_clip(clip: Clip, folder: Path) -> None:

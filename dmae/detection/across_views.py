@@ -11,12 +11,12 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import Skeleton
-from dmae.data.store import write_atomic
 from dmae.detection.picture_size import Fitting
 from dmae.detection.pictures import CameraPictures
 from dmae.detection.pipeline import PIECE, Found, check_people, make_detector, read_piece
 from dmae.detection.projected_people import body_radius, missed_people, parts_of_people
 from dmae.detection.registry import PoseDetectorConfig
+from dmae.files.contents import write_atomic
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig

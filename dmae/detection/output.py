@@ -11,8 +11,8 @@ import numpy as np
 from dmae.data.clip import Detections2D
 from dmae.data.conversion import convert_detections
 from dmae.data.skeleton import COCO17
-from dmae.data.store import write_atomic
 from dmae.detection.recording import Recording
+from dmae.files.contents import write_atomic
 from dmae.formats.openpose import write_detections
 
 

@@ -12,13 +12,13 @@ import numpy as np
 from dmae.data.clip import Detections2D
 from dmae.data.conversion import convert_detections
 from dmae.data.skeleton import COCO17
-from dmae.data.store import write_atomic
 from dmae.detection.output import FlatFormat, OutputConfig, coco
 from dmae.detection.pictures import CameraPictures, pictures_in, read_files
 from dmae.detection.pipeline import detect_people, make_detector, to_detections
 from dmae.detection.recording import output_skeleton
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.files.checks import PICTURES, child
+from dmae.files.contents import write_atomic
 from dmae.files.pictures import read_upright, upright_size
 from dmae.formats.openpose import write_people
 from dmae.progress import progress

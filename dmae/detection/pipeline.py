@@ -9,11 +9,11 @@ import numpy as np
 
 from dmae.data.clip import Detections2D
 from dmae.data.skeleton import Skeleton
-from dmae.data.store import write_atomic
 from dmae.detection.pictures import CameraPictures
 from dmae.detection.registry import PictureDetector, PoseDetectorConfig, pose_detector
 from dmae.files.arrays import read_arrays
 from dmae.files.checks import MOST_PIXELS
+from dmae.files.contents import write_atomic
 from dmae.parallel import in_parallel
 from dmae.progress import progress
 

@@ -7,7 +7,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import NamedTuple
 
-from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders, write_atomic
+from dmae.data.store import CHECKSUMS, MANIFEST, clip_folders
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 
 FORMAT = 1

@@ -1,14 +1,21 @@
-"""Read the contents of files: only regular files, and no more bytes than expected."""
+"""Read and write whole files: only regular files, no more bytes than expected, and written completely or not at all."""
 
 import lzma
 import os
+import shutil
 import stat
+import tempfile
 import zlib
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 MOST_BYTES = 4 << 30
 """Largest size of a file that is read whole, bytes."""
+COMPRESSED = (".xz", ".gz")
+"""Last extensions of files that `read_unpacked` unpacks."""
+_UNPACKING_MEMORY = 256 << 20
+"""Bytes; files of `xz -9` need 65 MiB."""
 
 
 def check_file(path: Path, most: int = MOST_BYTES) -> int:
@@ -35,13 +42,16 @@ def check_file(path: Path, most: int = MOST_BYTES) -> int:
     return found.st_size
 
 
+def _size(count: int) -> str:
+    return f"{count / 1e6:.3g} MB" if count >= 100_000 else f"{count} bytes"
+
+
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return the contents of a file; errors as in `check_file`."""
     size = check_file(path, most)
     # A file could be replaced by a pipe after the check. Opening it must not block either.
-    with os.fdopen(
-        os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb"
-    ) as file:
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    with os.fdopen(os.open(path, flags), "rb") as file:
         data = file.read(size + 1)
     if len(data) > size:
         raise ValueError(f"{path}: the file grows while it is read")
@@ -61,25 +71,6 @@ def read_text(path: Path, most: int = 1 << 30) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def written(lines: Iterable[str]) -> Iterator[bytes]:
-    """Yield lines of text as bytes of a file."""
-    return (f"{line}\n".encode() for line in lines)
-
-
-def _size(count: int) -> str:
-    return f"{count / 1e6:.3g} MB" if count >= 100_000 else f"{count} bytes"
-
-
-# Read compressed files, up to a limit of size.
-
-COMPRESSED = (".xz", ".gz")
-"""Last extensions of files that `read_unpacked` unpacks."""
-_MEMORY = 256 << 20
-"""Bytes of memory that unpacking may take; files of `xz -9` need 65 MiB."""
-_PART = 1 << 20
-"""Bytes unpacked at a time."""
-
-
 def without_compression(name: str) -> str:
     """Return the name of a file without the extension of its compression, if any."""
     return name[:-3] if name.lower().endswith(COMPRESSED) else name
@@ -93,32 +84,105 @@ def read_unpacked(path: Path, most: int) -> bytes:
         most: Largest size, packed and unpacked, bytes.
 
     Raises:
-        FileNotFoundError, ValueError: as in `dmae.files.contents.read_bytes`, or the file is damaged, not
-            compressed as its name says, or larger after unpacking.
+        FileNotFoundError, ValueError: as in `check_file`, or the file is damaged, not compressed as its name says, or
+            larger after unpacking.
     """
     data = read_bytes(path, most)
     if without_compression(path.name) == path.name:
         return data
+    xz = path.suffix.lower() == ".xz"
+    parts, size = [], 0
     try:
-        return _unpack(data, path, most)
+        # Files may contain several streams in sequence; xz pads them with zeros.
+        while data := data.lstrip(b"\0") if xz and parts else data:
+            engine = (
+                lzma.LZMADecompressor(lzma.FORMAT_XZ, _UNPACKING_MEMORY)
+                if xz
+                else zlib.decompressobj(zlib.MAX_WBITS | 16)
+            )
+            while not engine.eof:
+                part = engine.decompress(data, 1 << 20)
+                data = b"" if xz else engine.unconsumed_tail
+                parts.append(part)
+                size += len(part)
+                if size > most:
+                    raise ValueError(f"{path}: expected at most {most} bytes, found more when unpacked")
+                if not part and not engine.eof and (engine.needs_input if xz else not data):
+                    raise EOFError("the file ends too early")
+            data = engine.unused_data
     except (lzma.LZMAError, zlib.error, EOFError) as error:
         raise ValueError(f"{path}: expected a file compressed by {path.suffix[1:]}, {error}") from None
-
-
-def _unpack(data: bytes, path: Path, most: int) -> bytes:
-    parts, size = [], 0
-    xz = path.suffix.lower() == ".xz"
-    # Files may contain several streams in sequence; xz pads them with zeros.
-    while data := data.lstrip(b"\0") if xz and parts else data:
-        engine = lzma.LZMADecompressor(lzma.FORMAT_XZ, _MEMORY) if xz else zlib.decompressobj(zlib.MAX_WBITS | 16)
-        while not engine.eof:
-            part = engine.decompress(data, _PART)
-            data = b"" if xz else engine.unconsumed_tail
-            parts.append(part)
-            size += len(part)
-            if size > most:
-                raise ValueError(f"{path}: expected at most {most} bytes, found more when unpacked")
-            if not part and not engine.eof and (engine.needs_input if xz else not data):
-                raise EOFError("the file ends too early")
-        data = engine.unused_data
     return b"".join(parts)
+
+
+def written(lines: Iterable[str]) -> Iterator[bytes]:
+    """Yield lines of text as bytes of a file."""
+    return (f"{line}\n".encode() for line in lines)
+
+
+def write_atomic(path: Path, data: bytes | str | Iterable[bytes], *, lasting: bool = True) -> None:
+    """Write a file completely or not at all: write to a temporary name, fsync, rename.
+
+    Args:
+        path: The file. Its folder is created.
+        data: Content, complete or in pieces.
+        lasting: Whether to fsync. Without it, a loss of power can damage the file. It is unnecessary for files that are
+            checked when they are read, and that can be made again.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    data = data.encode() if isinstance(data, str) else data
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.writelines([data] if isinstance(data, bytes) else data)
+            file.flush()
+            if lasting:
+                os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException as error:
+        Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            # The error of a full disk names no file. An error without `errno` has its message only in its arguments.
+            raise OSError(error.errno, error.strerror, str(path)) from None
+        raise
+
+
+def check_vacant(out: Path, contents: str) -> None:
+    """Check that a folder does not exist yet, or is empty.
+
+    Args:
+        out: The folder.
+        contents: Name of the content that will be written into it, for the message: "the data set".
+
+    Raises:
+        ValueError: the path is a file, or a folder that is not empty.
+    """
+    out = Path(out)
+    if out.is_file() or (out.is_dir() and any(out.iterdir())):
+        there = "a file" if out.is_file() else f"a folder with {min(path.name for path in out.iterdir())}"
+        raise ValueError(
+            f"{out}: expected no such folder yet, or an empty one, for {contents}; found {there}. "
+            "Choose another out, or remove it"
+        )
+
+
+@contextmanager
+def whole_folder(out: Path) -> Iterator[Path]:
+    """Yield a temporary folder. It is renamed to `out` if the block ends without an error, and is removed otherwise.
+
+    Args:
+        out: A folder that does not exist or is empty (`check_vacant`).
+    """
+    out = Path(out)
+    partial = out.with_name(f".{out.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        if out.is_dir():
+            out.rmdir()
+        partial.rename(out)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

@@ -15,8 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.store import write_atomic
-from dmae.files.contents import written
+from dmae.files.contents import write_atomic, written
 from dmae.files.mapped import by_frames, column_blocks, empty, frame_blocks
 from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import person_paths, write_source_table

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.files.mapped import by_frames, frame_blocks, release, trim
 from dmae.formats.registry import pose_writer
 from dmae.formats.trc import marker

@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BLAZEPOSE33, COCO17, HALPE26, Skeleton
-from dmae.data.store import write_atomic
 from dmae.files.checks import MOST_PIXELS, check_numbers
-from dmae.files.contents import read_text
+from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import read_toml
 from dmae.formats.calibrations import (
     FOUND,

@@ -13,8 +13,8 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SKELETONS, Skeleton
-from dmae.data.store import check_vacant, whole_folder, write_atomic
 from dmae.files.checks import MOST_PIXELS, check_numbers
+from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.mapped import frame_blocks
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import FOUND, CalibrationSource, write_calibration

@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25, Skeleton
-from dmae.data.store import write_atomic
 from dmae.files.checks import MOST_PIXELS, check_numbers, child
-from dmae.files.contents import read_text
+from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import parse_yaml, read_json
 from dmae.formats.calibrations import (
     FOUND,

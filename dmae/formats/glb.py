@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.formats.bvh import Y_UP, JointRotations, joint_rotations
 from dmae.formats.poses import person_paths, write_source_table
 from dmae.formats.registry import pose_writer

@@ -22,8 +22,8 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton, decode_skeleton, encode
-from dmae.data.store import write_atomic
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
+from dmae.files.contents import write_atomic
 from dmae.files.hdf5 import Hdf5, open_hdf5
 from dmae.files.structured import parse_json
 from dmae.formats.calibrations import FOUND, CalibrationSource

@@ -19,8 +19,8 @@ from dmae.data.skeleton import (
     SHELF14,
     Skeleton,
 )
-from dmae.data.store import write_atomic
 from dmae.files.checks import MOST_PIXELS, check_numbers, child
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import FOUND, CalibrationSource, write_calibration
 from dmae.formats.poses import covariance_entry, pixel_covariances

@@ -27,9 +27,10 @@ from numpy.lib.format import header_data_from_array_1_0, write_array_header_1_0
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton, decode_skeleton, encode
-from dmae.data.store import load_clip, save_clip, write_atomic
+from dmae.data.store import load_clip, save_clip
 from dmae.files.arrays import read_arrays
 from dmae.files.checks import check_rate
+from dmae.files.contents import write_atomic
 from dmae.files.mapped import frame_blocks
 from dmae.files.structured import parse_json
 from dmae.formats.poses import PoseFile

@@ -10,8 +10,8 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import BODY25, PANOPTIC19, Skeleton
-from dmae.data.store import write_atomic
 from dmae.files.checks import MOST_METRES, MOST_VARIANCE, check_numbers, child
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from dmae.formats import openpose
 from dmae.formats.calibrations import (

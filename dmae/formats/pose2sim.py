@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.skeleton import BODY25, BODY25B, COCO17, COCO18, HALPE26, Skeleton
-from dmae.data.store import write_atomic
 from dmae.files.checks import check_rate
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_toml
 from dmae.formats import openpose
 from dmae.formats.calibrations import (

@@ -11,8 +11,8 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Poses3D, Source
-from dmae.data.store import MANIFEST, clip_folders, write_atomic
-from dmae.files.contents import read_text, written
+from dmae.data.store import MANIFEST, clip_folders
+from dmae.files.contents import read_text, write_atomic, written
 from dmae.files.mapped import frame_blocks
 from dmae.formats.registry import PoseReader, pose_reader
 

@@ -10,9 +10,8 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25, SHELF14
-from dmae.data.store import write_atomic
 from dmae.files.checks import MOST_METRES, child
-from dmae.files.contents import read_text
+from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, make_rig, require
 from dmae.formats.registry import reader

@@ -11,9 +11,8 @@ import yaml
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import SKELETONS, Skeleton, encode, read_skeleton
-from dmae.data.store import write_atomic
 from dmae.files.checks import MOST_METRES, check_numbers, check_rate
-from dmae.files.contents import read_text, written
+from dmae.files.contents import read_text, write_atomic, written
 from dmae.files.mapped import by_frames, frame_blocks
 from dmae.formats.config import METRES, LengthUnit
 from dmae.formats.poses import (

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import CameraTable, ParsedCamera, calibration_format, make_rig, require
 from dmae.formats.config import Convention, LengthUnit

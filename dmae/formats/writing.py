@@ -6,8 +6,8 @@ from pathlib import Path
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.store import check_vacant
 from dmae.files.checks import child
+from dmae.files.contents import check_vacant
 from dmae.formats.config import LengthUnit
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
 from dmae.numerics.statistics import without_unlikely

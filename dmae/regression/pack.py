@@ -8,7 +8,7 @@ from importlib import resources
 
 import numpy as np
 
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 
 _FILE = resources.files("dmae.regression") / "pack.npz"
 _SHA256 = "42feb6110e7ad3e8e577e0fbb0602fdb21054738e1c3a4b1081517aa215020a5"

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.reporting.tables import Table
 
 _ASSETS = resources.files("dmae.reporting") / "assets"

@@ -10,7 +10,7 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.data.images import write_video
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.progress import progress
 from dmae.viewing.canvas import PAPER
 from dmae.viewing.header import header

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.data.rng import Stream, generator
-from dmae.data.store import MANIFEST, write_atomic
+from dmae.data.store import MANIFEST
+from dmae.files.contents import write_atomic
 from dmae.reporting.tables import print_tables
 from synth.datasets.motion_comparison import (
     MIN_SECONDS,

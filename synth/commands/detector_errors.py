@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.data.json_values import json_text
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables
 from synth.detector.presets import load_preset

@@ -9,8 +9,8 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.json_values import json_text
-from dmae.data.store import write_atomic
 from dmae.files.checks import child
+from dmae.files.contents import write_atomic
 from dmae.formats.reading import DataConfig, load
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables

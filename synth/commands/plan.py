@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dmae.data.store import check_vacant, whole_folder
+from dmae.files.contents import check_vacant, whole_folder
 from dmae.parallel import running_on
 from dmae.progress import duration
 from dmae.reporting.tables import print_tables

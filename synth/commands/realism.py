@@ -6,8 +6,8 @@ from pathlib import Path
 import cv2
 
 from dmae.data.json_values import json_text
-from dmae.data.store import write_atomic
 from dmae.detection.registry import PoseDetectorConfig
+from dmae.files.contents import write_atomic
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import Table, print_tables
 from synth.recognition.realism import HEAD, described, draw_sheet, judge, rates, worst

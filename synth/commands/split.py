@@ -4,7 +4,8 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from dmae.data.store import clip_folders, write_atomic
+from dmae.data.store import clip_folders
+from dmae.files.contents import write_atomic
 from dmae.reporting.words import counted
 from synth.datasets.splits import SplitBy, find_leaks, read_splits, split, write_splits
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from synth.datasets.splits import as_table, list_takes
 from synth.motion.readers.takes import find_subject_leaks
 

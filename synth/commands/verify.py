@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.reporting.tables import Table, print_tables
 from dmae.reporting.words import counted
 from synth.datasets.verify import CHECKS, DATA_SET, verify

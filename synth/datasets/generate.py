@@ -13,8 +13,9 @@ import numpy as np
 
 from dmae.data.images import KINDS
 from dmae.data.resume import claim_folder
-from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, whole_folder, write_atomic, write_manifest
+from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, write_manifest
 from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
+from dmae.files.contents import whole_folder, write_atomic
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, running_on
 from dmae.parts import SHARD, claim_shard

@@ -12,8 +12,9 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.data.json_values import decode
 from dmae.data.rng import Stream, generator
-from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip, whole_folder, write_manifest
+from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip, write_manifest
 from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
+from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
 from dmae.parallel import Backend, in_parallel, running_on
 from dmae.progress import counted_progress

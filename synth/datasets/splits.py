@@ -17,7 +17,8 @@ from safetensors import safe_open
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from dmae.data.store import clip_folders, write_atomic
+from dmae.data.store import clip_folders
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from dmae.progress import progress
 from synth.motion.readers.takes import LIST, NO_SET, ListedTake, find_takes, read_take_list, subject

@@ -16,7 +16,8 @@ from matplotlib.ticker import MaxNLocator
 
 from dmae.data.clip import Clip
 from dmae.data.labels import Visibility
-from dmae.data.store import MANIFEST, clip_folders, load_clip, read_manifest, write_atomic
+from dmae.data.store import MANIFEST, clip_folders, load_clip, read_manifest
+from dmae.files.contents import write_atomic
 from dmae.numerics.body import body_heading
 from dmae.parallel import in_parallel
 from dmae.progress import progress

@@ -8,8 +8,8 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from dmae.data.store import write_atomic
 from dmae.files.checks import check_numbers
+from dmae.files.contents import write_atomic
 from dmae.files.structured import parse_json
 from synth.labels.ground_reaction import BodyForces
 from synth.labels.people_contacts import PeopleContacts

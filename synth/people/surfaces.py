@@ -13,7 +13,7 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from synth.people import body as bodies
 from synth.people import hands
 from synth.people import mesh as meshes

@@ -10,7 +10,7 @@ from safetensors.numpy import save
 
 from dmae.data.array_fields import short_repr
 from dmae.data.json_values import decode
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from synth.people.body import Body
 from synth.people.segments import SEGMENTS
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from dmae.data.cameras import CameraRig
 from dmae.data.json_values import json_text
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.formats.pose2sim import write_cameras
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table

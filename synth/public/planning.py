@@ -55,7 +55,7 @@ def plan(
         >>> len(found[3].rig), len(found[3].worth), sorted(found[3].figures)
         (3, 3, ['error', 'idf1', 'missing', 'pcp', 'switches'])
     """
-    from dmae.data.store import check_vacant, whole_folder
+    from dmae.files.contents import check_vacant, whole_folder
     from synth.planning.page import PAGE, write_files, write_page
     from synth.planning.plan import make_plan
 

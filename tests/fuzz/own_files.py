@@ -17,14 +17,14 @@ from dmae.completion.paper.training import FILE, load_paper
 from dmae.completion.paper.training import FORMAT as PAPER_FORMAT
 from dmae.data.images import write_rgb, write_video
 from dmae.data.skeleton import BODY25, SHELF14
-from dmae.data.store import save_clip, write_atomic
+from dmae.data.store import save_clip
 from dmae.datasets import clip_files
 from dmae.detection.pipeline import make_detector
 from dmae.detection.recording import open_recording
 from dmae.detection.registry import PoseDetectorConfig
 from dmae.evaluation.benchmark.clips import find_definition
 from dmae.files.checksums import find_damage, find_data_set_damage, refuse_damaged, write_checksums
-from dmae.files.contents import read_text
+from dmae.files.contents import read_text, write_atomic
 from dmae.online.json_lines import read_frame
 from dmae.parts import Part, read_parts, write_part
 from dmae.plugins import load_function

@@ -22,8 +22,7 @@ from dmae.data.clip import Poses3D
 from dmae.data.resume import claim_folder
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.store import write_atomic
-from dmae.files.contents import read_bytes
+from dmae.files.contents import read_bytes, write_atomic
 from dmae.files.structured import read_json
 from dmae.numerics.filling import resample
 from dmae.progress import progress

@@ -10,8 +10,7 @@ import torch
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 
 from dmae.completion.weights import check_finite
-from dmae.data.store import write_atomic
-from dmae.files.contents import read_bytes
+from dmae.files.contents import read_bytes, write_atomic
 
 CHECKPOINT = "checkpoint.ckpt"
 _BEFORE = "checkpoint_before.ckpt"

@@ -18,7 +18,8 @@ from dmae.data.json_values import decode
 from dmae.data.labels import Visibility
 from dmae.data.resources import resource_folder
 from dmae.data.resume import claim_folder
-from dmae.data.store import load_clip, read_manifest, save_clip, write_atomic
+from dmae.data.store import load_clip, read_manifest, save_clip
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json, read_yaml
 from dmae.parallel import backend_in_use, in_parallel
 from dmae.progress import progress

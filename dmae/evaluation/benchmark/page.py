@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from dmae.data.store import write_atomic
 from dmae.evaluation.benchmark.clips import FrozenMatch
 from dmae.evaluation.benchmark.holes import AXES
+from dmae.files.contents import write_atomic
 from dmae.reporting.figures import PERSONS
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table

@@ -11,7 +11,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.json_values import decode
-from dmae.data.store import write_atomic
+from dmae.files.contents import write_atomic
 from dmae.files.mapped import frame_blocks
 from dmae.files.structured import read_json
 

@@ -17,13 +17,13 @@ from dmae.completion.blending import noisiness, smooth_by_noise
 from dmae.completion.methods.registry import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
-from dmae.data.store import write_atomic
 from dmae.evaluation.config import StressConfig
 from dmae.evaluation.corruption.corrupt import corrupt
 from dmae.evaluation.corruption.people import people_of
 from dmae.evaluation.scores import measured_by_all, score, scored_actors, truth_of
 from dmae.evaluation.stress.curves import Runs, curves
 from dmae.evaluation.stress.plan import Cell, Contender, Plan, allowed, contenders, plan, source_hash
+from dmae.files.contents import write_atomic
 from dmae.formats.reading import Clips
 from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import progress

@@ -7,8 +7,9 @@ from importlib import metadata
 from pathlib import Path
 
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.data.store import check_vacant, clip_folders, whole_folder, write_atomic
+from dmae.data.store import clip_folders
 from dmae.files.checksums import refuse_damaged
+from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
 from synth.datasets.exporters.selection import PARTS, Exporter, PictureFormat, Selection, exporter
 from synth.datasets.splits import read_splits

@@ -4,8 +4,9 @@ import os
 import shutil
 from pathlib import Path
 
-from dmae.data.store import CHECKSUMS, MANIFEST, check_vacant, read_manifest, whole_folder, write_manifest
+from dmae.data.store import CHECKSUMS, MANIFEST, read_manifest, write_manifest
 from dmae.files.checksums import clip_checksum, end_data_set, refuse_damaged
+from dmae.files.contents import check_vacant, whole_folder
 from dmae.files.structured import read_json
 from dmae.parts import SHARD
 from dmae.progress import progress

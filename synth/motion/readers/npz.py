@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dmae.data.store import write_atomic
 from dmae.files.arrays import read_arrays
+from dmae.files.contents import write_atomic
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
 from synth.motion.readers.dialects import SMPL

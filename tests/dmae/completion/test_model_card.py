@@ -10,8 +10,9 @@ from dmae.commands.card import CardCommand
 from dmae.completion.model_card import model_card
 from dmae.completion.weights import save_model
 from dmae.data.skeleton import SHELF14
-from dmae.data.store import save_clip, write_atomic
+from dmae.data.store import save_clip
 from dmae.evaluation.evaluate import evaluate
+from dmae.files.contents import write_atomic
 from tests.support.completers import untrained
 from tests.support.scored_clips import circling, config
 

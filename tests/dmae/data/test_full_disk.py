@@ -4,7 +4,8 @@ import errno
 
 import pytest
 
-from dmae.data.store import save_clip, write_atomic
+from dmae.data.store import save_clip
+from dmae.files.contents import write_atomic
 from tests.support.clips import full_clip
 
 

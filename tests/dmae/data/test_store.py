@@ -13,7 +13,8 @@ from dmae.data.clip import Clip, Detections2D, Poses3D, Source
 from dmae.data.images import Images
 from dmae.data.labels import DetectionLabels, OcclusionLabels
 from dmae.data.skeleton import BODY25, SHELF14, get_skeleton
-from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip, write_atomic, write_manifest
+from dmae.data.store import clip_folders, load_clip, read_manifest, save_clip, write_manifest
+from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
 from tests.support.clips import full_clip, looking_at_origin, walkers
 
