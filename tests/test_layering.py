@@ -28,7 +28,7 @@ LAYERS = (
     ("dmae.online",),
     ("dmae.evaluation",),
     ("dmae.regression",),
-    ("synth.errors", "synth.materials"),
+    ("synth.errors", "synth.textures"),
     ("synth.people",),
     ("synth.motion",),
     ("synth.rooms",),

@@ -56,7 +56,7 @@ COMMANDS = {
     ),
 }  # fmt: skip
 """By kind: help that lists the new one, and a command that uses it."""
-BLACKOUTS = "from synth.detector.errors.blackouts import Blackouts"
+BLACKOUTS = "from synth.detector.blackouts import Blackouts"
 RUN = """
 import json, sys
 from pathlib import Path
@@ -87,9 +87,9 @@ def add_one_of_each(checkout: Path) -> None:
     (checkout / "synth/interactions/face_off.py").write_text(code_of("add_interaction"))
     (checkout / "synth/datasets/exporters/nose_paths.py").write_text(code_of("add_layout"))
     (checkout / "synth/motion/readers/tall.py").write_text(MOTION_READER)
-    (checkout / "synth/detector/errors/blackouts.py").write_text(code_of("add_detector_error"))
+    (checkout / "synth/detector/blackouts.py").write_text(code_of("add_detector_error"))
     config = checkout / "synth/detector/config.py"
-    replace_in(config, "from synth.detector.errors.drops", f"{BLACKOUTS}\nfrom synth.detector.errors.drops")
+    replace_in(config, "from synth.detector.errors_of_persons", f"{BLACKOUTS}\nfrom synth.detector.errors_of_persons")
     replace_in(
         config, "    custom: list", "    blackouts: Blackouts = field(default_factory=Blackouts)\n    custom: list"
     )

@@ -14,7 +14,7 @@ from dmae.metrics.position import GAPS
 from dmae.numerics.paths import gap_lengths
 from synth.interactions import InteractionConfig
 from synth.motion.source import MotionConfig
-from synth.people.landmarks import SKELETON
+from synth.people.body import SKELETON
 from synth.physics.simulation import simulate
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneConfig

@@ -24,7 +24,7 @@ from dmae.data.labels import Visibility
 from dmae.data.store import clip_folders, load_clip
 from dmae.progress import progress
 from synth.interactions.registry import NO_INTERACTION, interaction
-from synth.labels.silhouettes import surface_agreement
+from synth.labels.surfaces import surface_agreement
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docs/results/forces.json"

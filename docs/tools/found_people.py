@@ -23,7 +23,7 @@ import synth
 from dmae.data.conversion import convert
 from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25
-from synth.detector.matching import match_detections
+from synth.detector.statistics import match_detections
 from synth.recognition.realism import NEAR, UNOBSTRUCTED, sightings
 
 RESULT = Path(__file__).parents[1] / "results/found_people.json"

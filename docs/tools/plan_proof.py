@@ -36,7 +36,7 @@ from synth.planning.search import JointEvidence, choose, predict
 from synth.rigs.lenses import joined
 from synth.rigs.placement import RingConfig
 from synth.rigs.rig import RigConfig, make_rig
-from synth.rooms.catalogue import arena_file
+from synth.rooms.room import arena_file
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docs" / "results" / "plan.json"

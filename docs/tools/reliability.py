@@ -18,7 +18,7 @@ from dmae.data.conversion import convert, convert_detections
 from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25
 from dmae.detection.blazepose.confidence import GROUPS
-from synth.detector.matching import match_detections
+from synth.detector.statistics import match_detections
 from synth.recognition.realism import NEAR, sightings
 
 RESULT = Path(__file__).parents[1] / "results/reliability.json"

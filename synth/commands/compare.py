@@ -7,11 +7,8 @@ from pathlib import Path
 from dmae.formats.reading import DataConfig, load
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables
-from synth.detector.comparison import Limits, compare, table
-from synth.detector.comparison_page import write_page
-from synth.detector.pooling import measure_all
-from synth.detector.recording import read_recording
-from synth.detector.statistics import measure
+from synth.detector.comparison import Limits, compare, table, write_page
+from synth.detector.statistics import measure, measure_all, read_recording
 
 WRITES = "folder"
 EXAMPLES = (

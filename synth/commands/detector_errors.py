@@ -8,7 +8,7 @@ from dmae.data.json_values import json_text
 from dmae.files.contents import write_atomic
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables
-from synth.detector.presets import load_preset
+from synth.detector.fitting import load_preset
 from synth.recognition.detector_errors import draw_errors, study, tables
 
 WRITES = "folder"

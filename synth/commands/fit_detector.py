@@ -17,17 +17,14 @@ from dmae.reporting.tables import print_tables
 from dmae.reporting.words import counted
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
-from synth.detector.comparison import Limits, Row, compare, table
-from synth.detector.comparison_page import write_page
+from synth.detector.comparison import Limits, Row, compare, table, write_page
 from synth.detector.config import DetectorConfig
-from synth.detector.fitting.fit import Fit, fit
-from synth.detector.presets import preset_yaml
-from synth.detector.recording import read_recording
-from synth.detector.statistics import ErrorReference, measure
+from synth.detector.fitting import Fit, fit, preset_yaml
+from synth.detector.statistics import ErrorReference, measure, read_recording
 from synth.interactions import InteractionConfig
 from synth.motion.source import MotionConfig
 from synth.recognition import truth_fit
-from synth.rigs.listed_cameras import CameraConfig
+from synth.rigs.placement import CameraConfig
 from synth.rigs.rig import RigConfig
 from synth.scene.spec import SceneConfig
 

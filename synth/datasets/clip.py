@@ -25,18 +25,15 @@ from synth.errors import FailedSimulation
 from synth.interactions import InteractionConfig
 from synth.labels.visibility import joint_visibility
 from synth.motion.source import MotionConfig
-from synth.people.landmarks import SKELETON, landmarks
-from synth.physics.body_state import BodyState
-from synth.physics.joint_positions import joint_positions, moved_with
+from synth.people.body import SKELETON, landmarks
+from synth.physics.body_state import BodyState, joint_positions, moved_with
 from synth.physics.simulation import simulate
 from synth.rendering.renderer import ImageQuality
 from synth.rigs.coverage import Stage
 from synth.rigs.lenses import add_cameras
-from synth.rigs.miscalibration import MiscalibrationConfig, calibration_error, miscalibrate
-from synth.rigs.rig import RigConfig, make_rig
-from synth.rooms.catalogue import arena_file
+from synth.rigs.rig import MiscalibrationConfig, RigConfig, calibration_error, make_rig, miscalibrate
 from synth.rooms.props import PropsConfig
-from synth.rooms.room import load_room
+from synth.rooms.room import arena_file, load_room
 from synth.scene.sampling import SampledScene, sample_scene
 from synth.scene.spec import MOST_CLIPS, SceneConfig, SceneSpec
 

@@ -23,8 +23,7 @@ from synth.datasets.clip import GenerateConfig, check, clip_id, simulate_clip
 from synth.datasets.generate import limit_threads
 from synth.errors import FailedSimulation
 from synth.physics.body_state import save_state
-from synth.rendering.image_files import render_images
-from synth.rendering.renderer import Renderer
+from synth.rendering.renderer import Renderer, render_images
 from synth.scene.build import build_scene
 from synth.scene.sampling import count_people
 from synth.scene.spec import SceneSpec

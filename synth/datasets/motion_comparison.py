@@ -21,14 +21,13 @@ from dmae.formats.reading import DataConfig, load
 from dmae.progress import progress
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
-from synth.motion.body_fit import fit_to_body
+from synth.motion.feet import fit_to_body
 from synth.motion.kinematics import GROUPS, QUANTITIES, Quantity, kinematics
 from synth.motion.readers import format_of, reader, take_name
 from synth.motion.readers.takes import subject_and_trial
 from synth.motion.source import UpAxis, cut, read_take
-from synth.people.body import Body
-from synth.people.landmarks import SKELETON
-from synth.physics.joint_positions import reference_joints
+from synth.people.body import SKELETON, Body
+from synth.physics.body_state import reference_joints
 
 _FORMATS = sorted(reader, key=lambda name: (reader[name].markers, name))
 """Formats of takes, with joints before markers. If a take exists in several formats, the first of them is used."""

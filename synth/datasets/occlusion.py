@@ -14,18 +14,17 @@ from synth.errors import FailedSimulation
 from synth.interactions import InteractionConfig
 from synth.labels.visibility import joint_visibility
 from synth.motion.source import MotionConfig
-from synth.people.landmarks import landmarks
-from synth.physics.joint_addresses import find_joints
-from synth.physics.joint_positions import joint_positions, moved_with
+from synth.people.body import landmarks
+from synth.physics.body_state import joint_positions, moved_with
+from synth.physics.controller import find_joints, make_reference
 from synth.physics.planning import plan_motions
-from synth.physics.reference import make_reference
 from synth.rooms.props import PropsConfig
 from synth.scene.build import Scene, add_prop, build_scene
 from synth.scene.sampling import SampledScene, lay_out, sample_people
 from synth.scene.spec import PLAN_FPS, Layout, PropSpec, SceneConfig
 
 DETECTED = slice(0, 25)
-"""The joints of `synth.people.landmarks.SKELETON` that detectors find: BODY_25."""
+"""The joints of `synth.people.body.SKELETON` that detectors find: BODY_25."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ def summary(visibility: np.ndarray, config: OcclusionConfig) -> dict:
     """Return the summary of a clip's occlusion for the manifest.
 
     Args:
-        visibility: (F, V, P, J) `Visibility` of the joints of `synth.people.landmarks.SKELETON`.
+        visibility: (F, V, P, J) `Visibility` of the joints of `synth.people.body.SKELETON`.
         config: The target.
 
     Returns:

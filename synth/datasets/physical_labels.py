@@ -19,7 +19,7 @@ from dmae.parallel import in_parallel
 from dmae.parts import SHARD
 from dmae.progress import progress
 from synth.datasets.generate import CONFIG
-from synth.labels.ground_reaction import carry
+from synth.labels.forces import carry
 from synth.labels.physical_labels import (
     FILE,
     KINDS,
@@ -28,8 +28,7 @@ from synth.labels.physical_labels import (
     load_physical_labels,
     save_physical_labels,
 )
-from synth.labels.surface_points import NAMES, surface_points
-from synth.labels.surface_visibility import surface_labels
+from synth.labels.surfaces import NAMES, surface_labels, surface_points
 from synth.physics.body_state import load_state
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec

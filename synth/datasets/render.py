@@ -35,7 +35,7 @@ from synth.physics.body_state import BodyState, load_state, save_state
 from synth.rendering.renderer import ImageQuality
 from synth.rigs.coverage import Stage
 from synth.rigs.rig import RigConfig, make_rig
-from synth.rooms.catalogue import arena_file
+from synth.rooms.room import arena_file
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 

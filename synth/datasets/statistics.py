@@ -24,7 +24,7 @@ from dmae.progress import progress
 from synth.datasets.splits import SplitBy, identities
 from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import BodyState, load_state
-from synth.rooms.catalogue import room_choices
+from synth.rooms.room import room_choices
 
 
 class ClipContacts(NamedTuple):

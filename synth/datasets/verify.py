@@ -19,7 +19,7 @@ from dmae.progress import progress
 from synth.datasets.clip import attempt_seed
 from synth.datasets.generate import CONFIG
 from synth.datasets.images import image_files, image_kinds
-from synth.labels.silhouettes import agreement
+from synth.labels.surfaces import agreement
 
 _MIN_AGREEMENT = 0.99
 """Least fraction of joints with a visibility that must agree with the id images, beyond statistical chance."""

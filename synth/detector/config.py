@@ -4,16 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from typing import Protocol
 
-from synth.detector.errors.drops import Drops
-from synth.detector.errors.ghosts import Ghosts
-from synth.detector.errors.inversions import Inversions
-from synth.detector.errors.merges import Merges
-from synth.detector.errors.misses import Misses
-from synth.detector.errors.noise import Noise
-from synth.detector.errors.scores import Scores
-from synth.detector.errors.splits import Splits
-from synth.detector.errors.swaps import Swaps
-from synth.detector.errors.timing import Timing
+from synth.detector.errors_of_joints import Inversions, Misses, Noise, Scores
+from synth.detector.errors_of_persons import Drops, Ghosts, Merges, Splits, Swaps, Timing
 from synth.detector.parts import PartsConfig
 from synth.detector.view import Times, View
 

@@ -1,23 +1,98 @@
-"""Statistics of a detector's errors, measured in the same way on real and on simulated recordings.
+"""Statistics of a detector's errors, measured in the same way on real and on simulated recordings."""
 
-Only detections and cameras are needed: capture reconstructs people, and the errors of a view are measured against the
-other views. A real recording and its simulation are thus measured against the same kind of reference, which makes the
-errors of both a little too large. If people are annotated, the annotation can be the reference instead.
-"""
-
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from pathlib import Path
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
+from dmae.formats.reading import DataConfig, load
 from dmae.numerics.filling import fill_world, smooth
 from dmae.numerics.paths import gap_lengths, linear
+from dmae.parallel import in_parallel
+from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
-from synth.detector.matching import Match, match_detections
 from synth.detector.parts import kind_of
+
+MATCHED = 0.2
+"""A detection matches a person if the median distance of their joints is below this many heights of the person."""
+FRAGMENT = 0.15
+"""An unmatched detection within this many heights of a person's joints is a fragment of that person."""
+_MIN_JOINTS = 4
+"""Detections with fewer joints are noise. Persons with fewer joints in an image are not matched there."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """The assignment of D detections to P persons, in V views.
+
+    Attributes:
+        xy: (F, V, P, J, 2) joints of the reference, px; NaN where unknown or outside the image.
+        height: (F, V, P) height of the person, px; NaN where too few joints are in the image.
+        found: (F, V, P, J, 2) detected joints of each person, px; NaN where missed.
+        score: (F, V, P, J) confidences of the detected joints; NaN where missed.
+        matched: (F, V, P) True where a person in the image has a detection.
+        left_over: (F, V, D) True for detections without a person.
+        near: (F, V, D) True for detections without a person that are near a person.
+    """
+
+    xy: np.ndarray
+    height: np.ndarray
+    found: np.ndarray
+    score: np.ndarray
+    matched: np.ndarray
+    left_over: np.ndarray
+    near: np.ndarray
+
+
+def match_detections(clip: Clip, reference: Poses3D) -> Match:
+    """Assign to each person of the reference at most one detection of each view, by the median distance of joints."""
+    seen, score = clip.detections.xy.astype(np.float64), clip.detections.score
+    xy, _ = clip.rig.project(reference.xyz)
+    # The height is computed from all known joints of a person. The detector cannot find joints outside the image.
+    known = ~np.isnan(xy[..., 1])
+    high, low = np.where(known, xy[..., 1], -np.inf).max(-1), np.where(known, xy[..., 1], np.inf).min(-1)
+    xy = np.where(clip.rig.inside(xy)[..., None], xy, np.nan)
+    there = (~np.isnan(xy[..., 0])).sum(-1) >= max(_MIN_JOINTS, len(clip.detections.skeleton) // 2)
+    height = np.where(there & (high - low > 1), high - low, np.nan)
+    frames, views, people = height.shape
+    found = np.full(xy.shape, np.nan)
+    found_score = np.full(xy.shape[:-1], np.nan)
+    matched = np.zeros(height.shape, bool)
+    left_over = (~np.isnan(score)).sum(-1) >= _MIN_JOINTS
+    near = np.zeros(left_over.shape, bool)
+    for frame in range(frames):
+        off = np.linalg.norm(xy[frame, :, :, None] - seen[frame, :, None], axis=-1) / height[frame, :, :, None, None]
+        for view in range(views):
+            distance = _median(off[view])
+            cost = np.where(distance < MATCHED, distance, 1e3)
+            for person, detection in zip(*linear_sum_assignment(cost), strict=True):
+                if cost[person, detection] < MATCHED:
+                    matched[frame, view, person] = True
+                    found[frame, view, person] = seen[frame, view, detection]
+                    found_score[frame, view, person] = score[frame, view, detection]
+                    left_over[frame, view, detection] = False
+            if people:
+                near[frame, view] = (distance < FRAGMENT).any(0)
+    found = np.where(np.isnan(xy), np.nan, found)
+    return Match(xy, height, found, np.where(np.isnan(found[..., 0]), np.nan, found_score), matched, left_over, near)
+
+
+def _median(distances: np.ndarray) -> np.ndarray:
+    """Return the medians (...) of the known values in (..., J); infinite if fewer than three are known."""
+    ordered, count = np.sort(distances, -1), (~np.isnan(distances)).sum(-1)
+    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[..., None] // 2, -1)[..., 0]
+    return np.where(count >= 3, middle, np.inf)
+
+
+# Only detections and cameras are needed: capture reconstructs people, and the errors of a view are measured against the
+# other views. A real recording and its simulation are thus measured against the same kind of reference, which makes the
+# errors of both a little too large. If people are annotated, the annotation can be the reference instead.
 
 GROSS = 0.1
 """Errors above this fraction of the height of a person are not noise."""
@@ -259,3 +334,95 @@ def _miss_lengths(missed: np.ndarray, expected: np.ndarray) -> np.ndarray:
     lengths = gap_lengths(~missed)
     starts = missed & np.concatenate([np.ones_like(missed[:1]), ~missed[:-1]])
     return lengths[starts & expected]
+
+
+# Several clips
+
+_SAMPLES = ("kind", "error", "inverted", "score", "miss_seconds")
+"""Fields of `DetectorStatistics` that are concatenated. The other fields are averaged."""
+
+
+def measure_all(
+    clips: Iterable[Clip], count: int, workers: int = 1, reference: ErrorReference = ErrorReference.others
+) -> DetectorStatistics:
+    """Return the statistics of `count` clips as one: samples are concatenated, fractions averaged by clip length."""
+    jobs = in_parallel(_measure, ((clip, reference) for clip in clips), workers)
+    parts, frames = zip(*progress(jobs, "measuring", count), strict=True)
+    return pool(parts, frames)
+
+
+def _measure(clip: Clip, reference: ErrorReference) -> tuple[DetectorStatistics, int]:
+    return measure(clip, reference), len(clip)
+
+
+def pool(parts: Sequence[DetectorStatistics], frames: Sequence[int]) -> DetectorStatistics:
+    """Return the pooled statistics of several clips; clip k has `frames[k]` frames.
+
+    If clips have different numbers of cameras, shares by camera are replaced by their mean over all cameras, and
+    `views` is empty.
+
+    Raises:
+        ValueError: the clips have several skeletons.
+    """
+    if len({part.kinds for part in parts}) > 1:
+        raise ValueError("clips of several skeletons cannot be measured as one")
+    if len({len(part.ghosts) for part in parts}) > 1:
+        parts = [_over_views(part) for part in parts]
+    values = {f.name: [getattr(part, f.name) for part in parts] for f in fields(DetectorStatistics)}
+
+    def mean(name: str):
+        if isinstance(values[name][0], dict):
+            return {key: _mean([part[key] for part in values[name]], frames) for key in values[name][0]}
+        return _mean(values[name], frames)
+
+    shared = {"name": values["name"][0], "fps": values["fps"][0], "kinds": values["kinds"][0]}
+    pooled = {name: np.concatenate(values[name]) for name in _SAMPLES}
+    return DetectorStatistics(
+        **shared, **pooled, **{name: mean(name) for name in values if name not in shared | pooled}
+    )
+
+
+def _over_views(part: DetectorStatistics) -> DetectorStatistics:
+    """Return the statistics for a single camera: the mean of the known values over cameras."""
+    shares = {}
+    for name in ("missed", "person_missed", "ghosts", "fragments"):
+        value = getattr(part, name)
+        known = ~np.isnan(value)
+        count = known.sum(0, keepdims=True)
+        total = np.where(known, value, 0).sum(0, keepdims=True)
+        shares[name] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return replace(part, **shares, views=np.empty((len(part.kinds), 0)))
+
+
+def _mean(values: list, weights: Sequence[int]):
+    array = np.array(values, float)
+    known = ~np.isnan(array)
+    weight = np.where(known, np.reshape(np.asarray(weights, float), (-1, *(1,) * (array.ndim - 1))), 0)
+    total = weight.sum(0)
+    mean = np.where(total > 0, (weight * np.nan_to_num(array)).sum(0) / np.maximum(total, 1e-9), np.nan)
+    return mean if mean.ndim else float(mean)
+
+
+# Recordings of real detectors
+
+
+def read_recording(path: Path, frames: Sequence[int] | None = None) -> Clip:
+    """Read one recording, a clip or Shelf's text files. With `frames`, only the frames [first, end) are returned.
+
+    Raises:
+        FileNotFoundError: there is no such recording.
+        ValueError: the recording has several clips, or does not have these frames.
+    """
+    kind = "shelf" if (path / "detection").is_dir() else "clip"
+    try:
+        clips = load(DataConfig(kind, str(path)))
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{error}; dmae convert makes clips of other recordings") from None
+    if len(clips) != 1:
+        raise ValueError(f"{path}: expected one recording, found {len(clips)} clips")
+    clip = clips[0]
+    if frames is None:
+        return clip
+    if len(frames) != 2 or not 0 <= frames[0] < frames[1] <= len(clip):
+        raise ValueError(f"frames={list(frames)}: expected [first, end] within the {len(clip)} frames of {path}")
+    return clip.select(frames=slice(*frames))

@@ -1,14 +1,15 @@
-"""The parts of an interaction: each person's path and gaze, furniture, carried objects, and reaches of the hands."""
+"""What interactions are made of: roles, reaches and loads, paths on the floor, and measures of bodies."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from synth.motion.geometry import PALM, minimum_jerk
 from synth.motion.motion import Motion
-from synth.people.body import Body, segment_origins
-from synth.people.segments import SEGMENTS
-from synth.rooms.props import PlacedProp
+from synth.people.body import SEGMENTS, Body, segment_origins
+from synth.people.surfaces import trunk_sections
+from synth.rooms.props import PlacedProp, prop_size
 
 STOOL = "stool"
 """The prop that people sit on."""
@@ -154,3 +155,177 @@ class Script:
     loads: tuple[Load, ...] = ()
     paired: bool = False
     reaches: Callable[[Poses], list[Reach]] = field(default=lambda poses: [])
+
+
+# Paths on the floor, and time curves
+
+
+def standing(cast: Cast, at: np.ndarray, heading: float) -> np.ndarray:
+    """Return the (F, 3) path of a person who stands at a point (2,), m, with a heading, rad."""
+    return np.tile((*at, heading), (len(cast.seconds), 1))
+
+
+def approach(cast: Cast, start: np.ndarray, end: np.ndarray, *, begin: float, speed: float) -> np.ndarray:
+    """Return the straight (F, 3) path from `start` (3,) to `end` (3,) that begins at `begin`, s; mean speed in m/s."""
+    way = end[:2] - start[:2]
+    length = float(np.linalg.norm(way))
+    last = max(length / speed, 0.6)
+    share = ease((cast.seconds - begin) / last)
+    path = start + share[:, None] * (end - start)
+    # People face the direction in which they walk, and turn at the end.
+    if length > 0.3:
+        going = start[2] + wrapped(np.arctan2(way[1], way[0]) - start[2])
+        turned = minimum_jerk((cast.seconds - begin + 0.5) / 0.8)
+        facing = minimum_jerk((cast.seconds - begin - last + 0.8) / 0.9)
+        path[:, 2] = start[2] + turned * (going - start[2])
+        path[:, 2] += facing * wrapped(end[2] - going)
+    return path
+
+
+def arrival(start: np.ndarray, end: np.ndarray, begin: float, speed: float) -> float:
+    """Return the time at which `approach` arrives, s."""
+    return begin + max(float(np.linalg.norm(end[:2] - start[:2])) / speed, 0.6)
+
+
+def ease(x: np.ndarray) -> np.ndarray:
+    """Return a curve from 0 to 1: constant acceleration, constant rate from 1/4 to 3/4 of x, constant deceleration."""
+    x = np.clip(x, 0, 1)
+    slow, rate = 0.25, 1 / (1 - 0.25)
+    begun, ended = rate * x**2 / (2 * slow), 1 - rate * (1 - x) ** 2 / (2 * slow)
+    return np.where(x < slow, begun, np.where(x > 1 - slow, ended, rate * (x - slow / 2)))
+
+
+def during(seconds: np.ndarray, begin: float, end: float, move: float = 0.7) -> np.ndarray:
+    """Return (F,) 1 from `begin` to `end`, s, and 0 from `move` before and after, s; minimum-jerk curves between."""
+    return minimum_jerk((seconds - begin + move) / move) - minimum_jerk((seconds - end) / move)
+
+
+def wrapped(angle: np.ndarray | float) -> np.ndarray | float:
+    """Return the same angle in the range from -pi to pi, rad."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def step_back(path: np.ndarray, cast: Cast, begin: float, far: float) -> np.ndarray:
+    """Return a (F, 3) path that goes back a distance `far`, m, from the time `begin`, s, on, facing ahead."""
+    share = far * ease((cast.seconds - begin) / max(0.8, far / 0.5))
+    ahead = np.stack([np.cos(path[:, 2]), np.sin(path[:, 2])], 1)
+    return np.column_stack([path[:, :2] - share[:, None] * ahead, path[:, 2]])
+
+
+def meeting(cast: Cast, longest: float, *, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Return the distance that each person walks, m, and the times at which they meet and part, s; for any clip."""
+    last = cast.seconds[-1]
+    when = min(rng.uniform(1.2, 2.4), 0.36 * last)
+    return min(longest, 0.55 * when), when, max(last - 1.0, 0.75 * last)
+
+
+def face_to_face(
+    cast: Cast, apart: float, aside: float, *, come: float, when: float, rng: np.random.Generator
+) -> tuple[tuple[Role, ...], np.ndarray]:
+    """Return the roles of two people who walk up to each other.
+
+    Args:
+        cast: The two people.
+        apart, aside: Distance between them at the end, along and across their walking direction, m.
+        come: Distance that each of them walks, m.
+        when: Time at which they arrive, s.
+        rng: Draws the direction.
+
+    Returns:
+        Their roles, in which they look at each other, and the direction (2,) from the first to the second.
+    """
+    yaw = rng.uniform(0, 2 * np.pi)
+    ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
+    roles = []
+    for person, sign in enumerate((-1, 1)):
+        place = sign * (ahead * apart / 2 + left * aside / 2)
+        facing = yaw if sign < 0 else yaw + np.pi
+        start = np.array((*(place + sign * come * ahead), facing))
+        path = approach(cast, start, np.array((*place, facing)), begin=0.0, speed=come / max(when, 0.6))
+        roles.append(Role(path, gaze=np.full(len(path), 1 - person)))
+    return tuple(roles), ahead
+
+
+# Measures of bodies: seats, arms, trunks, and the heights that hands reach
+
+_CLOTH = 0.012
+"""Distance from a seat at which contact begins, m."""
+_SQUARE, _SHIRT = 2.3, 0.005
+"""Exponent of the superellipse across a trunk, and thickness of cloth on it, m."""
+_PROJECTIONS = 20
+_STRETCH = 0.94
+"""Greatest extension of an arm at ease, as a share of its length."""
+
+
+def seated(body: Body) -> float:
+    """Return the hip height in sitting on a stool, m."""
+    return float(prop_size(STOOL).reach[2]) + _CLOTH + trunk_sections(body, np.zeros(1))[0, 2]
+
+
+def arm_length(body: Body) -> float:
+    """Return the distance from the shoulder to the palm of a straight arm, m."""
+    lengths = sum(float(np.linalg.norm(body.offsets[SEGMENTS.index(f"l_{part}")])) for part in ("forearm", "hand"))
+    return lengths + float(PALM[1]) * body.stature * body.arms
+
+
+def thickness(body: Body) -> float:
+    """Return half the greatest depth of the trunk, at the belly or at the chest, m."""
+    return float(trunk_sections(body, np.array((0.105, 0.21)))[:, 2].max())
+
+
+def on_trunk(body: Body, height: float, angle: float, press: float) -> tuple[str, np.ndarray, np.ndarray]:
+    """Return a point on the clothed skin of the trunk, and the direction out of it there.
+
+    Args:
+        body: The body.
+        height: Height above the hip joints, as a fraction of stature, of a person with an average trunk.
+        angle: Direction from the middle of the trunk: 0 to the front, pi / 2 to the left, rad.
+        press: Depth of the point below the skin, m.
+
+    Returns:
+        The segment that the point moves with, the point (3,) in its frame, m, and the unit normal (3,).
+    """
+    ahead, up, depth, breadth = trunk_sections(body, np.array([height]))[0]
+    segment = "pelvis" if height < 0.05 else "spine" if height < 0.13 else "chest"
+    origin = np.cumsum(body.offsets[: SEGMENTS.index(segment) + 1], axis=0)[-1]
+    cos, sin = np.cos(angle), np.sin(angle)
+    # A superellipse, as the surface is drawn.
+    far = (np.abs(cos) ** _SQUARE + np.abs(sin) ** _SQUARE) ** (-1 / _SQUARE)
+    normal = np.array((np.sign(cos) * np.abs(far * cos) ** (_SQUARE - 1) / depth,
+                       np.sign(sin) * np.abs(far * sin) ** (_SQUARE - 1) / breadth, 0.0))  # fmt: skip
+    normal /= np.linalg.norm(normal)
+    point = np.array((ahead + far * cos * (depth + _SHIRT), far * sin * (breadth + _SHIRT), up))
+    return segment, point - origin - press * normal, normal
+
+
+def nearest_reached(points: np.ndarray, bodies: Sequence[Body], shoulders: Sequence[np.ndarray]) -> np.ndarray:
+    """Return points (F, 3), m, moved as little as necessary for a palm of each person to reach them.
+
+    Alternating projections find them. If no point is in reach of all people, the result is between them.
+
+    Args:
+        points: (F, 3) m.
+        bodies: Bodies of the people.
+        shoulders: (F, 3) m of each person, the shoulder of the arm.
+    """
+    for _ in range(_PROJECTIONS):
+        for body, shoulder in zip(bodies, shoulders, strict=True):
+            way = points - shoulder
+            far = np.linalg.norm(way, axis=1, keepdims=True)
+            points = shoulder + way * np.minimum(1, _STRETCH * arm_length(body) / np.maximum(far, 1e-6))
+    return points
+
+
+def within_reach(bodies: Sequence[Body], away: Sequence[float]) -> tuple[float, float]:
+    """Return the least and greatest height at which the palms of all people can be, standing upright, m.
+
+    The palm is a horizontal distance `away`, m, from each person's shoulder. If there is no such height, the
+    least exceeds the greatest.
+    """
+    low, high = 0.0, np.inf
+    for body, far in zip(bodies, away, strict=True):
+        up = [body.offsets[SEGMENTS.index(segment)][2] for segment in ("spine", "chest", "l_upper_arm")]
+        shoulder, span = body.hip_height + sum(up), _STRETCH * arm_length(body)
+        rise = np.sqrt(max(span**2 - far**2, 0.0))
+        low, high = max(low, shoulder - rise), min(high, shoulder + rise)
+    return float(low), float(high)

@@ -11,9 +11,8 @@ from safetensors.numpy import save
 from dmae.files.checks import check_numbers
 from dmae.files.contents import write_atomic
 from dmae.files.structured import parse_json
-from synth.labels.ground_reaction import BodyForces
-from synth.labels.people_contacts import PeopleContacts
-from synth.labels.surface_visibility import SurfaceLabels
+from synth.labels.forces import BodyForces, PeopleContacts
+from synth.labels.surfaces import SurfaceLabels
 
 FORMAT = 1
 FILE = "physics.safetensors"

@@ -8,7 +8,7 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import OcclusionLabels, Visibility
-from synth.people.bending import Bending
+from synth.people.mjcf import Bending
 from synth.rooms.rays import cast_rays, opaque_model
 
 _CONTACT = 0.025

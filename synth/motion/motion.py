@@ -1,10 +1,11 @@
-"""The motion of one person on the canonical body segments, recorded or procedural."""
+"""One person's motion on the canonical segments, and its path over the floor."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS
 
 
 @dataclass(frozen=True)
@@ -49,3 +50,137 @@ class Motion:
 
     def __len__(self) -> int:
         return len(self.root)
+
+
+# Paths over the floor: lines to walk along, motions moved and bent, sidesteps around people and obstacles
+
+_ROUNDS = 24
+"""Greatest number of passes over all pairs of people; one sidestep may cause another."""
+_SETTLED = 0.005
+"""Smallest lack of clearance that causes a sidestep, m."""
+_HEAD_ON = 0.02
+"""Distance below which two paths count as the same, so that it does not determine the side of the sidestep, m."""
+
+
+@dataclass(frozen=True)
+class FloorPath:
+    """A line on the floor, given at K points.
+
+    Attributes:
+        distance: (K,) distance along the line, m.
+        heading: (K,) rad.
+        xy: (K, 2) m.
+    """
+
+    distance: np.ndarray
+    heading: np.ndarray
+    xy: np.ndarray
+
+    @staticmethod
+    def bent(distance: np.ndarray, curvature: np.ndarray) -> "FloorPath":
+        """Return a path that starts at the origin along +x and turns by `curvature` (K,), rad/m, left if positive."""
+        step = np.diff(distance, prepend=distance[0])
+        heading = np.cumsum(curvature * step)
+        xy = np.cumsum(np.stack([np.cos(heading), np.sin(heading)], 1) * step[:, None], axis=0)
+        return FloorPath(distance, heading, xy)
+
+    def heading_at(self, distance: np.ndarray) -> np.ndarray:
+        """Return the heading at distances (...), rad."""
+        return np.interp(distance, self.distance, self.heading)
+
+    def at(self, distance: np.ndarray, left: np.ndarray | float) -> np.ndarray:
+        """Return positions (..., 2), m, at distances (...) along the line and at offsets `left` of it, m."""
+        heading = self.heading_at(distance)
+        along = np.stack([np.interp(distance, self.distance, self.xy[:, i]) for i in range(2)], axis=-1)
+        return along + np.stack([-np.sin(heading), np.cos(heading)], axis=-1) * np.asarray(left)[..., None]
+
+
+def redirect(motion: Motion, start: tuple[float, float], yaw: float, turn: float) -> Motion:
+    """Return a motion with another start and direction, bent along a curve.
+
+    Args:
+        motion: The motion, on the floor.
+        start: Position of the mid hip in the first frame, m, world.
+        yaw: Turn of the whole motion about the vertical, rad.
+        turn: Further turn, rad/s: a straight walk becomes a walk around a circle.
+    """
+    root = motion.root.copy()
+    root[:, :2] = redirected_path(motion, start, yaw, turn)
+    return replace(motion, root=root, rotations=_turns(motion, yaw, turn)[:, None] @ motion.rotations)
+
+
+def redirected_path(motion: Motion, start: tuple[float, float], yaw: float, turn: float) -> np.ndarray:
+    """Return the path of the mid hip, (F, 2) m, that `redirect` gives to a motion."""
+    turns = _turns(motion, yaw, turn)
+    steps = np.einsum("fij,fj->fi", turns[:-1, :2, :2], np.diff(motion.root[:, :2], axis=0))
+    return np.concatenate([[start], start + np.cumsum(steps, axis=0)])
+
+
+def _turns(motion: Motion, yaw: float, turn: float) -> np.ndarray:
+    angle = yaw + turn * np.arange(len(motion)) / motion.fps
+    return Rotation.from_rotvec(angle[:, None] * (0.0, 0.0, 1.0)).as_matrix()
+
+
+def avoid_collisions(paths: np.ndarray, fps: float, *, clearance: float, obstacles: np.ndarray) -> np.ndarray:
+    """Return sidesteps that keep people apart from each other and from obstacles.
+
+    Where two paths come closer than the clearance, each person steps aside by half of the missing distance, sideways
+    to the direction in which they pass each other. The sidestep begins one second before. One sidestep may cause
+    another, so the paths are checked again; a few rounds resolve most conflicts.
+
+    Args:
+        paths: (F, P, 2) mid hips, m.
+        fps: Frames per second.
+        clearance: Least distance between the mid hips of two people, m.
+        obstacles: (K, 3) x, y and radius, m. Paths keep half the clearance from the edge of each.
+
+    Returns:
+        (F, P, 2) shift of each path, m.
+    """
+    frames, persons = paths.shape[:2]
+    still = np.broadcast_to(obstacles[:, :2], (frames, len(obstacles), 2))
+    distances = np.full((persons, persons + len(obstacles)), clearance)
+    distances[:, persons:] = clearance / 2 + obstacles[:, 2]
+    shift = np.zeros_like(paths)
+    for _ in range(_ROUNDS):
+        settled = True
+        for one in range(persons):
+            for other in range(one + 1, persons + len(obstacles)):
+                places = np.concatenate([paths + shift, still], axis=1)
+                apart = places[:, one] - places[:, other]
+                step = _sidestep(apart, fps, distances[one, other])
+                if step is None:
+                    continue
+                settled = False
+                if other < persons:
+                    shift[:, one] += step / 2
+                    shift[:, other] -= step / 2
+                else:
+                    shift[:, one] += step
+        if settled:
+            break
+    return shift
+
+
+def _sidestep(apart: np.ndarray, fps: float, clearance: float) -> np.ndarray | None:
+    """Return a smooth shift, (F, 2) m, that lengthens the shortest vector of `apart`, (F, 2) m, to the clearance.
+
+    None if the clearance is already kept.
+    """
+    distance = np.linalg.norm(apart, axis=1)
+    nearest = int(distance.argmin())
+    missing = clearance - distance[nearest]
+    if missing < _SETTLED:
+        return None
+    away = apart[nearest]
+    if distance[nearest] < _HEAD_ON:
+        # If paths meet head-on, both people step to the right. If neither moves, any direction works.
+        passing = np.gradient(apart, axis=0)[nearest] if len(apart) > 1 else np.zeros(2)
+        away = np.array((passing[1], -passing[0])) if passing.any() else np.array((1.0, 0.0))
+    close = np.flatnonzero(distance < clearance)
+    run = np.split(close, np.flatnonzero(np.diff(close) > 1) + 1)
+    first, last = next((r[0], r[-1]) for r in run if r[0] <= nearest <= r[-1])
+    time = np.arange(len(apart))
+    beyond = np.maximum(np.maximum(first - time, time - last), 0) / fps
+    ramp = 0.5 + 0.5 * np.cos(np.pi * np.minimum(beyond, 1.0))
+    return (missing + _SETTLED) * ramp[:, None] * (away / np.linalg.norm(away))

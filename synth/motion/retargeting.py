@@ -1,21 +1,249 @@
-"""Retarget a recorded skeleton to the canonical segments, on a level floor."""
+"""Turn a recorded skeleton into a motion: level the floor, repair jumps, retarget to the canonical segments."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import median_filter
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from synth.motion.floor import flatten_soles, level_floor
+from synth.motion.feet import sole_points
+from synth.motion.geometry import UPRIGHT, about, aligned
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, take_name
 from synth.motion.readers.dialects import OWN, Dialect, at_rest, known_joints, recognise, renamed
 from synth.motion.readers.recording import SkeletonRecording
 from synth.motion.readers.takes import true_fps
-from synth.motion.rotations import UPRIGHT, aligned
-from synth.motion.soundness import correct_rate, repair
-from synth.people.body import ANKLE_HEIGHT, LEG_LENGTH
-from synth.people.segments import SEGMENTS
+from synth.people.body import ANKLE_HEIGHT, LEG_LENGTH, SEGMENTS, Body, segment_origins
+
+_STANDING_SPEED = 0.15
+"""Greatest speed of the ankle of a standing foot, m/s."""
+_STANDING_TIME = 0.1
+"""Least time for which a foot stands to show where the floor is, s."""
+_LEVEL = 0.12
+"""Greatest height of standing feet over the lowest standing feet that the tilt and noise of a floor explain, m; feet
+above this height stand on something else."""
+_LOWEST = 0.05
+"""Least share of the standing feet that form the lowest level, and at least two feet; fewer are recording errors."""
+
+
+def level_floor(ankles: np.ndarray, fps: float, ankle_height: float) -> tuple[np.ndarray, float]:
+    """Fit the floor of a recording.
+
+    Recorded floors are up to 7 cm away from zero height and tilt by up to 2 cm per metre. This is a calibration error,
+    not a slope. The floor is fitted robustly as the plane at `ankle_height` below the standing ankles. An ankle stands
+    if it stays in place for at least 0.1 s and is at most 5 cm above the lower ankle. Only the lowest level counts,
+    because feet that stand higher are on steps, platforms or bars. A prior of one degree limits the tilt: the data do
+    not determine it if a person stays on one spot.
+
+    Args:
+        ankles: (F, 2, 3) m, z roughly up.
+        fps: Frames per second.
+        ankle_height: Height of an ankle above its flat foot, m.
+
+    Returns:
+        (3, 3) rotation that levels the floor, and the height to subtract after the rotation, m.
+    """
+    speed = np.linalg.norm(np.gradient(ankles, 1 / fps, axis=0), axis=2) if len(ankles) > 1 else np.zeros((1, 2))
+    standing = (speed < _STANDING_SPEED) & (ankles[..., 2] < ankles[..., 2].min(1, keepdims=True) + 0.05)
+    spots = []
+    for foot in range(2):
+        edges = np.flatnonzero(np.diff(standing[:, foot], prepend=False, append=False))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            if last - first >= _STANDING_TIME * fps:
+                spots.append(np.median(ankles[first:last, foot], axis=0))
+    if not spots:
+        return np.eye(3), float(np.percentile(ankles[..., 2].min(1), 5)) - ankle_height
+    spots = np.array(spots)
+    spots = spots[_on_lowest_level(spots[:, 2])]
+    centre = spots.mean(0)
+
+    def residuals(plane: np.ndarray) -> np.ndarray:
+        misses = spots[:, 2] - plane[0] - (spots - centre)[:, :2] @ plane[1:]
+        # Each residual is in units of its expected size: 1 cm or 1 degree.
+        return np.concatenate([misses / 0.01, plane[1:] / np.radians(1)])
+
+    height, *slope = least_squares(residuals, (np.median(spots[:, 2]), 0, 0), loss="soft_l1").x
+    level = Rotation.align_vectors([(0, 0, 1)], [(-slope[0], -slope[1], 1)])[0].as_matrix()
+    return level, float((level @ (*centre[:2], height))[2]) - ankle_height
+
+
+def _on_lowest_level(heights: np.ndarray) -> np.ndarray:
+    """Return which heights (K,) of standing ankles are on the lowest level that enough ankles share, (K,) bool."""
+    ordered = np.sort(heights)
+    enough = min(max(2, _LOWEST * len(ordered)), len(ordered))
+    shared = np.searchsorted(ordered, ordered + _LEVEL, side="right") - np.arange(len(ordered)) >= enough
+    # If no two heights share a level, the lowest height alone is the level.
+    lowest = ordered[shared.argmax()] if shared.any() else ordered[0]
+    return (heights >= lowest) & (heights <= lowest + _LEVEL)
+
+
+def flatten_soles(feet: np.ndarray, heights: np.ndarray, ankle_height: float) -> np.ndarray:
+    """Return feet turned about their length so that soles near the floor are flat on it.
+
+    The ankles of CMU's skeletons cannot tilt sideways, so soles lean with the shins, by 35 degrees in a wide stance.
+    A sole is fully levelled if its ankle is at most 2 cm above the height of a standing ankle. The correction fades out
+    up to 12 cm.
+
+    Args:
+        feet: (F, 3, 3) orientations, world.
+        heights: (F,) of the ankles above the floor, m.
+        ankle_height: Height of an ankle above its flat foot, m.
+
+    Returns:
+        (F, 3, 3) orientations.
+    """
+    lean = np.arctan2(feet[:, 2, 1], feet[:, 2, 2])
+    # The sideways lean is undefined for a foot that stands on its toes.
+    share = np.hypot(feet[:, 2, 1], feet[:, 2, 2]) * np.clip((ankle_height + 0.12 - heights) / 0.10, 0, 1)
+    return feet @ about("x", -share * np.clip(lean, -np.radians(35), np.radians(35)))
+
+
+# Repair: bridge or cut frames in which joints jump, and halve rates that contradict gravity
+
+_JUMP, _ACCELERATION = 0.15, 400.0
+"""A joint jumps if its step from one frame to the next differs from the median of the steps around it by more than
+this distance, m, and by more than this acceleration explains, m/s^2; feet reach about 300 in kicks."""
+_LONGEST = 0.25
+"""Longest fault that is bridged, s, as for gaps of recordings."""
+_FASTEST = 8.0
+"""Greatest mean speed of a joint over a bridge, m/s; people do not move faster."""
+_FROZEN = 1e-6
+"""Greatest change between frozen frames, m or per element of a rotation matrix; camera noise is larger."""
+_SHORTEST = 1.0
+"""Least length of the part of a take that is left after cutting, s."""
+_JOINTS = [
+    SEGMENTS.index(name) for name in ("pelvis", "head", *(f"{s}_{n}" for s in "lr" for n in ("hand", "shin", "foot")))
+]
+_GRAVITY = 9.81
+"""m/s^2."""
+_STATED = (119.0, 121.0)
+"""Range around 120 frames/s, the rate that conversions often state, even if the true rate is another."""
+_FLIGHT = 0.2
+"""Least length of a flight at the stated rate, s."""
+_CLEAR = 0.06
+"""Height of the soles above which feet are off the floor, m."""
+_HALF = (2.8, 5.7)
+"""Range of accelerations of a fall, in units of gravity, that shows that the true rate is half the stated rate: the
+stated rate makes them four times as large. At true rates they were 0.8 to 1.2 in flights, and below 0.2 for people on
+platforms and bars."""
+_ODD = 0.1
+"""Greatest standard deviation of a flight from a parabola, as a share of the height that it spans."""
+
+
+def repair(motion: Motion, path: Path) -> Motion:
+    """Return a motion without frames in which joints jump.
+
+    A fault is one jump, or several jumps less than 0.25 s apart, together with the adjacent frozen frames. A fault of
+    up to 0.25 s is bridged by slerp and straight lines, if people can move that fast. Other faults are cut out, and
+    the longest stretch between them is returned. The name lists the changes; `first` is the new first frame. A single
+    step at no more than 8 m/s is not changed.
+
+    Args:
+        motion: A whole take.
+        path: The file, for messages.
+
+    Raises:
+        ValueError: a take of more than one second has less than one second left.
+    """
+    if len(motion) < 3:
+        return motion
+    body = Body(1.70)
+    joints = segment_origins(body, motion.root * body.hip_height / motion.hip_height, motion.rotations)[:, _JOINTS]
+    faults = _faults(motion, joints)
+    if not faults:
+        return motion
+    root, rotations = motion.root.copy(), motion.rotations.copy()
+    cuts, bridged = [], 0
+    for before, after in faults:
+        inside = slice(before + 1, after)
+        speed = np.linalg.norm(joints[after] - joints[before], axis=1).max() * motion.fps / (after - before)
+        if after - before - 1 > _LONGEST * motion.fps or speed > _FASTEST:
+            cuts.append((before, after))
+        elif after - before > 1:
+            root[inside], rotations[inside] = _bridge(motion, before, after)
+            bridged += after - before - 1
+    starts, ends = [0, *(after for _, after in cuts)], [*(before + 1 for before, _ in cuts), len(motion)]
+    first, end = max(zip(starts, ends, strict=True), key=lambda run: run[1] - run[0])
+    if end - first < min(_SHORTEST * motion.fps, len(motion)):
+        raise ValueError(
+            f"{path}: joints jump {len(cuts)} times, first from frame {cuts[0][0] + 1} to {cuts[0][1] + 1}, so that at "
+            f"most {(end - first) / motion.fps:.2g} s are valid; expected at least {_SHORTEST:g} s, repair the take"
+        )
+    if not (bridged or cuts):
+        return motion
+    notes = [f"{bridged} frames bridged"] if bridged else []
+    if end - first < len(motion):
+        notes.append(f"frames {first + 1}-{end} of {len(motion)}")
+    name = f"{motion.name}, {', '.join(notes)}"
+    return replace(motion, name=name, root=root[first:end], rotations=rotations[first:end], first=motion.first + first)
+
+
+def _faults(motion: Motion, joints: np.ndarray) -> list[tuple[int, int]]:
+    """Return the last frame before and the first frame after each fault; `joints` is (F, K, 3) m."""
+    steps = np.diff(joints, axis=0)
+    odd = np.linalg.norm(steps - median_filter(steps, (5, 1, 1), mode="nearest"), axis=2).max(1)
+    jumps = np.flatnonzero(odd > max(_JUMP, _ACCELERATION / motion.fps**2))
+    frozen = (np.abs(np.diff(motion.root, axis=0)).max(1) < _FROZEN) & (
+        np.abs(np.diff(motion.rotations, axis=0)).max((1, 2, 3)) < _FROZEN
+    )
+    faults: list[tuple[int, int]] = []
+    for jump in jumps:
+        before, after = int(jump), int(jump) + 1
+        while before > 0 and frozen[before - 1]:
+            before -= 1
+        while after < len(frozen) and frozen[after]:
+            after += 1
+        if faults and before - faults[-1][1] < _LONGEST * motion.fps:
+            before, end = faults.pop()
+            after = max(after, end)
+        faults.append((before, after))
+    return faults
+
+
+def _bridge(motion: Motion, before: int, after: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return roots (n, 3) and rotations (n, 16, 3, 3) of the n frames between `before` and `after`."""
+    share = np.arange(1, after - before) / (after - before)
+    first, last = motion.rotations[before], motion.rotations[after]
+    turn = Rotation.from_matrix(first.swapaxes(-1, -2) @ last).as_rotvec()
+    turned = Rotation.from_rotvec((share[:, None, None] * turn).reshape(-1, 3)).as_matrix()
+    way = share[:, None] * (motion.root[after] - motion.root[before])
+    return motion.root[before] + way, first @ turned.reshape(len(share), -1, 3, 3)
+
+
+def correct_rate(motion: Motion) -> Motion:
+    """Return a motion at half its rate if the stated rate is 120 and people in the air would fall too fast at it."""
+    if not _STATED[0] < motion.fps < _STATED[1]:
+        return motion
+    falls = _falls(motion)
+    if not falls or not _HALF[0] < np.median(falls) < _HALF[1]:
+        return motion
+    note = f"at {motion.fps / 2:.4g}, as it falls with {np.median(falls):.2g} g at {motion.fps:.4g}"
+    return replace(motion, fps=motion.fps / 2, name=f"{motion.name}, {note}")
+
+
+def _falls(motion: Motion) -> list[float]:
+    """Return the downward acceleration of the body (segment origins weighted by mass) in each flight, in g."""
+    body = Body(1.70)
+    root = motion.root * body.hip_height / motion.hip_height
+    origins = segment_origins(body, root, motion.rotations)
+    height = (origins[..., 2] @ body.masses) / body.masses.sum()
+    above = sole_points(body, root, motion.rotations)[..., 2].min((1, 2)) > _CLEAR
+    edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
+    found = []
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - first < _FLIGHT * motion.fps:
+            continue
+        time = np.arange(end - first) / motion.fps
+        parabola = np.polynomial.Polynomial.fit(time, height[first:end], 2).convert().coef
+        left = height[first:end] - np.polynomial.polynomial.polyval(time, parabola)
+        if left.std() < _ODD * np.ptp(height[first:end]):
+            found.append(-2 * parabola[2] / _GRAVITY)
+    return found
+
+
+# Retargeting
 
 # Files have x to the left, y up and z forward. The canonical axes are x forward, y left and z up.
 _CANONICAL_FROM_FILE = UPRIGHT["y"]
@@ -28,7 +256,7 @@ ANKLE_OF_LEG = ANKLE_HEIGHT / LEG_LENGTH
 _FORWARD = np.array((1.0, 0, 0))
 _RATES = (5.0, 1000.0)
 """Least and greatest frame rate of recordings, frames per second."""
-_FASTEST = 12.5
+_retargeting_FASTEST = 12.5
 """Greatest speed of a runner, m/s: in Usain Bolt's record of 2009 the fastest 10 m took 0.81 s."""
 _LIMBS = {"upper_arm": "forearm", "forearm": "wrist", "hand": "knuckle", "thigh": "shin", "shin": "foot"}
 """For each limb segment, the joint at its end."""
@@ -119,7 +347,7 @@ def put_on_floor(motion: Motion, ankles: np.ndarray, path: Path, *, lies: bool =
 
     Raises:
         ValueError: the motion is too fast for a person, or the body lies along an axis, as with axes in another order;
-            or as `synth.motion.soundness.repair`.
+            or as `synth.motion.retargeting.repair`.
     """
     _check_axes(motion, path, lies)
     _check_speed(motion, path)
@@ -228,7 +456,7 @@ def _check_speed(motion: Motion, path: Path) -> None:
         return
     speed = np.linalg.norm(motion.root[step:] - motion.root[:-step], axis=1) * motion.fps / step
     fastest = int(speed.argmax())
-    if not speed[fastest] < _FASTEST:
+    if not speed[fastest] < _retargeting_FASTEST:
         raise ValueError(
             f"{path}: expected people at no more than {_FASTEST} m/s, found {speed[fastest]:.3g} m/s in frames "
             f"{fastest + 1} to {fastest + step + 1} (mean {speed.mean():.3g}) at {motion.fps:.4g} a second: rate or "

@@ -11,14 +11,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.files.checks import check_numbers
+from synth.motion.geometry import about
 from synth.motion.motion import Motion
-from synth.motion.procedural.agenda import ACTIONS
-from synth.motion.procedural.sequence import SEATED, WEIGHTS, check_actions, make_sequence
-from synth.motion.procedural.walking import ProceduralConfig, make_motion
+from synth.motion.procedural.gait import ProceduralConfig, make_motion
+from synth.motion.procedural.sequence import ACTIONS, SEATED, WEIGHTS, check_actions, make_sequence
 from synth.motion.readers import ReadOptions, reader, reader_of
 from synth.motion.readers.dialects import read_mapping
 from synth.motion.readers.takes import find_takes
-from synth.motion.rotations import about
 
 _TURN_TIME = 0.3
 """Time in which a take that is played back and forth comes to rest at its ends, s."""

@@ -1,12 +1,23 @@
-"""Body proportions: lengths, widths and masses of segments, and their origins in a pose."""
+"""Bodies: segments, proportions by sex and age, and the landmarks that annotators and detectors see."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from synth.people.segments import PARENTS, SEGMENTS
+from dmae.data.skeleton import Skeleton, get_skeleton
 
+SEGMENTS = (
+    "pelvis", "spine", "chest", "head",
+    "l_upper_arm", "l_forearm", "l_hand", "r_upper_arm", "r_forearm", "r_hand",
+    "l_thigh", "l_shin", "l_foot", "r_thigh", "r_shin", "r_foot",
+)  # fmt: skip
+PARENTS = (-1, 0, 1, 2, 2, 4, 5, 2, 7, 8, 0, 10, 11, 0, 13, 14)
+"""Index of each segment's parent in `SEGMENTS`."""
+
+
+# Proportions of one person
 SIDES = {"l": 1.0, "r": -1.0}
 """Sign of y on each side: left is +y."""
 
@@ -189,3 +200,208 @@ def segment_origins(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.n
     for i, parent in enumerate(PARENTS[1:], start=1):
         origins[:, i] = origins[:, parent] + rotations[:, parent] @ body.offsets[i]
     return origins
+
+
+# Stature, mass and limb lengths by sex, age and percentile
+ADULT = 30.0
+"""Age of sampled adults, years."""
+CHILDREN = (4.0, ADULT_AGE)
+"""Least and greatest age of children, years."""
+_STATURE = (1.75, 0.12, 0.065)
+"""Stature of adults, m: mean of men, difference of the mean of women, standard deviation. ANSUR II (Gordon et al.,
+NATICK/TR-15/007, 2014) found 1.756, 0.127, and 0.069 for men and 0.064 for women."""
+_INDEX = (24.0, 1.0, 3.0)
+"""Body mass index of adults, kg/m^2: mean of men, difference of the mean of women, standard deviation; worldwide means
+(NCD-RisC, Lancet 387, 2016). It is independent of stature, so that mass and stature correlate with 0.5, as among
+soldiers."""
+_LENGTH = 0.02
+"""Relative standard deviation of leg and arm lengths at a given stature. For crotch heights in ANSUR II it is 2.8 %,
+which includes measurement errors."""
+_LIMITS = ((1.48, 2.02), (18.0, 33.0), (0.95, 1.05), (0.95, 1.05))
+"""Bounds of adults' stature, m, body mass index, kg/m^2, relative leg length and relative arm length."""
+
+# Growth charts of the CDC (Kuczmarski et al., Vital and Health Statistics 11/246, 2002). Rows: age, years; of boys and
+# of girls, median stature, m, and its coefficient of variation, without the charts' skewness; then L, M, S
+# of the body mass index, kg/m^2 (Cole and Green, Statistics in Medicine 11, 1992).
+_GROWTH = np.array((
+    (4, 1.0251, 0.0413, -1.684, 15.64, 0.0718, 1.0103, 0.0433, -2.991, 15.31, 0.0786),
+    (6, 1.1566, 0.0437, -3.198, 15.38, 0.0827, 1.1501, 0.0450, -3.236, 15.21, 0.0934),
+    (8, 1.2812, 0.0451, -3.191, 15.77, 0.1017, 1.2783, 0.0460, -2.629, 15.81, 0.1167),
+    (10, 1.3882, 0.0476, -2.774, 16.62, 0.1198, 1.3821, 0.0487, -2.178, 16.84, 0.1367),
+    (12, 1.4931, 0.0499, -2.453, 17.79, 0.1312, 1.5149, 0.0486, -1.977, 18.07, 0.1482),
+    (13, 1.5641, 0.0503, -2.334, 18.44, 0.1341, 1.5734, 0.0439, -1.955, 18.71, 0.1506),
+    (15, 1.7014, 0.0459, -2.136, 19.83, 0.1351, 1.6190, 0.0401, -2.032, 19.91, 0.1506),
+    (16, 1.7361, 0.0431, -2.043, 20.53, 0.1342, 1.6257, 0.0398, -2.115, 20.43, 0.1492),
+    (18, 1.7619, 0.0406, -1.877, 21.87, 0.1323, 1.6313, 0.0397, -2.301, 21.26, 0.1473),
+))  # fmt: skip
+_RAREST = 2.0
+"""Greatest deviation of children from the median, in standard deviations: the charts' percentiles 2 to 98."""
+
+
+def body_at(
+    feminine: float,
+    age: float = ADULT,
+    *,
+    stature: float = 0.0,
+    index: float = 0.0,
+    legs: float = 0.0,
+    arms: float = 0.0,
+) -> Body:
+    """Return the body of a person of given sex, age and percentiles.
+
+    Percentiles are deviations from the median in standard deviations; 1.645 is the 95th percentile.
+
+    Args:
+        feminine: 0 for men and boys, 1 for women and girls.
+        age: Years, from 4; adult proportions from 18 on.
+        stature, index, legs, arms: Deviations of the stature, of the body mass index, and of the lengths of legs and
+            arms at this stature. They are clipped to the range of the population.
+
+    Raises:
+        ValueError: the age is below 4, or `feminine` is not within 0 to 1.
+    """
+    if age < ADULT_AGE:
+        index, stature = (float(np.clip(z, -_RAREST, _RAREST)) for z in (index, stature))
+        row = np.array([np.interp(age, _GROWTH[:, 0], column) for column in _GROWTH.T[1:]])
+        median, spread, power, middle, width = (1 - feminine) * row[:5] + feminine * row[5:]
+        tall = median * (1 + spread * stature)
+        heavy = middle * (1 + power * width * index) ** (1 / power)
+    else:
+        tall = np.clip(_STATURE[0] - _STATURE[1] * feminine + _STATURE[2] * stature, *_LIMITS[0])
+        heavy = np.clip(_INDEX[0] - _INDEX[1] * feminine + _INDEX[2] * index, *_LIMITS[1])
+    long = [np.clip(1 + _LENGTH * z, *limits) for z, limits in zip((legs, arms), _LIMITS[2:], strict=True)]
+    return Body(*(round(float(value), 4) for value in (tall, heavy * tall**2, feminine, *long, age)))
+
+
+def sample_body(children: float = 0.0, *, rng: np.random.Generator) -> Body:
+    """Draw a person's body.
+
+    Args:
+        children: Probability of a child, of any age from 4 to 17 years.
+        rng: Draws everything.
+    """
+    age = rng.uniform(*CHILDREN) if children and rng.random() < children else ADULT
+    feminine = float(rng.random() < 0.5)
+    stature, index, legs, arms = rng.standard_normal(4)
+    return body_at(feminine, age, stature=stature, index=index, legs=legs, arms=arms)
+
+
+# Landmarks: where annotators and detectors place each joint
+SKELETON = get_skeleton("body25+shelf14")
+
+
+class _Landmark(NamedTuple):
+    """A point that moves with a segment, on the left side.
+
+    Attributes:
+        segment: Segment that it moves with.
+        joint: Segment; the offset is relative to its origin in the T-pose.
+        x, y, z: Offset, fractions of stature; an offset from the head is also scaled by the size of the head.
+        radius: Depth in the limb, with clothes, for three quarters of the directions from which it is seen, fractions
+            of stature; it scales with girth. It is 0 for points on the skin of the head, which the head itself hides.
+    """
+
+    segment: str
+    joint: str
+    x: float
+    y: float
+    z: float
+    radius: float = 0.0
+
+
+# The eyes are 0.936 of stature above the floor and the chin 0.870 (Winter, fig. 4.1). OpenPose's hips are
+# slightly above and outside the joint's centre; Shelf's annotators put hips 40 to 78 mm, and shoulders 21 to 38 mm,
+# below those of OpenPose.
+_LIMBS = {
+    "elbow": _Landmark("forearm", "forearm", 0, 0, 0, 0.037),
+    "wrist": _Landmark("hand", "hand", 0, 0, 0, 0.024),
+    "knee": _Landmark("shin", "shin", 0, 0, 0, 0.057),
+    "ankle": _Landmark("foot", "foot", 0, 0, 0, 0.040),
+}
+_BODY25 = _LIMBS | {
+    "nose": _Landmark("head", "head", 0.075, 0, 0.068),
+    "neck": _Landmark("chest", "upper_arm", 0.002, 0, 0.002, 0.125),
+    "shoulder": _Landmark("chest", "upper_arm", 0.002, -0.002, 0.002, 0.068),
+    "mid_hip": _Landmark("pelvis", "pelvis", 0, 0, 0.010, 0.101),
+    "hip": _Landmark("pelvis", "thigh", 0, 0.006, 0.010, 0.090),
+    "eye": _Landmark("head", "head", 0.060, 0.018, 0.091),
+    "ear": _Landmark("head", "head", 0.006, 0.047, 0.082),
+    "big_toe": _Landmark("foot", "foot", 0.108, -0.013, 0.009 - ANKLE_HEIGHT, 0.018),
+    "small_toe": _Landmark("foot", "foot", 0.085, 0.026, 0.008 - ANKLE_HEIGHT, 0.021),
+    "heel": _Landmark("foot", "foot", -0.037, 0, 0.009 - ANKLE_HEIGHT, 0.022),
+}
+_SHELF14 = _LIMBS | {
+    "hip": _Landmark("thigh", "thigh", 0, 0.008, -0.024, 0.098),
+    "shoulder": _Landmark("chest", "upper_arm", 0.002, -0.002, -0.015, 0.068),
+    # Relative to the point half way between the shoulders and the ears.
+    "bottom_head": _Landmark("head", "head", 0.0, 0, 0.0, 0.098),
+    # 125 mm ahead of that and 145 mm above, on a body of 1.75 m.
+    "top_head": _Landmark("head", "head", 0.0714, 0, 0.0829),
+}
+_landmarks_HEADS = ("bottom_head", "top_head")
+# As annotated in MPII, and therefore in BODY_25B and Halpe: the crown, and the point where the neck meets the head.
+_CROWN = {"head_top": _Landmark("head", "head", 0.005, 0, HEAD_HEIGHT)}
+# BlazePose's: corners of the eyes and of the mouth, and knuckles.
+_FACE_AND_HANDS = {
+    "eye_inner": _Landmark("head", "head", 0.062, 0.009, 0.091),
+    "eye_outer": _Landmark("head", "head", 0.055, 0.027, 0.091),
+    "mouth": _Landmark("head", "head", 0.066, 0.014, 0.044),
+    "little_finger": _Landmark("hand", "hand", -0.018, 0.047, -0.002, 0.014),
+    "index_finger": _Landmark("hand", "hand", 0.018, 0.053, -0.002, 0.014),
+    "thumb": _Landmark("hand", "hand", 0.030, 0.033, -0.004, 0.014),
+}
+_PLACES = {
+    "shelf14": _SHELF14,
+    "body25b": _BODY25 | _CROWN | {"neck": _Landmark("head", "head", 0.006, 0, 0.022, 0.060)},
+    "halpe26": _BODY25 | _CROWN,
+    "blazepose33": _BODY25 | _FACE_AND_HANDS,
+}
+"""Landmarks of skeletons that place joints differently from the joints of the same name in BODY_25."""
+_SKIN = 0.025
+"""Depth through which a joint on the skin still counts as seen, m."""
+
+
+@lru_cache(maxsize=512)
+def landmarks(body: Body, skeleton: Skeleton = SKELETON) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the joints of a skeleton on a body, each where the skeleton's annotators or detector place it.
+
+    Args:
+        body: The body.
+        skeleton: Any of `dmae.data.skeleton.SKELETONS`, or two of them side by side.
+
+    Returns:
+        segments: (J,) index into `SEGMENTS` of the segment that each joint moves with.
+        points: (J, 3) position of the joint in that segment's frame, m.
+        depth: (J,) greatest distance before the joint at which a ray may first meet the body and still count as seeing
+            the joint, m: the depth of the joint in its limb, or little more than skin.
+    """
+    at = dict(zip(SEGMENTS, segment_origins(body, np.zeros((1, 3)), np.tile(np.eye(3), (1, 16, 1, 1)))[0], strict=True))
+    segments, places, depth = [], [], []
+
+    def place(landmark: _Landmark, side: str) -> np.ndarray:
+        local = np.array((landmark.x, landmark.y * SIDES.get(side, 1.0), landmark.z)) * _size(body, landmark)
+        return local + np.mean([at[s] for s in _sided(landmark.joint, side)], axis=0)
+
+    # Origin of Shelf's heads: half way between the shoulders and the ears.
+    middle = np.mean([place(_BODY25[point], side) for side in SIDES for point in ("shoulder", "ear")], axis=0)
+    for name in skeleton.joints:
+        family, _, joint = name.rpartition(".")
+        side, kind = side_and_name(joint)
+        landmark = _PLACES.get(family or skeleton.name, _BODY25)[kind]
+        counted = middle - at["head"] if kind in _landmarks_HEADS else 0.0
+        places.append(place(landmark, side) + counted)
+        segments.append(_sided(landmark.segment, side)[0])
+        depth.append(_SKIN + landmark.radius * _size(body, landmark) * body.girth)
+    points = np.array(places) - np.array([at[segment] for segment in segments])
+    return np.array([SEGMENTS.index(segment) for segment in segments]), points, np.array(depth)
+
+
+def _size(body: Body, landmark: _Landmark) -> float:
+    return body.stature * (body.head if landmark.joint == "head" else 1.0)
+
+
+def _sided(name: str, side: str) -> list[str]:
+    """Return the segments for a name without its side: the one on `side` or the mid line; both if `side` is empty."""
+    if name in SEGMENTS:
+        return [name]
+    return [f"{one}_{name}" for one in ([side] if side else SIDES)]

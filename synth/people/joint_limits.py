@@ -4,8 +4,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.spatial.transform import Rotation
 
-from synth.people.body import side_and_name
-from synth.people.segments import PARENTS, SEGMENTS
+from synth.people.body import PARENTS, SEGMENTS, side_and_name
 
 # Degrees about x, y and z of the parent's axes, on the left side. Active ranges of adults, after the American Academy
 # of Orthopaedic Surgeons, "Joint Motion: Method of Measuring and Recording" (1965), and Boone and Azen, J. Bone Joint

@@ -1,17 +1,96 @@
-"""People in a MuJoCo scene: segments, joints, capsules for contact, and surfaces for images."""
+"""People in MuJoCo: capsules with mass and contacts, joints, and surfaces for images."""
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dmae.data.skeleton import SKELETONS
-from synth.materials.textures import add_texture, paint
-from synth.people.body import Body, side_and_name
-from synth.people.capsules import capsule_names, capsules
+from synth.people.body import (
+    FOREARM_LENGTH,
+    PARENTS,
+    SEGMENTS,
+    SIDES,
+    THIGH_LENGTH,
+    UPPER_ARM_LENGTH,
+    Body,
+    landmarks,
+    side_and_name,
+)
 from synth.people.clothing import PersonLooks
-from synth.people.landmarks import landmarks
-from synth.people.segments import PARENTS, SEGMENTS
-from synth.people.surfaces import Surface, surfaces
+from synth.people.surfaces import Surface, surfaces, trunk_sections
+from synth.textures import add_texture, paint
 
+# Capsules across the trunk: height above the hips, as in `trunk_sections`, and the share of the depth there that the
+# capsule fills; it is as wide as the trunk.
+_ACROSS = {"pelvis": [(0.0, 1.0)], "spine": [(0.105, 1.0)], "chest": [(0.21, 1.0), (0.283, 0.75)]}
+# Segment: (from, to, radius) in fractions of stature; left side. Radii widen with the body's girth.
+_CAPSULES = {
+    "head": [((0, 0, 0), (0.010, 0, 0.050), 0.031), ((0.008, 0, 0.075), (0.004, 0, 0.100), 0.052)],
+    "upper_arm": [((0, 0, 0), (0, UPPER_ARM_LENGTH, 0), 0.028)],
+    "forearm": [((0, 0, 0), (0, FOREARM_LENGTH, 0), 0.021)],
+    "hand": [((0, 0.008, 0), (0, 0.085, -0.004), 0.013)],
+    "thigh": [((0, 0, -0.020), (0, 0, -THIGH_LENGTH), 0.041)],
+    "shin": [((0, 0, 0), (0, 0, -0.235), 0.028)],
+    "foot": [
+        ((-0.022, -0.008, -0.021), (0.092, -0.012, -0.021), 0.018),
+        ((-0.022, 0.008, -0.021), (0.080, 0.014, -0.021), 0.018),
+    ],
+}
+_FIST = ((0, 0.008, 0), (0, 0.050, -0.008), 0.021)
+"""The capsule of a hand that is closed to a fist."""
+_STOUT = ("upper_arm", "forearm", "thigh", "shin")
+_SKULL = ("head", 1)
+"""The capsule that scales with the head; the one before it is the neck."""
+
+
+def capsules(body: Body, hands: tuple[str, str] = ("relaxed", "relaxed")) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the solid parts of a body.
+
+    Args:
+        body: Proportions.
+        hands: Shapes of the left and the right hand, of `synth.people.clothing.HANDS`; a fist is shorter.
+
+    Returns:
+        segments: (C,) index into `SEGMENTS`.
+        ends: (C, 2, 3) both ends of each capsule's axis in its segment's frame, m.
+        radii: (C,) m.
+    """
+    segments, ends, radii = [], [], []
+    origins = np.cumsum(body.offsets[:3], axis=0)
+    for i, segment in enumerate(SEGMENTS):
+        side, name = side_and_name(segment)
+        for height, share in _ACROSS.get(name, ()):
+            ahead, up, depth, breadth = trunk_sections(body, np.array([height]))[0]
+            aside = np.array((0, breadth - share * depth, 0))
+            segments.append(i)
+            ends.append(np.array((ahead, 0, up)) - origins[i] + np.array((-aside, aside)))
+            radii.append(share * depth)
+        stretch = np.full(3, body.stature)
+        if name in ("upper_arm", "forearm", "hand"):
+            stretch[1] *= body.arms
+        elif name in ("thigh", "shin"):
+            stretch[2] *= body.leg
+        elif name == "head":
+            stretch *= body.head
+        stretch[1] *= SIDES.get(side, 1.0)
+        solids = _CAPSULES.get(name, ())
+        if name == "hand" and hands["lr".index(side)] == "fist":
+            solids = [_FIST]
+        for number, (start, stop, radius) in enumerate(solids):
+            segments.append(i)
+            ends.append(np.array((start, stop)) * stretch)
+            wide = body.girth if name in _STOUT else body.head if (name, number) == _SKULL else 1.0
+            radii.append(radius * body.stature * wide)
+    return np.array(segments), np.array(ends), np.array(radii)
+
+
+def capsule_names() -> list[str]:
+    """Return the names of the capsules, in the order of `capsules`."""
+    count = {name: len(solids) for name, solids in (_ACROSS | _CAPSULES).items()}
+    return [f"{segment}/solid{i}" for segment in SEGMENTS for i in range(count[side_and_name(segment)[1]])]
+
+
+# The person in a scene
 MOST_PERSONS = 30
 """Greatest number of people: contact filters are bits of a signed 32-bit number, one per person."""
 
@@ -165,3 +244,31 @@ def _add_mesh(spec: mujoco.MjSpec, name: str, surface: Surface) -> None:
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
         **shading,
     )
+
+
+class Bending:
+    """Put the pieces of people's trunks in place after `mujoco.mj_kinematics`, which moves each with one segment.
+
+    Args:
+        model: A scene with people, or one without.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        share = model.geom_user[:, 0] if model.nuser_geom else np.zeros(model.ngeom)
+        self._geoms = np.flatnonzero((share > 0) & (share < 1))
+        self._share = share[self._geoms, None]
+        self._bodies = model.geom_bodyid[self._geoms]
+        self._parents = model.body_parentid[self._bodies]
+        self._places = model.geom_pos[self._geoms]
+        quats = model.geom_quat[self._geoms]
+        self._axes = Rotation.from_quat(quats, scalar_first=True).as_matrix() if len(quats) else quats
+
+    def apply(self, data: mujoco.MjData) -> None:
+        """Set `geom_xpos` and `geom_xmat` of the pieces from the orientations of both segments."""
+        if not len(self._geoms):
+            return
+        above, below = (data.xmat[bodies].reshape(-1, 3, 3) for bodies in (self._bodies, self._parents))
+        bend = Rotation.from_matrix(below.swapaxes(1, 2) @ above).as_rotvec()
+        turned = below @ Rotation.from_rotvec(self._share * bend).as_matrix()
+        data.geom_xpos[self._geoms] = data.xpos[self._bodies] + (turned @ self._places[..., None])[..., 0]
+        data.geom_xmat[self._geoms] = (turned @ self._axes).reshape(-1, 9)

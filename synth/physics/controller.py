@@ -1,19 +1,197 @@
-"""Make people follow a reference motion by joint torques and a bounded force at the pelvis.
+"""People follow a reference motion by joint torques and a bounded force at the pelvis."""
 
-Plain numpy: a step of the controller takes a seventh of the time of the physics steps that follow it. A compiled loop
-(numba) would save a few percent of the time of a clip, but every process would have to import it.
-"""
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
-from synth.people.body import side_and_name
+from synth.motion.feet import FEET
+from synth.people.body import PARENTS, SEGMENTS, side_and_name
 from synth.people.joint_limits import WIDEST
-from synth.people.segments import SEGMENTS
-from synth.physics.inverse_dynamics import inverse_dynamics
-from synth.physics.joint_addresses import find_joints
-from synth.physics.reference import ReferenceMotion
 from synth.scene.build import STEPS_PER_CONTROL
+
+
+@dataclass(frozen=True)
+class JointAddresses:
+    """Slices of a model's arrays: P people one after the other, each with the joints in the order of `SEGMENTS`.
+
+    Attributes:
+        persons: Number of people.
+        qpos: Slice of positions; for each person 3 coordinates of the pelvis and 16 quaternions.
+        dofs: Slice of velocities and forces; for each person 3 of the pelvis' translation and 3 of each of 16
+            rotations.
+        bodies, joints: Slices of the model's bodies and joints; 16 for each person.
+    """
+
+    persons: int
+    qpos: slice
+    dofs: slice
+    bodies: slice
+    joints: slice
+
+    def root(self, qpos: np.ndarray) -> np.ndarray:
+        """Return a (..., P, 3) view of the pelvis' positions in states (..., nq), m."""
+        return self._people(qpos)[..., :3]
+
+    def quats(self, qpos: np.ndarray) -> np.ndarray:
+        """Return a (..., P, 16, 4) view of the orientations in states (..., nq), w first."""
+        return self._people(qpos)[..., 3:].reshape(*qpos.shape[:-1], self.persons, len(SEGMENTS), 4)
+
+    def moves(self, qvel: np.ndarray) -> np.ndarray:
+        """Return a (..., P, 17, 3) view of velocities or forces (..., nv): pelvis' translation, then each rotation."""
+        return qvel[..., self.dofs].reshape(*qvel.shape[:-1], self.persons, 1 + len(SEGMENTS), 3)
+
+    def feet(self, values: np.ndarray) -> np.ndarray:
+        """Return a (P, 2, n) view of the left and right foot's values in the values of all bodies (nbody, n)."""
+        return values[self.bodies].reshape(self.persons, len(SEGMENTS), -1)[:, FEET[0] :: FEET[1] - FEET[0]]
+
+    def _people(self, qpos: np.ndarray) -> np.ndarray:
+        return qpos[..., self.qpos].reshape(*qpos.shape[:-1], self.persons, -1)
+
+
+def find_joints(model: mujoco.MjModel, persons: int) -> JointAddresses:
+    """Find the joints of a number of people in a model."""
+    joints = np.array([[model.joint(f"person{p}/{name}").id for name in SEGMENTS] for p in range(persons)]).ravel()
+    first = joints[0]
+    assert np.array_equal(joints, np.arange(first, first + len(joints))), "people's joints follow each other"
+    qpos, dof = model.jnt_qposadr[first], model.jnt_dofadr[first]
+    return JointAddresses(
+        persons,
+        slice(qpos, qpos + persons * (3 + 4 * len(SEGMENTS))),
+        slice(dof, dof + persons * (3 + 3 * len(SEGMENTS))),
+        slice(model.jnt_bodyid[first], model.jnt_bodyid[first] + persons * len(SEGMENTS)),
+        slice(first, first + persons * len(SEGMENTS)),
+    )
+
+
+# The reference motion at every step of the physics, interpolated from the planned motion of every frame
+
+
+@dataclass(frozen=True)
+class ReferenceMotion:
+    """The reference motion of P people at each of S steps.
+
+    Attributes:
+        root: (S, P, 3) mid points of the hip joints, m.
+        velocity: (S, P, 3) velocity of those points, m / s.
+        quats: (S, P, 16, 4) orientation (w first) of each segment in its parent, of the pelvis in the world.
+        spin: (S, P, 16, 3) angular velocity of each segment relative to its parent, in its own axes, rad / s.
+        bearing: (S, P, 2) share of the weight that is on the left and the right foot.
+    """
+
+    root: np.ndarray
+    velocity: np.ndarray
+    quats: np.ndarray
+    spin: np.ndarray
+    bearing: np.ndarray
+
+    def still(self) -> "ReferenceMotion":
+        """Return the first pose, at rest, as a reference of one step."""
+        return ReferenceMotion(
+            self.root[:1], 0 * self.velocity[:1], self.quats[:1], 0 * self.spin[:1], self.bearing[:1]
+        )
+
+
+def make_reference(
+    root: np.ndarray, rotations: np.ndarray, bearing: np.ndarray, fps: float, substeps: int, last: int = 0
+) -> ReferenceMotion:
+    """Return a smooth interpolation, `substeps` steps per frame, from the first frame to the last or slightly beyond.
+
+    Args:
+        root: (F, P, 3) m, world.
+        rotations: (F, P, 16, 3, 3) world orientation of each of `SEGMENTS`.
+        bearing: (F, P, 2) as in `ReferenceMotion`.
+        fps: Frames per second.
+        substeps: Steps per frame.
+        last: Number of the last step, if it is beyond the last frame, by at most a frame: the motion is extrapolated.
+    """
+    frames, persons = root.shape[:2]
+    relative = rotations.copy()
+    relative[:, :, 1:] = np.swapaxes(rotations[:, :, PARENTS[1:]], -1, -2) @ rotations[:, :, 1:]
+    quats = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_quat(scalar_first=True)
+    quats = quats.reshape(frames, persons, len(SEGMENTS), 4)
+    # q and -q are the same orientation: give each the sign that is closer to the one before, for interpolation.
+    flips = np.sign((quats[1:] * quats[:-1]).sum(-1, keepdims=True))
+    quats[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0), axis=0)
+
+    dt, beyond = 1 / (fps * substeps), max(0, last - (frames - 1) * substeps)
+    times, steps = np.arange(frames) / fps, np.arange((frames - 1) * substeps + beyond + 1) * dt
+    if frames == 1:
+        root, quats, bearing = (np.repeat(values, 1 + beyond, axis=0) for values in (root, quats, bearing))
+        return ReferenceMotion(root, 0 * root, quats, np.zeros((1 + beyond, persons, len(SEGMENTS), 3)), bearing)
+    path = CubicSpline(times, root)
+    quats = CubicSpline(times, quats)(steps)
+    quats /= np.linalg.norm(quats, axis=-1, keepdims=True)
+    spin = np.empty((*quats.shape[:-1], 3))
+    spin[:-1] = 2 / dt * _turn(quats[:-1], quats[1:])
+    spin[-1] = spin[-2]
+    bearing = np.concatenate([interpolate_steps(bearing, substeps), np.repeat(bearing[-1:], beyond, axis=0)])
+    return ReferenceMotion(path(steps), path(steps, 1), quats, spin, bearing)
+
+
+def interpolate_steps(values: np.ndarray, between: int) -> np.ndarray:
+    """Return (K, ...) values, `between` steps apart, interpolated linearly at all (between (K - 1) + 1) steps."""
+    share = np.arange(between).reshape(-1, *[1] * (values.ndim - 1)) / between
+    steps = values[:-1, None] * (1 - share) + values[1:, None] * share
+    return np.concatenate([steps.reshape(-1, *values.shape[1:]), values[-1:]])
+
+
+def _turn(start: np.ndarray, stop: np.ndarray) -> np.ndarray:
+    """Return the (..., 3) vector part of conj(start) stop: to second order half the rotation vector, in `start` axes.
+
+    Args:
+        start, stop: (..., 4) quaternions, w first.
+    """
+    (a, b, c, d), (w, x, y, z) = np.moveaxis(start, -1, 0), np.moveaxis(stop, -1, 0)
+    rows = ((x * a - z * c) + (y * d - w * b), (y * a - w * c) + (z * b - x * d), (z * a + x * c) - (y * b + w * d))
+    return np.stack(rows, -1)
+
+
+# The forces that move people along a reference without contact, and the positions of their feet on it
+
+_EVERY = 2
+"""Steps from one computation of the forces to the next."""
+
+
+def inverse_dynamics(
+    model: mujoco.MjModel, joints: JointAddresses, reference: ReferenceMotion
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return forces along a reference, and positions of the feet, computed every other step and interpolated linearly.
+
+    Args:
+        model: The scene.
+        joints: Addresses of the people's joints.
+        reference: The motion over S steps.
+
+    Returns:
+        Forces (S, nv), and centres of mass of the feet (S, P, 2, 3), m.
+    """
+    dt, steps = STEPS_PER_CONTROL * model.opt.timestep, len(reference.root)
+    data = mujoco.MjData(model)
+    qvel = np.zeros((steps, model.nv))
+    moves = joints.moves(qvel)
+    moves[:, :, 0], moves[:, :, 1:] = reference.velocity, reference.spin
+    computed = np.arange(0, steps + _EVERY - 1, _EVERY).clip(max=steps - 1)
+    later = np.minimum(computed + 1, steps - 1)
+    velocities, accelerations = qvel[computed], (qvel[later] - qvel[computed]) / dt
+    qpos = np.tile(data.qpos, (len(computed), 1))
+    joints.root(qpos)[:], joints.quats(qpos)[:] = reference.root[computed], reference.quats[computed]
+    forces, feet = np.empty_like(velocities), np.empty((len(computed), joints.persons, 2, 3))
+    # The parts of mj_inverse without contacts and constraints.
+    for k in range(len(computed)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = qpos[k], velocities[k], accelerations[k]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 1, forces[k])
+        feet[k] = joints.feet(data.xipos)
+    return tuple(interpolate_steps(values, _EVERY)[:steps] for values in (forces, feet))
+
+
+# Plain numpy: a step of the controller takes a seventh of the time of the physics steps that follow it. A compiled loop
+# (numba) would save a few percent of the time of a clip, but every process would have to import it.
 
 # Stiffness, damping and greatest torque of each segment's joint for a person of 70 kg: N m / rad, N m s / rad, N m.
 _GAINS = {

@@ -1,17 +1,101 @@
-"""Plan how people move before the physics: within joint limits, with feet on the floor, around each other."""
+"""Plan how people move before the physics: within joint limits, feet on the floor, legs and people apart."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from synth.motion.feet import foot_contacts, lock_feet, weight_on_feet
-from synth.motion.motion import Motion
-from synth.motion.path_planning import avoid_collisions
+from synth.motion.feet import foot_contacts, lock_feet, sole_points, weight_on_feet
+from synth.motion.motion import Motion, avoid_collisions
 from synth.motion.source import PROCEDURAL
-from synth.people.body import Body
+from synth.people.body import SEGMENTS, Body, segment_origins
 from synth.people.joint_limits import limit_joints
-from synth.physics.leg_clearance import leg_clearance, limb_points
 from synth.scene.spec import PLAN_FPS, SceneSpec
+
+_HIPS, _KNEES, _ANKLES = ([SEGMENTS.index(f"{side}_{part}") for side in "lr"] for part in ("thigh", "shin", "foot"))
+_TRUNK = [SEGMENTS.index(name) for name in ("pelvis", "chest", "head")]
+_RADII = np.repeat((0.07, 0.06, 0.05, 0.15), (2, 4, 6, 3))
+"""Radii around the points of `limb_points`: thighs, knees and ankles, shins and soles, trunk, m."""
+_TRUNKS = slice(-len(_TRUNK), None)
+_GAP = 0.08
+"""Distance that is left between the limbs of two people, m."""
+_DIRECTIONS = np.stack([f(np.arange(16) * np.pi / 8) for f in (np.cos, np.sin)], axis=1)
+_FARTHEST = 0.3
+"""Longest sidestep of a round, m."""
+
+
+def limb_points(body: Body, root: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+    """Return (F, 15, 3) points on the legs and the trunk of a person that keep clear of other people's points, m.
+
+    Args:
+        body: The person's body.
+        root: (F, 3) hips, m.
+        rotations: (F, 16, 3, 3) orientation of each of `SEGMENTS`.
+    """
+    origins = segment_origins(body, root, rotations)
+    hips, knees, ankles = (origins[:, joints] for joints in (_HIPS, _KNEES, _ANKLES))
+    feet = sole_points(body, root, rotations).reshape(len(root), 4, 3)
+    legs = [(hips + knees) / 2, knees, ankles, (knees + ankles) / 2, feet]
+    return np.concatenate([*legs, origins[:, _TRUNK]], axis=1)
+
+
+def leg_clearance(limbs: np.ndarray, fps: float, obstacles: np.ndarray) -> np.ndarray:
+    """Return sidesteps that add missing clearance of legs, as far as one round can.
+
+    Args:
+        limbs: (F, P, 15, 3) `limb_points`, m.
+        fps: Frames per second.
+        obstacles: (K, 3) x, y and radius of obstacles, m.
+
+    Returns:
+        (F, P, 2) shift of each path, m; zero if all legs are clear.
+    """
+    frames, persons = limbs.shape[:2]
+    shift = np.zeros((frames, persons, 2))
+    for one in range(persons):
+        for other in range(one + 1, persons):
+            step = _sidestep(*_missing(limbs[:, one], limbs[:, other]), fps)
+            shift[:, one] += step / 2
+            shift[:, other] -= step / 2
+        legs = limbs[:, one, : _TRUNKS.start]
+        away = legs[:, :, None, :2] - obstacles[:, :2]
+        room = _RADII[: _TRUNKS.start, None] + obstacles[:, 2]
+        shift[:, one] += _sidestep(np.insert(away, 2, 0.0, axis=-1), room - np.linalg.norm(away, axis=-1), fps)
+    return shift
+
+
+def _missing(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (F, 15, 15, 3) vectors from each point of `other` to each of `one`, and their missing clearance, m."""
+    apart = one[:, :, None] - other[:, None]
+    missing = _RADII[:, None] + _RADII + _GAP - np.linalg.norm(apart, axis=-1)
+    # The distance of trunks follows from the clearance of hips.
+    missing[:, _TRUNKS, _TRUNKS] = -np.inf
+    return apart, missing
+
+
+def _sidestep(apart: np.ndarray, missing: np.ndarray, fps: float) -> np.ndarray:
+    """Return the shortest smooth displacement after which no clearance is missing, (F, 2) m."""
+    most = missing.max((1, 2), initial=-np.inf)
+    worst = int(most.argmax())
+    if not most[worst] > 0.005:
+        return np.zeros((len(most), 2))
+    close = np.flatnonzero(most > 0)
+    run = np.split(close, np.flatnonzero(np.diff(close) > 1) + 1)
+    first, last = next((r[0], r[-1]) for r in run if r[0] <= worst <= r[-1])
+    within = missing[first : last + 1]
+    lacks = within > 0
+    vectors = apart[first : last + 1][lacks]
+    room = np.linalg.norm(vectors, axis=-1) + within[lacks]
+    along = vectors[:, :2] @ _DIRECTIONS.T
+    across = (vectors**2).sum(-1)[:, None] - along**2
+    needed = (np.sqrt(np.maximum(room[:, None] ** 2 - across, 0)) - along).max(0)
+    best = int(needed.argmin())
+    time = np.arange(len(most))
+    beyond = np.maximum(np.maximum(first - time, time - last), 0) / fps
+    ramp = 0.5 + 0.5 * np.cos(np.pi * np.minimum(beyond, 1.0))
+    return min(needed[best] + 0.005, _FARTHEST) * ramp[:, None] * _DIRECTIONS[best]
+
+
+# The plan
 
 _ROUNDS = 12
 """Greatest number of rounds of leg clearance."""

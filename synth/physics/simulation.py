@@ -9,19 +9,225 @@ from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
 from synth.errors import FailedSimulation
 from synth.motion.motion import Motion
-from synth.people.landmarks import SKELETON, landmarks
-from synth.physics.body_state import BodyState
-from synth.physics.contacts import Contacts, Overlaps
-from synth.physics.controller import Controller
-from synth.physics.joint_addresses import find_joints
-from synth.physics.joint_positions import joint_positions, moved_with, reference_joints
+from synth.people.body import SKELETON, landmarks
+from synth.physics.body_state import BodyState, joint_positions, moved_with, reference_joints
+from synth.physics.controller import Controller, JointAddresses, find_joints, make_reference
 from synth.physics.planning import plan_motions
-from synth.physics.quality import assess
-from synth.physics.reference import make_reference
-from synth.physics.states import AT_ONCE, StatesAt
 from synth.scene.build import STEPS_PER_CONTROL, SUBSTEPS, Scene, build_scene
 from synth.scene.sampling import load_motions
 from synth.scene.spec import PLAN_FPS, SceneSpec
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """The deepest overlaps of every frame.
+
+    Attributes:
+        persons: (F,) between people, m; below 0 where only cloth is in contact, -inf without contact.
+        objects: (F,) between people and objects, m.
+    """
+
+    persons: np.ndarray
+    objects: np.ndarray
+
+
+class Contacts:
+    """Recorder of all contacts of a simulation, step by step."""
+
+    def __init__(self):
+        self._frames: list[int] = []
+        self._distances: list[np.ndarray] = []
+        self._geoms: list[np.ndarray] = []
+
+    def watch(self, data: mujoco.MjData, frame: int) -> None:
+        """Record the contacts of a step that leads to a frame."""
+        if data.ncon:
+            self._frames.append(frame)
+            self._distances.append(data.contact.dist.copy())
+            self._geoms.append(data.contact.geom.copy())
+
+    def overlaps(self, geom_persons: np.ndarray, frames: int) -> Overlaps:
+        """Return the deepest overlaps of each frame.
+
+        Args:
+            geom_persons: (ngeom,) person that each geom belongs to, -1 for objects.
+            frames: Number of frames.
+        """
+        persons, objects = np.full(frames, -np.inf), np.full(frames, -np.inf)
+        if self._frames:
+            frame = np.repeat(self._frames, [len(distance) for distance in self._distances])
+            depth = -np.concatenate(self._distances)
+            one, other = geom_persons[np.concatenate(self._geoms)].T
+            object_contact = np.minimum(one, other) < 0
+            people = ~object_contact & (one != other)
+            np.maximum.at(objects, frame[object_contact], depth[object_contact])
+            np.maximum.at(persons, frame[people], depth[people])
+        return Overlaps(persons, objects)
+
+
+# Quality, and the limits beyond which a simulation is unfit for use
+
+DEEP = 0.04
+"""Overlap of two people above which it is visible, m."""
+# Limits of a clip: share of its contact frames with deep overlaps, overlap (m), sidestep (m), median distance from the
+# reference (m), drop of hips below the reference (m), share of frames with sliding feet.
+_MOST_DEEP, _MOST_OVERLAP, _MOST_SHIFT, _MOST_ERROR, _MOST_DROP, _MOST_SLIDE = 0.1, 0.12, 1.2, 0.25, 0.35, 0.1
+_SLIDING, _SLIDE_TIME = 0.25, 0.04
+_ON_FLOOR = 0.035
+
+
+@dataclass(frozen=True)
+class SimulationQuality:
+    """The quality of a simulation.
+
+    Attributes:
+        tracking_error_mm: Median distance of the joints from the reference, mm.
+        contact_frames: Number of frames in which people touch each other, cloth included.
+        penetration_mm: Deepest overlap of two people's solid parts, measured every other physics step, mm.
+        deep_share: Share of the contact frames in which an overlap exceeds 40 mm.
+        object_penetration_mm: Deepest overlap of a person and an object, floor or wall, mm.
+        shift_m: Greatest distance by which contact pushed a person off the planned path, m.
+        foot_slide: Share of the time in which people have feet on the floor and slide: all heels and toes on the floor,
+            or both of one foot, move faster than 0.25 m/s over 0.04 s. Points below 35 mm before and after are on the
+            floor.
+        beyond_limits: Share of joints, over all frames, in which the motion exceeded `synth.people.joint_limits`; it
+            was limited.
+    """
+
+    tracking_error_mm: float
+    contact_frames: int
+    penetration_mm: float
+    deep_share: float
+    object_penetration_mm: float
+    shift_m: float
+    foot_slide: float
+    beyond_limits: float
+
+
+def assess(
+    joints: np.ndarray, wanted: np.ndarray, overlaps: Overlaps, shifts: np.ndarray, fps: float, beyond: float
+) -> SimulationQuality:
+    """Assess a simulation.
+
+    Args:
+        joints: (F, P, 39, 3) simulated joints of `SKELETON`, m.
+        wanted: (F, P, 39, 3) joints of the reference, m.
+        overlaps: The deepest overlaps of every frame.
+        shifts: (F, P, 2) displacements of people off their paths, m.
+        fps: Frames per second.
+        beyond: The value of `SimulationQuality.beyond_limits`.
+
+    Raises:
+        FailedSimulation: the clip is unfit for use.
+    """
+    contact = np.isfinite(overlaps.persons)
+    quality = SimulationQuality(
+        tracking_error_mm=_mm(np.median(np.linalg.norm(joints - wanted, axis=-1))),
+        contact_frames=int(contact.sum()),
+        penetration_mm=_mm(max(0.0, overlaps.persons.max())),
+        deep_share=round(float((overlaps.persons[contact] > DEEP).mean()) if contact.any() else 0.0, 4),
+        object_penetration_mm=_mm(max(0.0, overlaps.objects.max())),
+        shift_m=round(float(np.linalg.norm(shifts, axis=-1).max()), 4),
+        foot_slide=_foot_slide(joints, fps),
+        beyond_limits=round(beyond, 4),
+    )
+    (hips,) = SKELETON.index("body25.mid_hip")
+    # Sliding of the reference motion itself is not counted: another seed would not change it.
+    slide = quality.foot_slide - _foot_slide(wanted, fps)
+    drop = float((wanted - joints)[:, :, hips, 2].max())
+    limits = [
+        ("share of contact frames with overlaps above 40 mm", quality.deep_share, _MOST_DEEP),
+        ("deepest overlap of two people, mm", quality.penetration_mm, 1000 * _MOST_OVERLAP),
+        ("push off the planned path, m", quality.shift_m, _MOST_SHIFT),
+        ("median tracking error, mm", quality.tracking_error_mm, 1000 * _MOST_ERROR),
+        ("drop of a person's hips, m", drop, _MOST_DROP),
+        ("share of the time in which standing feet slide", slide, _MOST_SLIDE),
+    ]
+    for what, found, most in limits:
+        if not found <= most:
+            raise FailedSimulation(f"{what}: {found:.3g}, at most {most:.3g} is allowed")
+    return quality
+
+
+def _mm(metres: float) -> float:
+    return round(1000 * float(metres), 2)
+
+
+def _foot_slide(joints: np.ndarray, fps: float) -> float:
+    soles = [SKELETON.index(f"body25.{side}_{point}")[0] for side in "lr" for point in ("big_toe", "heel")]
+    points = joints[:, :, soles]
+    # Over shorter times the tremor of feet dominates.
+    step = max(1, round(_SLIDE_TIME * fps))
+    speed = np.linalg.norm(points[step:, ..., :2] - points[:-step, ..., :2], axis=-1) * fps / step
+    low = points[..., 2] < _ON_FLOOR
+    bearing = low[step:] & low[:-step]
+    slides = (speed > _SLIDING) | ~bearing
+    flat, gliding = (every.reshape(*every.shape[:2], 2, 2).all(-1) for every in (bearing, slides))
+    skates = (bearing.any(-1) & slides.all(-1)) | (flat & gliding).any(-1)
+    return round(float(skates.mean()) if skates.size else 0.0, 4)
+
+
+# States, forces and contacts at the times of the frames
+
+AT_ONCE = 1e-6
+"""Times closer than this to a step count as the time of the step, in steps."""
+
+
+class StatesAt:
+    """A recorder of the states of a simulation at given times, interpolated between two steps where necessary.
+
+    Args:
+        model: The scene.
+        joints: Addresses of the people's joints.
+        geom_persons: (ngeom,) index of the person that a geom belongs to, -1 for objects.
+        times: (F,) sorted times, as numbers of steps.
+
+    Attributes:
+        qpos: (F, nq) float64.
+        forces: (F, P, 17, 3) forces and torques that are applied to people in the last step before each time.
+    """
+
+    def __init__(self, model: mujoco.MjModel, joints: JointAddresses, geom_persons: np.ndarray, times: np.ndarray):
+        self._model, self._joints, self._persons, self._times, self._next = model, joints, geom_persons, times, 0
+        self.qpos, self._before = np.empty((len(times), model.nq)), np.empty(model.nq)
+        self.forces = np.empty((len(times), *joints.moves(np.empty(model.nv)).shape), np.float32)
+        self._contacts: list[tuple[np.ndarray, ...]] = []
+
+    def see(self, data: mujoco.MjData, step: int) -> None:
+        """Record the state after this number of steps; call it for all steps in order."""
+        while self._next < len(self._times) and self._times[self._next] <= step + AT_ONCE:
+            self.qpos[self._next] = self._between(data.qpos, self._times[self._next] - (step - 1))
+            self.forces[self._next] = self._joints.moves(data.qfrc_applied)
+            self._contacts.append(self._pressing(data))
+            self._next += 1
+        self._before[:] = data.qpos
+
+    def contacts(self) -> tuple[np.ndarray, ...]:
+        """Return frame (C,), geoms (C, 2), point (C, 3), force of the first on the second (C, 3) and depth (C,)."""
+        frames = np.repeat(np.arange(len(self._contacts)), [len(found[0]) for found in self._contacts])
+        parts = [np.concatenate(part) for part in zip(*self._contacts, strict=True)]
+        return frames.astype(np.int32), parts[0], *(part.astype(np.float32) for part in parts[1:])
+
+    def _between(self, after: np.ndarray, share: float) -> np.ndarray:
+        if share > 1 - AT_ONCE:
+            return after
+        change, state = np.empty(self._model.nv), self._before.copy()
+        mujoco.mj_differentiatePos(self._model, change, 1.0, self._before, after)
+        mujoco.mj_integratePos(self._model, state, change, share)
+        return state
+
+    def _pressing(self, data: mujoco.MjData) -> tuple[np.ndarray, ...]:
+        """Return the contacts of people in which a force acts."""
+        contact, local = data.contact, np.zeros((data.ncon, 6))
+        for number in range(data.ncon):
+            mujoco.mj_contactForce(self._model, data, number, local[number])
+        pressing = np.flatnonzero((local[:, 0] > 0) & (self._persons[contact.geom] >= 0).any(1))
+        # The rows of a contact's frame are its axes, first the normal from the first geom to the second.
+        forces = np.einsum("cij,ci->cj", contact.frame[pressing].reshape(-1, 3, 3), local[pressing, :3])
+        return contact.geom[pressing], contact.pos[pressing], forces, -contact.dist[pressing]
+
+
+# The simulation
 
 _SETTLING = 0.25
 """Time for which people hold their first pose before the clip, s."""
@@ -41,7 +247,7 @@ class Simulation:
         bodies: (P, J) index of the model's body that each joint moves with.
         geom_ids: (ngeom,) uint16: 1 + p for visible geoms of person p, 256 + k for those of object k, 0 for none.
         objects: Names of the objects.
-        quality: Fields of `synth.physics.quality.SimulationQuality`; JSON-able.
+        quality: Fields of `synth.physics.simulation.SimulationQuality`; JSON-able.
     """
 
     model: mujoco.MjModel

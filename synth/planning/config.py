@@ -8,7 +8,7 @@ from dmae.parallel import Backend
 from synth.detector.config import DetectorConfig
 from synth.interactions import InteractionConfig
 from synth.motion.source import MotionConfig
-from synth.rigs.camera_geometry import intrinsics
+from synth.rigs.placement import intrinsics
 from synth.rigs.rig import RigConfig
 from synth.scene.spec import SceneConfig
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from synth.planning.config import LensConfig, MountConfig
-from synth.rigs.camera_geometry import look_at, pose
 from synth.rigs.coverage import Stage, find_faults
-from synth.rooms.footprints import footprints, geom_corners
-from synth.rooms.mjcf import compile_mjcf
+from synth.rigs.placement import look_at, pose
+from synth.rooms.props import footprints, geom_corners
 from synth.rooms.rays import cast_rays, opaque_model
+from synth.rooms.room import compile_mjcf
 
 _DIRECTIONS = 240
 """Number of directions around the people in which walls are searched."""

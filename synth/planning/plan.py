@@ -31,10 +31,8 @@ from synth.planning.config import PlanConfig
 from synth.planning.places import CandidateCameras, aimed_cameras, find_places, given_cameras, stage_of
 from synth.planning.search import JointEvidence, RigPrediction, choose, gather, predict, rehearse, seconds_of_search
 from synth.rigs.rig import RigConfig, make_rig
-from synth.rooms.catalogue import arena_file
-from synth.rooms.mjcf import compile_mjcf
 from synth.rooms.rays import cast_rays
-from synth.rooms.room import load_room
+from synth.rooms.room import arena_file, compile_mjcf, load_room
 
 FIGURES = {
     "missing": ("joints not measured", "%"),

@@ -19,14 +19,14 @@ from synth.detector.parts import by_joint
 from synth.detector.view import ErrorStream, View, height
 from synth.errors import FailedSimulation
 from synth.labels.visibility import joint_visibility
-from synth.people.landmarks import landmarks
-from synth.physics.joint_positions import moved_with
+from synth.people.body import landmarks
+from synth.physics.body_state import moved_with
 from synth.physics.simulation import simulate
 from synth.planning.config import PlanConfig
 from synth.planning.places import CandidateCameras, stage_of
-from synth.rigs.camera_geometry import intrinsics, look_at, pose
-from synth.rigs.miscalibration import MiscalibrationConfig
-from synth.rooms.catalogue import arena_file
+from synth.rigs.placement import intrinsics, look_at, pose
+from synth.rigs.rig import MiscalibrationConfig
+from synth.rooms.room import arena_file
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneSpec
 
@@ -46,7 +46,7 @@ class Rehearsal:
         geom_ids: (ngeom,) ids of the owners of its geoms.
         objects: Names of its objects.
         qpos: (F, nq) states of the simulation.
-        joints: (F, P, 39, 3) joints of `synth.people.landmarks.SKELETON`, m, world.
+        joints: (F, P, 39, 3) joints of `synth.people.body.SKELETON`, m, world.
     """
 
     number: int

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from synth.datasets.motion_comparison import Difference
     from synth.detector.comparison import Limits, Row
     from synth.detector.config import DetectorConfig
-    from synth.detector.fitting.fit import Fit
+    from synth.detector.fitting import Fit
 
 
 @checked
@@ -41,8 +41,7 @@ def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, wo
         []
     """
     from synth.detector import comparison
-    from synth.detector.pooling import measure_all
-    from synth.detector.statistics import measure
+    from synth.detector.statistics import measure, measure_all
 
     clips = list(sim)
     return comparison.compare(measure(real), measure_all(clips, len(clips), workers), limits or comparison.Limits())
@@ -112,7 +111,7 @@ def fit_detector(
 
     Returns:
         `config`, the detector; `undetermined`, the options that the recording does not determine, with reasons;
-        `statistics` of the clips with its detections. `synth.detector.presets.preset_yaml` returns it as a preset.
+        `statistics` of the clips with its detections. `synth.detector.fitting.preset_yaml` returns it as a preset.
 
     Raises:
         ValueError: the recording cannot be measured, or the clips have no visibility or another skeleton.
@@ -124,7 +123,7 @@ def fit_detector(
         ['config', 'statistics', 'undetermined']
     """
     from synth.detector.config import DetectorConfig
-    from synth.detector.fitting.fit import fit
+    from synth.detector.fitting import fit
     from synth.detector.statistics import ErrorReference, measure
 
     statistics = measure(recording, ErrorReference(truth))

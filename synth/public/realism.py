@@ -84,7 +84,7 @@ def detector_errors(
         >>> row["group"], row["missed"]
         ('visible', 0.0)
     """
-    from synth.detector.presets import load_preset
+    from synth.detector.fitting import load_preset
     from synth.recognition.detector_errors import study
 
     presets = {Path(name).stem: load_preset(name) for name in simulated}

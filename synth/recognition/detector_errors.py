@@ -17,10 +17,9 @@ from dmae.parallel import in_parallel
 from dmae.progress import progress
 from dmae.reporting.tables import Table
 from synth.detector.config import DetectorConfig
-from synth.detector.fitting.fit import redetect
-from synth.detector.matching import FRAGMENT, match_detections
+from synth.detector.fitting import redetect
 from synth.detector.parts import kind_of
-from synth.detector.statistics import GROSS
+from synth.detector.statistics import FRAGMENT, GROSS, match_detections
 from synth.recognition.realism import NEAR, UNOBSTRUCTED, Sightings, sightings
 
 _IN_IMAGE = Visibility.HIDDEN_BY_OBJECT

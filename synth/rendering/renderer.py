@@ -1,21 +1,143 @@
 """Render a scene: colour, depth, ids, body parts, normals, flow and amodal masks of persons."""
 
+from collections.abc import Callable, Iterator
 from enum import Enum
+from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 import mujoco
 import numpy as np
 
 from dmae.data.cameras import CameraRig
-from dmae.data.images import FIRST_OBJECT_ID, KINDS
-from synth.people.bending import Bending
-from synth.people.mjcf import geom_parts
-from synth.rendering.backend import find_backend
-from synth.rendering.lens_warp import LensPainter
-from synth.rendering.opengl import OpenGLPainter
+from dmae.data.images import (
+    FIRST_OBJECT_ID,
+    KINDS,
+    Images,
+    write_amodal,
+    write_depth,
+    write_flow,
+    write_ids,
+    write_normals,
+    write_parts,
+    write_rgb,
+    write_video,
+)
+from synth.people.body import SEGMENTS
+from synth.people.mjcf import Bending, geom_parts
+from synth.rendering.opengl import OpenGLPainter, find_backend
 from synth.rendering.raycasting import RayPainter
-from synth.rendering.surface_flow import SurfaceFlow
-from synth.rigs.lenses import joined, pinholes
+from synth.rigs.lenses import ELSEWHERE, joined, pinholes, warps
+
+
+class LensPainter:
+    """Paint images through the lenses of a rig by warping images of pinhole cameras.
+
+    Args:
+        painter: Paints the pinholes of all views, in order: see `synth.rendering.opengl.Renderer`.
+        rig: V cameras.
+    """
+
+    def __init__(self, painter, rig: CameraRig):
+        self._painter, self._maps = painter, [warps(rig[view : view + 1]) for view in range(len(rig))]
+        counts = [len(cameras) for cameras in pinholes(rig)]
+        self._parts = [range(end - count, end) for end, count in zip(np.cumsum(counts).tolist(), counts, strict=True)]
+
+    def paint(self, data: mujoco.MjData, view: int, kinds: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
+        """Return images of these kinds. Pixels where the lens shows nothing are NaN or 0."""
+        pictures = [self._painter.paint(data, part, kinds) for part in self._parts[view]]
+        return tuple(self._bent(list(images), view) for images in zip(*pictures, strict=True))
+
+    def paint_alone(self, data: mujoco.MjData, view: int, owner: int) -> np.ndarray:
+        """Return (H, W) True for the pixels that geoms with the id `owner` would cover if nothing else were there."""
+        pictures = [self._painter.paint_alone(data, part, owner) for part in self._parts[view]]
+        return self._bent([picture.astype(np.uint16) for picture in pictures], view) > 0
+
+    def _bent(self, images: list[np.ndarray | None], view: int) -> np.ndarray | None:
+        """Return the distorted image from the images of the pinholes. Only colours are interpolated."""
+        if images[0] is None or self._maps[view] is None:
+            return images[0]
+        how = cv2.INTER_LINEAR if images[0].dtype == np.uint8 else cv2.INTER_NEAREST
+        nothing = (np.nan,) * 4 if images[0].dtype == np.float32 else 0
+        bent = None
+        for image, pixels in zip(images, self._maps[view], strict=True):
+            part = cv2.remap(image, pixels, None, how, borderMode=cv2.BORDER_CONSTANT, borderValue=nothing)
+            if bent is None:
+                bent = part
+            else:
+                shown = pixels[..., 0] > ELSEWHERE
+                bent[shown] = part[shown]
+        return bent
+
+    def close(self) -> None:
+        """Close the painter."""
+        self._painter.close()
+
+
+# Flow: how far the surface at each pixel moves in the image until the next frame
+
+
+class SurfaceFlow:
+    """The flow of images of a scene of rigid geoms.
+
+    Args:
+        model: The scene.
+        rig: V static cameras.
+    """
+
+    def __init__(self, model: mujoco.MjModel, rig: CameraRig):
+        self._model, self._rig, self._next = model, rig, mujoco.MjData(model)
+        self._bending = Bending(model)
+        self._moves = np.concatenate([[False], model.body_weldid[model.geom_bodyid] > 0])
+        self._view, self._rays = None, np.empty(0)
+
+    def __call__(
+        self, data: mujoco.MjData, following: np.ndarray | None, view: int, depth: np.ndarray, geoms: np.ndarray
+    ) -> np.ndarray:
+        """Return the flow (H, W, 2), float32 px; NaN where there is no surface.
+
+        Args:
+            data: State of the scene, positions up to date.
+            following: (nq,) the next state; None if there is none. Then all flow is NaN.
+            view: Index into the rig.
+            depth: (H, W) m along the optical axis.
+            geoms: (H, W) 1 + index of the geom at each pixel, 0 for none.
+        """
+        flow = np.full((*depth.shape, 2), np.nan, np.float32)
+        if following is None:
+            return flow
+        flow[geoms > 0] = 0
+        row, column = np.nonzero(self._moves[geoms])
+        if not len(row):
+            return flow
+        self._next.qpos[:] = following
+        mujoco.mj_kinematics(self._model, self._next)
+        self._bending.apply(self._next)
+        camera = self._rig[view : view + 1]
+        pose, pixels = camera.cam_from_world[0], np.stack([column, row], -1).astype(float)
+        rays = self._rays_of(camera, view, depth.shape)[row, column]
+        points = camera.centers[0] + rays * (depth[row, column] / (rays @ pose[2, :3]))[:, None]
+        geom = geoms[row, column].astype(int) - 1
+        turn = self._axes(self._next) @ self._axes(data).transpose(0, 2, 1)
+        places = self._next.geom_xpos[geom] + np.einsum(
+            "rij,rj->ri", turn[geom], points - data.geom_xpos[geom], optimize=True
+        )
+        xy, along = camera.project(places[None])
+        flow[row, column] = np.where(along[0, 0, :, None] > 0, xy[0, 0] - pixels, np.nan)
+        return flow
+
+    def _axes(self, data: mujoco.MjData) -> np.ndarray:
+        return data.geom_xmat.reshape(-1, 3, 3)
+
+    def _rays_of(self, camera: CameraRig, view: int, shape: tuple[int, ...]) -> np.ndarray:
+        """Return (H, W, 3) unit rays through the pixels of a view, world. They are cached until the view changes."""
+        if view != self._view:
+            grid = np.stack(np.meshgrid(np.arange(shape[1]), np.arange(shape[0])), -1).astype(float)
+            self._view, self._rays = view, camera.rays(grid[None, None]).reshape(*shape, 3)
+        return self._rays
+
+
+# The renderer
 
 
 class ImageQuality(Enum):
@@ -44,7 +166,7 @@ class RenderedView(NamedTuple):
         rgb: (H, W, 3) uint8.
         depth: (H, W) float32 m along the optical axis; NaN where there is no surface.
         ids: (H, W) uint16: 0 nothing, 1 + p person p, 256 + k object k.
-        parts: (H, W) uint8: 1 + index in `synth.people.segments.SEGMENTS`; 0 where there is no person.
+        parts: (H, W) uint8: 1 + index in `synth.people.body.SEGMENTS`; 0 where there is no person.
         normals: (H, W, 3) float32 unit normals of the surface, world; NaN where there is no surface.
         flow: (H, W, 2) float32 px that the surface at a pixel moves until the next state, even if it is hidden there;
             NaN where there is no surface, or no next state.
@@ -145,3 +267,82 @@ class Renderer:
 
     def __exit__(self, *failure) -> None:
         self.close()
+
+
+# The images of a clip
+
+_WRITERS = {
+    "rgb": write_rgb,
+    "depth": write_depth,
+    "ids": write_ids,
+    "parts": write_parts,
+    "normals": write_normals,
+    "flow": write_flow,
+    "amodal": write_amodal,
+}
+
+
+class RenderedImages(NamedTuple):
+    """Images on disk, and the numbers of pixels of each person in them.
+
+    Attributes:
+        images: The images.
+        visible: (F, V, P) int32 number of pixels that show each person; None without id images.
+        amodal: (F, V, P) int32 number of pixels that would show each person if nothing else were there; None without id
+            images.
+    """
+
+    images: Images
+    visible: np.ndarray | None
+    amodal: np.ndarray | None
+
+
+def render_images(
+    renderer: Renderer,
+    qpos: np.ndarray,
+    rig: CameraRig,
+    folder: Path,
+    fps: float,
+    kinds: tuple[str, ...] = KINDS,
+    rgb: str = "h264",
+    seen: Callable[[], None] = lambda: None,
+) -> RenderedImages:
+    """Write images of every view of every frame in the layout of `dmae.data.images`, with only one in memory at a time.
+
+    Args:
+        renderer: Renderer of the scene and the rig.
+        qpos: (F, nq) states.
+        rig: V cameras.
+        folder: Folder to write the images to.
+        fps: Frames per second of the videos.
+        kinds: Kinds of images, from `dmae.data.images.KINDS`.
+        rgb: Format of colour images, from `dmae.data.images.RGB_FILES`.
+        seen: Called after each view of each frame.
+    """
+    images = Images(folder, rig.names, tuple(range(len(qpos))), kinds, SEGMENTS if "parts" in kinds else (), rgb)
+    counted = "ids" in kinds
+    visible, amodal = (np.zeros((len(qpos), len(rig), renderer.persons), np.int32) for _ in range(2))
+
+    def pictures(view: int) -> Iterator[np.ndarray | None]:
+        """Render the images of a view, write all that are not in a video, and yield the colours."""
+        for frame, state in enumerate(qpos):
+            following = qpos[frame + 1] if frame + 1 < len(qpos) else None
+            picture = renderer.picture(state, view, kinds, following)
+            for kind in kinds:
+                path = images.path(kind, rig.names[view], frame)
+                if path.suffix != ".mp4":
+                    _WRITERS[kind](path, getattr(picture, kind))
+            if counted:
+                for person in range(renderer.persons):
+                    visible[frame, view, person] = np.count_nonzero(picture.ids == 1 + person)
+                    amodal[frame, view, person] = np.count_nonzero(renderer.alone(state, view, person))
+            seen()
+            yield picture.rgb
+
+    for view, name in enumerate(rig.names):
+        colours = pictures(view)
+        if "rgb" in kinds and rgb == "h264":
+            write_video(images.path("rgb", name), colours, fps)
+        for _ in colours:
+            pass
+    return RenderedImages(images, visible if counted else None, amodal if counted else None)

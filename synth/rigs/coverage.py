@@ -11,8 +11,8 @@ import numpy as np
 from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from synth.errors import FailedSimulation
-from synth.rooms.mjcf import compile_mjcf
 from synth.rooms.rays import cast_rays
+from synth.rooms.room import compile_mjcf
 
 _TALLEST = 2.0
 """Height of the people's area, m."""

@@ -1,4 +1,4 @@
-"""The cameras of a clip: read from a file, listed, or placed."""
+"""The cameras of a clip: read from a file, listed, or placed; jittered, and miscalibrated."""
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -10,13 +10,118 @@ from dmae.data.cameras import CameraRig
 from dmae.formats.calibrations import LacksSize, read_calibration
 from dmae.formats.config import LengthUnit, UpDirection
 from synth.errors import FailedSimulation
-from synth.rigs.camera_geometry import pose
-from synth.rigs.coverage import Stage, check_rig, views_of_cells
-from synth.rigs.jitter import JitterConfig, jitter
-from synth.rigs.listed_cameras import CameraConfig, listed_cameras
-from synth.rigs.miscalibration import MiscalibrationConfig
-from synth.rigs.placement import DomeConfig, RingConfig, dome, ring
-from synth.rigs.random_placement import RandomConfig, scatter
+from synth.rigs.coverage import Stage, area, check_rig, views_of_cells
+from synth.rigs.placement import (
+    CameraConfig,
+    DomeConfig,
+    RandomConfig,
+    RingConfig,
+    dome,
+    listed_cameras,
+    pose,
+    ring,
+    scatter,
+)
+
+
+def displace(rig: CameraRig, position: float, rotation: float, *, rng: np.random.Generator) -> CameraRig:
+    """Return the rig with each camera moved and turned at random, normally distributed.
+
+    Args:
+        rig: V cameras.
+        position, rotation: Standard deviations along each axis, m, and about each axis, rad.
+        rng: Draws both.
+    """
+    shift, turn = rng.normal(size=(2, len(rig), 3))
+    turned = Rotation.from_rotvec(rotation * turn).as_matrix() @ rig.cam_from_world[:, :3, :3]
+    return replace(rig, cam_from_world=pose(turned, rig.centers + position * shift))
+
+
+def check_deviations(group: str, config) -> None:
+    """Raise ValueError if a field is not a valid standard deviation; the message names the field."""
+    for name, value in vars(config).items():
+        if not 0 <= value < np.inf:
+            raise ValueError(f"{group}.{name}: expected a standard deviation, 0 or more, got {value}")
+
+
+# Jitter: cameras displaced in each clip
+
+
+@dataclass(frozen=True)
+class JitterConfig:
+    """Displacement of the cameras, as if held by hand, constant within a clip.
+
+    Drawn for each clip and camera, normally distributed; the values are standard deviations.
+
+    Attributes:
+        position: Along each axis, m.
+        rotation: About each axis, rad.
+    """
+
+    position: float = 0.0
+    rotation: float = 0.0
+
+    def __post_init__(self):
+        check_deviations("rig.jitter", self)
+
+
+def jitter(rig: CameraRig, config: JitterConfig, *, rng: np.random.Generator) -> CameraRig:
+    """Return the rig with displaced cameras."""
+    return rig if config == JitterConfig() else displace(rig, config.position, config.rotation, rng=rng)
+
+
+# Miscalibration: a calibration that differs from the true cameras
+
+
+@dataclass(frozen=True)
+class MiscalibrationConfig:
+    """Errors of the calibration that a clip stores as its rig.
+
+    Pictures and labels are those of the true cameras, which the clip stores as `true_rig`. Drawn for each clip and
+    camera, normally distributed; the values are standard deviations.
+
+    Attributes:
+        focal: Relative error of the focal length (of its logarithm).
+        principal_point: Along each axis, px.
+        distortion: Of k1, for both lens models.
+        rotation: About each axis of the camera, rad.
+        translation: Of the camera's centre along each axis, m.
+    """
+
+    focal: float = 0.0
+    principal_point: float = 0.0
+    distortion: float = 0.0
+    rotation: float = 0.0
+    translation: float = 0.0
+
+    def __post_init__(self):
+        check_deviations("rig.error", self)
+
+
+def miscalibrate(rig: CameraRig, config: MiscalibrationConfig, *, rng: np.random.Generator) -> CameraRig | None:
+    """Return a random calibration of a rig; None if all errors are 0."""
+    if config == MiscalibrationConfig():
+        return None
+    reported = displace(rig, config.translation, config.rotation, rng=rng)
+    focal, k1, *point = rng.normal(size=(4, len(rig)))
+    K, dist = rig.K.copy(), rig.dist.copy()
+    # The exponential keeps focal lengths positive.
+    K[:, :2, :2] *= np.exp(config.focal * focal)[:, None, None]
+    K[:, :2, 2] += config.principal_point * np.transpose(point)
+    dist[:, 0] += config.distortion * k1
+    return replace(reported, K=K, dist=dist)
+
+
+def calibration_error(true: CameraRig, reported: CameraRig, stage: Stage) -> list[float]:
+    """Return the root mean square reprojection error of each camera over the people's area, px."""
+    points = area(stage).reshape(1, -1, 3)
+    xy = true.project(points)[0]
+    square = np.where(true.inside(xy), ((reported.project(points)[0] - xy) ** 2).sum(-1), np.nan)
+    counted = np.isfinite(square[0])
+    return np.sqrt(np.nansum(square[0], 1) / counted.sum(1).clip(1)).round(3).tolist()
+
+
+# The rig
 
 _MIDDLE = Stage()
 

@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from synth.rooms.mjcf import read_mjcf
+from synth.rooms.room import read_mjcf
 
 Colour = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Finish:
-    """The covering of a floor or wall: a pattern of `synth.materials.textures` and its two RGB colours."""
+    """The covering of a floor or wall: a pattern of `synth.textures` and its two RGB colours."""
 
     pattern: str
     colours: tuple[Colour, Colour]

@@ -1,13 +1,282 @@
-"""A room as a MuJoCo specification, read from `scenes/` or from any MJCF file. Missing parts are filled in."""
+"""The available rooms and props: each is one MJCF file in `scenes/` or `scenes/props/`.
 
+A room has its floor at z = 0 and people around the origin. It has a material "floor", a material "wall", and lights.
+All custom elements are optional: a text "help" of one line; texts "floor" and "wall" that list the possible finishes
+(`synth.rooms.decor`), with the default finish first; a numeric "props" with the least and greatest number of props for
+`scene=<room>`. Materials with names that start with "tint" take any colour. The geoms of a room collide with people
+(contype 0, all bits of conaffinity), except for decoration, which takes no space. Walls are planes, so that cameras can
+look through them from outside.
+"""
+
+from dataclasses import dataclass, field
+from math import prod
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
-from synth.rooms.catalogue import arena_file, room_choices
-from synth.rooms.mjcf import read_mjcf
+from dmae.data.resources import resource_folder
+from dmae.files.checks import check_numbers
+from dmae.files.contents import check_file, read_text
+from dmae.files.pictures import check_picture
+from dmae.registry import unknown
+
+
+def arena_file(name: str) -> Path:
+    """Return the MJCF file of a room of `scenes/`, or of a path.
+
+    Raises:
+        ValueError: there is no such room or file; the message lists the rooms.
+    """
+    return _find(name, _folder(), "arena")
+
+
+def prop_file(name: str) -> Path:
+    """Return the MJCF file of a prop of `scenes/props/`, or of a path. Raises the same errors as `arena_file`."""
+    return _find(name, _folder() / "props", "prop")
+
+
+def room_choices() -> dict[str, str]:
+    """Return the line of help of each room, sorted by name."""
+    return {name: _custom(name, "text", "help") or "" for name in _names(_folder())}
+
+
+def room_presets() -> dict[str, dict]:
+    """Return for each room the values that `scene=<room>` gives to the options `scene.*`."""
+    presets = {}
+    for name in _names(_folder()):
+        props = _custom(name, "numeric", "props")
+        presets[name] = {"arena": name} | ({"props": [int(count) for count in props.split()]} if props else {})
+    return presets
+
+
+def _folder() -> Path:
+    return resource_folder("synth", "scenes")
+
+
+def _names(folder: Path) -> list[str]:
+    return sorted(path.stem for path in folder.glob("*.xml"))
+
+
+def _find(name: str, folder: Path, what: str) -> Path:
+    for path in (folder / f"{name}.xml", Path(name)):
+        if path.is_file():
+            return path
+    if Path(name).suffix:
+        raise FileNotFoundError(f"{name}: no such file; expected an MJCF file, or one of {', '.join(_names(folder))}")
+    raise ValueError(f"{unknown(what, name, _names(folder))}, and the path of an MJCF file names another")
+
+
+def _custom(room: str, kind: str, name: str) -> str | None:
+    """Return the data of a custom element of a room; None if there is none."""
+    element = ElementTree.parse(_folder() / f"{room}.xml").find(f"custom/{kind}[@name='{name}']")
+    return None if element is None else element.get("data")
+
+
+# MJCF files may be untrusted: they can read no file outside their folder. A file is checked before MuJoCo reads it: its
+# included files, meshes and textures, its numbers, and how many elements a short text expands to. Paths follow MuJoCo's
+# documentation: `meshdir`, `texturedir` and `assetdir` apply to meshes and textures, and includes are relative to the
+# file itself.
+
+_MOST_TEXT, _MOST_ASSET = 4 << 20, 200 << 20
+"""Greatest size of an MJCF file, and of a mesh or texture file, bytes."""
+_MOST_DEPTH, _MOST_ELEMENTS, _MOST_INCLUDES = 64, 10_000, 32
+"""Greatest depth of nested elements, number of elements (repeated elements count each time), and depth of includes."""
+_MOST_NUMBER, _FARTHEST = 1e9, 1e5
+"""Greatest number in any attribute, and greatest size or position, m."""
+_BITS = {"contype", "conaffinity", "collision", "group"}
+"""Attributes with bits or numbers of groups, which are not quantities."""
+_PRODUCTS = {
+    "hfield": (("nrow", "ncol"), 1 << 22),
+    "numeric": (("size",), 1 << 16),
+    "global": (("offwidth", "offheight"), 1 << 26),
+    "camera": (("resolution",), 1 << 26),
+    "composite": (("count",), 1000),
+    "flexcomp": (("count",), 1000),
+}
+"""By element: attributes, and the greatest value of their product. MuJoCo allocates memory in proportion to it."""
+_GREATEST = {
+    ("texture", "width"): 4096,
+    ("texture", "height"): 6 * 4096,
+    ("quality", "shadowsize"): 16384,
+    ("quality", None): 1000,
+    ("mesh", "params"): 128,
+    ("size", "njmax"): 1e6,
+    ("size", "nconmax"): 1e6,
+    ("size", "nuserdata"): 1e6,
+    ("size", "nstack"): 1e8,
+    ("size", "memory"): 256e6,
+    ("size", None): 1000,
+    (None, "dim"): 1e4,
+    (None, "actdim"): 1e4,
+    (None, "nsample"): 1e4,
+}
+"""Greatest number by element and attribute, for the same reason; None means any other element or attribute."""
+_UNITS = {"k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12, "p": 1e15, "e": 1e18}
+_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "flexcomp": "meshdir", "skin": "meshdir", "texture": "texturedir"}
+_UNSUPPORTED = ("plugin", "extension", "model", "attach")
+
+
+@dataclass
+class _Found:
+    """The elements and file names that have been read so far."""
+
+    folder: Path
+    dirs: list[tuple[str, str]] = field(default_factory=list)
+    """Attributes of `compiler` that name folders."""
+    assets: list[tuple[Path, str, str]] = field(default_factory=list)
+    """For each asset: the file that names it, its element, and its name."""
+    elements: int = 0
+
+
+def read_mjcf(path: Path) -> mujoco.MjSpec:
+    """Return the room or prop of an MJCF file.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: the file is malformed, refers to a file outside its folder, or exceeds a limit of size; the message
+            names both files.
+    """
+    path = Path(path)
+    check_mjcf(path)
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise ValueError(f"{path}: {' '.join(str(error).split())}") from None
+
+
+def compile_mjcf(path: Path) -> mujoco.MjModel:
+    """Return the model of an MJCF file. Raises the same errors as `read_mjcf`."""
+    spec = read_mjcf(path)
+    try:
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ValueError(f"{path}: {' '.join(str(error).split())}") from None
+    solid = model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
+    check_numbers(f"{path}: sizes of geoms, m", model.geom_size[solid], _FARTHEST)
+    check_numbers(f"{path}: positions of geoms, m", model.geom_pos, _FARTHEST)
+    check_numbers(f"{path}: positions of bodies, m", model.body_pos, _FARTHEST)
+    return model
+
+
+def check_mjcf(path: Path) -> None:
+    """Check a file and all files that it includes. Raises the same errors as `read_mjcf`."""
+    found = _Found(path.resolve().parent)
+    _read(path, found, ())
+    for file, kind, name in found.assets:
+        folders = ["", *(folder for key, folder in found.dirs if key in ("assetdir", _FOLDERS.get(kind)))]
+        for asset in _existing(found, file, kind, [Path(folder) / name for folder in folders]):
+            check_file(asset, _MOST_ASSET)
+            if asset.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"):
+                check_picture(asset)
+
+
+def _read(path: Path, found: _Found, above: tuple[Path, ...]) -> None:
+    text = read_text(path, _MOST_TEXT)
+    if "<!DOCTYPE" in text.upper() or "<!ENTITY" in text.upper():
+        raise ValueError(f"{path}: expected MJCF, found a document type, which MJCF has none of")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ValueError(f"{path}: expected MJCF, {error}") from None
+    if root.tag not in ("mujoco", "mujocoinclude"):
+        raise ValueError(f"{path}: expected MJCF, <mujoco>, found <{root.tag:.40}>")
+    try:
+        found.elements += _count(root, 0)
+        if found.elements > _MOST_ELEMENTS:
+            raise ValueError(f"expected at most {_MOST_ELEMENTS} elements, found {found.elements}")
+        for element in root.iter():
+            _check_element(element)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    for element in root.iter():
+        _follow(path, element, found, (*above, path.resolve()))
+
+
+def _count(element: ElementTree.Element, depth: int) -> int:
+    """Return the number of elements within an element. Elements in a `replicate` count once per repetition."""
+    if depth > _MOST_DEPTH:
+        raise ValueError(f"its elements are nested deeper than {_MOST_DEPTH}")
+    inside = sum(_count(child, depth + 1) for child in element)
+    times = 1
+    if element.tag == "replicate":
+        times = max(_numbers(element.get("count", "1")))
+        if any(True for _ in element.iter("include")):
+            raise ValueError("<replicate> repeats an <include>; write out what is repeated")
+    return int(min(1 + max(times, 1) * inside, 1e18))
+
+
+def _check_element(element: ElementTree.Element) -> None:
+    """Raise ValueError for invalid numbers, and for sizes that make MuJoCo allocate too much memory."""
+    tag, values = element.tag, element.attrib
+    if tag in _UNSUPPORTED:
+        raise ValueError(f"<{tag}>: rooms and props are read without plugins and models in models")
+    for name, value in values.items():
+        most = _GREATEST.get((tag, name), _GREATEST.get((None, name), _GREATEST.get((tag, None), _MOST_NUMBER)))
+        if name not in _BITS and not all(abs(number) <= most for number in _numbers(value)):
+            raise ValueError(f"<{tag} {name}={value!r:.60}>: expected numbers up to {most:g}")
+    if tag in _PRODUCTS:
+        names, most = _PRODUCTS[tag]
+        size = prod(number for name in names for number in _numbers(values.get(name, "")) if number > 0)
+        if size > most:
+            raise ValueError(f"<{tag}>: expected {' x '.join(names)} of at most {most}, found {size:.4g}")
+
+
+def _numbers(text: str) -> list[float]:
+    """Return the numbers in an attribute. A unit of memory ("K", "M", ...) multiplies its number; words count as 0."""
+    found = []
+    for word in text.split():
+        unit = _UNITS.get(word[-1].lower(), 1.0)
+        try:
+            found.append(float(word if unit == 1 else word[:-1]) * unit)
+        except ValueError:
+            found.append(0.0)
+    return found or [0.0]
+
+
+def _follow(path: Path, element: ElementTree.Element, found: _Found, above: tuple[Path, ...]) -> None:
+    """Add the files that an element names to `found`, and read included files."""
+    for name, value in element.attrib.items():
+        if element.tag == "compiler" and name in ("assetdir", "meshdir", "texturedir"):
+            found.dirs.append((name, value))
+            _existing(found, path, element.tag, [Path(value)])
+        elif name.startswith("file") and element.tag == "include":
+            for file in _existing(found, path, element.tag, [Path(value)]):
+                if file in above or len(above) > _MOST_INCLUDES:
+                    raise ValueError(f"{path}: <include file={value!r:.80}> includes itself")
+                _read(file, found, above)
+        elif name.startswith("file"):
+            found.assets.append((path, element.tag, value))
+
+
+def _existing(found: _Found, path: Path, kind: str, names: list[Path]) -> list[Path]:
+    """Return the existing files among some names.
+
+    MuJoCo searches the folder of the first file, or of the file that gives the name. Raises ValueError for absolute
+    names and for links that lead out of the folder.
+    """
+    places = []
+    for name in names:
+        for folder in (found.folder, path.resolve().parent):
+            try:
+                whole = (folder / name).resolve()
+                found_there = whole.exists()
+            except (OSError, ValueError, RuntimeError):
+                whole, found_there = Path("/"), False
+            if name.is_absolute() or not whole.is_relative_to(found.folder):
+                raise ValueError(
+                    f"{path}: <{kind}> names {str(name)!r:.120}, expected a file in {found.folder} or below it"
+                )
+            if found_there:
+                places.append(whole)
+    if not places:
+        raise FileNotFoundError(f"{path}: <{kind}> names {str(names[-1])!r:.120}, found no such file")
+    return list(dict.fromkeys(places))
+
+
+# A room as a MuJoCo specification; missing parts are filled in
 
 FLOOR, WALL = "floor", "wall"
 """Materials that scenes cover with a finish."""

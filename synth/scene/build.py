@@ -9,19 +9,17 @@ from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.rng import Stream, generator
 from synth.interactions.script import Load
-from synth.materials.textures import add_texture, paint
-from synth.motion.inverse_kinematics import PALM
+from synth.motion.geometry import PALM
 from synth.people.body import SIDES
 from synth.people.mjcf import HIDDEN_GROUP, add_person
 from synth.rigs.coverage import check_outside
 from synth.rigs.lenses import add_cameras
-from synth.rooms.catalogue import arena_file
 from synth.rooms.decor import Finish, decorate
-from synth.rooms.footprints import footprints
-from synth.rooms.props import prop_size, prop_spec
-from synth.rooms.room import FLOOR, WALL, load_room
-from synth.scene.prop_placement import placed_discs
+from synth.rooms.props import footprints, prop_size, prop_spec
+from synth.rooms.room import FLOOR, WALL, arena_file, load_room
+from synth.scene.placement import placed_discs
 from synth.scene.spec import PLAN_FPS, PersonSpec, PropSpec, SceneSpec
+from synth.textures import add_texture, paint
 
 _GRIP_DAMPING = 1.0
 """Damping of a carried object, N m s / rad and N s / m."""

@@ -10,20 +10,15 @@ from dmae.data.rng import Stream, generator
 from synth.interactions.casting import draw_motions
 from synth.interactions.registry import InteractionConfig
 from synth.interactions.script import STOOL, Script
-from synth.motion.motion import Motion
-from synth.motion.path_planning import redirect, redirected_path
+from synth.motion.motion import Motion, redirect, redirected_path
 from synth.motion.source import MotionConfig
-from synth.people.anthropometry import sample_body
-from synth.people.body import ADULT_AGE, Body
+from synth.people.body import ADULT_AGE, Body, sample_body
 from synth.people.clothing import PersonLooks, sample_hands, sample_looks
 from synth.people.mjcf import MOST_PERSONS
-from synth.rooms.catalogue import arena_file
 from synth.rooms.decor import sample_decor, sample_tint
-from synth.rooms.meshes import find_meshes
-from synth.rooms.props import PlacedProp, PropsConfig, PropSize, prop_size
-from synth.rooms.room import room_name
-from synth.scene.placement import Placement, place_persons, place_script, stool_discs
-from synth.scene.prop_placement import place_props, placed_discs
+from synth.rooms.props import PlacedProp, PropsConfig, PropSize, find_meshes, prop_size
+from synth.rooms.room import arena_file, room_name
+from synth.scene.placement import Placement, place_persons, place_props, place_script, placed_discs, stool_discs
 from synth.scene.spec import (
     PLAN_FPS,
     USUAL_PERSONS,

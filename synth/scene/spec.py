@@ -15,7 +15,7 @@ from synth.people.body import Body
 from synth.people.clothing import PersonLooks
 from synth.people.mjcf import MOST_PERSONS
 from synth.rooms.decor import Colour, Decor
-from synth.rooms.meshes import MeshUp
+from synth.rooms.props import MeshUp
 
 _MOST_FRAMES, _FARTHEST = 1_000_000, 1000.0
 """Greatest number of frames of a clip, and greatest distance of people and props from the middle, m."""

@@ -16,9 +16,8 @@ from synth.datasets.generate import generate
 from synth.errors import FailedSimulation
 from synth.motion.source import MotionConfig
 from synth.physics.simulation import simulate
-from synth.rendering.backend import find_backend
-from synth.rendering.image_files import render_images
-from synth.rendering.renderer import ImageQuality, Renderer
+from synth.rendering.opengl import find_backend
+from synth.rendering.renderer import ImageQuality, Renderer, render_images
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneConfig
 from tests.support.scenes import RIG

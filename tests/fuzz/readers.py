@@ -36,9 +36,8 @@ from synth.motion.readers import reader as motion_reader
 from synth.motion.readers.dialects import read_mapping
 from synth.motion.readers.takes import read_take_list
 from synth.motion.source import read_take
-from synth.rooms.meshes import MESHES, load_mesh
-from synth.rooms.mjcf import compile_mjcf
-from synth.rooms.props import prop_size
+from synth.rooms.props import MESHES, load_mesh, prop_size
+from synth.rooms.room import compile_mjcf
 from synth.scene.spec import SceneSpec
 from tests.fuzz.own_files import OWN_FILES
 from tests.fuzz.reader import Reader, repair_sums

@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from synth.labels.ground_reaction import BodyForces
-from synth.labels.people_contacts import ContactSource, make_contacts
+from synth.labels.forces import BodyForces, ContactSource, make_contacts
 from synth.labels.physical_labels import PhysicalLabels
-from synth.labels.surface_points import NAMES
-from synth.labels.surface_visibility import SurfaceLabels
+from synth.labels.surfaces import NAMES, SurfaceLabels
 
 
 def physical_labels(frames: int, views: int, persons: int) -> PhysicalLabels:

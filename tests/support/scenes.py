@@ -6,9 +6,8 @@ from scipy.spatial.transform import Rotation
 from dmae.data.rng import Stream, generator
 from synth.motion.motion import Motion
 from synth.motion.source import MotionConfig
-from synth.people.body import Body
+from synth.people.body import SEGMENTS, Body
 from synth.people.clothing import sample_looks
-from synth.people.segments import SEGMENTS
 from synth.rigs.rig import RigConfig, make_rig
 from synth.rooms.decor import Decor, Finish
 from synth.scene.spec import PersonSpec, SceneSpec

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 
 from synth.interactions import InteractionConfig, find_interaction
-from synth.motion.inverse_kinematics import PALM
+from synth.motion.geometry import PALM
 from synth.motion.source import MotionConfig
-from synth.people.landmarks import SKELETON
+from synth.people.body import SKELETON
 from synth.physics.simulation import Simulation, simulate
 from synth.scene.sampling import SampledScene, sample_scene
 from synth.scene.spec import SceneConfig, SceneSpec

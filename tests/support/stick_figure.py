@@ -3,8 +3,8 @@
 import numpy as np
 
 from synth.motion.motion import Motion
-from synth.motion.procedural.legs import ANKLE, HALF_HIPS, HEEL, HIP_HEIGHT, SHIN, THIGH, TIP
-from synth.people.segments import PARENTS, SEGMENTS
+from synth.motion.procedural.trajectory import ANKLE, HALF_HIPS, HEEL, HIP_HEIGHT, SHIN, THIGH, TIP
+from synth.people.body import PARENTS, SEGMENTS
 
 _STARTS = {
     "pelvis": (0, 0, 0), "spine": (0, 0, 0.10), "chest": (0, 0, 0.16), "head": (0, 0, 0.26),

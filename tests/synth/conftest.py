@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Poses3D
-from synth.rendering import renderer as rendering
-from synth.rendering.backend import find_backend
+from synth.rendering.opengl import find_backend
 from tests.support.detectors import occlusion_of, three_persons
 from tests.support.rigs import preset
 
@@ -25,7 +24,7 @@ def surfaces_of_tests(tmp_path_factory) -> Iterator[None]:
 def painter(request, monkeypatch) -> str:
     """Once by OpenGL, where there is one, and once by ray casting."""
     if request.param == "rays":
-        monkeypatch.setattr(rendering, "find_backend", lambda: None)
+        monkeypatch.setattr("synth.rendering.renderer.find_backend", lambda: None)
         return "rays"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -14,7 +14,7 @@ from dmae.files.structured import read_json
 from synth.datasets.exporters.selection import PARTS, Exporter, PictureFormat, Selection, exporter
 from synth.datasets.splits import read_splits
 from synth.labels.physical_labels import FILE as PHYSICS
-from synth.labels.surface_points import NAMES
+from synth.labels.surfaces import NAMES
 
 FORMAT = 1
 SUMMARY = "export.json"

@@ -22,7 +22,7 @@ from dmae.formats.coco import annotation_entry, category_entry, clip_entry, imag
 from dmae.formats.labelled_images import PersonLabel, Picture, file_part, joint_labels
 from dmae.formats.panoptic import write_panoptic
 from synth.datasets.exporters.selection import ClipTask, Selection, exporter, world_joints, write_lines
-from synth.labels.people_contacts import ContactSource
+from synth.labels.forces import ContactSource
 from synth.labels.physical_labels import FILE, PhysicalLabels, load_physical_labels
 
 KEYS = (

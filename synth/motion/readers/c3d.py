@@ -10,14 +10,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.files.contents import read_bytes
+from synth.motion.geometry import UPRIGHT, about, aligned
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
 from synth.motion.readers.dialects import renamed
 from synth.motion.readers.recording import fill_gaps
 from synth.motion.readers.takes import true_fps
 from synth.motion.retargeting import ANKLE_OF_LEG, check_rate, put_on_floor, unit_of
-from synth.motion.rotations import UPRIGHT, about, aligned
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS
 
 _SIDED = ("FWT", "BWT", "SHO", "ELB", "WRA", "WRB", "FIN", "KNE", "ANK", "HEE", "TOE", "MT5", "FHD", "BHD")
 MARKERS = ("C7", "T10", "CLAV", "STRN", *(side + name for side in "LR" for name in _SIDED))

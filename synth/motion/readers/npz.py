@@ -8,14 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from dmae.files.arrays import read_arrays
 from dmae.files.contents import write_atomic
+from synth.motion.geometry import UPRIGHT, aligned
 from synth.motion.motion import Motion
 from synth.motion.readers import ReadOptions, reader
 from synth.motion.readers.dialects import SMPL
 from synth.motion.readers.recording import SkeletonRecording, fill_gaps
 from synth.motion.readers.takes import true_fps
 from synth.motion.retargeting import ANKLE_OF_LEG, check_rate, retarget
-from synth.motion.rotations import UPRIGHT, aligned
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS
 
 # Joint, parent, and rest position in the parent, m: x left, y up, z forward. The mean body of SMPL (Loper et al., ACM
 # Transactions on Graphics 34, 2015), as published with simulated humanoids; SMPL-H and SMPL-X share order and pose.

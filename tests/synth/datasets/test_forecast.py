@@ -11,7 +11,6 @@ from synth.datasets import forecast as module
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.forecast import Forecast, forecast, is_long
 from synth.datasets.generate import generate
-from synth.rendering import renderer as rendering
 from synth.rendering.renderer import ImageQuality
 from synth.rigs.placement import RingConfig
 from synth.rigs.rig import RigConfig
@@ -42,7 +41,7 @@ def config(tmp_path) -> GenerateConfig:
 def test_the_forecast_is_near_the_truth(config, images, monkeypatch):
     # Other processes on the machine do not count, and rays are cast in this one.
     monkeypatch.setattr(module.time, "perf_counter", time.process_time)
-    monkeypatch.setattr(rendering, "find_backend", lambda: None)
+    monkeypatch.setattr("synth.rendering.renderer.find_backend", lambda: None)
     config = replace(config, images=images)
     # Even so the same work has taken 1.5 times as long: the least of three tells what it takes.
     found = min((forecast(config) for _ in range(3)), key=lambda each: each.seconds)

@@ -15,11 +15,11 @@ from synth.datasets import generate as dataset
 from synth.datasets.clip import GenerateConfig, attempt_seed, generate_clip
 from synth.datasets.generate import CONFIG, generate
 from synth.detector.config import DetectorConfig
-from synth.detector.errors.ghosts import Ghosts
-from synth.detector.errors.misses import Misses
+from synth.detector.errors_of_joints import Misses
+from synth.detector.errors_of_persons import Ghosts
 from synth.errors import FailedSimulation
 from synth.motion.source import MotionConfig
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS
 from synth.rendering.renderer import ImageQuality
 from synth.rigs.placement import RingConfig
 from synth.rigs.rig import RigConfig

@@ -13,11 +13,8 @@ from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.datasets.generate import generate
 from synth.detector.config import DetectorConfig
 from synth.rendering.renderer import ImageQuality
-from synth.rigs.jitter import JitterConfig
-from synth.rigs.listed_cameras import CameraConfig
-from synth.rigs.miscalibration import MiscalibrationConfig
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig
+from synth.rigs.placement import CameraConfig, RingConfig
+from synth.rigs.rig import JitterConfig, MiscalibrationConfig, RigConfig
 from synth.scene.spec import SceneConfig
 from tests.support.rigs import LEFT, PRESETS, config
 

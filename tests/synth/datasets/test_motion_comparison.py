@@ -14,9 +14,9 @@ from synth.commands import compare_motion as command
 from synth.commands.compare_motion import CompareMotionCommand
 from synth.datasets.motion_comparison import ReadingConfig, Sample, Track, clip_tracks, compare, measure, take_tracks
 from synth.motion.kinematics import QUANTITIES
-from synth.motion.procedural.walking import ProceduralConfig, make_motion
-from synth.people.segments import SEGMENTS
-from synth.physics.joint_positions import reference_joints
+from synth.motion.procedural.gait import ProceduralConfig, make_motion
+from synth.people.body import SEGMENTS
+from synth.physics.body_state import reference_joints
 from tests.support.commands import synth
 from tests.support.motion_files import amc, bvh
 from tests.support.scenes import BODY, RIG, gliding

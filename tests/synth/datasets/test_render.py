@@ -14,7 +14,7 @@ from synth.datasets.images import RgbFormat, image_kinds
 from synth.datasets.render import RenderConfig, render
 from synth.datasets.verify import verify
 from synth.detector.config import DetectorConfig
-from synth.detector.errors.misses import Misses
+from synth.detector.errors_of_joints import Misses
 from synth.physics.body_state import FILE, load_state
 from synth.rendering.renderer import ImageQuality
 from synth.rigs.placement import RingConfig

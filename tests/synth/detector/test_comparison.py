@@ -15,11 +15,9 @@ from synth.commands.fit_detector import FitDetectorCommand
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.detector.comparison import Limits, compare
 from synth.detector.config import DetectorConfig
-from synth.detector.fitting.fit import distance, fit, redetect
+from synth.detector.fitting import distance, fit, redetect
 from synth.detector.parts import PartConfig, PartsConfig
-from synth.detector.pooling import measure_all, pool
-from synth.detector.recording import read_recording
-from synth.detector.statistics import measure
+from synth.detector.statistics import measure, measure_all, pool, read_recording
 from synth.scene.spec import SceneConfig
 from tests.support.detectors import changed, preset
 from tests.support.rigs import config as rig_config
@@ -145,7 +143,7 @@ def test_parameters_without_enough_joints_are_kept(clips):
 
 def test_confidence_of_ghosts_is_kept_where_the_simulation_has_none(clips, measured, monkeypatch):
     none = replace(measured, ghosts=0 * measured.ghosts, ghost_joints=np.nan, ghost_score=np.nan)
-    monkeypatch.setattr("synth.detector.fitting.fit.measure_all", lambda *_: none)
+    monkeypatch.setattr("synth.detector.fitting.measure_all", lambda *_: none)
     found = fit(measured, clips, preset("shelf_openpose"), rounds=2)
     assert np.nansum(measured.ghosts) > 0 and "ghosts.score" not in found.undetermined
     assert found.config.ghosts == preset("shelf_openpose").ghosts

@@ -8,12 +8,8 @@ import pytest
 from dmae.data.clip import Poses3D
 from dmae.data.labels import JointError, OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25, SHELF14
-from synth.detector.errors.drops import Drops
-from synth.detector.errors.ghosts import Ghosts
-from synth.detector.errors.merges import Merges
-from synth.detector.errors.misses import Misses
-from synth.detector.errors.noise import Noise
-from synth.detector.errors.scores import Scores
+from synth.detector.errors_of_joints import Misses, Noise, Scores
+from synth.detector.errors_of_persons import Drops, Ghosts, Merges
 from synth.detector.parts import PartConfig
 from synth.detector.view import Times, height
 from tests.support.detectors import CLEAN, by_person, changed, everywhere, run

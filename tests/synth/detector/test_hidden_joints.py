@@ -6,7 +6,7 @@ from scipy.stats import spearmanr
 
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
-from synth.detector.errors.misses import Misses
+from synth.detector.errors_of_joints import Misses
 from synth.detector.parts import PartConfig
 from tests.support.clips import looking_at_origin
 from tests.support.detectors import by_person, everywhere, occlusion_of, run, three_persons

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from synth.detector.config import DetectorConfig
+from synth.detector.fitting import load_preset, preset_yaml
 from synth.detector.parts import PartConfig, PartsConfig
-from synth.detector.presets import load_preset, preset_yaml
 from tests.support.detectors import changed
 
 

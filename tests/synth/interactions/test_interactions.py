@@ -11,7 +11,7 @@ from synth.errors import FailedSimulation
 from synth.interactions import NO_INTERACTION, InteractionConfig, find_interaction, interaction_choices
 from synth.motion.readers.npz import write_npz
 from synth.motion.source import MotionConfig, read_take
-from synth.people.landmarks import SKELETON
+from synth.people.body import SKELETON
 from synth.physics.simulation import simulate
 from synth.scene.build import build_scene
 from synth.scene.sampling import lay_out, load_motions, sample_people, sample_scene

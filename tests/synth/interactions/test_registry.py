@@ -18,7 +18,7 @@ MINE = '''
 import numpy as np
 
 from synth.interactions import interaction
-from synth.interactions.paths import standing
+from synth.interactions.script import standing
 from synth.interactions.script import Role, Script
 
 

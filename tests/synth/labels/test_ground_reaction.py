@@ -6,11 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from synth.labels.ground_reaction import carry
-from synth.labels.momentum import movement, needed_forces, smoothed
-from synth.labels.people_contacts import ContactSource
-from synth.labels.support import Places, solve
-from synth.people.segments import SEGMENTS
+from synth.labels.forces import ContactSource, Places, carry, movement, needed_forces, smoothed, solve
+from synth.people.body import SEGMENTS
 from synth.physics.simulation import simulate
 from synth.scene.build import build_scene
 from tests.support.scenes import BODY, RIG, gliding, scene
@@ -82,7 +79,7 @@ def walker():
     """A person who glides over the floor and one who stands still, 3 m apart."""
     motions = [gliding(BODY, 50, (-1.0, 1.5), (1, 0)), gliding(BODY, 50, (0, -1.5), (1e-6, 0))]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("synth.physics.quality._MOST_SLIDE", 1.0)
+        patch.setattr("synth.physics.simulation._MOST_SLIDE", 1.0)
         simulation = simulate(scene([BODY, BODY], 50), RIG, motions, painted=False)
     return build_scene(scene([BODY, BODY], 50), RIG, painted=False), simulation
 

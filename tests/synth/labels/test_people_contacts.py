@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from synth.labels.people_contacts import owners
+from synth.labels.forces import owners
 
 
 def test_owners_are_numbers_of_persons_and_none_for_objects():

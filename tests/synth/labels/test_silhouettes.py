@@ -11,16 +11,14 @@ from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from synth.errors import FailedSimulation
-from synth.labels.silhouettes import agreement
+from synth.labels.surfaces import agreement
 from synth.labels.visibility import _limbs, joint_visibility
 from synth.motion.source import MotionConfig
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS
 from synth.physics.simulation import simulate
 from synth.rendering import opengl
-from synth.rendering import renderer as rendering
-from synth.rendering.backend import find_backend
-from synth.rendering.image_files import render_images
-from synth.rendering.renderer import ImageQuality, Renderer
+from synth.rendering.opengl import find_backend
+from synth.rendering.renderer import ImageQuality, Renderer, render_images
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneConfig
 from tests.support.rigs import preset
@@ -135,7 +133,7 @@ def test_opengl_and_ray_casting_paint_the_same_parts(crowds):
     simulation, found = crowds[0], []
     for backend in (find_backend, lambda: None):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(rendering, "find_backend", backend)
+            patch.setattr("synth.rendering.renderer.find_backend", backend)
             with Renderer(simulation.model, simulation.geom_ids, RIG, ImageQuality.standard) as renderer:
                 found.append(renderer.picture(simulation.qpos[0], 0, ("parts",)).parts)
     drawn, cast = found

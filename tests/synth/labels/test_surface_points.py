@@ -6,13 +6,9 @@ import pytest
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
-from synth.labels.silhouettes import surface_agreement
-from synth.labels.surface_points import NAMES, surface_points
-from synth.labels.surface_visibility import surface_labels
-from synth.people.body import Body
-from synth.people.segments import SEGMENTS
-from synth.rendering.image_files import render_images
-from synth.rendering.renderer import ImageQuality, Renderer
+from synth.labels.surfaces import NAMES, surface_agreement, surface_labels, surface_points
+from synth.people.body import SEGMENTS, Body
+from synth.rendering.renderer import ImageQuality, Renderer, render_images
 from synth.scene.build import build_scene
 from tests.support.rigs import preset
 from tests.support.scenes import BODY, RIG, scene

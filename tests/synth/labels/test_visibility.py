@@ -7,8 +7,7 @@ import pytest
 from dmae.data.cameras import CameraRig
 from dmae.data.labels import Visibility
 from synth.labels.visibility import joint_visibility
-from synth.people.anthropometry import body_at
-from synth.people.body import Body
+from synth.people.body import Body, body_at
 from synth.physics.simulation import simulate
 from synth.rigs.placement import RingConfig
 from synth.rigs.rig import RigConfig, make_rig

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmae.data.rng import Stream, generator
-from synth.motion.body_fit import fit_to_body
-from synth.motion.procedural.walking import ProceduralConfig
+from synth.motion.feet import fit_to_body
+from synth.motion.procedural.gait import ProceduralConfig
 from synth.motion.source import MotionConfig, load_motion
 from synth.people.body import Body, segment_origins
-from synth.people.capsules import capsules
+from synth.people.mjcf import capsules
 
 FPS = 25.0
 

@@ -6,7 +6,7 @@ import pytest
 from dmae.data.store import load_clip, read_manifest
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
-from synth.motion.procedural.walking import ProceduralConfig, make_motion
+from synth.motion.procedural.gait import ProceduralConfig, make_motion
 from synth.motion.readers.npz import write_npz
 from synth.motion.source import MotionConfig
 from synth.scene.sampling import load_motions, sample_scene

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from synth.motion.path_planning import avoid_collisions, redirect
+from synth.motion.motion import avoid_collisions, redirect
 from tests.support.scenes import BODY, gliding
 
 FPS = 25.0

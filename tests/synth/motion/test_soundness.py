@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from synth.motion.floor import level_floor
 from synth.motion.motion import Motion
 from synth.motion.readers.takes import partner
-from synth.motion.soundness import correct_rate, repair
+from synth.motion.retargeting import correct_rate, level_floor, repair
 from synth.motion.source import read_take
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS
 from tests.support.stick_figure import elbows, joints, soles
 
 _PATH = Path("take.bvh")

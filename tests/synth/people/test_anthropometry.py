@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from synth.people.anthropometry import body_at, sample_body
-from synth.people.body import Body
+from synth.people.body import Body, body_at, sample_body
 
 # Percentiles 3, 50, 97 of the CDC's charts, boys and girls: stature, m.
 STATURES = {

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from synth.motion.inverse_kinematics import reach_with_arm
-from synth.people.bending import Bending
+from synth.motion.geometry import reach_with_arm
 from synth.people.body import Body
 from synth.people.clothing import HANDS, PersonLooks, sample_hands, sample_looks
-from synth.people.hands import hand
-from synth.people.mjcf import add_person
+from synth.people.mjcf import Bending, add_person
+from synth.people.surfaces import hand
 
 BODY, LOOKS = Body(), sample_looks(0.0, rng=np.random.default_rng(0))
 

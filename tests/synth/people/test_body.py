@@ -6,13 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmae.data.skeleton import SKELETONS
-from synth.people.anthropometry import body_at
-from synth.people.body import Body, segment_origins
-from synth.people.capsules import capsules
+from synth.people.body import SEGMENTS, SKELETON, Body, body_at, landmarks, segment_origins
 from synth.people.clothing import HAIRSTYLES, Garment, PersonLooks, sample_looks
-from synth.people.landmarks import SKELETON, landmarks
-from synth.people.segments import SEGMENTS
-from synth.people.shape import parts
+from synth.people.mjcf import capsules
+from synth.people.surfaces import parts
 
 ADULTS = st.builds(
     Body,

@@ -7,8 +7,7 @@ import pytest
 
 from synth.interactions import InteractionConfig, find_interaction, interaction_choices
 from synth.motion.source import MotionConfig
-from synth.people.anthropometry import body_at
-from synth.people.landmarks import SKELETON
+from synth.people.body import SKELETON, body_at
 from synth.physics.simulation import Simulation, simulate
 from synth.scene import sampling as sample
 from synth.scene.sampling import sample_scene

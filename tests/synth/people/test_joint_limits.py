@@ -7,13 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from synth.motion.procedural.walking import ProceduralConfig, make_motion
+from synth.motion.procedural.gait import ProceduralConfig, make_motion
 from synth.motion.source import MotionConfig, read_take, takes
+from synth.people.body import PARENTS, SEGMENTS
 from synth.people.joint_limits import GREATEST, LEAST, ORDER, WIDEST, limit_joints, swing_twist
-from synth.people.segments import PARENTS, SEGMENTS
-from synth.physics.controller import Controller
-from synth.physics.joint_addresses import find_joints
-from synth.physics.reference import make_reference
+from synth.physics.controller import Controller, find_joints, make_reference
 from synth.scene.build import build_scene
 from tests.support.scenes import BODY, RIG, gliding, scene
 

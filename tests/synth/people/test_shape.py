@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull, cKDTree
 
-from synth.people.anthropometry import body_at
-from synth.people.body import Body, segment_origins
-from synth.people.capsules import capsules
+from synth.people.body import SEGMENTS, Body, body_at, segment_origins
 from synth.people.clothing import Garment, PersonLooks
-from synth.people.segments import SEGMENTS
-from synth.people.shape import parts, trunk_sections
+from synth.people.mjcf import capsules
+from synth.people.surfaces import parts, trunk_sections
 
 _GREY = (0.5, 0.5, 0.5)
 _SHORT = Garment(False, "plain", (_GREY, _GREY))

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from synth.people import shape, surfaces
+from synth.people import surfaces
 from synth.people.body import Body
 from synth.people.clothing import sample_looks
 from synth.people.mjcf import add_person
@@ -25,8 +25,8 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def made(monkeypatch) -> list:
     """Bodies whose surfaces were made while the test ran."""
-    bodies, parts = [], shape.parts
-    monkeypatch.setattr(shape, "parts", lambda body, looks: (bodies.append(body), parts(body, looks))[1])
+    bodies, parts = [], surfaces.parts
+    monkeypatch.setattr(surfaces, "parts", lambda body, looks: (bodies.append(body), parts(body, looks))[1])
     return bodies
 
 

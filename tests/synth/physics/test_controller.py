@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from synth.people.body import SIDES, Body
-from synth.people.segments import SEGMENTS
-from synth.physics.controller import Controller
-from synth.physics.joint_addresses import find_joints
-from synth.physics.reference import ReferenceMotion, make_reference
+from synth.people.body import SEGMENTS, SIDES, Body
+from synth.physics.controller import Controller, ReferenceMotion, find_joints, make_reference
 from synth.scene.build import STEPS_PER_CONTROL, build_scene
 from tests.support.scenes import BODY, RIG, gliding, scene
 

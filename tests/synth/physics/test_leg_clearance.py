@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from synth.motion.feet import sole_points
-from synth.motion.rotations import about
+from synth.motion.geometry import about
 from synth.motion.source import MotionConfig
-from synth.people.body import Body
-from synth.people.segments import SEGMENTS
-from synth.physics.leg_clearance import leg_clearance, limb_points
-from synth.physics.planning import plan_motions
+from synth.people.body import SEGMENTS, Body
+from synth.physics.planning import leg_clearance, limb_points, plan_motions
 from synth.physics.simulation import simulate
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneConfig

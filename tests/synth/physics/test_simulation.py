@@ -10,12 +10,8 @@ from scipy.interpolate import CubicSpline
 from dmae.data.skeleton import SKELETONS
 from synth.errors import FailedSimulation
 from synth.motion.source import MotionConfig
-from synth.people.body import Body
-from synth.people.landmarks import SKELETON, landmarks
-from synth.people.segments import SEGMENTS
-from synth.physics.contacts import Contacts, Overlaps
-from synth.physics.quality import assess
-from synth.physics.simulation import simulate
+from synth.people.body import SEGMENTS, SKELETON, Body, landmarks
+from synth.physics.simulation import Contacts, Overlaps, assess, simulate
 from synth.scene.build import build_scene
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import PropSpec, SceneConfig
@@ -31,7 +27,7 @@ def head_on():
     motions = [gliding(BODY, 30, (-0.7, 0), (1, 0)), gliding(OTHER, 30, (0.7, 0.05), (-1, 0))]
     with pytest.MonkeyPatch.context() as patch:
         # Gliding people slide.
-        patch.setattr("synth.physics.quality._MOST_SLIDE", 1.0)
+        patch.setattr("synth.physics.simulation._MOST_SLIDE", 1.0)
         return motions, simulate(scene([BODY, OTHER], 30), RIG, motions)
 
 
@@ -228,7 +224,7 @@ def test_a_solver_that_fails_is_reported(monkeypatch):
     ids=["both feet", "one flat foot", "a toe of a foot that stands", "the only toe", "a foot in the air", "nothing"],
 )
 def test_the_definition_of_a_foot_slide(slides, floor, share, monkeypatch):
-    monkeypatch.setattr("synth.physics.quality._MOST_SLIDE", 1.0)
+    monkeypatch.setattr("synth.physics.simulation._MOST_SLIDE", 1.0)
     assert summary(slides=list(slides), floor=list(floor)).foot_slide == pytest.approx(share, abs=1e-4)
 
 

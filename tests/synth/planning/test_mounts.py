@@ -5,7 +5,7 @@ import pytest
 
 from synth.planning.config import LensConfig, MountConfig
 from synth.planning.places import aimed_cameras, find_places, stage_of
-from synth.rooms.catalogue import arena_file, room_choices
+from synth.rooms.room import arena_file, room_choices
 
 MIDDLE = np.zeros(2)
 FLOOR = '<geom name="floor" type="plane" size="9 9 .1"/>'

@@ -11,7 +11,7 @@ from dmae.formats.calibrations import read_calibration
 from synth.cli import SYNTH
 from synth.planning.plan import FIGURES, check_numbers, cover_floor, find_candidates, with_one_less
 from synth.planning.search import gather, rehearse
-from synth.rooms.catalogue import arena_file
+from synth.rooms.room import arena_file
 from tests.support.commands import synth as run
 
 SMALL = (

@@ -9,7 +9,7 @@ from dmae.data.clip import Clip, Detections2D
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip
-from synth.detector.presets import load_preset
+from synth.detector.fitting import load_preset
 from synth.recognition.detector_errors import draw_errors, numbers, observe, pooled, study, tables
 from tests.support.clips import looking_at_origin, walkers
 

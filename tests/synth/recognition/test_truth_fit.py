@@ -12,9 +12,9 @@ from dmae.data.rng import Stream, generator
 from dmae.data.store import save_clip
 from synth.commands.fit_detector import FitDetectorCommand, run
 from synth.detector.config import DetectorConfig
-from synth.detector.errors.misses import Misses
+from synth.detector.errors_of_joints import Misses
+from synth.detector.fitting import load_preset
 from synth.detector.parts import PartConfig, PartsConfig
-from synth.detector.presets import load_preset
 from synth.detector.simulated_detector import detect
 from synth.detector.statistics import ErrorReference
 from synth.recognition.truth_fit import distances, fit_to_truth

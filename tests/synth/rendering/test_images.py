@@ -14,10 +14,8 @@ import pytest
 from dmae.data.cameras import CameraRig
 from dmae.data.labels import Visibility
 from synth.labels.visibility import joint_visibility
-from synth.rendering import renderer as rendering
-from synth.rendering.backend import find_backend
-from synth.rendering.image_files import render_images
-from synth.rendering.renderer import ImageQuality, RenderedView, Renderer
+from synth.rendering.opengl import find_backend
+from synth.rendering.renderer import ImageQuality, RenderedView, Renderer, render_images
 from synth.rigs.lenses import add_cameras
 from tests.support.rigs import PRESETS, distorted, preset, wide
 from tests.support.standing_people import looking_along_x, scene
@@ -212,7 +210,7 @@ def test_opengl_and_ray_casting_agree():
     with Renderer(model, ids, rig, ImageQuality.high) as renderer:
         drawn = [renderer.picture(model.qpos0, view) for view in range(5)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rendering, "find_backend", lambda: None)
+        patch.setattr("synth.rendering.renderer.find_backend", lambda: None)
         with Renderer(model, ids, rig, ImageQuality.high) as renderer:
             cast = [renderer.picture(model.qpos0, view) for view in range(5)]
     for a, b in zip(drawn, cast, strict=True):
@@ -222,7 +220,7 @@ def test_opengl_and_ray_casting_agree():
 
 
 def test_rays_cast_only_near_moving_geoms_find_all_of_them(monkeypatch):
-    monkeypatch.setattr(rendering, "find_backend", lambda: None)
+    monkeypatch.setattr("synth.rendering.renderer.find_backend", lambda: None)
     rig = looking_along_x((-4, 0, 1), (-0.6, 0.1, 1.2), (1.2, 0, 1.5), (0.0, -0.7, 0.3))
     model, ids, _ = scene(
         rig, [(0, 0), (1, 0.5), (-1, -0.5)], '<geom name="box" type="box" pos="2 0 1" size=".4 .3 1"/>'
@@ -232,7 +230,7 @@ def test_rays_cast_only_near_moving_geoms_find_all_of_them(monkeypatch):
     for view in range(len(rig)):
         with monkeypatch.context() as patch:
             everywhere = lambda painter, data, view, geoms: np.ones(painter._shape, bool).ravel()  # noqa: E731
-            patch.setattr(rendering.RayPainter, "_may_be_visible", everywhere)
+            patch.setattr("synth.rendering.renderer.RayPainter._may_be_visible", everywhere)
             with Renderer(model, ids, rig, ImageQuality.standard) as renderer:
                 whole = renderer.picture(model.qpos0, view)
         np.testing.assert_array_equal(pictures[view].ids, whole.ids)
@@ -268,11 +266,11 @@ def test_a_rig_without_its_cameras_in_the_scene_is_refused():
 def test_without_opengl_rays_are_cast_after_one_warning():
     code = (
         "import warnings\n"
-        "from synth.rendering import backend\n"
-        "backend._works = lambda name: False\n"
+        "from synth.rendering import opengl\n"
+        "opengl._works = lambda name: False\n"
         "with warnings.catch_warnings(record=True) as said:\n"
         "    warnings.simplefilter('always')\n"
-        "    assert backend.find_backend() is None and backend.find_backend() is None\n"
+        "    assert opengl.find_backend() is None and opengl.find_backend() is None\n"
         "print(len(said), said[0].message)\n"
         "import os; print(os.environ['MUJOCO_GL'])\n"
     )

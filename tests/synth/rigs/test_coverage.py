@@ -9,7 +9,7 @@ import pytest
 
 from synth.errors import FailedSimulation
 from synth.rigs.coverage import Stage, area, check_outside, check_rig, find_faults, meeting_point, views_of_cells
-from synth.rigs.listed_cameras import CameraConfig
+from synth.rigs.placement import CameraConfig
 from synth.rigs.rig import RigConfig, make_rig
 from tests.support.rigs import points_in_area, preset
 

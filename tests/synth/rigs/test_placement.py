@@ -5,11 +5,9 @@ import pytest
 
 from synth.errors import FailedSimulation
 from synth.rigs.coverage import Stage, find_faults
-from synth.rigs.jitter import JitterConfig
-from synth.rigs.placement import DomeConfig, RingConfig
-from synth.rigs.random_placement import Lens, RandomConfig
-from synth.rigs.rig import CameraPlacement, RigConfig, make_rig
-from synth.rooms.catalogue import arena_file
+from synth.rigs.placement import DomeConfig, Lens, RandomConfig, RingConfig
+from synth.rigs.rig import CameraPlacement, JitterConfig, RigConfig, make_rig
+from synth.rooms.room import arena_file
 from tests.support.rigs import points_in_area
 
 CROWDED = """<mujoco><worldbody>

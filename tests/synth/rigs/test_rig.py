@@ -12,10 +12,8 @@ from dmae.formats.calibrations import calibration_format, read_calibration, writ
 from dmae.formats.config import UpDirection
 from synth.errors import FailedSimulation
 from synth.rigs.coverage import Stage, area
-from synth.rigs.jitter import JitterConfig
-from synth.rigs.listed_cameras import CameraConfig
-from synth.rigs.miscalibration import MiscalibrationConfig, calibration_error, miscalibrate
-from synth.rigs.rig import RigConfig, make_rig
+from synth.rigs.placement import CameraConfig
+from synth.rigs.rig import JitterConfig, MiscalibrationConfig, RigConfig, calibration_error, make_rig, miscalibrate
 from tests.support.rigs import AHEAD, LEFT, PRESETS, config, preset
 
 POINTS = area(Stage())[None]

@@ -8,8 +8,7 @@ import pytest
 
 from dmae.cli import compose
 from synth.cli import SYNTH
-from synth.rooms import catalogue
-from synth.rooms.catalogue import arena_file, prop_file, room_choices, room_presets
+from synth.rooms.room import arena_file, prop_file, room_choices, room_presets
 from synth.scene.spec import SceneConfig
 from tests.support.commands import run_command
 
@@ -42,7 +41,7 @@ def with_a_room_of_your_own(tmp_path, monkeypatch) -> Path:
     custom.find("text[@name='help']").set("data", "A cellar.")
     ElementTree.SubElement(custom, "numeric", name="props", data="1 2")
     tree.write(tmp_path / "scenes" / "cellar.xml")
-    monkeypatch.setattr(catalogue, "_folder", lambda: tmp_path / "scenes")
+    monkeypatch.setattr("synth.rooms.room._folder", lambda: tmp_path / "scenes")
     return tmp_path
 
 

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from synth.materials.textures import paint
 from synth.motion.source import MotionConfig
-from synth.rooms.catalogue import arena_file, room_choices
 from synth.rooms.decor import FINISHES, Decor, Light, decorate, sample_decor
+from synth.rooms.room import arena_file, room_choices
 from synth.scene.build import build_scene
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneConfig
+from synth.textures import paint
 from tests.support.scenes import BODY, RIG, scene
 
 

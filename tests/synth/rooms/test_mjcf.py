@@ -7,7 +7,7 @@ import time
 import pytest
 
 from dmae.data.resources import resource_folder
-from synth.rooms.mjcf import compile_mjcf, read_mjcf
+from synth.rooms.room import compile_mjcf, read_mjcf
 
 BOX = '<geom type="box" size=".1 .1 .1"/>'
 CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"

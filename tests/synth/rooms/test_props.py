@@ -8,8 +8,7 @@ import pytest
 import trimesh
 
 from synth.motion.source import MotionConfig
-from synth.rooms.meshes import MeshUp, find_meshes, load_mesh
-from synth.rooms.props import PropsConfig, prop_size, prop_spec
+from synth.rooms.props import MeshUp, PropsConfig, find_meshes, load_mesh, prop_size, prop_spec
 from synth.scene.build import build_scene
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import PropSpec, SceneConfig, SceneSpec

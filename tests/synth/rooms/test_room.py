@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from synth.datasets.clip import GenerateConfig, generate_clip
-from synth.rooms.catalogue import room_choices
-from synth.rooms.room import load_room, room_name
+from synth.rooms.room import load_room, room_choices, room_name
 from synth.scene.spec import SceneConfig
 
 LIGHT = '<light pos="0 0 3"/>'

@@ -10,13 +10,12 @@ from dmae.data.cameras import CameraRig
 from dmae.data.images import FIRST_OBJECT_ID
 from dmae.data.labels import Visibility
 from synth.labels.visibility import joint_visibility
-from synth.people.body import Body
+from synth.people.body import SKELETON, Body
 from synth.people.clothing import HAIRSTYLES
-from synth.people.landmarks import SKELETON
 from synth.people.mjcf import HIDDEN_GROUP
 from synth.physics.simulation import simulate
-from synth.rooms.catalogue import arena_file
-from synth.rooms.footprints import footprints
+from synth.rooms.props import footprints
+from synth.rooms.room import arena_file
 from synth.scene.build import STEPS_PER_CONTROL, SUBSTEPS, build_scene
 from synth.scene.spec import PropSpec
 from tests.support.scenes import BODY, RIG, gliding, scene

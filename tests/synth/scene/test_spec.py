@@ -9,12 +9,11 @@ import pytest
 from dmae.data.json_values import decode
 from synth.interactions import InteractionConfig
 from synth.interactions.casting import draw_motions
-from synth.motion.procedural.walking import ProceduralConfig
+from synth.motion.procedural.gait import ProceduralConfig
 from synth.motion.source import MotionConfig, UpAxis
-from synth.people.anthropometry import body_at
-from synth.people.segments import SEGMENTS
-from synth.rooms.catalogue import arena_file, prop_file, room_choices
-from synth.rooms.footprints import footprints
+from synth.people.body import SEGMENTS, body_at
+from synth.rooms.props import footprints
+from synth.rooms.room import arena_file, prop_file, room_choices
 from synth.scene.sampling import load_motions, sample_scene
 from synth.scene.spec import PropSpec, SceneConfig, SceneSpec
 

@@ -15,7 +15,7 @@ from synth.datasets.generate import generate
 from synth.datasets.physical_labels import add_labels, make_labels
 from synth.datasets.verify import verify
 from synth.labels.physical_labels import FILE, load_physical_labels
-from synth.labels.surface_points import NAMES
+from synth.labels.surfaces import NAMES
 from synth.rendering.renderer import ImageQuality
 from synth.rigs.placement import RingConfig
 from synth.rigs.rig import RigConfig

@@ -3,8 +3,7 @@
 import numpy as np
 
 from synth.datasets.statistics import clip_contacts, spread
-from synth.people.body import Body
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS, Body
 from synth.physics.body_state import BodyState
 
 

@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 
 from dmae.data.rng import generator
-from synth.interactions.body_measures import seated
-from synth.motion.procedural.agenda import ACTIONS
-from synth.motion.procedural.legs import HIP_HEIGHT, STATURE, Stance
-from synth.motion.procedural.sequence import SEATED, make_sequence
-from synth.motion.procedural.transitions import TurnTo, walk_to
+from synth.interactions.script import seated
+from synth.motion.procedural.sequence import ACTIONS, SEATED, TurnTo, make_sequence, walk_to
+from synth.motion.procedural.trajectory import HIP_HEIGHT, STATURE, Stance
 from synth.motion.source import MotionConfig, load_motion
-from synth.people.body import Body, segment_origins
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS, Body, segment_origins
 from synth.physics.simulation import simulate
 from synth.scene.sampling import load_motions, sample_scene
 from synth.scene.spec import SceneConfig

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from synth.motion.path_planning import FloorPath
-from synth.motion.procedural.gait import Walk, knee_angle
-from synth.motion.procedural.legs import STRAIGHTEST
-from synth.motion.procedural.walking import ProceduralConfig, make_motion
+from synth.motion.motion import FloorPath
+from synth.motion.procedural.gait import ProceduralConfig, Walk, knee_angle, make_motion
+from synth.motion.procedural.trajectory import STRAIGHTEST
 from tests.support.stick_figure import elbows, knees, soles, thighs
 
 FPS = 100

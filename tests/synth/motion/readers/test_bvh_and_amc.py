@@ -6,7 +6,7 @@ import pytest
 from synth.motion.readers.amc import read_amc
 from synth.motion.readers.bvh import read_bvh
 from synth.motion.retargeting import retarget
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS
 from tests.support.motion_files import amc, bvh
 from tests.support.stick_figure import elbows, knees
 

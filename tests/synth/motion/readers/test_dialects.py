@@ -7,7 +7,7 @@ import pytest
 
 from synth.motion.readers.dialects import DIALECTS
 from synth.motion.source import MotionConfig, UpAxis, load_motion, read_take
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS
 from tests.support.motion_files import amc, bvh
 from tests.support.stick_figure import joints
 

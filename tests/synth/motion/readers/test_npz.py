@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from synth.motion.motion import Motion
-from synth.motion.procedural.walking import ProceduralConfig, make_motion
+from synth.motion.procedural.gait import ProceduralConfig, make_motion
 from synth.motion.readers.npz import write_npz
 from synth.motion.source import UpAxis, place, read_take
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS
 from tests.support.stick_figure import joints, soles
 
 # SMPL's mean body as tabulated for simulated humanoids: joint, parent, offset; x left, y up, z forward.

@@ -8,7 +8,7 @@ import pytest
 
 from synth.motion.readers.takes import partner, true_fps
 from synth.motion.source import read_take
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS
 from tests.support.stick_figure import elbows, joints, knees, soles
 
 _TAKES = [

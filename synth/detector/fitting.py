@@ -1,14 +1,83 @@
-"""Corrections of a detector's parameters, each by its own statistic of a recording and of its simulation."""
+"""Fit a detector's preset to a recording: simulate, measure both in the same way, correct, repeat.
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+The measurement of a recording is biased: errors are measured against other views, and misses only for people that are
+detected at all. So no parameter can be read off directly. Instead, the detector is run on simulated clips, both are
+measured by `synth.detector.statistics.measure`, and each parameter is corrected by the difference of its own statistic.
+"""
+
+import json
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import spearmanr
 
+from dmae.data.clip import Clip
+from dmae.data.json_values import decode
+from dmae.data.resources import resource_folder
+from dmae.data.rng import Stream, generator
+from dmae.files.structured import read_yaml
+from dmae.progress import progress
 from synth.detector.config import DetectorConfig
 from synth.detector.parts import PartConfig, PartsConfig
-from synth.detector.statistics import DetectorStatistics
+from synth.detector.simulated_detector import detect
+from synth.detector.statistics import DetectorStatistics, ErrorReference, measure_all
+
+
+def preset_yaml(config: DetectorConfig, name: str, comments: list[str]) -> str:
+    """Return a preset as YAML: the options of a detector that differ from the defaults, one group per line.
+
+    Args:
+        config: The detector.
+        name: Name of the preset.
+        comments: Comment lines at the beginning of the file.
+    """
+    # The name of a recording may contain line breaks. Without this, the further lines would become options.
+    lines = [*(f"# {' '.join(comment.split())}" for comment in comments), f"name: {json.dumps(name)}"]
+    for group, options in _changed(config, DetectorConfig()).items():
+        if group == "parts":
+            lines += ["parts:", *(f"  {kind}: {_flow(part)}" for kind, part in options.items())]
+        elif group != "name":
+            lines.append(f"{group}: {_flow(options)}")
+    return "\n".join(lines) + "\n"
+
+
+def _changed(config, default) -> dict:
+    """Return the fields of a dataclass that differ from its defaults, including nested fields."""
+    values = {key: (value, vars(default)[key]) for key, value in vars(config).items()}
+    return {
+        key: _changed(value, usual) if is_dataclass(value) else value
+        for key, (value, usual) in values.items()
+        if value != usual
+    }
+
+
+def _flow(value) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    text = json.dumps(value)
+    # For YAML 1.1, 2e-05 is text and 2.0e-05 is a number.
+    return text.replace("e", ".0e") if isinstance(value, float) and "e" in text and "." not in text else text
+
+
+def load_preset(name: str) -> DetectorConfig:
+    """Return a preset by its name, or from a YAML file.
+
+    Raises:
+        ValueError: there is no such preset, or the file is not a preset.
+    """
+    folder = resource_folder("dmae", "configs") / "detector"
+    path = Path(name) if name.endswith(".yaml") else folder / f"{name}.yaml"
+    if not path.is_file():
+        there = ", ".join(sorted(each.stem for each in folder.glob("*.yaml")))
+        raise ValueError(f"detector {name}: expected a YAML file, or one of {there}")
+    return decode(DetectorConfig, read_yaml(path), str(path))
+
+
+# Corrections of a detector's parameters, each by its own statistic of a recording and of its simulation.
 
 _STEP = 0.7
 """Exponent of each correction. It is below 1 because the parameters depend on each other."""
@@ -205,3 +274,104 @@ def _inverted(real: DetectorStatistics, sim: DetectorStatistics, *kinds: str) ->
         some = np.isin(both.kind, [both.kinds.index(kind) for kind in kinds])
         shares.append(max(both.inverted[some].sum(), 0.5) / max(some.sum(), 1))
     return shares[0], shares[1]
+
+
+_FEW_MISSES = 50
+"""Fewest uninterrupted misses for the burst times to be fitted."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted preset.
+
+    Attributes:
+        config: The detector.
+        undetermined: Parameters that are not changed, and the reason why the recording does not determine each.
+        statistics: Statistics of the clips that were simulated with this detector.
+    """
+
+    config: DetectorConfig
+    undetermined: dict[str, str]
+    statistics: DetectorStatistics
+
+
+def redetect(clip: Clip, config: DetectorConfig, seed: int) -> Clip:
+    """Return the clip with new detections, from the simulated detector `config`."""
+    rng = generator(seed, int(clip.id), Stream.DETECTOR)
+    rig = clip.true_rig or clip.rig
+    detected = detect(clip.truth, clip.occlusion, rig, clip.fps, config, rng=rng)
+    return replace(clip, detections=detected.detections, detection_labels=detected.labels)
+
+
+def fit(
+    real: DetectorStatistics,
+    clips: Sequence[Clip],
+    start: DetectorConfig,
+    *,
+    rounds: int = 8,
+    seed: int = 0,
+    workers: int = 1,
+    reference: ErrorReference = ErrorReference.others,
+) -> Fit:
+    """Fit a detector to the measured statistics of a recording.
+
+    Args:
+        real: Statistics of the recording.
+        clips: Simulated clips with truth and visibility, of a scene similar to the recording's.
+        start: Start of the fit. Parameters that the recording does not determine keep its values.
+        rounds: Number of simulations; each takes as long as measuring the clips.
+        seed: Seed of the detector, the same in all rounds.
+        workers: Processes; -1 for one per core.
+        reference: Reference for the detections of the clips, the same as for the recording.
+
+    Raises:
+        ValueError: the clips have no visibility labels, or another skeleton than the recording.
+    """
+    for clip in clips:
+        if clip.occlusion is None:
+            raise ValueError(f"clip {clip.id!r}: a detector is fitted on simulated clips; it has no visibility")
+    undetermined = _undetermined(real)
+    config, best = start, None
+    for _ in progress(range(rounds), "fitting the detector"):
+        sim = measure_all((redetect(clip, config, seed) for clip in clips), len(clips), workers, reference)
+        if sim.kinds != real.kinds:
+            raise ValueError(f"the recording has joints {list(real.kinds)}, the simulation {list(sim.kinds)}")
+        off = distance(real, sim)
+        if best is None or off < best[0]:
+            best = off, Fit(config, undetermined, sim)
+        config = corrected(config, real, sim, undetermined)
+    return best[1]
+
+
+def distance(real: DetectorStatistics, sim: DetectorStatistics) -> float:
+    """Return the distance between two recordings' statistics, in units of the limits in `synth.detector.comparison`."""
+    missed = np.abs(np.nanmean(real.missed, 0) - np.nanmean(sim.missed, 0)) / 0.03
+    by_side = np.abs(real.missed_by_side - sim.missed_by_side).ravel() / 0.1
+    pairs = [abs(real.joint_misses[pair] - sim.joint_misses[pair]) / 0.1 for pair in real.joint_misses]
+    error = [_log(error_quantile(real, k, 0.5), error_quantile(sim, k, 0.5)) / 0.1 for k in range(len(real.kinds))]
+    known = len(real.miss_seconds) and len(sim.miss_seconds)
+    seconds = [_log(real.miss_seconds.mean(), sim.miss_seconds.mean()) / 0.1] if known else []
+    return float(np.sqrt(np.nanmean(np.square([*missed, *by_side, *pairs, *error, *seconds]))))
+
+
+def _log(a: float, b: float) -> float:
+    return abs(np.log(a / b)) if a > 0 and b > 0 else np.nan
+
+
+def _undetermined(real: DetectorStatistics) -> dict[str, str]:
+    """Return the names of the parameters that are not changed, with the reasons."""
+    counts = np.bincount(real.kind, minlength=len(real.kinds))
+    found = {
+        f"parts.{kind}": f"{count} joints could be checked, {ENOUGH} are needed"
+        for kind, count in zip(real.kinds, counts, strict=True)
+        if count < ENOUGH
+    }
+    if len(real.miss_seconds) < _FEW_MISSES:
+        found["times.bursts"] = f"{len(real.miss_seconds)} uninterrupted misses, {_FEW_MISSES} are needed"
+    if not np.isfinite(real.autocorrelation[0.2]):
+        found["times.correlation"] = "no joint is followed for 0.2 s"
+    if not np.isfinite(real.constant) or real.constant <= 0:
+        found["noise.bias"] = "no joint is followed for a second"
+    if not np.nansum(real.ghosts) > 0:
+        found["ghosts.joints"] = found["ghosts.score"] = "there is no ghost"
+    return found

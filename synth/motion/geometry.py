@@ -1,10 +1,61 @@
-"""Inverse kinematics of arms and legs: two bones with a hinge between them."""
+"""Rotation matrices, easing curves, and the inverse kinematics of arms and legs."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from synth.motion.rotations import about, aligned
-from synth.people.body import SIDES, Body
-from synth.people.segments import SEGMENTS
+from synth.people.body import SEGMENTS, SIDES, Body
+
+UPRIGHT = {
+    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+    "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
+    "z": np.eye(3),
+}
+"""For each axis that may point up in a source world, the (3, 3) rotation from that world to a world with z up."""
+
+
+def about(axis: str, angle: np.ndarray | float) -> np.ndarray:
+    """Return rotations (..., 3, 3) by angles (...), rad, about axis x, y or z."""
+    angle = np.asarray(angle, np.float64)
+    return Rotation.from_euler(axis, angle.reshape(-1, 1)).as_matrix().reshape(*angle.shape, 3, 3)
+
+
+def aligned(along: np.ndarray, forward: np.ndarray, axis: tuple[float, float, float]) -> np.ndarray:
+    """Return rotations that turn `axis` to one direction, and x as close as possible to another direction.
+
+    Args:
+        along: (F, 3) directions of any length.
+        forward: (F, 3) directions of any length, not parallel to `along`.
+        axis: Unit vector orthogonal to x.
+
+    Returns:
+        (F, 3, 3) rotations.
+    """
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    forward = forward - (forward * along).sum(1, keepdims=True) * along
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    canonical = np.stack([axis, (1, 0, 0), np.cross(axis, (1, 0, 0))])
+    return np.stack([along, forward, np.cross(along, forward)], axis=2) @ canonical
+
+
+# Easing curves from 0 to 1
+
+
+def smoothstep(x: np.ndarray | float) -> np.ndarray:
+    """Return the cubic 3 x^2 - 2 x^3, clamped to 0 below x = 0 and to 1 above x = 1; zero slope at both ends."""
+    x = np.clip(x, 0, 1)
+    return x * x * (3 - 2 * x)
+
+
+def minimum_jerk(x: np.ndarray | float) -> np.ndarray:
+    """Return the quintic 10 x^3 - 15 x^4 + 6 x^5, clamped to 0 below x = 0 and to 1 above x = 1.
+
+    Hands that move from rest to rest follow this curve: Flash and Hogan, Journal of Neuroscience 5 (1985).
+    """
+    x = np.clip(x, 0, 1)
+    return x**3 * (10 - 15 * x + 6 * x**2)
+
+
+# Two bones with a hinge between them
 
 PALM = np.array((0.0, 0.050, -0.013))
 """(3,) point on the skin of the left palm, with normal -z, in the hand's frame; fractions of stature."""

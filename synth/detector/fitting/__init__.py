@@ -1,1 +1,0 @@
-"""Fit the parameters of a simulated detector to measured statistics."""

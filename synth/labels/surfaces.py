@@ -1,0 +1,351 @@
+"""256 named points on each person's visible surface, clothes and hair included, and who sees them."""
+
+import copy
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import mujoco
+import numpy as np
+
+from dmae.data.array_fields import short_repr
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip
+from dmae.data.images import FIRST_OBJECT_ID
+from dmae.data.labels import Visibility
+from synth.people.body import HEAD_HEIGHT, PARENTS, SEGMENTS, SIDES, Body, side_and_name
+from synth.people.mjcf import Bending
+from synth.rooms.rays import cast_rays, opaque_model
+from synth.scene.build import Scene
+
+
+def check_shapes(what: str, values: object, shapes: dict[str, tuple[int, ...]]) -> None:
+    """Check the shapes of the arrays of an object.
+
+    Raises:
+        ValueError: an array has another shape; the message names it.
+    """
+    for name, shape in shapes.items():
+        found = getattr(values, name).shape
+        if found != shape:
+            raise ValueError(f"{what}: expected {name} of shape {shape}, found {found}")
+
+
+# The points
+
+_TRUNK = ("pelvis", "spine", "chest")
+_HAND = 0.092
+"""Length of the hand, fraction of stature."""
+_FOOT = ((-0.037, 0.0, -0.020), (0.106, 0.0, -0.026))
+"""Ends of an axis inside the shoe, relative to the ankle, fractions of stature."""
+_RAY_START = 1.0
+"""Distance from an axis at which the rays to the surface begin, m."""
+
+
+class _Rings(NamedTuple):
+    """Rings of points around the axis of a segment.
+
+    Attributes:
+        directions: Names of the directions around the axis, evenly spaced.
+        first: The first direction, in T-pose.
+        second: The direction towards which the following ones turn, on the left side of the body.
+        shares: Positions of the rings along the axis: 0 at its beginning, 1 at its end.
+    """
+
+    directions: tuple[str, ...]
+    first: tuple[int, int, int]
+    second: tuple[int, int, int]
+    shares: tuple[float, ...]
+
+
+_X, _Y, _Z = np.eye(3, dtype=int).tolist()
+_ROUND = ("front", "front_left", "left", "back_left", "back", "back_right", "right", "front_right")
+_ARM, _LEG, _SHOE = (
+    ("front", "top", "back", "under"),
+    ("front", "outer", "back", "inner"),
+    ("top", "outer", "sole", "inner"),
+)
+_RINGS = {
+    "pelvis": _Rings(_ROUND, _X, _Y, (-0.2, 0.3, 0.75)),
+    "spine": _Rings(_ROUND, _X, _Y, (0.25, 0.7)),
+    "chest": _Rings(_ROUND, _X, _Y, (0.1, 0.26, 0.42, 0.58)),
+    "head": _Rings(_ROUND, _X, _Y, (0.27, 0.45, 0.63, 0.83)),
+    "upper_arm": _Rings(_ARM, _X, _Z, (0.3, 0.48, 0.66, 0.84)),
+    "forearm": _Rings(_ARM, _X, _Z, (0.2, 0.5, 0.8)),
+    "hand": _Rings(_ARM, _X, _Z, (0.25, 0.5)),
+    "thigh": _Rings(_LEG, _X, _Y, (0.3, 0.48, 0.66, 0.84)),
+    "shin": _Rings(_LEG, _X, _Y, (0.15, 0.38, 0.61, 0.84)),
+    "foot": _Rings(_SHOE, _Z, _Y, (0.5, 0.85)),
+}
+
+NAMES = tuple(
+    f"{segment}.{ring}.{direction}"
+    for segment in SEGMENTS
+    for ring in range(1, 1 + len(_RINGS[side_and_name(segment)[1]].shares))
+    for direction in _RINGS[side_and_name(segment)[1]].directions
+)
+"""The 256 names: `<segment>.<ring>.<direction>`. Rings are counted from the joint of the segment, on a foot from its
+heel. Directions refer to a person that faces forward, with arms stretched to the sides and palms down: `outer` is away
+from the middle, and `under` of a hand is its palm."""
+
+
+class SurfacePoints(NamedTuple):
+    """Points on P people, each fixed to a geom.
+
+    Attributes:
+        geoms: (P, 256) index of the geom that each point moves with.
+        places: (P, 256, 3) points in the frame of the geom, m.
+        normals: (P, 256, 3) outward unit normals in the frame of the geom.
+    """
+
+    geoms: np.ndarray
+    places: np.ndarray
+    normals: np.ndarray
+
+    def at(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        """Return points, m, and normals, (P, 256, 3) each, world. `data` is a state after `Bending` was applied to it.
+
+        See `synth.people.mjcf.Bending`.
+        """
+        turns = data.geom_xmat[self.geoms].reshape(*self.geoms.shape, 3, 3)
+        points = data.geom_xpos[self.geoms] + (turns @ self.places[..., None])[..., 0]
+        return points, (turns @ self.normals[..., None])[..., 0]
+
+
+def surface_points(scene: Scene, bodies: list[Body]) -> SurfacePoints:
+    """Return the points on the people of a scene, where rays towards the axes of their segments meet them in T-pose.
+
+    Args:
+        scene: The scene, with people in T-pose.
+        bodies: Proportions of P people.
+
+    Raises:
+        ValueError: a ray for a point does not meet the surface of the person.
+    """
+    model = copy.copy(scene.model)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    Bending(model).apply(data)
+    found = [_points_of(scene, model, data, person, body) for person, body in enumerate(bodies)]
+    return SurfacePoints(*(np.stack(part) for part in zip(*found, strict=True)))
+
+
+def _points_of(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, person: int, body: Body) -> tuple:
+    """Return the fields of `SurfacePoints` for one person in T-pose."""
+    ids = model.body(f"person{person}/{SEGMENTS[0]}").id + np.arange(len(SEGMENTS))
+    found = []
+    for number, segment in enumerate(SEGMENTS):
+        side, name = side_and_name(segment)
+        # Cloth between two segments of the trunk may move with either of them.
+        own = [SEGMENTS.index(each) for each in _TRUNK] if name in _TRUNK else [number]
+        visible = (scene.geom_ids == 1 + person) & np.isin(model.geom_bodyid, ids[own])
+        model.geom_group = np.where(visible, 0, 5)
+        rings = _RINGS[name]
+        start, end = (data.xpos[ids[number]] + point for point in _axis(body, number))
+        angles = 2 * np.pi * np.arange(len(rings.directions)) / len(rings.directions)
+        second = np.array(rings.second) * (1, SIDES.get(side, 1.0), 1)
+        for share in rings.shares:
+            for angle in angles:
+                outward = np.cos(angle) * np.array(rings.first) + np.sin(angle) * second
+                found.append(_meet(model, data, start + share * (end - start), outward))
+    geoms, points, normals = (np.array(part) for part in zip(*found, strict=True))
+    if (geoms < 0).any():
+        raise ValueError(f"person {person} has no surface at {NAMES[int(np.argmin(geoms))]}")
+    turns = data.geom_xmat[geoms].reshape(-1, 3, 3).swapaxes(1, 2)
+    places = (turns @ (points - data.geom_xpos[geoms])[..., None])[..., 0]
+    return geoms, places, (turns @ normals[..., None])[..., 0]
+
+
+def _axis(body: Body, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return both ends of the axis of a segment, relative to its joint, in T-pose, m."""
+    side, name = side_and_name(SEGMENTS[number])
+    if name == "foot":
+        return tuple(np.array(end) * body.stature for end in _FOOT)
+    if name == "head":
+        end = np.array((0, 0, HEAD_HEIGHT * body.head)) * body.stature
+    elif name == "hand":
+        end = np.array((0, SIDES[side] * _HAND * body.arms, 0)) * body.stature
+    else:
+        end = body.offsets[PARENTS.index(number)]
+    return np.zeros(3), end
+
+
+def _meet(model: mujoco.MjModel, data: mujoco.MjData, middle: np.ndarray, outward: np.ndarray) -> tuple:
+    """Return the geom, point and normal where a ray from outside towards `middle` first meets a surface."""
+    geom, distance, normal = cast_rays(model, data, middle + _RAY_START * outward, -outward[None])
+    return geom[0], middle + (_RAY_START - distance[0]) * outward, normal[0]
+
+
+# Their positions, and their visibility in each camera; no images are needed
+
+_FOLD = 0.005
+"""Distance below which a surface of the same person in front of a point does not hide it, m: cloth overlaps."""
+
+
+@dataclass(frozen=True)
+class SurfaceLabels:
+    """S named points on P people, seen by V cameras in F frames.
+
+    Attributes:
+        names: (S,) names of the points, see `synth.labels.surfaces.NAMES`.
+        xyz: (F, P, S, 3) float32 m, world.
+        normals: (F, P, S, 3) float32 outward unit normals, world.
+        visibility: (F, V, P, S) uint8 `dmae.data.labels.Visibility`. As for joints, the first object on the ray from
+            the camera counts. A point on a surface that faces away is hidden at least by the person's own body.
+        hidden_by: (F, V, P, S) int16 index of the person or object in front, -1 for none.
+    """
+
+    names: tuple[str, ...]
+    xyz: np.ndarray
+    normals: np.ndarray
+    visibility: np.ndarray
+    hidden_by: np.ndarray
+
+    __repr__ = short_repr
+
+    def __post_init__(self):
+        frames, persons, points = self.xyz.shape[:3]
+        of_views = (frames, *self.visibility.shape[1:2], persons, points)
+        shapes = {"xyz": (frames, persons, len(self.names), 3), "visibility": of_views, "hidden_by": of_views}
+        check_shapes("surface", self, shapes | {"normals": self.xyz.shape})
+
+
+def surface_labels(
+    scene: Scene, points: SurfacePoints, names: tuple[str, ...], qpos: np.ndarray, rig: CameraRig
+) -> SurfaceLabels:
+    """Label points on people's surfaces in every view.
+
+    Args:
+        scene: The scene.
+        points: (P, S) points on its people.
+        names: (S,) names of the points.
+        qpos: (F, nq) states of the scene.
+        rig: V cameras.
+    """
+    opaque = opaque_model(scene.model, scene.geom_ids)
+    data, bending, shape = mujoco.MjData(opaque), Bending(opaque), points.geoms.shape
+    xyz, normals = (np.empty((len(qpos), *shape, 3)) for _ in range(2))
+    visibility = np.empty((len(qpos), len(rig), *shape), np.uint8)
+    hidden_by = np.full(visibility.shape, -1, np.int16)
+    for frame, state in enumerate(qpos):
+        data.qpos[:] = state
+        mujoco.mj_kinematics(opaque, data)
+        bending.apply(data)
+        xyz[frame], normals[frame] = points.at(data)
+        xy, along = rig.project(xyz[frame][None])
+        codes = visibility[frame]
+        codes[:] = np.where(rig.inside(xy)[0], Visibility.VISIBLE, Visibility.OUTSIDE_IMAGE)
+        codes[along[0] <= 0] = Visibility.BEHIND_CAMERA
+        for view, centre in enumerate(rig.centers):
+            sought = np.nonzero(codes[view] == Visibility.VISIBLE)
+            rays = xyz[frame][sought] - centre
+            averted = (rays * normals[frame][sought]).sum(-1) >= 0
+            codes[view][sought], hidden_by[frame, view][sought] = _seen(
+                opaque, data, scene.geom_ids, centre, rays, sought[0], averted
+            )
+    return SurfaceLabels(names, xyz.astype(np.float32), normals.astype(np.float32), visibility, hidden_by)
+
+
+def _seen(
+    opaque: mujoco.MjModel,
+    data: mujoco.MjData,
+    ids: np.ndarray,
+    centre: np.ndarray,
+    rays: np.ndarray,
+    persons: np.ndarray,
+    averted: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the visibility and the occluder, (R,) each, of points at the ends of rays from a camera.
+
+    Args:
+        opaque, data: The scene and its state.
+        ids: (ngeom,) ids of the owners of geoms.
+        centre: (3,) centre of the camera, m, world.
+        rays: (R, 3) vectors from the centre to the points, m.
+        persons: (R,) indices of the persons of the points.
+        averted: (R,) whether the surface at a point faces away from the camera.
+    """
+    reach = np.linalg.norm(rays, axis=-1)
+    rays = rays / np.maximum(reach, 1e-9)[:, None]
+    geom, distance, outward = cast_rays(opaque, data, centre, rays)
+    found = np.where(geom >= 0, ids[geom], 0).astype(int)
+    own = found == persons + 1
+    # A ray that meets a surface from behind began inside the object.
+    within = (outward * rays).sum(-1) > 0
+    before = (found > 0) & np.where(own, distance < reach - _FOLD, (distance < reach) | within)
+    found, hidden = np.where(before, found, persons + 1), before | averted
+    own, is_object = found == persons + 1, found >= FIRST_OBJECT_ID
+    codes = np.select(
+        [~hidden, own, is_object],
+        [Visibility.VISIBLE, Visibility.HIDDEN_BY_SELF, Visibility.HIDDEN_BY_OBJECT],
+        Visibility.HIDDEN_BY_PERSON,
+    )
+    return codes, np.where(hidden, np.where(is_object, found - FIRST_OBJECT_ID, found - 1), -1)
+
+
+# Comparison of visibility labels with id images
+
+
+class PixelAgreement(NamedTuple):
+    """The agreement between the labels of joints and the pixels at their projections.
+
+    Attributes:
+        compared: (4,) number of compared joints: visible, hidden by their own person, by another person, by an object.
+        agreeing: (4,) number of these joints with a pixel that agrees.
+    """
+
+    compared: np.ndarray
+    agreeing: np.ndarray
+
+
+def agreement(clip: Clip, margin: int = 5) -> PixelAgreement:
+    """Compare visibility labels with id images: the pixel of a joint must show its person or its occluder.
+
+    Joints outside the image, and joints nearer than `margin` to any silhouette, are left out, because their pixels are
+    ambiguous. The top of the head is left out as well, because Shelf's annotators put it into the air in front of the
+    brow.
+
+    Args:
+        clip: A clip with truth, visibility and id images. Its true cameras are used.
+        margin: Least distance of a joint from a silhouette, px.
+    """
+    on_body = np.array([not name.endswith("top_head") for name in clip.truth.skeleton.joints])
+    return _agreement(clip, clip.truth.xyz, clip.occlusion.visibility, clip.occlusion.occluder, on_body, margin)
+
+
+def surface_agreement(clip: Clip, surface: SurfaceLabels, margin: int = 2) -> PixelAgreement:
+    """Compare the visibility of surface points with id images, in the same way as `agreement` does for joints.
+
+    Args:
+        clip: A clip with id images. Its true cameras are used.
+        surface: Its surface points.
+        margin: Least distance of a point from a silhouette, px.
+    """
+    all_points = np.ones(len(surface.names), bool)
+    return _agreement(clip, surface.xyz, surface.visibility, surface.hidden_by, all_points, margin)
+
+
+def _agreement(
+    clip: Clip, points: np.ndarray, visibility: np.ndarray, hidden_by: np.ndarray, which: np.ndarray, margin: int
+) -> PixelAgreement:
+    """Compare the labels (F, V, P, K) of points (F, P, K, 3) with id images. Only the points `which` (K,) are used."""
+    rig = clip.rig if clip.true_rig is None else clip.true_rig
+    xy, _ = rig.project(points)
+    neighbourhood = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+    compared, agreeing = np.zeros(4, int), np.zeros(4, int)
+    for view, name in enumerate(clip.rig.names):
+        for frame, ids in enumerate(clip.images.read("ids", name)):
+            codes, owner = visibility[frame, view], hidden_by[frame, view].astype(int)
+            judged = (codes <= Visibility.HIDDEN_BY_OBJECT) & which & np.isfinite(xy[frame, view]).all(-1)
+            person, joint = np.nonzero(judged)
+            column, row = np.clip(np.round(xy[frame, view, person, joint]).astype(int), 0, rig.size[view] - 1).T
+            clear = cv2.dilate(ids, neighbourhood)[row, column] == cv2.erode(ids, neighbourhood)[row, column]
+            code, by = codes[person, joint], owner[person, joint]
+            expected = np.where(
+                code == Visibility.HIDDEN_BY_OBJECT,
+                FIRST_OBJECT_ID + by,
+                1 + np.where(code == Visibility.HIDDEN_BY_PERSON, by, person),
+            )
+            compared += np.bincount(code[clear], minlength=4)
+            agreeing += np.bincount(code[clear & (expected == ids[row, column])], minlength=4)
+    return PixelAgreement(compared, agreeing)

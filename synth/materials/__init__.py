@@ -1,1 +1,0 @@
-"""Textures of cloth, floors and walls."""
