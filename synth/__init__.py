@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from synth.public.comparison import fit_detector as fit_detector
     from synth.public.generation import export as export
     from synth.public.generation import generate as generate
-    from synth.public.generation import merge as merge
     from synth.public.generation import split as split
     from synth.public.generation import stats as stats
     from synth.public.generation import takes as takes
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "dmae.public.recordings": ["load_dataset"],
     "synth.public.comparison": ["compare", "compare_motion", "fit_detector"],
-    "synth.public.generation": ["export", "generate", "merge", "split", "stats", "takes", "verify"],
+    "synth.public.generation": ["export", "generate", "split", "stats", "takes", "verify"],
     "synth.public.labels": ["body_state", "label", "physical_labels"],
     "synth.public.pictures": ["contact_sheet", "show"],
     "synth.public.planning": ["plan"],

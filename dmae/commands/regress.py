@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.plugins import load_function
-from dmae.regression import Verdict, cases, check
-from dmae.regression.verdicts import PURPOSES, REASONS, SECONDS, text
+from dmae.regression.pack import cases
+from dmae.regression.verdicts import PURPOSES, REASONS, SECONDS, Verdict, check, text
 from dmae.reporting.tables import Table, print_tables
 
 WRITES = None

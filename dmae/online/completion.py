@@ -18,7 +18,7 @@ from dmae.online.frames import JOINTS, FinishedFrame, join_frames, split_frames
 if TYPE_CHECKING:
     from dmae.completion.completer import Completer
     from dmae.completion.gaussian_process.steps import Steps
-    from dmae.completion.methods.registry import Fill
+    from dmae.data.conversion import Fill
 
 BATCH = 0.2
 """s of frames that are completed together."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dmae.evaluation.gates import Gate
-    from dmae.regression import Verdict
+    from dmae.regression.verdicts import Verdict
     from dmae.viewing.layers import LayersConfig
 
 
@@ -224,7 +224,7 @@ def regress(solver: Callable, *, skip: tuple[str, ...] = ()) -> list[Verdict]:
         >>> all(verdict.passed for verdict in dmae.regress(ours))
         True
     """
-    from dmae.regression import check
+    from dmae.regression.verdicts import check
 
     return check(solver, skip)
 

@@ -15,7 +15,7 @@ import pytest
 def pytest_generate_tests(metafunc):
     """Generate one test for each case."""
     if "triangulation_case" in metafunc.fixturenames:
-        from dmae.regression import cases
+        from dmae.regression.pack import cases
 
         metafunc.parametrize("triangulation_case", cases(), ids=lambda case: case.name)
 
@@ -23,6 +23,6 @@ def pytest_generate_tests(metafunc):
 @pytest.fixture
 def check_triangulation(triangulation_case):
     """Return a function of a solver that raises AssertionError if the solver does not pass this test's case."""
-    from dmae.regression import assert_passes
+    from dmae.regression.verdicts import assert_passes
 
     return partial(assert_passes, case=triangulation_case)

@@ -6,7 +6,6 @@ COMMANDS = {
     "render": "Render clips again, as other images or from other cameras",
     "label": "Add contacts, forces and points on surfaces to clips",
     "verify": "Check that clips are complete and correct",
-    "merge": "Join the parts of a data set",
     "split": "Divide clips for training and testing, without leaks",
     "stats": "Describe a data set: a page with a figure",
     "realism": "Measure what a real detector finds in rendered images",

@@ -13,7 +13,7 @@ WRITES = "folder"
 EXAMPLES = (
     "synth generate out=runs/data clips=8 seed=7 workers=2",
     "synth generate scene=living_room rig=dome images=rgb quality=draft scene.seconds=3 out=runs/seen",
-    "synth generate clips=1600 shard=3/16 out=runs/shards/3",
+    "synth generate first=200 clips=100 workers=-1 out=runs/data",
     "synth generate clips=200 images=[rgb,depth,ids] workers=4 dry_run=true out=runs/large",
     "synth generate motion=bvh motion.path=takes occlusion.target=[0.2,0.4] out=runs/hidden",
 )

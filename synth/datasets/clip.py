@@ -16,7 +16,6 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.rng import Stream, generator
 from dmae.parallel import Backend
-from dmae.parts import clip_numbers
 from synth.datasets.images import IMAGE_CHOICES, ImageOptions, RgbFormat, check_images, image_kinds
 from synth.datasets.occlusion import OcclusionConfig, confirm, sample_hidden_scene, summary
 from synth.detector.config import DetectorConfig
@@ -121,9 +120,7 @@ class GenerateConfig:
     first: int = 0
     """Number of the first clip: `first=200 clips=50` makes clips 000200 to 000249, as in the whole data set."""
     clips: int = 8
-    """Number of clips, of all shards together."""
-    shard: str | None = None
-    """Part of the clips to make: `shard=3/16` is the third of sixteen, in its own folder."""
+    """Number of clips. Several machines can fill one folder, each with its own `first` and `clips`."""
     recheck: bool = False
     """Compare the contents of existing images with their checksums, not only their sizes."""
     workers: int = 1
@@ -160,7 +157,6 @@ class GenerateConfig:
             raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
         if self.first + self.clips > MOST_CLIPS:
             raise ValueError(f"first and clips: expected clips up to number {MOST_CLIPS - 1}, got {self.first}")
-        clip_numbers(self.first, self.clips, self.shard)
         if not re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]*)?", self.prefix):
             raise ValueError(f"prefix: expected letters, digits, _ - and ., not first, got {self.prefix!r}")
         image_kinds(self.images)
@@ -168,7 +164,7 @@ class GenerateConfig:
     @property
     def numbers(self) -> range:
         """The numbers of the clips to make."""
-        return clip_numbers(self.first, self.clips, self.shard)
+        return range(self.first, self.first + self.clips)
 
     @property
     def image_options(self) -> ImageOptions:

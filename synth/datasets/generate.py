@@ -1,4 +1,8 @@
-"""Claim the folder of a data set when it is begun. Its stored configuration identifies the data set."""
+"""Make a data set: clips in parallel, each renamed into its folder when it is whole, a manifest, and checksums.
+
+A data set is the clip folders in it. The same command makes what is missing, so a run can be interrupted at any time,
+and several machines can fill one folder, each with its own `first` and `clips`.
+"""
 
 import json
 import os
@@ -10,15 +14,15 @@ from enum import Enum
 from pathlib import Path
 
 import numpy as np
+from filelock import FileLock
 
 from dmae.data.images import KINDS
 from dmae.data.resume import claim_folder
-from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, write_manifest
+from dmae.data.store import MANIFEST, load_clip, read_manifest, save_clip, write_atomic, write_manifest
 from dmae.files.checksums import Checksum, begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
-from dmae.files.contents import whole_folder, write_atomic
+from dmae.files.contents import whole_folder
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, running_on
-from dmae.parts import SHARD, claim_shard
 from dmae.progress import counted_progress, progress
 from synth.datasets.clip import GenerateConfig, attempt_seed, check, clip_id, simulate_clip
 from synth.datasets.images import add_images, image_kinds, missing_files, missing_kinds
@@ -27,10 +31,134 @@ from synth.physics.body_state import FILE as STATE
 from synth.physics.body_state import load_state, save_state
 
 CONFIG = "config.json"
+"""File of the options that the clips of a data set depend on."""
+_NOT_STORED = ("out", "first", "clips", "recheck", "workers", "backend", "dry_run")
+"""Options that may differ when a data set is continued."""
 _OF_IMAGES = ("images", "quality", "rgb")
 """Settings that may differ when images are added to a data set."""
 _OF_COMMANDS = ("config.yaml",)
 """Files that a folder may contain and still counts as empty: a command writes them about its own run."""
+
+
+def generate(config: GenerateConfig) -> list[dict]:
+    """Make a data set with its manifest and checksums, or add missing clips and images to an existing one.
+
+    Existing undamaged clips are kept and get their missing images. To find damage, the sizes of files and the contents
+    of labels are compared; with `recheck`, the contents of images as well.
+
+    Returns:
+        The lines of the manifest, one per clip: `id`, `status` ("ok" or "failed"), `seed`, and number of `attempts`. A
+        clip with status "ok" also has `frames`, `persons`, `quality` (`synth.physics.quality.SimulationQuality`) and
+        `occlusion` (see `synth.datasets.occlusion.summary`); with `rig.error` also `calibration_error`, the error of
+        projections by the calibration of each camera, px. A failed clip has the `reason`.
+
+    Raises:
+        ValueError: the folder contains something else or a data set of another configuration, or the configuration
+            cannot be met.
+        FailedSimulation: no clip could be made, or `occlusion.target` cannot be met.
+    """
+    out, numbers = Path(config.out), config.numbers
+    rig = check(config)
+    claim(out, as_settings(config, leave=_NOT_STORED))
+    if (out / MANIFEST).is_file():
+        read_manifest(out)  # a damaged one is refused before any work
+    checksums = begin_data_set(out)
+    tally = PictureTally(out, numbers)
+    if config.image_options.kinds:
+        tally.begin([config.scene.frames * len(rig)] * len(numbers))
+    limit_threads(config.workers)
+    made: list[dict] = []
+    tasks = ((config, number, checksums.get(clip_id(number, config.prefix))) for number in numbers)
+    try:
+        with running_on(config.backend):
+            lines = in_parallel(_make, tasks, config.workers, ordered=False)
+            if config.image_options.kinds:
+                lines = counted_progress(lines, "rendering pictures", tally.count)
+            else:
+                lines = progress(lines, "generating clips", len(numbers))
+            made += lines
+    finally:
+        # Processes that were stopped during a clip leave an incomplete folder.
+        for name in (clip_id(number, config.prefix) for number in numbers):
+            for leftover in (out / f".{name}.partial", out / name / ".images"):
+                shutil.rmtree(leftover, ignore_errors=True)
+        tally.end()
+        seal(out, made, checksums)
+    lines = read_manifest(out)
+    if all(line["status"] == "failed" for line in lines):
+        raise FailedSimulation(f"{out}: all {len(lines)} clips failed, the first because of this: {lines[0]['reason']}")
+    return lines
+
+
+def seal(out: Path, made: list[dict], checksums: dict[str, Checksum | None]) -> None:
+    """Write the manifest and the checksums of a data set, with the clips that other machines have noted meanwhile.
+
+    Args:
+        out: The data set.
+        made: Lines of the manifest of the clips that were made or kept.
+        checksums: Checksums of clips, by name, before that (`begin_data_set`).
+    """
+    lock = out / ".manifest.lock"
+    with FileLock(lock):
+        lines = {line["id"]: line for line in read_manifest(out)} if (out / MANIFEST).is_file() else {}
+        lines |= {line["id"]: line for line in made}
+        write_manifest(out, list(lines.values()))
+        sums = checksums | begin_data_set(out) | {line["id"]: clip_checksum(out / line["id"]) for line in made}
+        end_data_set(out, (CONFIG,), sums)
+        lock.unlink(missing_ok=True)
+
+
+def limit_threads(workers: int) -> None:
+    """Limit rendering to one core per process if there are several. Mesa's rasteriser would otherwise use all cores."""
+    if workers != 1:
+        os.environ.setdefault("LP_NUM_THREADS", "1")
+
+
+def _make(config: GenerateConfig, number: int, expected: Checksum | None) -> dict:
+    """Make one clip on disk, or only its images, and return its manifest line. Existing undamaged files are kept."""
+    folder = Path(config.out) / clip_id(number, config.prefix)
+    if _is_kept(folder, config, expected):
+        return _with_images(config, number, folder)
+    shutil.rmtree(folder, ignore_errors=True)
+    try:
+        with whole_folder(folder) as partial:
+            clip, state = simulate_clip(config, number)
+            save_clip(clip, partial)
+            save_state(state, partial)
+            line = _with_images(config, number, partial)
+            write_checksums(partial)
+    except FailedSimulation as failure:
+        seed = attempt_seed(config.seed, config.retries)
+        return {
+            "id": folder.name, "status": "failed", "seed": seed, "attempts": config.retries + 1, "reason": str(failure)
+        }  # fmt: skip
+    return line
+
+
+def _with_images(config: GenerateConfig, number: int, folder: Path) -> dict:
+    """Add the missing images of a clip in a folder, and return its manifest line."""
+    clip = load_clip(folder)
+    pictures = len(clip) * len(clip.rig) if missing_kinds(clip, config.image_options) else 0
+    with PictureTally(Path(config.out), config.numbers).clip(number, pictures) as seen:
+        if pictures:
+            add_images(clip, load_state(folder), folder, config.image_options, seen)
+            write_checksums(folder)
+    return clip.provenance["manifest"]
+
+
+def _is_kept(folder: Path, config: GenerateConfig, expected: Checksum | None) -> bool:
+    """Return whether an undamaged clip of this data set exists, with the body states that images are rendered from."""
+    if expected not in (None, clip_checksum(folder)) or find_damage(folder, fast=not config.recheck):
+        return False
+    try:
+        clip = load_clip(folder)
+        line = clip.provenance["manifest"]
+        seed = attempt_seed(config.seed, line["attempts"] - 1)
+        wanted = (folder.name, folder.name, seed, config.scene.fps)
+        same = (clip.id, line["id"], line["seed"], clip.fps) == wanted and not missing_files(clip)
+    except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
+        return False
+    return same and ((folder / STATE).is_file() or not missing_kinds(clip, config.image_options))
 
 
 def claim(out: Path, settings: dict) -> None:
@@ -72,162 +200,43 @@ def as_settings(config, leave: Collection[str] = ()) -> dict:
     return json.loads(json.dumps(settings, default=plain))
 
 
-# Count the pictures that several processes render.
-
-TALLY = ".pictures"
-"""Name of the file with the numbers, in the folder of a data set while it is made."""
-
-
-class PixelTally:
-    """Two numbers for each clip, in a file that processes share: rendered pictures, and all pictures.
+class PictureTally:
+    """Numbers of rendered pictures and of all pictures of each clip, in a file that processes share.
 
     Args:
         folder: Folder of the data set.
-        clips: Number of clips.
+        numbers: Numbers of the clips.
     """
 
-    def __init__(self, folder: Path, clips: int):
-        self._path, self._shape = Path(folder) / TALLY, (clips, 2)
+    def __init__(self, folder: Path, numbers: range):
+        self._path, self._numbers = Path(folder) / f".pictures.{numbers.start}", numbers
 
     def begin(self, pictures: Sequence[int]) -> None:
         """Create the file, with the number of pictures of each clip."""
-        np.stack([np.zeros(self._shape[0]), pictures], axis=1).astype(np.int64).tofile(self._path)
+        np.stack([np.zeros(len(self._numbers)), pictures], axis=1).astype(np.int64).tofile(self._path)
+
+    def end(self) -> None:
+        """Remove the file."""
+        self._path.unlink(missing_ok=True)
 
     def count(self) -> tuple[int, int]:
         """Return the number of rendered pictures, and the number of all pictures."""
-        return tuple(np.fromfile(self._path, np.int64).reshape(self._shape).sum(0).tolist())
+        return tuple(np.fromfile(self._path, np.int64).reshape(-1, 2).sum(0).tolist())
 
     @contextmanager
-    def clip(self, index: int, pictures: int) -> Iterator[Callable[[], None]]:
+    def clip(self, number: int, pictures: int) -> Iterator[Callable[[], None]]:
         """Store the number of pictures of a clip, and yield a function to call after each picture.
 
-        Nothing is counted if the file does not exist. `begin` creates the file.
+        Nothing is counted if the file does not exist.
         """
         if not self._path.is_file():
             yield lambda: None
             return
-        numbers = np.memmap(self._path, np.int64, "r+", shape=self._shape)
-        numbers[index] = 0, pictures
+        counts = np.memmap(self._path, np.int64, "r+", shape=(len(self._numbers), 2))
+        row = number - self._numbers.start
+        counts[row] = 0, pictures
 
         def seen() -> None:
-            numbers[index, 0] += 1
+            counts[row, 0] += 1
 
         yield seen
-
-
-# Generate data sets: many clips in parallel, with a manifest. Runs can be resumed, and images can be added later.
-
-_NOT_STORED = ("out", "first", "clips", "shard", "recheck", "workers", "backend", "dry_run")
-"""Options that may differ when a data set is continued. They are not stored."""
-
-
-def generate(config: GenerateConfig) -> list[dict]:
-    """Make a data set with its manifest and checksums, or add missing clips and images to an existing one.
-
-    Existing undamaged clips are kept and get their missing images. To find damage, the sizes of files and the contents
-    of labels are compared; with `recheck`, the contents of images as well. A clip gets its final name only when it is
-    complete, so a run can be interrupted at any time and resumed.
-
-    Returns:
-        The lines of the manifest, one per clip: `id`, `status` ("ok" or "failed"), `seed`, and number of `attempts`. A
-        clip with status "ok" also has `frames`, `persons`, `quality` (`synth.physics.simulation.SimulationQuality`) and
-        `occlusion` (see `synth.datasets.occlusion.summary`); with `rig.error` also `calibration_error`, the error of
-        projections by the calibration of each camera, px. A failed clip has the `reason`.
-
-    Raises:
-        ValueError: the folder contains something else or a data set of another configuration, or the configuration
-            cannot be met.
-        FailedSimulation: no clip could be made, or `occlusion.target` cannot be met.
-    """
-    out = Path(config.out)
-    rig = check(config)
-    claim(out, as_settings(config, leave=_NOT_STORED))
-    claim_shard(out, config.first, config.clips, config.shard)
-    lines = {line["id"]: line for line in read_manifest(out)} if (out / MANIFEST).is_file() else {}
-    checksums = begin_data_set(out)
-    try:
-        for line in _watched(config, len(rig), checksums):
-            lines[line["id"]] = line
-            checksums[line["id"]] = clip_checksum(out / line["id"])
-    finally:
-        # Processes that were stopped during a clip leave an incomplete folder.
-        for leftover in (*out.glob(".*.partial"), *out.glob("*/.images")):
-            shutil.rmtree(leftover, ignore_errors=True)
-        (out / TALLY).unlink(missing_ok=True)
-        write_manifest(out, list(lines.values()))
-        end_data_set(out, (CONFIG, SHARD), checksums)
-    if all(line["status"] == "failed" for line in lines.values()):
-        reason = next(iter(lines.values()))["reason"]
-        raise FailedSimulation(f"{out}: all {len(lines)} clips failed, the first because of this: {reason}")
-    return read_manifest(out)
-
-
-def _watched(config: GenerateConfig, views: int, checksums: dict[str, Checksum | None]) -> Iterator[dict]:
-    """Yield manifest lines, and show the progress: by picture if images are rendered, otherwise by clip."""
-    clips = len(config.numbers)
-    if not config.image_options.kinds:
-        return progress(_make_all(config, checksums), "generating clips", clips)
-    tally = PixelTally(Path(config.out), clips)
-    tally.begin([config.scene.frames * views] * clips)
-    return counted_progress(_make_all(config, checksums), "rendering pictures", tally.count)
-
-
-def limit_threads(workers: int) -> None:
-    """Limit rendering to one core per process if there are several. Mesa's rasteriser would otherwise use all cores."""
-    if workers != 1:
-        os.environ.setdefault("LP_NUM_THREADS", "1")
-
-
-def _make_all(config: GenerateConfig, checksums: dict[str, Checksum | None]) -> Iterator[dict]:
-    """Yield manifest lines in the order in which clips are finished."""
-    limit_threads(config.workers)
-    tasks = ((config, index, checksums.get(clip_id(index, config.prefix))) for index in config.numbers)
-    with running_on(config.backend):
-        return in_parallel(_make, tasks, config.workers, ordered=False)
-
-
-def _make(config: GenerateConfig, index: int, expected: Checksum | None) -> dict:
-    """Make one clip on disk, or only its images, and return its manifest line. Existing undamaged files are kept."""
-    folder = Path(config.out) / clip_id(index, config.prefix)
-    if _is_kept(folder, config, expected):
-        return _with_images(config, index, folder)
-    shutil.rmtree(folder, ignore_errors=True)
-    try:
-        with whole_folder(folder) as partial:
-            clip, state = simulate_clip(config, index)
-            save_clip(clip, partial)
-            save_state(state, partial)
-            line = _with_images(config, index, partial)
-            write_checksums(partial)
-    except FailedSimulation as failure:
-        seed = attempt_seed(config.seed, config.retries)
-        return {
-            "id": folder.name, "status": "failed", "seed": seed, "attempts": config.retries + 1, "reason": str(failure)
-        }  # fmt: skip
-    return line
-
-
-def _with_images(config: GenerateConfig, index: int, folder: Path) -> dict:
-    """Add the missing images of a clip in a folder, and return its manifest line."""
-    clip = load_clip(folder)
-    pictures = len(clip) * len(clip.rig) if missing_kinds(clip, config.image_options) else 0
-    with PixelTally(Path(config.out), len(config.numbers)).clip(index - config.numbers.start, pictures) as seen:
-        if pictures:
-            add_images(clip, load_state(folder), folder, config.image_options, seen)
-            write_checksums(folder)
-    return clip.provenance["manifest"]
-
-
-def _is_kept(folder: Path, config: GenerateConfig, expected: Checksum | None) -> bool:
-    """Return whether an undamaged clip of this data set exists, with the body states that images are rendered from."""
-    if expected not in (None, clip_checksum(folder)) or find_damage(folder, fast=not config.recheck):
-        return False
-    try:
-        clip = load_clip(folder)
-        line = clip.provenance["manifest"]
-        seed = attempt_seed(config.seed, line["attempts"] - 1)
-        wanted = (folder.name, folder.name, seed, config.scene.fps)
-        same = (clip.id, line["id"], line["seed"], clip.fps) == wanted and not missing_files(clip)
-    except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
-        return False
-    return same and ((folder / STATE).is_file() or not missing_kinds(clip, config.image_options))

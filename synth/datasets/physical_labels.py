@@ -16,7 +16,6 @@ from dmae.files.checksums import (
     write_checksums,
 )
 from dmae.parallel import in_parallel
-from dmae.parts import SHARD
 from dmae.progress import progress
 from synth.datasets.generate import CONFIG
 from synth.labels.forces import carry
@@ -66,7 +65,7 @@ def add_labels(data: Path, kinds: Sequence[str] = KINDS, *, workers: int = 1) ->
             checksums[folder.name] = clip_checksum(folder)
     finally:
         if sealed:
-            end_data_set(data_set, (CONFIG, SHARD), checksums)
+            end_data_set(data_set, (CONFIG,), checksums)
     return made
 
 

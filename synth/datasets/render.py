@@ -19,7 +19,7 @@ from dmae.files.structured import read_json
 from dmae.parallel import Backend, in_parallel, running_on
 from dmae.progress import counted_progress
 from synth.datasets.clip import label_clip
-from synth.datasets.generate import CONFIG, TALLY, PixelTally, as_settings, claim, limit_threads
+from synth.datasets.generate import CONFIG, PictureTally, as_settings, claim, limit_threads
 from synth.datasets.images import (
     IMAGE_CHOICES,
     ImageOptions,
@@ -104,7 +104,7 @@ def render(config: RenderConfig) -> list[dict]:
     check_images(config.image_options, rig)
     claim(out, settings)
     frames = {line["id"]: line["frames"] for line in _lines(folders)}
-    tally = PixelTally(out, len(folders))
+    tally = PictureTally(out, range(len(folders)))
     tally.begin([frames[folder.name] * len(rig) for folder in folders])
     limit_threads(config.workers)
     begin_data_set(out)
@@ -116,7 +116,7 @@ def render(config: RenderConfig) -> list[dict]:
     finally:
         for leftover in out.glob(".*.partial"):
             shutil.rmtree(leftover, ignore_errors=True)
-        (out / TALLY).unlink(missing_ok=True)
+        tally.end()
         write_manifest(out, made)
         end_data_set(out, (CONFIG,), {line["id"]: clip_checksum(out / line["id"]) for line in made})
     return read_manifest(out)
@@ -167,7 +167,7 @@ def _render(config: RenderConfig, settings: dict, folder: Path, number: int, cli
     with whole_folder(target) as partial:
         save_clip(clip, partial)
         save_state(state, partial)
-        with PixelTally(Path(config.out), clips).clip(number, len(clip) * len(clip.rig)) as seen:
+        with PictureTally(Path(config.out), range(clips)).clip(number, len(clip) * len(clip.rig)) as seen:
             add_images(clip, state, partial, options, seen)
         write_checksums(partial)
     return clip.provenance["manifest"]

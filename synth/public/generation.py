@@ -19,7 +19,6 @@ from synth.datasets import verify as datasets_verify
 from synth.datasets.clip import GenerateConfig, check, clip_id, generate_clip
 from synth.datasets.exporters import export as datasets_export
 from synth.datasets.exporters.selection import PictureFormat
-from synth.datasets.parts import merge as datasets_merge
 from synth.datasets.splits import SplitBy, Take, list_takes
 from synth.datasets.statistics import NUMBERS, describe
 from synth.datasets.verify import Problem
@@ -125,30 +124,6 @@ def verify(path: str | Path, *, fast: bool = False) -> list[Problem]:
         []
     """
     return datasets_verify.verify(Path(path), fast=fast).problems
-
-
-def merge(parts: Sequence[str | Path], out: str | Path, *, partial: bool = False) -> None:
-    """Join the parts of a data set: ranges or shards of one configuration and seed.
-
-        synth.merge(["shards/1", "shards/2"], "runs/data")
-
-    Args:
-        parts: Folders of the parts, in any order.
-        out: Folder of the data set; it does not exist yet, or is empty.
-        partial: Whether clips may be missing, between other clips or in shards.
-
-    Raises:
-        FileNotFoundError: a part is not a data set.
-        ValueError: a part is damaged or has another configuration, a clip is in two parts, or clips are missing.
-
-    Examples:
-        >>> for clip in synth.generate("scene.seconds=1", "shard=1/2", clips=2, seed=7, out="first"): pass
-        >>> for clip in synth.generate("scene.seconds=1", "shard=2/2", clips=2, seed=7, out="second"): pass
-        >>> synth.merge(["first", "second"], "both")
-        >>> synth.verify("both")
-        []
-    """
-    datasets_merge.merge([Path(part) for part in parts], Path(out), partial=partial)
 
 
 def split(

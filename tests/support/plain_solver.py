@@ -5,7 +5,8 @@ from itertools import combinations
 import cv2
 import numpy as np
 
-from dmae.regression import cases, check
+from dmae.regression.pack import cases
+from dmae.regression.verdicts import check
 
 EVERY = {case.name for case in cases()}
 OUTLIERS = {"outliers-1-of-5", "outliers-2-of-8"}

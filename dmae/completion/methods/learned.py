@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from dmae.completion.methods.registry import completion_method
 
 if TYPE_CHECKING:
-    from dmae.completion.methods.registry import Fill
+    from dmae.data.conversion import Fill
 
 
 @completion_method("dmae", learned=True)

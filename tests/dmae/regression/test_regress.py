@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from dmae.commands.regress import load_solver
-from dmae.regression import Case, assert_passes, cases, check, check_case, solvers
-from dmae.regression.pack import unpack
+from dmae.regression import solvers
+from dmae.regression.pack import Case, cases, unpack
 from dmae.regression.recipe import crowd_cases, seeded_cases
-from dmae.regression.verdicts import PURPOSES, REASONS, oracle
+from dmae.regression.verdicts import PURPOSES, REASONS, assert_passes, check, check_case, oracle
 from tests.support.clips import full_clip
 from tests.support.commands import dmae
 from tests.support.plain_solver import EVERY, OUTLIERS, broken, plain

@@ -1,6 +1,7 @@
-"""Whole plans from small searches: results, files, and input that is refused."""
+"""Places for cameras: on walls, under ceilings, on tripods; and rooms that have none."""
 
 import json
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -9,10 +10,175 @@ import synth
 from dmae.cli import compose
 from dmae.formats.calibrations import read_calibration
 from synth.cli import SYNTH
-from synth.planning.plan import FIGURES, check_numbers, cover_floor, find_candidates, with_one_less
-from synth.planning.search import gather, rehearse
-from synth.rooms.room import arena_file
+from synth.planning.config import LensConfig, MountConfig
+from synth.planning.places import aimed_cameras, find_places, stage_of
+from synth.planning.plan import FIGURES, check_numbers, cover_floor, expected, find_candidates, with_one_less
+from synth.planning.search import JointEvidence, choose, gather, predict, rehearse, standard_errors
+from synth.rooms.room import arena_file, room_choices
 from tests.support.commands import synth as run
+
+MIDDLE = np.zeros(2)
+FLOOR = '<geom name="floor" type="plane" size="9 9 .1"/>'
+WALLS = "".join(
+    f'<geom name="wall{x}{y}" type="box" size="{3 if y else 0.1} {3 if x else 0.1} 1.5" pos="{3 * x} {3 * y} 1.5"/>'
+    for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1))
+)
+CUPBOARD = '<geom name="cupboard" type="box" size=".3 .3 1" pos="2 2 1"/>'
+
+
+def room(tmp_path, things: str):
+    path = tmp_path / "room.xml"
+    path.write_text(f"<mujoco><worldbody>{FLOOR}{things}</worldbody></mujoco>")
+    return path
+
+
+@pytest.mark.parametrize("name", room_choices())
+def test_every_room_has_places_of_every_kind_inside_it(name):
+    places = find_places(MountConfig(places=60), arena_file(name), MIDDLE, 1.9)
+    assert set(places.kind) == {"wall", "ceiling", "tripod"}
+    assert len(places) == 60
+    assert np.abs(places.at[:, :2]).max() < 6.5
+    tripods = places.at[places.kind == "tripod"]
+    assert (np.linalg.norm(tripods[:, :2], axis=1) >= 1.9).all()
+
+
+def test_places_are_where_they_were_allowed(tmp_path):
+    arena = room(tmp_path, WALLS + CUPBOARD)
+    config = MountConfig(walls=[2.0, 2.4], tripods=[1.0, 1.0], places=500)
+    places = find_places(config, arena, MIDDLE, 1.0)
+    walls, ceiling, tripods = (places.at[places.kind == kind] for kind in ("wall", "ceiling", "tripod"))
+    # Walls are 20 cm thick, and cameras 15 cm or more off them.
+    assert np.abs(walls[:, :2]).max() <= 2.9 - 0.15
+    assert np.abs(walls[:, :2]).max(1).min() > 2.6
+    assert (walls[:, 2].min(), walls[:, 2].max()) == (2.0, 2.4)
+    # There is no ceiling: cameras hang at the top of the walls, 3 m, to 5 cm.
+    assert np.abs(ceiling[:, 2] - 2.85).max() < 0.06
+    assert set(tripods[:, 2]) == {1.0}
+    assert (np.linalg.norm(tripods[:, :2] - 2, axis=1) > 0.3).all()
+    inside = find_places(MountConfig(area=[0, 0, 2.9, 2.9], places=200), arena, MIDDLE, 1.0)
+    assert inside.at[:, :2].min() >= 0
+
+
+def test_a_ceiling_holds_cameras_below_it(tmp_path):
+    arena = room(tmp_path, WALLS + '<geom name="ceiling" type="box" size="3 3 .1" pos="0 0 2.8"/>')
+    places = find_places(MountConfig(walls=[], tripods=[], places=200), arena, MIDDLE, 1.0)
+    np.testing.assert_allclose(places.at[:, 2], 2.7 - 0.15)
+
+
+@pytest.mark.parametrize(
+    ("things", "config", "message"),
+    [
+        ("", MountConfig(), r"room.xml has no walls .* set mount.walls=\[\]"),
+        ("", MountConfig(walls=[]), r"no walls, so that its extent is unknown.*mount.area"),
+        (CUPBOARD, MountConfig(), "no walls"),
+        (WALLS, MountConfig(walls=[2.0, 4.0]), r"mount.walls=\[2.0, 4.0\]: room.xml is (2.9\d|3.00) m high"),
+        (WALLS, MountConfig(tripods=[1.0, 5.0]), "mount.tripods.* m high"),
+        (WALLS, MountConfig(area=[20, 20, 21, 21]), "no places for cameras are left"),
+    ],
+)
+def test_rooms_and_heights_that_cannot_be(tmp_path, things, config, message):
+    with pytest.raises(ValueError, match=message):
+        find_places(config, room(tmp_path, things), MIDDLE, 1.0)
+
+
+def test_open_ground_takes_tripods_in_an_area(tmp_path):
+    config = MountConfig(walls=[], ceiling=False, area=[-4, -4, 4, 4], places=30)
+    places = find_places(config, room(tmp_path, ""), MIDDLE, 1.5)
+    assert set(places.kind) == {"tripod"} and len(places) == 30
+
+
+def test_cameras_are_aimed_at_people_and_not_too_steeply(tmp_path):
+    arena = room(tmp_path, WALLS)
+    places = find_places(MountConfig(places=40), arena, MIDDLE, 1.0)
+    lens = LensConfig(view_deg=[50.0, 90.0])
+    found = aimed_cameras(places, lens, MIDDLE, 1.0, stage_of(arena, MIDDLE, 1.0), steepest=40.0)
+    assert found.tilt_deg.min() >= -40
+    # Aimed at the middle or at a point half a radius from it.
+    ahead = found.rig.cam_from_world[:, 2, :3]
+    toward = np.array([0, 0, 1.0]) - found.rig.centers
+    off = np.linalg.norm(np.cross(ahead, toward), axis=1)
+    assert off.max() <= 0.5 + 1e-9
+    assert set(found.view_deg) == {50.0, 90.0}
+    focal = found.rig.K[found.view_deg == 90.0][:, 0, 0]
+    np.testing.assert_allclose(focal, 640.0)
+
+
+# The search for cameras, on evidence that is known; and evidence, in scenes that are simple.
+
+
+def evidence_of(centers: np.ndarray, joints: np.ndarray, probability: np.ndarray, error: float = 0.01) -> JointEvidence:
+    """Evidence of cameras at (C, 3) places on (N, 3) joints."""
+    toward = joints[:, None] - centers
+    toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
+    planes = np.eye(3) - toward[..., :, None] * toward[..., None, :]
+    rows, columns = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+    weight = probability[..., None] / error**2
+    return JointEvidence(probability.astype(np.float32), (planes[..., rows, columns] * weight).astype(np.float32))
+
+
+def around(count: int, radius: float = 4.0) -> np.ndarray:
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, 1.5)], -1)
+
+
+def test_standard_errors_are_those_of_the_inverse():
+    rng = np.random.default_rng(0)
+    parts = rng.normal(size=(5, 3, 4))
+    covariance = parts @ parts.swapaxes(-1, -2) * 1e-4
+    inverse = np.linalg.inv(covariance)
+    information = inverse[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    np.testing.assert_allclose(standard_errors(information), np.sqrt(np.trace(covariance, axis1=1, axis2=2)), rtol=1e-3)
+
+
+def test_the_share_that_is_measured_is_that_of_two_detections():
+    rng = np.random.default_rng(1)
+    probability = rng.uniform(0.2, 0.9, (200, 4))
+    evidence = evidence_of(around(4), rng.normal(0, 0.5, (200, 3)), probability)
+    none = (1 - probability).prod(1)
+    one = sum(probability[:, c] * np.delete(1 - probability, c, 1).prod(1) for c in range(4))
+    assert predict(evidence, [0, 1, 2, 3]).missing == pytest.approx(100 * (none + one).mean(), abs=1e-4)
+
+
+def test_cameras_that_see_nothing_or_from_the_same_side_are_left():
+    joints = np.random.default_rng(2).normal(0, 0.4, (100, 3)) + (0, 0, 1)
+    centers = np.concatenate([around(6), around(6) + (0.05, 0, 0)])
+    probability = np.full((100, 12), 0.9)
+    probability[:, 3] = 0
+    chosen = choose(evidence_of(centers, joints, probability), np.arange(12), range(2, 5), 3)
+    assert [len(cameras) for cameras in chosen.values()] == [2, 3, 4]
+    assert all(3 not in cameras for cameras in chosen.values())
+    one, other = centers[chosen[2]]
+    cosine = one[:2] @ other[:2] / np.linalg.norm(one[:2]) / np.linalg.norm(other[:2])
+    assert abs(cosine) < 0.6
+
+
+def test_exchange_finds_the_best_of_all_pairs_and_keeps_places_apart():
+    rng = np.random.default_rng(3)
+    evidence = evidence_of(around(8), rng.normal(0, 1, (60, 3)), rng.uniform(0, 1, (60, 8)))
+    place = np.arange(8) // 2
+    (chosen,) = choose(evidence, place, range(2, 3), 5).values()
+    allowed = [list(pair) for pair in combinations(range(8), 2) if place[pair[0]] != place[pair[1]]]
+    scores = [predict(evidence, pair).score for pair in allowed]
+    assert predict(evidence, chosen).score >= np.quantile(scores, 0.9)
+    assert len(set(place[chosen])) == 2
+    assert predict(evidence, chosen).score > predict(evidence, chosen[:1]).score
+    with pytest.raises(ValueError, match="5 cameras do not fit into 4 places"):
+        choose(evidence, place, range(5, 6), 1)
+
+
+def test_intervals_are_over_clips():
+    rng = np.random.default_rng(4)
+    held = 0
+    for _ in range(300):
+        found = expected(rng.normal(90, 3, 6))
+        held += found.low <= 90 <= found.high
+    assert 270 <= held <= 297
+    cut = expected(np.array([99.0, 100.0, 95.0, np.nan]), 0.0, 100.0)
+    assert (cut.value, cut.high) == (98.0, 100.0) and cut.low > 80
+    assert np.isnan(expected(np.array([5.0, np.nan])).low) and np.isnan(expected(np.array([np.nan])).value)
+
+
+# Whole plans from small searches: results, files, and input that is refused.
 
 SMALL = (
     "arena=studio",

@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,21 @@ from dmae.data.clip import Poses3D
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.data.store import clip_folders, load_clip, save_clip, write_manifest
-from synth.datasets.statistics import QUANTITIES, Statistics, draw, measure, measure_clip, numbers, page, quantiles
+from synth.datasets.statistics import (
+    QUANTITIES,
+    Statistics,
+    clip_contacts,
+    draw,
+    measure,
+    measure_clip,
+    numbers,
+    page,
+    quantiles,
+    spread,
+    terms,
+)
+from synth.people.body import SEGMENTS, Body
+from synth.physics.body_state import BodyState
 from tests.support.clips import full_clip, looking_inwards, t_pose
 from tests.support.commands import synth
 from tests.support.data_sets import pictured_set
@@ -131,3 +146,65 @@ def test_bad_input_is_refused(data, tmp_path):
         assert said in done.stderr and len(done.stderr.splitlines()) == 1
     assert (tmp_path / "foreign/README.md").read_text() == "mine"
     assert not (tmp_path / "out").exists()
+
+
+# Contacts between people, against a state in which each contact is known.
+
+
+def state(contacts: list[tuple[int, int, int, float]]) -> BodyState:
+    """A state of 10 frames with contacts of frame, both indices of names, and force, N."""
+    frame, one, other, force = np.array(contacts, float).reshape(-1, 4).T
+    empty = np.zeros((10, 2, 3), np.float32)
+    return BodyState(
+        qpos=np.zeros((10, 7)),
+        root=empty,
+        rotations=np.zeros((10, 2, len(SEGMENTS), 4), np.float32),
+        forces=np.zeros((10, 2, len(SEGMENTS) + 1, 3), np.float32),
+        shapes=(Body(), Body()),
+        actions=np.zeros((10, 2), np.int16),
+        action_names=("hug",),
+        contact_frame=frame.astype(np.int32),
+        contact_between=np.stack([one, other], 1).astype(np.int16),
+        contact_names=("person0/l_hand", "person0/chest", "person1/chest", "box"),
+        contact_point=np.zeros((len(frame), 3), np.float32),
+        contact_force=np.stack([0 * force, force, 0 * force], 1).astype(np.float32),
+        contact_depth=np.zeros(len(frame), np.float32),
+    )
+
+
+def test_only_contacts_between_different_people_count():
+    # A hand on one's own chest and on a box, then on the other's chest, twice.
+    found = clip_contacts(state([(0, 0, 1, 9), (1, 0, 3, 9), (2, 0, 2, 5), (3, 2, 0, 7), (3, 1, 2, 3), (8, 0, 2, 6)]))
+    assert found == (10, 3, 2, 6.0)
+    assert clip_contacts(state([])) == (10, 0, 0, 0.0)
+
+
+def test_the_spread_of_clips():
+    found = spread([clip_contacts(state([(k, 0, 2, 4.0) for k in range(n)])) for n in (2, 5, 9)])
+    assert [found[f"share_{which}"] for which in ("least", "median", "most")] == [0.2, 0.5, 0.9]
+    assert found["clips"] == 3
+    assert found["touches_most"] == 1
+
+
+# A data set's page says which inputs bring terms of their own.
+
+
+def section(**scenes: int) -> str:
+    return terms(Statistics(scenes=Counter({key.replace("__", "="): count for key, count in scenes.items()})))
+
+
+def test_what_is_made_by_code_belongs_to_the_user():
+    found = section(motion__procedural=3, arena__office=3)
+    assert "belong to you" in found
+    assert "Recorded motion" not in found
+    assert "Rooms from files" not in found
+
+
+def test_recorded_motion_and_foreign_rooms_bring_their_terms():
+    found = section(motion__procedural=3, motion__bvh=1, motion__amc=2, arena__office=3, **{"arena__my/room.xml": 3})
+    assert "**Recorded motion** (amc: 2 clips, bvh: 1 clip)" in found
+    assert "**Rooms from files** (my/room.xml: 3 clips)" in found
+
+
+def test_clips_of_unknown_origin_are_not_said_to_be_free():
+    assert "Not simulated by this project" in section()
