@@ -83,7 +83,7 @@ def add_one_of_each(checkout: Path) -> None:
     (checkout / "dmae/formats/lizard.py").write_text(code_of("add_format"))
     (checkout / "dmae/completion/methods/midpoint.py").write_text(code_of("add_method"))
     (checkout / "dmae/metrics/jerkiness.py").write_text(code_of("add_metric"))
-    (checkout / "dmae/evaluation/corruption/occlusions/shade.py").write_text(code_of("add_corruption"))
+    (checkout / "dmae/evaluation/corruption/shade.py").write_text(code_of("add_corruption"))
     (checkout / "synth/interactions/face_off.py").write_text(code_of("add_interaction"))
     (checkout / "synth/datasets/exporters/nose_paths.py").write_text(code_of("add_layout"))
     (checkout / "synth/motion/readers/tall.py").write_text(MOTION_READER)

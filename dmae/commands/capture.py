@@ -15,9 +15,8 @@ from dmae.completion.methods.registry import METHODS, completion_method
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip, save_clip
-from dmae.evaluation.report.pooled import Groups, added_groups
-from dmae.evaluation.report.reprojection import Reprojection, reprojection
-from dmae.evaluation.report.residual_tables import BREAKDOWNS, residual_tables
+from dmae.evaluation.report.findings import Groups, added_groups
+from dmae.evaluation.report.joints import BREAKDOWNS, Reprojection, reprojection, residual_tables
 from dmae.formats.reading import Clips, DataConfig, is_data_set, load
 from dmae.numerics.filling import smooth
 from dmae.parallel import Backend, in_parallel, process_count, running_on
@@ -26,8 +25,7 @@ from dmae.progress import duration, progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture
-from dmae.reporting.tables import print_tables
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted, print_tables
 
 WRITES = "folder"
 EXAMPLES = (

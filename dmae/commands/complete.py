@@ -13,12 +13,12 @@ from dmae.completion.pipeline import completers
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip
-from dmae.evaluation.review.decisions import ReviewVerdict, decided, load_decisions, with_decisions
+from dmae.evaluation.review import ReviewVerdict, decided, load_decisions, with_decisions
 from dmae.files.checksums import refuse_damaged
 from dmae.online.completion import DELAY, complete_online
 from dmae.parallel import Backend, in_parallel, process_count, running_on
 from dmae.progress import duration, progress
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 
 WRITES = "folder"
 EXAMPLES = (

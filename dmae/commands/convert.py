@@ -9,7 +9,7 @@ from dmae.formats.config import DataConfig
 from dmae.formats.reading import is_data_set
 from dmae.formats.registry import recording_writer
 from dmae.formats.writing import write_recording
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 
 WRITES = "folder"
 EXAMPLES = (

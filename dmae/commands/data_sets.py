@@ -23,7 +23,7 @@ from dmae.formats.reading import Clips, DataConfig, is_data_set, load
 from dmae.parts import PART, Part, write_part
 from dmae.progress import progress
 from dmae.reconstruction.sides import exchanged_detections
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 
 T = TypeVar("T")
 _FEW_EXCHANGES = 0.02

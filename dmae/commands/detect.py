@@ -9,22 +9,24 @@ from dmae.commands.data_sets import Manifest, finished
 from dmae.data.clip import Detections2D
 from dmae.data.resume import claim_folder
 from dmae.data.store import clip_folders, load_clip, save_clip
-from dmae.detection.output import OutputConfig, write_flat
-from dmae.detection.photographs import detect_photographs, find_photographs, write_photographs
 from dmae.detection.pipeline import make_detector
 from dmae.detection.recording import (
     Recording,
     detect_clip,
+    detect_photographs,
     detect_recording,
+    find_photographs,
     make_clip,
     open_recording,
     output_skeleton,
+    write_flat,
     write_images,
+    write_photographs,
 )
-from dmae.detection.registry import PoseDetectorConfig
+from dmae.detection.registry import OutputConfig, PoseDetectorConfig
 from dmae.formats.calibrations import read_calibration
 from dmae.formats.config import LengthUnit, UpDirection
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 
 WRITES = "folder"
 EXAMPLES = (

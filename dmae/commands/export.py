@@ -5,11 +5,11 @@ from pathlib import Path
 
 from dmae.command_line.outputs import check_out
 from dmae.data.store import load_clip
-from dmae.evaluation.review.decisions import with_decisions
+from dmae.evaluation.review import with_decisions
 from dmae.formats.config import LengthUnit
 from dmae.formats.registry import pose_writer
 from dmae.formats.writing import export_path, write_poses
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 
 WRITES = None
 EXAMPLES = (

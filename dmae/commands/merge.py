@@ -17,7 +17,7 @@ from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
 from dmae.parts import Part, read_parts
 from dmae.progress import progress
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 
 WRITES = "folder"
 EXAMPLES = (

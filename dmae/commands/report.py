@@ -3,8 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dmae.evaluation.report.page import TITLE, write_clips_report
-from dmae.evaluation.report_section import read_scores
+from dmae.evaluation.report.page import TITLE, read_scores, write_clips_report
 from dmae.formats.config import DataConfig
 from dmae.formats.reading import load
 

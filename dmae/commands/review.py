@@ -7,9 +7,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.data.store import load_clip
-from dmae.evaluation.review.check import FIRST, OFF, check_ranking
-from dmae.evaluation.review.decisions import DECISIONS, Decision, ReviewVerdict, load_decisions, save_decisions
-from dmae.evaluation.review.ranking import Doubt, rank_doubts
+from dmae.evaluation.review import (
+    DECISIONS,
+    FIRST,
+    OFF,
+    Decision,
+    Doubt,
+    ReviewVerdict,
+    check_ranking,
+    load_decisions,
+    rank_doubts,
+    save_decisions,
+)
 from dmae.files.contents import write_atomic
 
 WRITES = "file"

@@ -6,8 +6,7 @@ from pathlib import Path
 from dmae.commands import capture, complete, detect, export, report
 from dmae.commands.detect import DetectCommand, WorldConfig
 from dmae.data.store import clip_folders
-from dmae.detection.output import OutputConfig
-from dmae.detection.registry import PoseDetectorConfig
+from dmae.detection.registry import OutputConfig, PoseDetectorConfig
 from dmae.formats.reading import DataConfig
 from dmae.formats.registry import pose_writer
 from dmae.reconstruction.config import CaptureConfig

@@ -7,8 +7,7 @@ from pathlib import Path
 from dmae.completion.weights import find_shipped, load_model
 from dmae.files.structured import read_json, read_yaml
 from dmae.metrics.tables import score_tables
-from dmae.reporting.tables import Table
-from dmae.reporting.words import counted
+from dmae.reporting.tables import Table, counted
 
 _USE = """\
 Completes joints of people captured by calibrated cameras where no camera measured them (`dmae complete`). Completed

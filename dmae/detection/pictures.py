@@ -1,6 +1,7 @@
 """The images of a camera: a video, a folder of images, or those of a clip."""
 
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.images import Images
-from dmae.files.checks import PICTURES, VIDEOS
+from dmae.files.checks import PICTURES, VIDEOS, check_rate
 from dmae.files.pictures import open_video, read_upright, upright_size
 from dmae.formats.recordings import frame_number, natural
 
@@ -187,3 +188,211 @@ def _upright(frame) -> np.ndarray:
     picture = frame.to_ndarray(format="rgb24")
     quarters = round((getattr(frame, "rotation", 0) or 0) / 90)
     return np.ascontiguousarray(np.rot90(picture, quarters)) if quarters % 4 else picture
+
+
+# Images of another size than the calibration: scaling and black margins are detected and undone.
+
+_RATIO = 0.003
+"""Largest relative difference between the scales of width and height of an image that was scaled without margins."""
+_BLACK = 40
+"""Largest mean brightness of a margin, of 255; compressed black is not quite black."""
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """Scale and margin of images relative to the images of the calibration.
+
+    Attributes:
+        scale: Pixels of the image per pixel of the calibration.
+        margin: (left, top) black border of the image, px.
+    """
+
+    scale: float = 1.0
+    margin: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def is_same(self) -> bool:
+        """True if the pixels are the same as in the calibration."""
+        return self == Fitting()
+
+    def to_calibration(self, xy: np.ndarray) -> np.ndarray:
+        """Return pixels (..., 2) of the calibration for pixels of the image."""
+        return xy if self.is_same else (xy + 0.5 - np.array(self.margin)) / self.scale - 0.5
+
+    def from_calibration(self, xy: np.ndarray) -> np.ndarray:
+        """Return pixels (..., 2) of the image for pixels of the calibration."""
+        return xy if self.is_same else (xy + 0.5) * self.scale + np.array(self.margin) - 0.5
+
+    @property
+    def note(self) -> str:
+        """The text of a note, to be printed after the name of the camera."""
+        left, top = self.margin
+        border = f" and have a black border of {left:.2g} px at the sides" if left >= 0.5 else ""
+        border += f" and have a black border of {top:.2g} px above and below" if top >= 0.5 else ""
+        return f"pictures are {self.scale:.4f} times the size of the calibration{border}; this is undone"
+
+
+def fit_pictures(camera: str, picture: tuple[int, int], calibration: tuple[int, int], sample: np.ndarray) -> Fitting:
+    """Return the scale and margin of images relative to the images of the calibration.
+
+    Args:
+        camera: Name, for messages.
+        picture: Width and height of the images, px.
+        calibration: Width and height that the calibration is for, px.
+        sample: (N, H, W, 3) uint8, some images of the camera.
+
+    Raises:
+        ValueError: the images cannot be smaller or larger copies of the images of the calibration.
+    """
+    if tuple(picture) == tuple(calibration):
+        return Fitting()
+    width, height = (a / b for a, b in zip(picture, calibration, strict=True))
+    scale = min(width, height)
+    if abs(width - height) <= _RATIO * scale and _whole_pixels(picture, calibration, scale):
+        return Fitting((width + height) / 2)
+    left, top = ((a - scale * b) / 2 for a, b in zip(picture, calibration, strict=True))
+    if _is_black(sample, round(left), round(top)):
+        return Fitting(scale, (left, top))
+    turned = tuple(picture) == tuple(calibration)[::-1]
+    advice = "turn them" if turned else "calibrate at this size, or give the pictures as they were calibrated"
+    raise ValueError(
+        f"camera {camera}: its pictures have {picture[0]} x {picture[1]} px, its calibration is for {calibration[0]} x "
+        f"{calibration[1]} px; they are no copy of that in another size, with or without black borders; {advice}"
+    )
+
+
+def _whole_pixels(picture: tuple[int, int], calibration: tuple[int, int], scale: float) -> bool:
+    """Return whether the sizes differ only by rounding. Rounding to even numbers changes a side by less than 2 px."""
+    return all(abs(a - scale * b) < 2 for a, b in zip(picture, calibration, strict=True))
+
+
+def _is_black(sample: np.ndarray, left: int, top: int) -> bool:
+    if not len(sample) or left + top == 0:
+        return False
+    height, width = sample.shape[1:3]
+    borders = [sample[:, :top], sample[:, height - top :], sample[:, :, :left], sample[:, :, width - left :]]
+    means = [border.mean() for border in borders if border.size]
+    return bool(max(means) < _BLACK)
+
+
+# Alignment in time: which images of the cameras belong to one frame, by the frame rates and offsets of the videos.
+
+_SAME_RATE = 1e-3
+"""Relative difference of frame rates above which a note is written."""
+_MOST_SPAN = 20
+"""Largest span of the numbers in a folder, per image. With a larger span the numbers are not frame numbers."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """The frames of a recording.
+
+    Attributes:
+        fps: Frames per second.
+        frames: For each camera (N,) the frame of each of its images; -1 for an image that is not used.
+        count: F, the number of frames.
+        notes: Decisions that can be wrong.
+    """
+
+    fps: float
+    frames: tuple[np.ndarray, ...]
+    count: int
+    notes: tuple[str, ...]
+
+
+def align(cameras: Sequence[CameraPictures], fps: float | None, offsets: Sequence[int] | None) -> Alignment:
+    """Assign each image to the frame that is nearest in time.
+
+    The frame rate is the highest of the cameras. A camera with a lower rate has no image in some frames. The clip ends
+    with the camera that ends last.
+
+    Args:
+        cameras: V cameras.
+        fps: Frames per second; None to take it from the videos. Folders of images do not state it.
+        offsets: (V,) frames by which each camera started late; None to take them from the videos.
+
+    Raises:
+        ValueError: the frame rate is not known, or the number of offsets differs from the number of cameras.
+    """
+    notes: list[str] = []
+    if offsets is not None and len(offsets) != len(cameras):
+        raise ValueError(f"offsets={list(offsets)}: expected one for each of the {len(cameras)} cameras")
+    rates = [camera.rate for camera in cameras]
+    known = [rate for rate in rates if rate]
+    given = fps is not None
+    if fps is None:
+        if not known:
+            raise ValueError(
+                "expected fps=...: folders of pictures do not say how many frames a second they have; photographs that "
+                "do not belong together are given as photos=<folder>"
+            )
+        fps = max(known)
+        if min(known) < fps * (1 - _SAME_RATE):
+            listed = ", ".join(f"{camera.name} {camera.rate:.5g}" for camera in cameras if camera.rate)
+            notes.append(f"cameras have other frame rates ({listed}); those of fewer have no picture in some frames")
+    fastest = next((camera for camera in cameras if camera.rate == fps), None)
+    check_rate("fps" if given or fastest is None else f"{fastest.path}: fps", fps)
+    late = _offsets(cameras, fps, notes) if offsets is None else np.asarray(offsets, float)
+    late = late - late.min()
+    numbered = [camera for camera in cameras if camera.rate is None]
+    first = min((camera.times[0] for camera in numbered), default=0)
+    frames = []
+    for camera, rate, delay in zip(cameras, rates, late, strict=True):
+        if rate is None:
+            span = camera.times[-1] - first + 1
+            counts = span <= _MOST_SPAN * len(camera)
+            place = camera.times - first if counts else np.arange(len(camera))
+            if not counts:
+                notes.append(f"the numbers of the pictures of {camera.name} do not count frames; taken in their order")
+        elif given and len({round(each, 3) for each in known}) == 1:
+            place = np.arange(len(camera))
+        else:
+            place = (camera.times - camera.times[0]) * fps
+        frames.append(_unique(np.round(place + delay).astype(int)))
+    start = min((each[each >= 0].min() for each in frames if (each >= 0).any()), default=0)
+    frames = [np.where(each >= 0, each - start, -1) for each in frames]
+    for camera, each in zip(cameras, frames, strict=True):
+        if unused := int((each < 0).sum()):
+            notes.append(
+                f"{camera.name}: {unused} of {len(each)} pictures were taken in the frame of another, not used"
+            )
+    count = max(int(each.max()) + 1 for each in frames)
+    ends = [int(each.max()) + 1 for each in frames]
+    if min(ends) < count:
+        listed = ", ".join(f"{camera.name} {end}" for camera, end in zip(cameras, ends, strict=True))
+        notes.append(f"cameras end at different frames ({listed}); nothing is detected beyond their ends")
+    return Alignment(float(fps), tuple(frames), count, tuple(notes))
+
+
+def _unique(frames: np.ndarray) -> np.ndarray:
+    """Return the frames, with -1 for each image that has the same frame as an earlier image."""
+    _, first = np.unique(frames, return_index=True)
+    kept = np.zeros(len(frames), bool)
+    kept[first] = True
+    return np.where(kept, frames, -1)
+
+
+def _offsets(cameras: Sequence[CameraPictures], fps: float, notes: list[str]) -> np.ndarray:
+    """Return the number of frames by which each camera started late: from the timecodes, else from the first times."""
+    starts = np.array([np.nan if each.timecode is None else _seconds(each.timecode, fps) for each in cameras])
+    how = "timecodes"
+    if np.isnan(starts).any():
+        starts, how = np.array([each.times[0] if each.rate else 0.0 for each in cameras]), "times of the first pictures"
+    late = np.round((starts - starts.min()) * fps)
+    longest = max(len(each) / (each.rate or fps) for each in cameras) * fps
+    if not late.any():
+        return late
+    listed = ", ".join(f"{camera.name} {offset:+.0f}" for camera, offset in zip(cameras, late, strict=True))
+    if late.max() >= longest:
+        notes.append(f"{how} in the videos do not overlap ({listed} frames): not used; offsets=[...] gives others")
+        return np.zeros(len(cameras))
+    notes.append(f"cameras start late by the {how} in the videos: {listed} frames; offsets=[...] gives others")
+    return late
+
+
+def _seconds(timecode: str, fps: float) -> float:
+    found = re.fullmatch(r"(\d+):(\d+):(\d+)[:;.](\d+)", timecode.strip())
+    if not found:
+        return np.nan
+    hours, minutes, seconds, frames = map(int, found.groups())
+    return hours * 3600 + minutes * 60 + seconds + frames / fps

@@ -1,21 +1,28 @@
 """From the images of cameras to detections: in pieces, in parallel. An interrupted run is continued."""
 
+import hashlib
 import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
-from dmae.data.clip import Detections2D
+from dmae.data.cameras import CameraRig
+from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.detection.pictures import CameraPictures
+from dmae.detection.pictures import CameraPictures, Fitting
 from dmae.detection.registry import PictureDetector, PoseDetectorConfig, pose_detector
 from dmae.files.arrays import read_arrays
 from dmae.files.checks import MOST_PIXELS
 from dmae.files.contents import write_atomic
+from dmae.numerics.body import distance_to_bones
+from dmae.numerics.statistics import median_over_frames
 from dmae.parallel import in_parallel
 from dmae.progress import progress
+from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
 
 PIECE = 240
 """Number of images that are processed together. The results of a piece do not depend on other pieces."""
@@ -148,3 +155,222 @@ def read_piece(file: Path) -> Iterator[np.ndarray | None]:
     ends = np.cumsum(arrays["counts"])
     for readable, start, end in zip(arrays["readable"], ends - arrays["counts"], ends, strict=True):
         yield arrays["people"][start:end] if readable else None
+
+
+# What cameras see together: parts of people are removed, and people that one of them missed are searched again.
+
+_NEAR = 0.15
+"""Largest median distance between the joints of a person that was searched at a place and of the projection there,
+relative to the radius of the body in the image."""
+
+
+def compare_views(
+    found: Sequence[Found],
+    cameras: Sequence[CameraPictures],
+    rig: CameraRig,
+    detections: Detections2D,
+    frames: Sequence[np.ndarray],
+    fittings: Sequence[Fitting],
+    fps: float,
+    config: PoseDetectorConfig,
+    pieces: Path,
+    workers: int = 1,
+) -> list[Found]:
+    """Return what a detector found in V cameras, corrected with the help of the other cameras.
+
+    People are captured from the detections. Detections that are parts of them are removed. Where a person projects into
+    an image and no detection is left for it, the detector searches at that place. What it finds there is added if it
+    agrees with the projection. An added detection is measured in its image like all others.
+
+    Args:
+        found: For each camera.
+        cameras: With the images, in the order of the rig.
+        detections: (F, V, D, J) what was found, in the pixels of the calibration.
+        frames: For each camera (N,) the frame of each image; -1 for an image that is not used.
+        fittings: Scale and margin of each camera's images.
+        fps: Frames per second of the detections.
+        config: The detector. Without a method `find_at` people are not searched.
+        pieces: Folder to which each finished piece is written. Pieces that are there are not computed again.
+        workers: Processes; -1 for one per core.
+    """
+    if not config.across_views or len(rig) < 2:
+        return list(found)
+    poses = capture(Clip("detected", fps, rig, detections), CaptureConfig())
+    parts = parts_of_people(poses, rig, detections)
+    found = [
+        _without(each, places, parts[:, view]) for view, (each, places) in enumerate(zip(found, frames, strict=True))
+    ]
+    if not hasattr(make_detector(config), "find_at"):
+        return found
+    xy, score = (
+        np.where(parts[..., None, None], np.nan, part) for part in (detections.xy, detections.score[..., None])
+    )
+    missed = missed_people(poses, rig, replace(detections, xy=xy, score=score[..., 0]))
+    tasks = []
+    for view, (camera, places, fitting) in enumerate(zip(cameras, frames, fittings, strict=True)):
+        expected = {
+            number: fitting.from_calibration(missed[frame, view])
+            for number, frame in enumerate(places.tolist())
+            if (frame, view) in missed and found[view].people[number] is not None
+        }
+        for start in range(0, len(camera), PIECE):
+            wanted = {number: expected[number] for number in range(start, start + PIECE) if number in expected}
+            if wanted:
+                known = {number: found[view].people[number] for number in wanted}
+                # The places depend on the calibration: pieces of an interrupted run with another one are not taken.
+                places_of = hashlib.sha256(b"".join(each.tobytes() for each in wanted.values())).hexdigest()[:16]
+                file = pieces / f"again_{view:03d}_{start:08d}_{places_of}.npz"
+                tasks.append((view, (camera, config, wanted, known, file)))
+    waiting = [task for _, task in tasks if not task[-1].is_file()]
+    done = in_parallel(_search_piece, waiting, max(1, min(workers, len(waiting))), ordered=False)
+    for _ in progress(done, "searching people that other cameras see", len(waiting)):
+        pass
+    people = [list(each.people) for each in found]
+    for view, (*_, wanted, known, file) in tasks:
+        for number, added in zip(wanted, read_piece(file), strict=True):
+            people[view][number] = np.concatenate([known[number], added])
+    return [Found(each) for each in people]
+
+
+def _without(found: Found, frames: np.ndarray, parts: np.ndarray) -> Found:
+    """Return what a camera found without parts of people, (F, D) True."""
+    return Found(
+        [
+            people if people is None or frame < 0 else people[~parts[frame, : len(people)]]
+            for people, frame in zip(found.people, frames, strict=True)
+        ]
+    )
+
+
+def _agrees(person: np.ndarray, expected: np.ndarray, skeleton: Skeleton) -> bool:
+    """Return whether a person (J, 3) is at one of the expected places (n, J, 2)."""
+    distance = np.linalg.norm(person[:, :2] - expected, axis=-1)
+    return any(
+        np.isfinite(each).any() and np.nanmedian(each) < _NEAR * body_radius(places, skeleton)
+        for each, places in zip(distance, expected, strict=True)
+    )
+
+
+def _search_piece(
+    camera: CameraPictures,
+    config: PoseDetectorConfig,
+    wanted: dict[int, np.ndarray],
+    known: dict[int, np.ndarray],
+    file: Path,
+) -> None:
+    """Search people at expected places in some images, and write those found to a file."""
+    detector = make_detector(config)
+    start, stop = min(wanted), max(wanted) + 1
+    found = {number: np.empty((0, len(detector.skeleton), 3)) for number in wanted}
+    for number, picture in zip(range(start, stop), camera.read(start, stop), strict=True):
+        if number in wanted and picture is not None:
+            there = detector.find_at(picture, wanted[number], known[number][..., :2])
+            people = check_people(detector, there, config.name)
+            found[number] = people[[_agrees(person, wanted[number], detector.skeleton) for person in people]]
+    counts = np.array([len(each) for each in found.values()])
+    values = np.concatenate(list(found.values())).astype(np.float32)
+    np.savez(buffer := io.BytesIO(), readable=np.ones(len(found), bool), counts=counts, people=values)
+    write_atomic(file, buffer.getvalue())
+
+
+# Captured people projected into images: which cameras missed them, and which detections are parts of them.
+#
+# Shapes: F frames, V views, D detections in a view, P persons, J joints.
+
+_SAME = 0.3
+"""Largest median distance between the joints of a detection and of a projected person that are one, relative to the
+radius of the body in the image."""
+_FORBIDDEN = 1e3
+"""Cost of a pair that is farther apart."""
+_TORSO = ("l_shoulder", "r_shoulder", "l_hip", "r_hip")
+"""Joints that must be known of a person that is searched."""
+_LEAST_INSIDE = 0.5
+"""Smallest share of a person's joints that must project into an image."""
+_SMALLER, _ON_BODY, _MOST_JOINTS = 0.5, 0.2, 0.9
+"""A detection is a part of a person if it is no person (`_SAME`), its size is at most this share of the person's, and
+this share of its joints is within this distance from the person's bones, relative to the radius of the body."""
+
+
+def missed_people(poses: Poses3D, rig: CameraRig, detections: Detections2D) -> dict[tuple[int, int], np.ndarray]:
+    """Return the people that views missed, by frame and view: where their joints are expected, (n, J, 2) px.
+
+    A person that is captured in a frame is missed by a view if at least half of its joints project into the image and
+    no detection near the projection is left for it. Each detection counts for one person, also where people overlap.
+
+    Args:
+        poses: The people, captured from the detections.
+    """
+    torso = poses.skeleton.index(*_TORSO)
+    known = np.isfinite(poses.xyz[:, :, torso]).all((-1, -2))
+    missed = {}
+    for frame in np.flatnonzero(known.any(1)).tolist():
+        projected, inside = _project(poses, rig, frame, known[frame])
+        inside &= np.isfinite(projected[:, :, torso]).all((-1, -2))
+        distance = _distances(detections.xy[frame], projected) / body_radius(projected, poses.skeleton)[:, None]
+        gone = inside & ~_assigned(distance)
+        for view in np.flatnonzero(gone.any(1)).tolist():
+            missed[frame, view] = projected[view, gone[view]]
+    return missed
+
+
+def parts_of_people(poses: Poses3D, rig: CameraRig, detections: Detections2D) -> np.ndarray:
+    """Return (F, V, D) True for detections that are parts of people, for example a small body found in long hair.
+
+    Such a detection is much smaller than a captured person in the same image, lies on the bones of that person, and is
+    near no captured person. A real person of that size would be hidden by the larger one, or captured by other cameras.
+
+    Args:
+        poses: The people, captured from the detections.
+    """
+    parts = np.zeros(detections.xy.shape[:3], bool)
+    sizes = _size(detections.xy)
+    known = np.isfinite(poses.xyz).all(-1).any(-1)
+    for frame in np.flatnonzero(known.any(1)).tolist():
+        projected, _ = _project(poses, rig, frame, known[frame])
+        radius = body_radius(projected, poses.skeleton)[:, None]
+        distance = _distances(detections.xy[frame], projected) / radius
+        explained = (distance < _SAME).any(-1)
+        smaller = sizes[frame][..., None] < _SMALLER * _size(projected)[:, None]
+        for view, detection, person in np.argwhere(smaller & ~explained[..., None]).tolist():
+            places = detections.xy[frame, view, detection]
+            places = places[np.isfinite(places).all(-1)]
+            apart = distance_to_bones(places, projected[view, person], poses.skeleton.bones)
+            on_body = apart < _ON_BODY * radius[view, 0, person]
+            parts[frame, view, detection] |= on_body.mean() >= _MOST_JOINTS
+    return parts
+
+
+def body_radius(xy: np.ndarray, skeleton: Skeleton) -> np.ndarray:
+    """Return the largest distance of joints (..., J, 2) from the middle of the hips, px; NaN where unknown."""
+    hips = xy[..., skeleton.index("l_hip", "r_hip"), :].mean(-2, keepdims=True)
+    return np.fmax.reduce(np.linalg.norm(xy - hips, axis=-1), -1)
+
+
+def _project(poses: Poses3D, rig: CameraRig, frame: int, persons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return some persons of a frame, (V, n, J, 2) px, and whether most of each is inside the images, (V, n)."""
+    projected, _ = rig.project(poses.xyz[frame : frame + 1, persons])
+    return projected[0], rig.inside(projected)[0].mean(-1) >= _LEAST_INSIDE
+
+
+def _distances(xy: np.ndarray, projected: np.ndarray) -> np.ndarray:
+    """Return the median distance of the joints of detections (V, D, J, 2) and persons (V, P, J, 2), (V, D, P) px.
+
+    NaN where they have no joint in common.
+    """
+    distance = np.linalg.norm(xy[:, :, None] - projected[:, None], axis=-1)
+    return median_over_frames(np.moveaxis(distance, -1, 0))
+
+
+def _assigned(distance: np.ndarray) -> np.ndarray:
+    """Return (V, P) True for persons to which a detection of the view is assigned, by distances (V, D, P)."""
+    assigned = np.zeros((len(distance), distance.shape[2]), bool)
+    cost = np.where(distance < _SAME, distance, _FORBIDDEN)
+    for view, each in enumerate(cost):
+        rows, columns = linear_sum_assignment(each)
+        assigned[view, columns[each[rows, columns] < _FORBIDDEN]] = True
+    return assigned
+
+
+def _size(xy: np.ndarray) -> np.ndarray:
+    """Return the diagonals of the upright boxes around joints (..., J, 2), px; NaN where no joint is known."""
+    return np.linalg.norm(np.fmax.reduce(xy, -2) - np.fmin.reduce(xy, -2), axis=-1)

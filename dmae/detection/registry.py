@@ -5,6 +5,7 @@ user's own detector, `detector=module:function`, is the same kind of function wi
 """
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
@@ -44,6 +45,28 @@ class PoseDetectorConfig:
             raise ValueError(f"detector.search_every={self.search_every}: expected 1 frame or more")
         if not 0 < self.min_presence < 1:
             raise ValueError(f"detector.min_presence={self.min_presence:g}: expected a probability, between 0 and 1")
+
+
+class FlatFormat(StrEnum):
+    """Format of 2D keypoints."""
+
+    openpose = "openpose"
+    """A folder for each camera, a file for each of its frames; a file for each photograph."""
+    coco = "coco"
+    """A file for each camera, or for all photographs, keypoints of COCO."""
+
+
+@dataclass(frozen=True)
+class OutputConfig:
+    """How detections are written."""
+
+    skeleton: str | None = None
+    """Skeleton to convert detections to, as body25; by default that of the detector."""
+    images: bool = True
+    """Whether the clip contains the images: the videos are linked, or encoded again if their size or frames differ from
+    those of the clip. Of photographs: whether they are also written with the people drawn over them."""
+    format: FlatFormat = FlatFormat.openpose
+    """Format of 2D keypoints, which are written without a calibration."""
 
 
 class PictureDetector(Protocol):

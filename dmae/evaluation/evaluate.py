@@ -23,7 +23,7 @@ from dmae.metrics.comparison import GATE, match, take_matched
 from dmae.parallel import Backend, in_parallel, process_count, running_on
 from dmae.progress import duration, progress
 from dmae.reconstruction.pipeline import capture
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 
 HANDED_IN = "poses"
 """Method name of poses made elsewhere in the results."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from dmae.evaluation.gates import Gate
     from dmae.regression.verdicts import Verdict
-    from dmae.viewing.layers import LayersConfig
+    from dmae.viewing.overlay import LayersConfig
 
 
 @checked
@@ -109,8 +109,7 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
         >>> Path("frame.png").stat().st_size > 10_000
         True
     """
-    from dmae.reporting.figures import views_figure
-    from dmae.reporting.frames import frames_to_draw
+    from dmae.reporting.figures import frames_to_draw, views_figure
 
     clip = clip if poses is None else replace(clip, poses=poses)
     if clip.poses is None:

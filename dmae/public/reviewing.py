@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dmae.data.clip import Clip
-from dmae.evaluation.review.decisions import Decision, ReviewVerdict, decided, save_decisions
+from dmae.evaluation.review import Decision, ReviewVerdict, decided, save_decisions
 from dmae.public.arguments import checked
 
 if TYPE_CHECKING:
-    from dmae.evaluation.review.ranking import Doubt
+    from dmae.evaluation.review import Doubt
 
 
 @checked
@@ -38,7 +38,7 @@ def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
         >>> len(dmae.review(clip, [first.decision("accept")])) == len(others)
         True
     """
-    from dmae.evaluation.review.ranking import rank_doubts
+    from dmae.evaluation.review import rank_doubts
 
     return rank_doubts(clip, decisions)
 

@@ -70,3 +70,11 @@ def print_tables(tables: Sequence[Table]) -> None:
         for row in table.rows:
             drawn.add_row(*row)
         console.print(drawn)
+
+
+# Words for numbers of things.
+
+
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """Return "1 clip" or "2 clips"; the plural of `noun` ends in s unless it is given."""
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"

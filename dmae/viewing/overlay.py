@@ -1,7 +1,8 @@
-"""Draw the data of a clip into its views."""
+"""Occluders of the joints of a simulated clip: their colours and names."""
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import cv2
@@ -11,10 +12,225 @@ from PIL import Image, ImageDraw
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.labels import Visibility
-from dmae.viewing import layers as parts
-from dmae.viewing.canvas import INK, PAPER, RED, RGB, draw_line, draw_mark, drawable, floor, font, person_colour
-from dmae.viewing.layers import Drawn, Layers
-from dmae.viewing.occlusion import occlusion_summary
+from dmae.viewing.canvas import (
+    FAINT,
+    INK,
+    PAPER,
+    RED,
+    RGB,
+    Mark,
+    draw_line,
+    draw_mark,
+    drawable,
+    floor,
+    font,
+    person_colour,
+)
+
+COLOURS = {
+    Visibility.VISIBLE: (52, 211, 123),
+    Visibility.HIDDEN_BY_SELF: (255, 190, 11),
+    Visibility.HIDDEN_BY_PERSON: (255, 45, 120),
+    Visibility.HIDDEN_BY_OBJECT: (72, 149, 255),
+    Visibility.OUTSIDE_IMAGE: (150, 156, 164),
+    Visibility.BEHIND_CAMERA: (150, 156, 164),
+    Visibility.ABSENT: (150, 156, 164),
+}
+"""RGB of a joint's mark. Colour-blind readers can distinguish the colours, too."""
+MEANINGS = {
+    Visibility.VISIBLE: "visible",
+    Visibility.HIDDEN_BY_SELF: "hidden by their own body",
+    Visibility.HIDDEN_BY_PERSON: "by another person",
+    Visibility.HIDDEN_BY_OBJECT: "by an object",
+    Visibility.OUTSIDE_IMAGE: "outside the image",
+}
+
+
+def occluder_name(clip: Clip, frame: int, view: int, person: int, joint: int) -> str:
+    """Return the name of the occluder of a joint in a view; an empty text if nothing hides it."""
+    at = (frame, view, person, joint)
+    by = int(clip.occlusion.occluder[at])
+    match Visibility(clip.occlusion.visibility[at]):
+        case Visibility.HIDDEN_BY_SELF:
+            return "itself"
+        case Visibility.HIDDEN_BY_PERSON:
+            return f"person {by}"
+        case Visibility.HIDDEN_BY_OBJECT:
+            return clip.occlusion.objects[by]
+    return ""
+
+
+def occlusion_summary(clip: Clip, frame: int, view: int, person: int, joints: list[int]) -> list[tuple[str, RGB]]:
+    """Return counts of a person's joints in a view by occluder, with their colours, the most frequent first."""
+    code = clip.occlusion.visibility[frame, view, person, joints]
+    if (code == Visibility.ABSENT).all():
+        return [("absent", FAINT)]
+    away = int((code > Visibility.HIDDEN_BY_OBJECT).sum())
+    if away == len(code):
+        return [("not in the image", FAINT)]
+    hidden = np.flatnonzero((code > Visibility.VISIBLE) & (code <= Visibility.HIDDEN_BY_OBJECT))
+    causes = Counter((occluder_name(clip, frame, view, person, joints[i]), Visibility(code[i])) for i in hidden)
+    words = [(f"{count} behind {name}", COLOURS[cause]) for (name, cause), count in causes.most_common()]
+    words.insert(0, (f"{int((code == Visibility.VISIBLE).sum())} seen", COLOURS[Visibility.VISIBLE]))
+    return words + ([(f"{away} outside", FAINT)] if away else [])
+
+
+# Layers of a drawing of a clip: detections, measured joints, completed joints, and the truth.
+
+DETECTED = (250, 226, 130)
+"""Colour of detections, which are not yet assigned to persons."""
+TRUE = INK
+"""Colour of true joints if there are poses."""
+
+
+@dataclass(frozen=True)
+class LayersConfig:
+    """Layers that are drawn, if the clip has them."""
+
+    detections: bool | None = None
+    """2D detections, crosses; by default if there are no occlusion labels."""
+    measured: bool = True
+    """Measured joints, discs in the colour of their person."""
+    completed: bool = True
+    """Completed joints, red squares: no camera measured them."""
+    truth: bool | None = None
+    """True joints: white rings if there are poses, otherwise in the colours of their occluders; by default if there are
+    no poses."""
+
+
+@dataclass(frozen=True)
+class Layers:
+    """The layers of a clip that are drawn.
+
+    Attributes:
+        detections, measured, completed, truth: Whether each of these layers is drawn.
+        occlusion: Whether true joints have the colour of their occluder, and the text below the view names it.
+        lacking: Names of the layers that the clip does not have.
+    """
+
+    detections: bool
+    measured: bool
+    completed: bool
+    truth: bool
+    occlusion: bool
+    lacking: tuple[str, ...]
+
+    @property
+    def poses(self) -> bool:
+        return self.measured or self.completed
+
+
+def chosen_layers(clip: Clip, config: LayersConfig) -> Layers:
+    """Return the layers to draw: the requested ones that the clip has."""
+    has_poses = clip.poses is not None and bool((clip.poses.source != Source.ABSENT).any())
+    has_truth = clip.truth is not None and bool(np.isfinite(clip.truth.xyz).any())
+    has_detections = bool(clip.detections.observed.any())
+    has_labels = clip.occlusion is not None and clip.occlusion.occluder is not None
+    detections = has_detections and (not has_labels if config.detections is None else config.detections)
+    measured, completed = has_poses and config.measured, has_poses and config.completed
+    truth = has_truth and (not has_poses if config.truth is None else config.truth)
+    lacking = [] if clip.images is not None and "rgb" in clip.images.kinds else ["images"]
+    lacking += [] if has_poses else ["poses" if clip.poses is None else "person in its poses"]
+    lacking += ["truth"] if config.truth and not has_truth else []
+    lacking += [] if has_detections else ["detections"]
+    return Layers(
+        detections, measured, completed, truth, truth and has_labels and not (measured or completed), tuple(lacking)
+    )
+
+
+@dataclass
+class Drawn:
+    """Lines and marks in one view, in the order in which they are drawn.
+
+    Attributes:
+        lines: End points (2, 2), px, colour, and whether the line has a dark outline.
+        marks: Point (2,), px, shape and colour of each mark.
+    """
+
+    lines: list[tuple[np.ndarray, RGB, bool]] = field(default_factory=list)
+    marks: list[tuple[np.ndarray, Mark, RGB]] = field(default_factory=list)
+
+
+def first_joints(poses: Poses3D) -> list[int]:
+    """Return the joint indices of the first part of a fused skeleton, or of all joints of any other skeleton."""
+    first = poses.skeleton.joints[0].rpartition(".")[0]
+    return [i for i, name in enumerate(poses.skeleton.joints) if name.rpartition(".")[0] == first]
+
+
+def drawn_detections(xy: np.ndarray, bones: list[tuple[int, int]]) -> Drawn:
+    """Return the drawing of detections (D, J, 2), px: crosses that are connected by thin lines."""
+    drawn = Drawn()
+    for joints in xy:
+        known = np.isfinite(joints).all(-1)
+        drawn.lines += [(joints[list(bone)], DETECTED, False) for bone in bones if known[list(bone)].all()]
+        drawn.marks += [(joints[joint], Mark.CROSS, DETECTED) for joint in np.flatnonzero(known)]
+    return drawn
+
+
+def drawn_poses(pixels: np.ndarray, source: np.ndarray, bones: list[tuple[int, int]], layers: Layers) -> Drawn:
+    """Return the drawing of poses: discs in the colour of the person, and red squares for completed joints.
+
+    Args:
+        pixels: (P, J, 2) px.
+        source: (P, J) `Source`.
+        bones: (parent, child) pairs.
+        layers: The layers to draw.
+    """
+    drawn, above = Drawn(), Drawn()
+    for person, joints in enumerate(pixels):
+        completed = source[person] == Source.COMPLETED
+        known = np.isfinite(joints).all(-1) & np.where(completed, layers.completed, True)
+        for bone in map(list, bones):
+            # A bone is red if no camera measured one of its ends, as in the paper's figures.
+            red = completed[bone].any()
+            if known[bone].all() and (red or layers.measured):
+                (above if red else drawn).lines.append((joints[bone], RED if red else person_colour(person), True))
+        for joint in np.flatnonzero(known):
+            if completed[joint]:
+                above.marks.append((joints[joint], Mark.SQUARE, RED))
+            elif layers.measured:
+                drawn.marks.append((joints[joint], Mark.DISC, person_colour(person)))
+    return Drawn(drawn.lines + above.lines, drawn.marks + above.marks)
+
+
+def drawn_truth(pixels: np.ndarray, bones: list[tuple[int, int]], layers: Layers) -> Drawn:
+    """Return the drawing of true joints (P, J, 2), px: rings that are connected by thin lines.
+
+    They are white if the poses are drawn, too, and otherwise have the colour of the person.
+    """
+    drawn = Drawn()
+    for person, joints in enumerate(pixels):
+        known = np.isfinite(joints).all(-1)
+        colour = TRUE if layers.poses else person_colour(person)
+        drawn.lines += [(joints[list(bone)], colour, False) for bone in bones if known[list(bone)].all()]
+        drawn.marks += [(joints[joint], Mark.RING, colour) for joint in np.flatnonzero(known)]
+    return drawn
+
+
+def drawn_occlusion(pixels: np.ndarray, codes: np.ndarray, bones: list[tuple[int, int]]) -> Drawn:
+    """Return the drawing of true joints in the colours of their occluders.
+
+    Args:
+        pixels: (P, J, 2) px.
+        codes: (P, J) `Visibility`.
+        bones: (parent, child) pairs.
+    """
+    hidden, seen = Drawn(), Drawn()
+    for person, joints in enumerate(pixels):
+        known = np.isfinite(joints).all(-1)
+        for bone in map(list, bones):
+            if known[bone].all():
+                # A bone has the colour of the end that is more hidden.
+                worst = Visibility(max(codes[person, bone]))
+                visible = worst == Visibility.VISIBLE
+                (seen if visible else hidden).lines.append((joints[bone], COLOURS[worst], visible))
+        for joint in np.flatnonzero(known & (codes[person] <= Visibility.HIDDEN_BY_OBJECT)):
+            code = Visibility(codes[person, joint])
+            (seen if code == Visibility.VISIBLE else hidden).marks.append((joints[joint], Mark.DISC, COLOURS[code]))
+    return Drawn(hidden.lines + seen.lines, hidden.marks + seen.marks)
+
+
+# Draw the data of a clip into its views.
 
 
 @dataclass(frozen=True)
@@ -47,7 +263,7 @@ class Overlay:
     def tiles(self, frame: int, images: Sequence[np.ndarray | None]) -> list[np.ndarray]:
         """Return drawings (h, width, 3) uint8 of all views of one frame, over their images (H, W, 3) or the room."""
         truth, poses = (
-            part and (rig.project(part.xyz[frame : frame + 1, :, parts.first_joints(part)])[0][0])
+            part and (rig.project(part.xyz[frame : frame + 1, :, first_joints(part)])[0][0])
             for part, rig in (
                 (self.clip.truth if self.layers.truth else None, self.true_rig),
                 (self.clip.poses if self.layers.poses else None, self.clip.rig),
@@ -88,22 +304,22 @@ class Overlay:
         """Yield the layers of a view from bottom to top, each with the thickness of its lines."""
         clip, thick = self.clip, max(1, self.width // 320)
         if self.layers.detections:
-            yield parts.drawn_detections(clip.detections.xy[frame, view], clip.detections.skeleton.bones), 1
+            yield drawn_detections(clip.detections.xy[frame, view], clip.detections.skeleton.bones), 1
         if truth is not None:
-            joints = parts.first_joints(clip.truth)
+            joints = first_joints(clip.truth)
             if self.layers.occlusion:
                 codes = clip.occlusion.visibility[frame, view][:, joints]
-                yield parts.drawn_occlusion(truth, codes, self.bones(clip.truth)), thick
+                yield drawn_occlusion(truth, codes, self.bones(clip.truth)), thick
             else:
-                yield parts.drawn_truth(truth, self.bones(clip.truth), self.layers), 1
+                yield drawn_truth(truth, self.bones(clip.truth), self.layers), 1
         if poses is not None:
-            source = clip.poses.source[frame][:, parts.first_joints(clip.poses)]
-            yield parts.drawn_poses(poses, source, self.bones(clip.poses), self.layers), thick
+            source = clip.poses.source[frame][:, first_joints(clip.poses)]
+            yield drawn_poses(poses, source, self.bones(clip.poses), self.layers), thick
 
     @staticmethod
     def bones(poses: Poses3D) -> list[tuple[int, int]]:
         """Return the bones (parent, child) between joints that are drawn."""
-        joints = parts.first_joints(poses)
+        joints = first_joints(poses)
         return [bone for bone in poses.skeleton.bones if set(bone) <= set(joints)]
 
     def _draw(self, canvas: np.ndarray, drawn: Drawn, scale: float, thick: int) -> None:
@@ -135,7 +351,7 @@ class Overlay:
         for person, joints in enumerate([] if pixels is None else pixels):
             inside = np.isfinite(joints).all(-1) & ((joints >= 0) & (joints < (width, height))).all(-1)
             if self.layers.occlusion:
-                codes = self.clip.occlusion.visibility[frame, view, person, parts.first_joints(self.clip.truth)]
+                codes = self.clip.occlusion.visibility[frame, view, person, first_joints(self.clip.truth)]
                 inside &= codes <= Visibility.HIDDEN_BY_OBJECT
             if inside.any():
                 points = joints[inside] * scale
@@ -150,7 +366,7 @@ class Overlay:
     def _write_below(self, draw: ImageDraw.ImageDraw, frame: int, view: int, top: int) -> None:
         letters = font(self._line - 3)
         if self.layers.occlusion:
-            joints = parts.first_joints(self.clip.truth)
+            joints = first_joints(self.clip.truth)
             rows = [
                 [(f"person {person}", INK), *occlusion_summary(self.clip, frame, view, person, joints)]
                 for person in range(self.clip.truth.xyz.shape[1])
@@ -171,9 +387,9 @@ class Overlay:
         clip, words = self.clip, []
         if self.layers.detections:
             people = int(clip.detections.observed[frame, view].any(-1).sum())
-            words.append((f"{people} detected", parts.DETECTED))
+            words.append((f"{people} detected", DETECTED))
         if self.layers.poses:
-            source = clip.poses.source[frame][:, parts.first_joints(clip.poses)]
+            source = clip.poses.source[frame][:, first_joints(clip.poses)]
             completed, measured = (source == Source.COMPLETED).sum(), clip.poses.measured[frame].sum()
             words += [(f"{measured} joints measured", INK)] if self.layers.measured else []
             words += [(f"{completed} completed", RED)] if self.layers.completed and completed else []

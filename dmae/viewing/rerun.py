@@ -11,9 +11,7 @@ from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.labels import Visibility
 from dmae.progress import progress
 from dmae.viewing.canvas import RED, person_colour
-from dmae.viewing.layers import DETECTED, TRUE, Layers, first_joints
-from dmae.viewing.occlusion import COLOURS, occluder_name
-from dmae.viewing.overlay import Overlay
+from dmae.viewing.overlay import COLOURS, DETECTED, TRUE, Layers, Overlay, first_joints, occluder_name
 from dmae.viewing.sheet import has_images, pictures_of, written_whole
 
 _JPEG_QUALITY = 80

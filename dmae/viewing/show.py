@@ -10,7 +10,7 @@ import numpy as np
 from dmae.data.clip import Clip
 from dmae.formats.config import DataConfig
 from dmae.formats.reading import is_data_set, load
-from dmae.viewing.layers import LayersConfig, chosen_layers
+from dmae.viewing.overlay import LayersConfig, chosen_layers
 from dmae.viewing.sheet import has_images, write_overlay_video, write_sheet
 
 Rooms = Callable[[Clip], Sequence[np.ndarray]]

@@ -36,7 +36,7 @@ from dmae.calibration.adjustment.refinement import RefineConfig
 from dmae.calibration.faults import Fault
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
-from dmae.evaluation.report.reprojection import reprojection
+from dmae.evaluation.report.joints import reprojection
 
 DISPLACED, LATE = "displaced", "late"
 _FRAMES_LATE = 3

@@ -17,7 +17,7 @@ from dmae.data.clip import Clip
 from dmae.data.conversion import convert, convert_detections
 from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25
-from dmae.detection.blazepose.confidence import GROUPS
+from dmae.detection.detectors.landmarks import GROUPS
 from synth.detector.statistics import match_detections
 from synth.recognition.realism import NEAR, sightings
 

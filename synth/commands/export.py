@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.parallel import Backend, running_on
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 from synth.datasets.exporters.export import export
 from synth.datasets.exporters.selection import PictureFormat, exporter
 

@@ -13,8 +13,7 @@ from dmae.files.checks import child
 from dmae.files.contents import write_atomic
 from dmae.formats.reading import DataConfig, load
 from dmae.parallel import Backend, running_on
-from dmae.reporting.tables import print_tables
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted, print_tables
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
 from synth.detector.comparison import Limits, Row, compare, table, write_page

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 from synth.datasets.render import RenderConfig, render
 
 WRITES = "folder"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dmae.data.store import clip_folders
 from dmae.files.contents import write_atomic
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 from synth.datasets.splits import SplitBy, find_leaks, read_splits, split, write_splits
 
 WRITES = "file"

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dmae.files.contents import write_atomic
-from dmae.reporting.tables import Table, print_tables
-from dmae.reporting.words import counted
+from dmae.reporting.tables import Table, counted, print_tables
 from synth.datasets.verify import CHECKS, DATA_SET, verify
 
 WRITES = "file"

@@ -18,7 +18,7 @@ from dmae.files.checksums import clip_checksum, write_checksums
 from dmae.files.structured import read_json
 from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import duration
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 from synth.datasets.clip import GenerateConfig, check, clip_id, simulate_clip
 from synth.datasets.generate import limit_threads
 from synth.errors import FailedSimulation

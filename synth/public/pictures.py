@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.public.arguments import checked
-from dmae.viewing.layers import LayersConfig, chosen_layers
+from dmae.viewing.overlay import LayersConfig, chosen_layers
 from dmae.viewing.sheet import has_images, write_sheet
 from dmae.viewing.show import of_views, show_clip
 from synth.viewing.rooms import draw_rooms

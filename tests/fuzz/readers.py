@@ -20,8 +20,8 @@ from dmae.data.images import (
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import get_skeleton
 from dmae.data.store import load_clip
-from dmae.evaluation.report_section import read_scores
-from dmae.evaluation.review.decisions import load_decisions
+from dmae.evaluation.report.page import read_scores
+from dmae.evaluation.review import load_decisions
 from dmae.files.contents import read_text
 from dmae.formats.calibrations import calibration_format, read_calibration
 from dmae.formats.own import read_npz

@@ -15,7 +15,7 @@ from dmae.completion.weights import save_model
 from dmae.data.images import write_video
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import save_clip, write_manifest
-from dmae.evaluation.review.decisions import Decision, ReviewVerdict, save_decisions
+from dmae.evaluation.review import Decision, ReviewVerdict, save_decisions
 from dmae.formats.calibrations import write_calibration as write_rig
 from dmae.formats.own import export_npz
 from dmae.formats.panoptic import write_poses as write_panoptic_poses

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from dmae.data.skeleton import Skeleton, get_skeleton
-from dmae.detection.blazepose.people import PeopleDetector
-from dmae.detection.blazepose.regions import Region, pyramid_of
+from dmae.detection.detectors.blazepose import PeopleDetector
+from dmae.detection.detectors.landmarks import Region, pyramid_of
 from dmae.detection.registry import PoseDetectorConfig, pose_detector
 from dmae.files.contents import check_file
 from dmae.formats.openpose import BY_COUNT

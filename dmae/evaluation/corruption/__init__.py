@@ -1,1 +1,1 @@
-"""What goes wrong with a recording? Corruptions of any clip, each at any level, one module each."""
+"""What goes wrong with a recording? Corruptions of any clip, each at any level."""

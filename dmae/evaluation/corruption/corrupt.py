@@ -6,11 +6,17 @@ from zlib import crc32
 
 import numpy as np
 
-from dmae.data.clip import Clip, Poses3D
+from dmae.data.clip import Clip, Detections2D, Poses3D
+from dmae.data.conversion import convert
 from dmae.data.rng import Stream
-from dmae.evaluation.corruption.people import people_of
+from dmae.data.skeleton import Skeleton
 from dmae.evaluation.corruption.registry import Corruption, find_corruption
+from dmae.metrics.comparison import match
+from dmae.numerics.filling import fill_body_frame
+from dmae.numerics.paths import linear
+from dmae.numerics.statistics import multiscale_noise
 from dmae.reconstruction.config import CaptureConfig
+from dmae.reconstruction.pipeline import capture
 
 
 def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0, people: Poses3D | None = None) -> Clip:
@@ -58,3 +64,151 @@ def check(entry: Corruption, level: float, clip: Clip) -> None:
             f"{entry.name}={level:g}: expected {entry.people} people or more in an image, clip {clip.id!r} has at most "
             f"{most}; leave this corruption out"
         )
+
+
+# Replace the detections of a clip, or leave out some of them.
+
+
+def heights(xy: np.ndarray) -> np.ndarray:
+    """Return the longer side (...) of the box around the known joints of (..., J, 2), px; 0 where none is known."""
+    known = np.isfinite(xy)
+    low, high = np.where(known, xy, np.inf).min(-2), np.where(known, xy, -np.inf).max(-2)
+    return np.where(known.any(-2), high - low, 0).max(-1)
+
+
+def redetected(clip: Clip, xy: np.ndarray, score: np.ndarray) -> Clip:
+    """Return the clip with other detections (F, V, D, J, ...); a joint is absent where either is NaN.
+
+    Labels of the previous detections are removed, because they do not apply to the new ones.
+    """
+    absent = np.isnan(xy).any(-1) | np.isnan(score)
+    xy, score = np.where(absent[..., None], np.nan, xy), np.where(absent, np.nan, score)
+    return replace(clip, detections=Detections2D(clip.detections.skeleton, xy, score), detection_labels=None)
+
+
+def undetected(clip: Clip, joints: np.ndarray) -> Clip:
+    """Return the clip without the detected joints where `joints` (F, V, D, J) is True."""
+    found = clip.detections
+    return redetected(clip, found.xy, np.where(joints, np.nan, found.score))
+
+
+def undetected_nearest(clip: Clip, margin: np.ndarray, percent: float) -> Clip:
+    """Return the clip without the detected joints with the smallest margins, a given share of all.
+
+    Args:
+        margin: (F, V, D, J); NaN where unknown. Joints with an unknown margin stay, and do not count.
+        percent: Percentage of the joints that count.
+    """
+    margin = np.where(clip.detections.observed, margin, np.nan)
+    known = margin[~np.isnan(margin)]
+    number = round(len(known) * percent / 100)
+    if not number:
+        return clip
+    return undetected(clip, margin <= np.partition(known, number - 1)[number - 1])
+
+
+# The people of a clip, and the detections that show each of them. Corruptions depend on both.
+
+_GATE = 0.25
+"""Share of a person's height in the image. A detection with a greater mean distance shows another person."""
+_FRAMES = 200
+"""Number of frames that are matched together, to limit memory."""
+
+
+def people_of(clip: Clip, config: CaptureConfig) -> Poses3D:
+    """Return the people of a clip on the skeleton of its detections, with gaps filled linearly in the body's frame.
+
+    They are the truth if it has the skeleton of the detections, otherwise the people that all cameras measure.
+    """
+    skeleton = clip.detections.skeleton
+    known = clip.truth is not None and skeleton.name in clip.truth.skeleton.name.split("+")
+    found = convert(clip.truth, skeleton) if known else capture(clip, config)
+    return fill_body_frame(found, clip.fps, linear)
+
+
+def pixels_of_people(clip: Clip) -> np.ndarray:
+    """Return the pixels (F, V, P, J, 2) of `clip.poses` in the true cameras."""
+    return (clip.true_rig or clip.rig).project(clip.poses.xyz)[0]
+
+
+def detections_of_people(clip: Clip) -> np.ndarray:
+    """Return the index (F, V, P) of the detection that shows each person of `clip.poses`; -1 for none."""
+    projected, found = pixels_of_people(clip), clip.detections.xy
+    frames, views, people = projected.shape[:3]
+    shown = np.full((frames, views, people), -1)
+    for start in range(0, frames, _FRAMES):
+        part = slice(start, start + _FRAMES)
+        wanted, detected = (xy[part].reshape(-1, *xy.shape[2:]).astype(np.float64) for xy in (projected, found))
+        scale = _median_height(wanted)[:, None, None, None]
+        shown[part] = match(detected / scale, wanted / scale, _GATE).reshape(-1, views, people)
+    return shown
+
+
+def people_of_detections(clip: Clip) -> np.ndarray:
+    """Return the index (F, V, D) of the person that each detection shows; P for none of them."""
+    shown = detections_of_people(clip)
+    persons = np.full(clip.detections.score.shape[:3], shown.shape[2])
+    frame, view, person = np.nonzero(shown >= 0)
+    persons[frame, view, shown[frame, view, person]] = person
+    return persons
+
+
+def by_detection(clip: Clip, values: np.ndarray, missing=np.nan) -> np.ndarray:
+    """Return values (F, V, P, ...) of people as (F, V, D, ...) of the detections that show them."""
+    spare = np.full((*values.shape[:2], 1, *values.shape[3:]), missing, values.dtype)
+    padded, persons = np.concatenate([values, spare], 2), people_of_detections(clip)
+    return np.take_along_axis(padded, persons.reshape(*persons.shape, *(1,) * (values.ndim - 3)), 2)
+
+
+def _median_height(xy: np.ndarray) -> np.ndarray:
+    """Return the median height (N,) of the people in (N, P, J, 2), px; 1 where there are none."""
+    height = np.where((found := heights(xy)) > 0, found, np.nan)
+    median = np.ones(len(xy))
+    known = ~np.isnan(height).all(1) if height.size else np.zeros(len(xy), bool)
+    median[known] = np.nanmedian(height[known], 1)
+    return median
+
+
+# Events that occur in bursts, for a given share of the time.
+
+
+def share_of_time(
+    clip: Clip, shape: tuple[int, ...], percent: float, times: tuple[float, float], *, rng: np.random.Generator
+) -> np.ndarray:
+    """Draw events (F, *shape) for every frame of a clip; they fill the requested share of all entries.
+
+    The events of a lower share are a part of the events of a higher share. They occur in many short bursts and a few
+    long ones.
+
+    Args:
+        clip: F frames.
+        shape: Shape of the items that have events.
+        percent: Percentage of all entries that events fill.
+        times: s; correlation times, mixed half and half.
+        rng: Source of randomness.
+    """
+    noise = multiscale_noise((len(clip), *shape), clip.fps, list(times), rng=rng)
+    number = round(noise.size * percent / 100)
+    return noise <= np.partition(noise.ravel(), number - 1)[number - 1] if number else np.zeros(noise.shape, bool)
+
+
+# Limbs: the limb to which each joint of a skeleton belongs.
+
+_LIMBS = {
+    "arm": ("elbow", "wrist", "hand", "thumb"),
+    "leg": ("knee", "ankle", "toe", "heel", "foot"),
+    "head": ("nose", "eye", "ear", "head"),
+}
+
+
+def limb_of_joint(skeleton: Skeleton) -> np.ndarray:
+    """Return the number (J,) of the limb of each joint: an arm, a leg, the head, or the trunk, counted from 0."""
+    limbs = [_limb(joint.rpartition(".")[2]) for joint in skeleton.joints]
+    return np.unique(limbs, return_inverse=True)[1]
+
+
+def _limb(joint: str) -> str:
+    for limb, parts in _LIMBS.items():
+        if any(part in joint for part in parts):
+            return limb if limb == "head" else joint[:2] + limb
+    return "trunk"

@@ -6,15 +6,13 @@
 
 The function takes a clip and a level above 0. It returns the clip with detections, cameras or frame rate corrupted at
 that level. It never changes the truth. `clip.poses` are the people of the clip on the skeleton of the detections, with
-gaps filled (`dmae.evaluation.corruption.people`); capture never reads them. As far as possible, a corruption draws the
+gaps filled (`dmae.evaluation.corruption.corrupt`); capture never reads them. As far as possible, a corruption draws the
 same random numbers at every level, so that the next level also hides the joints that one level hides.
 """
 
 from dataclasses import dataclass, field
 
 from dmae.registry import Entry, Registry
-
-_HERE = __package__
 
 
 @dataclass(frozen=True)
@@ -49,15 +47,7 @@ class Corruption(Entry):
             raise ValueError(f"{self.name}={level:g}: expected {whole}0 or {most}, in {self.unit}")
 
 
-corruption = Registry(
-    "corruption",
-    Corruption,
-    f"{_HERE}.occlusions",
-    f"{_HERE}.detector",
-    f"{_HERE}.recording",
-    option="axes",
-    plain=False,
-)
+corruption = Registry("corruption", Corruption, __package__, option="axes", plain=False)
 find_corruption = corruption.find
 
 

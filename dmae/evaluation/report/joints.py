@@ -1,15 +1,95 @@
-"""The joints that a report counts: those of the true people or, without truth, those of the captured people."""
+"""Counts and errors of a group of joints, which add up over clips without keeping their joints."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.conversion import convert
+from dmae.data.conversion import convert, scale_of
 from dmae.data.skeleton import Skeleton
-from dmae.metrics.comparison import GAP_RATE, Comparison, take_matched
+from dmae.files.mapped import by_frames, release
+from dmae.metrics.comparison import GAP_RATE, Comparison, match, take_matched
 from dmae.numerics.paths import gap_lengths
+from dmae.reporting.tables import Table
+
+BINS = 2000
+"""Errors are counted in bins of one unit, mm or px; the last holds all larger ones."""
+
+
+@dataclass(frozen=True)
+class JointGroup:
+    """A group of joints.
+
+    Attributes:
+        joints: Number of joints.
+        completed: Number of completed joints.
+        missing: Number of absent joints.
+        compared: Number of joints with an error.
+        total: Sum of the errors.
+        histogram: (BINS,) counts of errors by their whole number of units.
+    """
+
+    joints: int
+    completed: int
+    missing: int
+    compared: int
+    total: float
+    histogram: np.ndarray
+
+    def __add__(self, other: "JointGroup") -> "JointGroup":
+        return JointGroup(
+            self.joints + other.joints,
+            self.completed + other.completed,
+            self.missing + other.missing,
+            self.compared + other.compared,
+            self.total + other.total,
+            self.histogram + other.histogram,
+        )
+
+    @property
+    def mean(self) -> float | None:
+        """Mean error; None if no joint has an error."""
+        return self.total / self.compared if self.compared else None
+
+    def quantile(self, share: float) -> float | None:
+        """Return the error that this share of joints does not exceed, within one unit; None without errors."""
+        if not self.compared:
+            return None
+        counts = np.cumsum(self.histogram)
+        bin = int(np.searchsorted(counts, share * self.compared))
+        before = counts[bin - 1] if bin else 0
+        return bin + (share * self.compared - before) / max(self.histogram[bin], 1)
+
+
+def tally(error: np.ndarray, source: np.ndarray) -> JointGroup:
+    """Return the tally of joints.
+
+    Args:
+        error: (...) errors, mm or px; NaN where there is none.
+        source: (...) `Source` of each joint.
+    """
+    known = error[np.isfinite(error)]
+    return JointGroup(
+        source.size,
+        int((source == Source.COMPLETED).sum()),
+        int((source == Source.ABSENT).sum()),
+        len(known),
+        float(known.sum(dtype=np.float64)),
+        np.bincount(np.minimum(known, BINS - 1).astype(int), minlength=BINS),
+    )
+
+
+def added(first: dict[str, JointGroup], second: dict[str, JointGroup]) -> dict[str, JointGroup]:
+    """Return two sets of groups as one; groups of the same name add up."""
+    return {
+        name: first[name] + second[name] if name in first and name in second else (first.get(name) or second[name])
+        for name in [*first, *(name for name in second if name not in first)]
+    }
+
+
+# The joints that a report counts: those of the true people or, without truth, those of the captured people.
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +149,119 @@ def true_poses(clip: Clip, wanted: Skeleton) -> Poses3D:
     """Return the truth on a skeleton if it has that one as a part, else on its last part."""
     parts = clip.truth.skeleton.parts
     return convert(clip.truth, next((part for part in parts if part.name == wanted.name), parts[-1]))
+
+
+# Reprojection errors: the distance between each joint, projected into each camera, and its detection there.
+
+GATE_M = 0.4
+"""m, at the median depth of the people in a camera, for bodies of a person's size. A detection with a larger mean
+distance shows another person."""
+_CHUNK = 256
+
+
+@dataclass(frozen=True)
+class Reprojection:
+    """Reprojection errors, px, of joints that were measured and of those that were completed.
+
+    Attributes:
+        measured: Tallies by breakdown ("camera", "person", "joint", and "all") and group.
+        completed: The same for completed joints.
+        worst: (F, P) largest error of a measured joint of each person in any camera; NaN where there is none.
+        where: (F, P, 2) indices of its camera and joint.
+    """
+
+    measured: dict[str, dict[str, JointGroup]]
+    completed: dict[str, dict[str, JointGroup]]
+    worst: np.ndarray
+    where: np.ndarray
+
+
+def reprojection(clip: Clip) -> Reprojection:
+    """Return the errors between poses and, in each frame and camera, the detections that fit them best."""
+    poses = convert(clip.poses, clip.detections.skeleton)
+    poses = poses.without(by_frames(lambda xyz: np.isinf(xyz).any(-1), poses.xyz))
+    frames, persons, joints = poses.source.shape
+    measured: dict[str, dict[str, JointGroup]] = {}
+    completed: dict[str, dict[str, JointGroup]] = {}
+    worst, where = np.full((frames, persons), np.nan), np.zeros((frames, persons, 2), int)
+    for start in range(0, frames if persons else 0, _CHUNK):
+        part = slice(start, start + _CHUNK)
+        error = reprojection_errors(clip.select(frames=part), poses.select(part))
+        source = np.broadcast_to(poses.source[part][:, None], error.shape)
+        is_completed = source == Source.COMPLETED
+        for kept, into in ((~is_completed, measured), (is_completed, completed)):
+            for name, groups in _groups(clip, poses, np.where(kept, error, np.nan), source).items():
+                into[name] = added(into.get(name, {}), groups)
+        flat = np.where(is_completed, np.nan, error).transpose(0, 2, 1, 3).reshape(len(error), persons, -1)
+        largest = np.where(np.isnan(flat), -1, flat).argmax(-1)
+        worst[part] = np.take_along_axis(flat, largest[..., None], -1)[..., 0]
+        where[part] = np.stack(np.divmod(largest, joints), -1)
+        if frames > _CHUNK:
+            release(clip.detections.xy, clip.detections.score, *(getattr(poses, f.name) for f in fields(poses)[1:]))
+    return Reprojection(measured, completed, worst, where)
+
+
+def reprojection_errors(clip: Clip, poses: Poses3D) -> np.ndarray:
+    """Return the distances (F, V, P, J) between reprojected joints and those of the matched detection, px."""
+    pixels, depth = clip.rig.project(poses.xyz)
+    errors, scale = np.full(pixels.shape[:-1], np.nan), scale_of(poses)
+    for view in range(len(clip.rig)):
+        known = np.isfinite(pixels[:, view]).all(-1)
+        if not known.any():
+            continue
+        gate = scale * GATE_M * clip.rig.K[view, 0, 0] / np.median(depth[:, view][known])
+        found = clip.detections.xy[:, view]
+        matched = take_matched(found, match(found, pixels[:, view], gate))
+        errors[:, view] = np.linalg.norm(matched - pixels[:, view], axis=-1)
+    return errors
+
+
+def _groups(clip: Clip, poses: Poses3D, error: np.ndarray, source: np.ndarray) -> dict[str, dict[str, JointGroup]]:
+    _, views, persons, joints = error.shape
+    cuts = {
+        "camera": {clip.rig.names[view]: np.s_[:, view] for view in range(views)},
+        "person": {f"person {person}": np.s_[:, :, person] for person in range(persons)},
+        "joint": {poses.skeleton.joints[joint]: np.s_[..., joint] for joint in range(joints)},
+        "all": {"all": np.s_[:]},
+    }
+    return {
+        name: {group: tally(error[cut], source[cut]) for group, cut in parts.items()} for name, parts in cuts.items()
+    }
+
+
+# Tables of reprojection errors by camera, person and joint.
+
+Groups = dict[str, dict[str, JointGroup]]
+"""Tallies by breakdown and group."""
+BREAKDOWNS = ("camera", "person", "joint")
+
+
+def residual_tables(measured: Groups, completed: Groups, names: Sequence[str] = BREAKDOWNS) -> list[Table]:
+    """Return a table for each breakdown: of joints with a detection, how far they reproject from it, px.
+
+    Args:
+        measured, completed: Errors of measured and of completed joints, as in `Reprojection`. Columns of completed
+            joints are left out where there are none.
+        names: Breakdowns.
+    """
+    some_completed = any(each.compared for groups in completed.values() for each in groups.values())
+    tables = []
+    for name in (name for name in names if name in measured):
+        rows = []
+        for group, each in measured[name].items():
+            other = completed.get(name, {}).get(group)
+            if each.compared or (other and other.compared):
+                row = (group, f"{each.compared:,}", *(_pixels(part) for part in (each.mean, each.quantile(0.5),
+                       each.quantile(0.9))))  # fmt: skip
+                more = (f"{other.compared:,}" if other else "0", _pixels(other and other.mean))
+                rows.append(row + more if some_completed else row)
+        header = (name, "measured", "mean px", "median px", "90 % under")
+        if some_completed:
+            header += ("completed", "completed mean px")
+        if rows:
+            tables.append(Table(f"By {name}", header, rows, bars=(2, 6) if some_completed else (2,)))
+    return tables
+
+
+def _pixels(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"

@@ -1,25 +1,36 @@
 """The page of one or more clips and of scores."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from dmae.data.clip import Clip, Source
-from dmae.evaluation.report.findings import Findings, State, examine
-from dmae.evaluation.report.sections import (
-    breakdown_sections,
-    clips_section,
-    doubts_section,
-    moments_section,
-    residuals_section,
-    uncertainty_section,
+from dmae.evaluation.report.findings import (
+    BY_CAUSE,
+    BY_GAP,
+    BY_JOINT,
+    BY_MEASURING,
+    BY_SEEING,
+    PROBABILITIES,
+    Findings,
+    State,
+    WorstMoment,
+    examine,
+    pooled_groups,
+    pooled_regions,
+    pooled_truth,
 )
-from dmae.evaluation.report.summary import summary
-from dmae.evaluation.report_section import scores_section
+from dmae.evaluation.report.joints import JointGroup, residual_tables
+from dmae.evaluation.review import DECISIONS, FORMAT, ReviewVerdict
+from dmae.files.structured import read_json
+from dmae.metrics.tables import score_tables
 from dmae.progress import progress
-from dmae.reporting.page import write_report
+from dmae.reporting.figures import COMPLETED, PERSONS, gaps_figure
+from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.player import Played, player_data, window
+from dmae.reporting.tables import Choices, Moment, Table
 
 TITLE = "Multi-view motion: measured and completed"
 MOST_CLIPS = 6
@@ -100,3 +111,412 @@ def _played(clip: Clip, findings: Findings, cut: slice) -> Played:
         notes.append(f"The clip is long: the player shows frames {cut.start} to {cut.stop - 1} of {findings.frames}.")
     error = None if findings.error is None else findings.error[cut]
     return Played(clip.select(frames=cut), cut.start, error, tuple(notes))
+
+
+# The report in words: its subject and its main figures.
+
+
+def summary(findings: Sequence[Findings]) -> list[str]:
+    """Return the paragraphs under the title."""
+    return [
+        " ".join(sentences)
+        for sentences in (
+            [*_subject(findings), *_states(findings)],
+            _sources(findings),
+            [*_errors(findings), *_uncertainty(findings), *_residuals(findings), *_floor(findings)],
+            _pictures(findings),
+        )
+        if sentences
+    ]
+
+
+def _subject(findings: Sequence[Findings]) -> list[str]:
+    if not findings:
+        return ["This data set has no clip that was made without an error."]
+    seconds = sum(each.frames / each.fps for each in findings)
+    frames = sum(each.frames for each in findings)
+    cameras = sorted({each.cameras for each in findings})
+    rig = number(cameras[0], "camera") if len(cameras) == 1 else f"{cameras[0]} to {cameras[-1]} cameras"
+    rates = sorted({each.fps for each in findings})
+    rate = f" at {rates[0]:g} frames/s" if len(rates) == 1 else ""
+    length = f"{number(frames, 'frame')}{rate} ({seconds:.1f} s) from {rig}"
+    if len(findings) > 1:
+        return [f"{len(findings)} clips: {length}."]
+    people = findings[0].people
+    captured = f", with {number(people, 'captured person', 'captured people')}" if people else ""
+    return [f"Clip {findings[0].id}: {length}{captured}."]
+
+
+def _states(findings: Sequence[Findings]) -> list[str]:
+    one = len(findings) == 1
+    found = []
+    for state, words in (
+        (State.empty, "no frames, so there is nothing to show"),
+        (
+            State.not_captured,
+            "not captured yet: run dmae capture. The player shows detections, and truth where there is one",
+        ),
+        (State.no_person, "captured, but capture found no person"),
+    ):
+        clips = [each for each in findings if each.state == state]
+        if clips:
+            verb = "has" if state == State.empty else "is"
+            verb = verb if one or len(clips) == 1 else {"has": "have", "is": "are"}[verb]
+            subject = "It" if one else number(len(clips), "clip")
+            found.append(f"{subject} {verb} {words}.")
+    return found
+
+
+def _sources(findings: Sequence[Findings]) -> list[str]:
+    counts = {source: sum(each.sources.get(source, 0) for each in findings) for source in Source}
+    total = sum(counts.values())
+    if not total:
+        return []
+    measured = counts[Source.MEASURED] + counts[Source.DENOISED]
+    text = [f"Of {total:,} joints of captured people, cameras measured {share(measured, total)}."]
+    if counts[Source.COMPLETED]:
+        text.append(f"{_first(counts[Source.COMPLETED], total)} are completed: no camera measured them.")
+    else:
+        text.append("No joint is completed.")
+    if counts[Source.ABSENT]:
+        text.append(f"{_first(counts[Source.ABSENT], total)} are missing.")
+    if counts[Source.DENOISED]:
+        text.append(f"{_first(counts[Source.DENOISED], total)} were measured, then moved by denoising or smoothing.")
+    return text
+
+
+def _errors(findings: Sequence[Findings]) -> list[str]:
+    truth = pooled_truth(findings)
+    if not truth:
+        captured = any(each.sources for each in findings)
+        return ["There is no truth to compare with, so no error is stated."] if captured else []
+    everything = truth["all"]
+    if everything.mean is None:
+        return ["No captured person matches a true one, so there is no error to state."]
+    parts = [
+        f"{name} joints {truth[name].mean:.0f}\N{NO-BREAK SPACE}mm"
+        for name in ("measured", "completed")
+        if truth[name].compared
+    ]
+    text = [f"Against the truth the mean error is {everything.mean:.0f}\N{NO-BREAK SPACE}mm ({', '.join(parts)})."]
+    absent = everything.joints - everything.compared
+    if absent:
+        text.append(f"{_first(absent, everything.joints)} of the true joints were not found.")
+    return text
+
+
+def _uncertainty(findings: Sequence[Findings]) -> list[str]:
+    regions = pooled_regions(findings)
+    at = 1 + PROBABILITIES.index(0.9)
+    parts = [f"{share(counts[at], counts[0])} of the {name}" for name, counts in regions.items()]
+    if not parts:
+        return []
+    sentence = f"{' and '.join(parts)} lie within their stated 90\N{NO-BREAK SPACE}% regions."
+    return [sentence[0].upper() + sentence[1:]]
+
+
+def _residuals(findings: Sequence[Findings]) -> list[str]:
+    overall: JointGroup | None = pooled_groups(findings, "residuals").get("all", {}).get("all")
+    if overall is None or overall.mean is None:
+        return []
+    return [f"Measured joints reproject {overall.mean:.1f}\N{NO-BREAK SPACE}px from their detections on average."]
+
+
+def _floor(findings: Sequence[Findings]) -> list[str]:
+    floors = [each.floor for each in findings if each.floor is not None]
+    return [f"Estimated from feet and bodies: {floors[0].describe()}."] if len(floors) == len(findings) == 1 else []
+
+
+def _pictures(findings: Sequence[Findings]) -> list[str]:
+    if not findings or any(each.has_images for each in findings):
+        return []
+    return ["There are no pictures, so the camera's view has a plain background."]
+
+
+def number(count: int, one: str, several: str | None = None) -> str:
+    """Return a count with its noun, as "1 frame" or "1,200 frames"."""
+    return f"{count:,} {one if count == 1 else several or one + 's'}"
+
+
+def _first(part: int, total: int) -> str:
+    """Return a share as the first word of a sentence."""
+    return share(part, total).capitalize()
+
+
+def share(part: int, total: int) -> str:
+    """Return a share in percent. A share is rounded to 0 % or 100 % only if it is exactly none or all."""
+    percent = 100 * part / total
+    if 0 < percent < 0.05:
+        return "under 0.1\N{NO-BREAK SPACE}%"
+    if 99.95 <= percent < 100:
+        return "over 99.9\N{NO-BREAK SPACE}%"
+    return f"{percent:.1f}\N{NO-BREAK SPACE}%"
+
+
+# The sections of the report: worst moments, errors by group, uncertainty, reprojection, and the clips.
+
+_KINDS = {
+    "error": "Largest errors of a joint",
+    "missed": "True people without a captured one",
+    "not measured": "Frames with the fewest measured joints of a person",
+    "reprojection": "Measured joints farthest from their detection",
+}
+_MOST_MOMENTS = 8
+"""Rows of each table of moments."""
+
+
+def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list[Section]:
+    """Return the table of clips, if there are several. Its rows open the clips that the player contains."""
+    if len(findings) < 2:
+        return []
+    rows = []
+    for each in findings:
+        residual = each.residuals.get("all", {}).get("all")
+        shares = [
+            each.share(*kinds) for kinds in ((Source.MEASURED, Source.DENOISED), (Source.COMPLETED,), (Source.ABSENT,))
+        ]
+        errors = [each.against_truth.get(name) for name in ("all", "completed")]
+        rows.append(
+            (
+                each.id,
+                str(each.state),
+                str(each.frames),
+                str(each.people) if each.sources else "-",
+                *(text(None if part is None else 100 * part, 1) for part in shares),
+                *(text(error and error.mean) for error in errors),
+                text(residual and residual.mean, 1),
+            )
+        )
+    header = ("clip", "state", "frames", "people", "measured %", "completed %", "missing %", "error mm",
+              "completed mm", "reprojection px")  # fmt: skip
+    moments = [Moment(each.id, 0) if each.id in played else None for each in findings]
+    caption = (
+        "Shares are of the joints of captured people; errors are means against the truth; reprojection is that of "
+        "measured joints"
+    )
+    held = (
+        f" The player contains {len(played)} of them, those with the greatest errors."
+        if len(played) < len(findings)
+        else ""
+    )
+    return [Section("Clips", held, [Table(caption, header, rows, bars=(7, 8), moments=moments)])]
+
+
+def moments_section(findings: Sequence[Findings], played: dict[str, range]) -> list[Section]:
+    """Return the worst moments of the clips in the player.
+
+    Args:
+        findings: Findings of all clips.
+        played: Clips in the player, with their frames in it.
+    """
+    shown = [(each, moment) for each in findings if each.id in played for moment in each.moments]
+    tables = []
+    for kind, caption in _KINDS.items():
+        found = sorted(((e, m) for e, m in shown if m.kind == kind), key=lambda pair: -pair[1].size)[:_MOST_MOMENTS]
+        if found:
+            tables.append(_moments_table(caption, found, played))
+    return [Section("Worst moments", "Choose one to see it in the player.", tables)] if tables else []
+
+
+def _moments_table(caption: str, found: Sequence[tuple[Findings, WorstMoment]], played: dict[str, range]) -> Table:
+    several = len(played) > 1
+    rows, places = [], []
+    for each, moment in found:
+        person = "-" if moment.person is None else str(moment.person)
+        seconds = f"{moment.frame / each.fps:.2f}"
+        rows.append((*((each.id,) if several else ()), str(moment.frame), moment.amount, person, moment.what, seconds))
+        inside = moment.frame in played[each.id]
+        places.append(Moment(each.id, moment.frame, moment.person) if inside else None)
+    header = (*(("clip",) if several else ()), "frame", "amount", "person", "what", "at s")
+    return Table(caption, header, rows, moments=places)
+
+
+def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> list[Section]:
+    """Return the joints of the clips in the player that are most likely to be off, so that a reader can review them."""
+    tables = [_doubts_table(each, played[each.id]) for each in findings if each.id in played and each.doubts]
+    text = (
+        "The joints that are most likely wrong, by signs that need no truth: stated error, bones that change their "
+        "length, jumps, distance from detections. Choose one to see it in the player, and decide: accept, blank, or "
+        "hand back to completion. Put the saved file into the folder of the clip: dmae export and dmae complete "
+        "follow it."
+    )
+    return [Section("Doubtful joints", text, tables)] if tables else []
+
+
+def _doubts_table(found: Findings, played: range) -> Table:
+    rows, places, choices = [], [], []
+    for entry, doubt in enumerate(found.doubts, 1):
+        inside = doubt.worst in played
+        rows.append(
+            (str(entry), str(doubt.person), doubt.joint, f"{doubt.worst}", f"{1000 * doubt.doubt:.0f}", doubt.reason,
+             doubt.source.name.lower(), str(doubt.views))
+        )  # fmt: skip
+        places.append(Moment(found.id, doubt.worst, doubt.person) if inside else None)
+        choices.append({"person": doubt.person, "joint": doubt.joint, "first": doubt.first, "last": doubt.last})
+    return Table(
+        f"Doubtful joints of {found.id}",
+        ("entry", "person", "joint", "frame", "doubt mm", "largest sign", "source", "cameras"),
+        rows,
+        bars=(4,),
+        moments=places,
+        choices=Choices(DECISIONS, [*ReviewVerdict], choices, {"format": FORMAT, "poses": found.poses_checksum}),
+    )
+
+
+def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:
+    """Return errors, or counts where there is no truth, by gap, joint, cause of occlusion and number of cameras."""
+    groups = pooled_groups(findings, "breakdowns")
+    if not groups:
+        return []
+    truth = pooled_truth(findings)
+    known = bool(truth)
+    names = [name for name in (BY_GAP, BY_CAUSE, BY_SEEING, BY_MEASURING, BY_JOINT) if name in groups]
+    tables = [_breakdown_table(name, groups[name], known) for name in names]
+    text = (
+        "Every true joint is counted once: measured, completed or not found. Lengths of gaps are in frames at 25/s."
+        if known
+        else "There is no truth, so these are counts of the joints of captured people. Gaps are in frames at 25/s."
+    )
+    if BY_CAUSE in groups:
+        text += " The cause is the most frequent reason for which cameras do not see the joint."
+    figures = []
+    if known:
+        figures = [
+            CaptionedFigure("Error by length of the gap: mean and 90 % quantile.", _gap_figure(groups[BY_GAP])),
+            CaptionedFigure("Share of joints within an error, measured and completed ones.", _error_figure(truth)),
+        ]
+    return [Section("Errors" if known else "What was not measured", text, tables, figures)]
+
+
+def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
+    """Return how often the truth is in regions of stated probability; nothing if no uncertainty is stated."""
+    regions = pooled_regions(findings)
+    if not regions:
+        return []
+    rows = [
+        (f"{100 * stated:.0f}", *(f"{100 * counts[1 + i] / counts[0]:.1f}" for counts in regions.values()))
+        for i, stated in enumerate(PROBABILITIES)
+    ]
+    counted = " and ".join(f"{int(counts[0]):,} {name}" for name, counts in regions.items())
+    table = Table("Truth found in the region, %, by its stated probability", ("stated %", *regions), rows)
+    text = (
+        f"{counted} have a stated uncertainty and a truth. Above the diagonal it is too cautious, below overconfident."
+    )
+    caption = "Stated against measured probability; on the diagonal the uncertainty is correct."
+    return [Section("Is the uncertainty right?", text, [table], [CaptionedFigure(caption, _regions_figure(regions))])]
+
+
+def residuals_section(findings: Sequence[Findings]) -> list[Section]:
+    """Return reprojection errors by camera, joint and, for a single clip, person."""
+    measured, completed = (pooled_groups(findings, name) for name in ("residuals", "residuals_completed"))
+    names = ("camera", "person", "joint") if len(findings) == 1 else ("camera", "joint")
+    tables = residual_tables(measured, completed, names)
+    if not tables:
+        return []
+    words = (
+        "Each joint is reprojected into each camera and compared with the detection that fits the person best there; "
+        "joints that the camera did not detect are not counted."
+    )
+    return [Section("Reprojection", words, tables)]
+
+
+def _breakdown_table(name: str, groups: dict[str, JointGroup], known: bool) -> Table:
+    columns = {
+        name: list(groups),
+        "joints": [f"{each.joints:,}" for each in groups.values()],
+    }
+    if known:
+        columns["mean mm"] = [text(each.mean) for each in groups.values()]
+        columns["90 % under"] = [text(each.quantile(0.9)) for each in groups.values()]
+    if any(each.completed for each in groups.values()):
+        columns["completed %"] = [text(100 * each.completed / each.joints, 1) for each in groups.values()]
+    if any(each.missing for each in groups.values()):
+        heading = "not found %" if known else "missing %"
+        columns[heading] = [text(100 * each.missing / each.joints, 1) for each in groups.values()]
+    return Table(f"By {name}", list(columns), list(zip(*columns.values(), strict=True)), bars=(2,))
+
+
+def _error_figure(truth: dict[str, JointGroup]) -> Figure:
+    figure = Figure(figsize=(5.2, 3), layout="constrained")
+    axes = figure.subplots()
+    shown = {"measured": PERSONS[0], "completed": COMPLETED}
+    for name, colour in shown.items():
+        if truth[name].compared:
+            within = 100 * np.cumsum(truth[name].histogram) / truth[name].compared
+            axes.plot(np.arange(1, len(within) + 1), within, color=colour, label=name)
+    most = max(50, 1.5 * (truth["all"].quantile(0.95) or 0))
+    axes.set(xlabel="error [mm]", ylabel="joints within [%]", xlim=(0, most))
+    return _finished(figure)
+
+
+def _gap_figure(groups: dict[str, JointGroup]) -> Figure:
+    shown = {name: each for name, each in groups.items() if each.compared}
+    figure = Figure(figsize=(5.2, 3), layout="constrained")
+    axes = figure.subplots()
+    places = range(len(shown))
+    axes.plot(places, [each.mean for each in shown.values()], "o-", color=PERSONS[0], label="mean")
+    axes.plot(places, [each.quantile(0.9) for each in shown.values()], "s--", color=COMPLETED, label="90 % under")
+    axes.set_xticks(places, [name.replace(" ", "\n", 1) for name in shown], fontsize=9)
+    axes.set_ylabel("error [mm]")
+    return _finished(figure)
+
+
+def _regions_figure(regions: dict[str, Sequence[int]]) -> Figure:
+    figure = Figure(figsize=(5.2, 3.6), layout="constrained")
+    axes = figure.subplots()
+    axes.plot([0, 100], [0, 100], color="#8d9bac", linewidth=1, label="right")
+    stated = [100 * each for each in PROBABILITIES]
+    colours = {"measured joints": PERSONS[0], "completed joints": COMPLETED}
+    for name, counts in regions.items():
+        found = [100 * count / counts[0] for count in counts[1:]]
+        axes.plot(stated, found, "o-", markersize=4, color=colours[name], label=name)
+    axes.set(xlabel="stated [%]", ylabel="found [%]", xlim=(0, 100))
+    return _finished(figure)
+
+
+def _finished(figure: Figure) -> Figure:
+    (axes,) = figure.axes
+    axes.set_ylim(bottom=0)
+    axes.grid(color="#dddddd", linewidth=0.5)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False)
+    return figure
+
+
+def text(value: float | None, digits: int = 0) -> str:
+    """Return a number as text, "-" if it is not known."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+# Scores as a section of a report.
+
+
+def read_scores(path: Path) -> dict:
+    """Return the scores in a file that `dmae evaluate` wrote.
+
+    Raises:
+        FileNotFoundError: the file does not exist.
+        ValueError: the file does not contain scores, or lacks entries that `scores_section` shows.
+    """
+    scores = read_json(path)
+    try:
+        scores_section(scores)
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:
+        raise ValueError(f"{path}: expected scores that dmae evaluate wrote, {error!r:.200}") from None
+    return scores
+
+
+def scores_section(scores: dict) -> Section:
+    """Return the tables of scores, and a figure of the error by length of gap.
+
+    Args:
+        scores: Result of `dmae.evaluation.evaluate.evaluate`, or its JSON.
+    """
+    poses = f" ({scores['poses']})" if "poses" in scores else ""
+    return Section(
+        f"Scores on {scores['recording']}{poses}",
+        "Strict protocol: one-to-one matching within 0.5 m; a missed person or joint fails its limbs. Views are "
+        "numbers of cameras; mean and worst are over all subsets of that many.",
+        tables=score_tables(scores),
+        figures=[CaptionedFigure("Mean error of hidden joints by how long they were hidden.", gaps_figure(scores))],
+    )

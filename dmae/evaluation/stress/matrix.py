@@ -18,8 +18,7 @@ from dmae.completion.methods.registry import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.evaluation.config import StressConfig
-from dmae.evaluation.corruption.corrupt import corrupt
-from dmae.evaluation.corruption.people import people_of
+from dmae.evaluation.corruption.corrupt import corrupt, people_of
 from dmae.evaluation.scores import measured_by_all, score, scored_actors, truth_of
 from dmae.evaluation.stress.curves import Runs, curves
 from dmae.evaluation.stress.plan import Cell, Contender, Plan, allowed, contenders, plan, source_hash
@@ -29,7 +28,7 @@ from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 
 SMOOTHING = 0.1
 """s; smoothing after every method, except methods that smooth by themselves, as in `dmae evaluate`."""
@@ -43,7 +42,7 @@ class Subject:
 
     Attributes:
         clip: The clip. Its truth is the reference of the results, on the skeleton of the comparison.
-        people: The people of the clip, see `dmae.evaluation.corruption.people`.
+        people: The people of the clip, see `dmae.evaluation.corruption.corrupt`.
         actors: Persons of the truth over which PCP is averaged; None for all.
     """
 

@@ -14,8 +14,7 @@ from dmae.evaluation.corruption.registry import find_corruption
 from dmae.evaluation.stress.curves import HIDDEN_ERROR, PCP_DROP
 from dmae.files.contents import write_atomic
 from dmae.reporting.page import CaptionedFigure, Section, write_report
-from dmae.reporting.tables import Table
-from dmae.reporting.words import counted
+from dmae.reporting.tables import Table, counted
 
 _REFERENCES = {
     "truth": "Results are compared with the truth of the clips.",

@@ -12,7 +12,7 @@ from dmae.commands.export import ExportCommand
 from dmae.commands.review import ReviewCommand
 from dmae.data.clip import Source
 from dmae.data.store import load_clip, save_clip
-from dmae.evaluation.review.decisions import DECISIONS, load_decisions
+from dmae.evaluation.review import DECISIONS, load_decisions
 from dmae.formats.own import read_npz
 from tests.support.circling_people import circling_people, clip_of
 

@@ -9,10 +9,8 @@ import pytest
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
-from dmae.detection.across_views import compare_views
-from dmae.detection.picture_size import Fitting
-from dmae.detection.pictures import CameraPictures, find_cameras
-from dmae.detection.pipeline import Found
+from dmae.detection.pictures import CameraPictures, Fitting, find_cameras
+from dmae.detection.pipeline import Found, compare_views
 from dmae.detection.registry import PoseDetectorConfig
 from tests.support.detected_people import FPS, detected_clip, standing, with_body
 

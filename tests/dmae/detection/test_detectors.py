@@ -10,12 +10,8 @@ import pytest
 
 from dmae.data.conversion import convert_detections
 from dmae.data.skeleton import BLAZEPOSE33, BODY25, COCO17
-from dmae.detection.blazepose.expected import find_expected
-from dmae.detection.blazepose.landmarks import Person, find_person
-from dmae.detection.blazepose.models import Network
-from dmae.detection.blazepose.parts import part_of
-from dmae.detection.blazepose.people import PeopleDetector
-from dmae.detection.blazepose.regions import pyramid_of
+from dmae.detection.detectors.blazepose import PeopleDetector, find_expected
+from dmae.detection.detectors.landmarks import Network, Person, find_person, part_of, pyramid_of
 from dmae.detection.pictures import find_cameras
 from dmae.detection.pipeline import detect_people, make_detector, to_detections
 from dmae.detection.registry import PoseDetectorConfig

@@ -6,11 +6,19 @@ import numpy as np
 import pytest
 
 from dmae.data.skeleton import BLAZEPOSE33
-from dmae.detection.blazepose.candidates import _is_cut, _merged, anchors, same_region, windows_of
-from dmae.detection.blazepose.landmarks import TORSO, Person, disagreement, painted_over, same_torso
-from dmae.detection.blazepose.parts import larger_region, part_of
-from dmae.detection.blazepose.regions import Region, pyramid_of
-from dmae.detection.blazepose.torso import corrected_torso
+from dmae.detection.detectors.blazepose import _is_cut, _merged, anchors, same_region, windows_of
+from dmae.detection.detectors.landmarks import (
+    TORSO,
+    Person,
+    Region,
+    corrected_torso,
+    disagreement,
+    larger_region,
+    painted_over,
+    part_of,
+    pyramid_of,
+    same_torso,
+)
 
 
 def test_anchors_are_those_of_the_network():

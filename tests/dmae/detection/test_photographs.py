@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dmae.detection.photographs import find_photographs
 from dmae.detection.pictures import find_cameras
+from dmae.detection.recording import find_photographs
 from dmae.files.pictures import read_upright, upright_size
 from tests.support.commands import dmae
 

@@ -7,7 +7,7 @@ import pytest
 
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
-from dmae.detection.projected_people import missed_people, parts_of_people
+from dmae.detection.pipeline import missed_people, parts_of_people
 from tests.support.detected_people import detected_clip, standing, with_body
 
 FRAMES = 5

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from dmae.data.images import write_rgb, write_video
-from dmae.detection.alignment import align
-from dmae.detection.picture_size import fit_pictures
-from dmae.detection.pictures import CameraPictures, find_cameras
+from dmae.detection.pictures import CameraPictures, align, find_cameras, fit_pictures
 from dmae.detection.recording import open_recording
 from tests.support.clips import looking_at_origin
 

@@ -14,8 +14,7 @@ import pytest
 
 from dmae.commands.regress import load_solver
 from dmae.regression import solvers
-from dmae.regression.pack import Case, cases, unpack
-from dmae.regression.recipe import crowd_cases, seeded_cases
+from dmae.regression.pack import Case, cases, crowd_cases, seeded_cases, unpack
 from dmae.regression.verdicts import PURPOSES, REASONS, assert_passes, check, check_case, oracle
 from tests.support.clips import full_clip
 from tests.support.commands import dmae

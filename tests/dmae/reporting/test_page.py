@@ -6,9 +6,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from dmae.data.clip import Poses3D, Source
-from dmae.evaluation.report_section import scores_section
-from dmae.reporting.figures import COMPLETED, gaps_figure, views_figure
-from dmae.reporting.frames import frames_to_draw, frames_with_most
+from dmae.evaluation.report.page import scores_section
+from dmae.reporting.figures import COMPLETED, frames_to_draw, frames_with_most, gaps_figure, views_figure
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Moment, Table
 from tests.support.clips import full_clip

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from dmae.data.images import Images, write_video
-from dmae.reporting.player import Played, packed, player_data, window
-from dmae.reporting.videos import small_videos
+from dmae.reporting.player import Played, packed, player_data, small_videos, window
 from tests.support.clips import full_clip
 from tests.support.reported_clips import completed_clip, grey_of, with_pictures
 

@@ -1,6 +1,6 @@
 """Numbers of things in words."""
 
-from dmae.reporting.words import counted
+from dmae.reporting.tables import counted
 
 
 def test_one_thing_is_singular():

@@ -10,11 +10,19 @@ from dmae.data.clip import Source
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.viewing.canvas import RED, person_colour
-from dmae.viewing.header import header
-from dmae.viewing.layers import DETECTED, TRUE, LayersConfig, chosen_layers, first_joints
-from dmae.viewing.occlusion import COLOURS, MEANINGS, occluder_name, occlusion_summary
-from dmae.viewing.overlay import Overlay
-from dmae.viewing.sheet import write_sheet
+from dmae.viewing.overlay import (
+    COLOURS,
+    DETECTED,
+    MEANINGS,
+    TRUE,
+    LayersConfig,
+    Overlay,
+    chosen_layers,
+    first_joints,
+    occluder_name,
+    occlusion_summary,
+)
+from dmae.viewing.sheet import header, write_sheet
 from tests.support.shown_clips import captured_clip, near, occluded_clip
 
 VISIBLE, SELF, PERSON, OBJECT = list(Visibility)[:4]

@@ -1,7 +1,6 @@
 """A simulated clip records where it was made, and so its room can be drawn without images."""
 
-from dmae.viewing.layers import LayersConfig, chosen_layers
-from dmae.viewing.overlay import Overlay
+from dmae.viewing.overlay import LayersConfig, Overlay, chosen_layers
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.scene.spec import SceneConfig
 from synth.viewing.rooms import draw_rooms

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from dmae.data.skeleton import BODY25, COCO17, SHELF14, Skeleton
-from dmae.evaluation.corruption.bodies import clearance, clearance_of_self
-from dmae.evaluation.corruption.body_limbs import limb_of_joint
-from dmae.evaluation.corruption.companions import companion, delayed
-from dmae.evaluation.corruption.events import share_of_time
-from dmae.evaluation.corruption.neighbours import nearest_other
-from dmae.evaluation.corruption.people import detections_of_people, people_of, people_of_detections
+from dmae.evaluation.corruption.corrupt import (
+    detections_of_people,
+    limb_of_joint,
+    people_of,
+    people_of_detections,
+    share_of_time,
+)
+from dmae.evaluation.corruption.detector import nearest_other
+from dmae.evaluation.corruption.occlusions import clearance, clearance_of_self, companion, delayed
 from dmae.reconstruction.config import CaptureConfig
 from tests.support.clips import t_pose
 from tests.support.stressed_clips import strollers

@@ -3,8 +3,7 @@
 import pytest
 
 from dmae.evaluation.report.page import write_clips_report
-from dmae.evaluation.review.decisions import DECISIONS, load_decisions
-from dmae.evaluation.review.ranking import rank_doubts
+from dmae.evaluation.review import DECISIONS, load_decisions, rank_doubts
 from tests.support.browser import opened
 from tests.support.reported_clips import completed_clip
 

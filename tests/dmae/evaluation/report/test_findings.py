@@ -7,12 +7,21 @@ import pytest
 
 from dmae.data.clip import Detections2D, Poses3D, Source
 from dmae.data.labels import Visibility
-from dmae.evaluation.report.breakdown import BY_CAUSE, BY_GAP, BY_JOINT, BY_MEASURING, BY_SEEING
-from dmae.evaluation.report.findings import State, examine
-from dmae.evaluation.report.moments import peaks, runs_of
-from dmae.evaluation.report.pooled import pooled_groups, pooled_truth
-from dmae.evaluation.report.stated_uncertainty import PROBABILITIES
-from dmae.evaluation.report.summary import share, summary
+from dmae.evaluation.report.findings import (
+    BY_CAUSE,
+    BY_GAP,
+    BY_JOINT,
+    BY_MEASURING,
+    BY_SEEING,
+    PROBABILITIES,
+    State,
+    examine,
+    peaks,
+    pooled_groups,
+    pooled_truth,
+    runs_of,
+)
+from dmae.evaluation.report.page import share, summary
 from tests.support.clips import walkers
 from tests.support.reported_clips import ERROR_M, completed_clip
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from dmae.data.clip import Source
-from dmae.evaluation.report.joint_groups import added, tally
+from dmae.evaluation.report.joints import added, tally
 
 
 def test_quantiles_and_means_are_numpys_within_a_unit():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dmae.data.clip import Source
-from dmae.evaluation.review.decisions import (
+from dmae.evaluation.review import (
     DECISIONS,
     Decision,
     ReviewVerdict,

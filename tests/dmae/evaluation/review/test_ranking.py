@@ -7,10 +7,17 @@ import pytest
 
 import dmae
 from dmae.data.clip import Source
-from dmae.evaluation.review.check import check_ranking
-from dmae.evaluation.review.decisions import ReviewVerdict
-from dmae.evaluation.review.ranking import rank_doubts
-from dmae.evaluation.review.signs import BONE, JUMP, RESIDUAL, STATED, UNSTATED, signs
+from dmae.evaluation.review import (
+    BONE,
+    JUMP,
+    RESIDUAL,
+    STATED,
+    UNSTATED,
+    ReviewVerdict,
+    check_ranking,
+    rank_doubts,
+    signs,
+)
 from tests.support.reported_clips import completed_clip
 
 CLIP = completed_clip()

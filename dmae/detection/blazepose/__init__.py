@@ -1,1 +1,0 @@
-"""Detection of people with BlazePose: candidates in windows, regions of people, landmarks, confidences."""

@@ -1,1 +1,0 @@
-"""Corruptions of the output of a detector, one module each."""

@@ -1,1 +1,0 @@
-"""Corruptions that hide joints from cameras, one module each."""

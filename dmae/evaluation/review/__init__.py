@@ -1,1 +1,0 @@
-"""Review of captured poses: signs of errors, a ranking of doubtful joints, and decisions on them."""
