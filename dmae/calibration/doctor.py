@@ -4,19 +4,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmae.calibration.adjustment.examination import Examination, Kind
-from dmae.calibration.adjustment.image_tracks import ImageTracks
-from dmae.calibration.adjustment.parameters import Calibration, Q
-from dmae.calibration.agreement import (
+from dmae.calibration.adjustment_problem import Calibration, ImageTracks, Q
+from dmae.calibration.epipolar import (
+    CHECKED_FRAMES,
+    Hypothesis,
     Pairs,
+    ViewSample,
     mean_agreement,
     measure_agreement,
     pairs_to_compare,
     score_pairs,
     triangulate_matches,
 )
-from dmae.calibration.camera_differences import (
+from dmae.calibration.examination import (
     CameraFit,
+    Examination,
+    Kind,
     Named,
     camera_fits,
     examined,
@@ -24,10 +27,7 @@ from dmae.calibration.camera_differences import (
     named_camera,
     undetermined,
 )
-from dmae.calibration.corrections import Correction
-from dmae.calibration.epipolar import ViewSample
-from dmae.calibration.fault_search import find_fault
-from dmae.calibration.faults import Fault
+from dmae.calibration.faults import Correction, Fault, find_fault
 from dmae.calibration.findings import (
     MIN_DETECTIONS,
     Finding,
@@ -38,10 +38,7 @@ from dmae.calibration.findings import (
     unexplained_fault,
     world_faults,
 )
-from dmae.calibration.hypothesis import CHECKED_FRAMES, Hypothesis
-from dmae.calibration.world.floor import Floor, find_floor
-from dmae.calibration.world.gravity_and_scale import relative_size
-from dmae.calibration.world.placement import FLOOR_KEY
+from dmae.calibration.world import FLOOR_KEY, Floor, find_floor, relative_size
 from dmae.data.clip import Clip
 from dmae.formats.config import Convention
 from dmae.formats.reading import shift_views

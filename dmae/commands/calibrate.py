@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from dmae.calibration.adjustment.refinement import RefineConfig, Refined, refine
+from dmae.calibration.refinement import RefineConfig, Refined, refine
 from dmae.files.contents import write_atomic
 from dmae.formats.pose2sim import write_cameras
 from dmae.formats.reading import DataConfig, is_data_set, load

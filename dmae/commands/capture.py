@@ -7,8 +7,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from dmae.calibration.world.floor import Floor, find_floor
-from dmae.calibration.world.placement import place_clip, upright_world
+from dmae.calibration.world import Floor, find_floor, place_clip, upright_world
 from dmae.commands.data_sets import Manifest, describe_joints, describe_sides, finished, part_of
 from dmae.commands.unfinished import UNFINISHED, settings_of, whole_clips
 from dmae.completion.methods.registry import METHODS, completion_method

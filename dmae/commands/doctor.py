@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dmae.calibration.doctor import Diagnosis, PairFit, diagnose
-from dmae.calibration.epipolar_arrows import draw_arrows
-from dmae.calibration.hypothesis import Hypothesis
+from dmae.calibration.epipolar import Hypothesis, draw_arrows
 from dmae.commands.data_sets import describe_sides, each_clip
 from dmae.data.clip import Clip
 from dmae.files.contents import write_atomic

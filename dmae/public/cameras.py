@@ -8,8 +8,8 @@ from dmae.data.clip import Clip
 from dmae.public.arguments import checked
 
 if TYPE_CHECKING:
-    from dmae.calibration.adjustment.refinement import RefineConfig, Refined
     from dmae.calibration.doctor import Diagnosis
+    from dmae.calibration.refinement import RefineConfig, Refined
 
 
 @checked
@@ -43,7 +43,7 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
 
     Args:
         clip: F frames of V cameras; only cameras and detections are read.
-        refine: What may change (`dmae.calibration.adjustment.refinement.RefineConfig`); by default the extrinsics of
+        refine: What may change (`dmae.calibration.refinement.RefineConfig`); by default the extrinsics of
             the cameras that clearly differ from their calibration.
 
     Returns:
@@ -58,6 +58,6 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
         >>> refined.rig.names == clip.rig.names
         True
     """
-    from dmae.calibration.adjustment.refinement import refine as run
+    from dmae.calibration.refinement import refine as run
 
     return run(clip, refine)

@@ -22,8 +22,8 @@ from planted_recordings import (
     write_tables,
 )
 
-from dmae.calibration.adjustment.examination import CERTAIN, Kind
 from dmae.calibration.doctor import Diagnosis, diagnose
+from dmae.calibration.examination import CERTAIN, Kind
 from dmae.calibration.faults import Fault
 from dmae.data.cameras import CameraRig
 

@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 import dmae
 from dmae.calibration.faults import Fault
 from dmae.calibration.findings import floor_faults
-from dmae.calibration.world.floor import find_floor
-from dmae.calibration.world.placement import FLOOR_KEY, place_clip
+from dmae.calibration.world import FLOOR_KEY, find_floor, place_clip
 from dmae.data.clip import Poses3D
 
 WORLDS = [(0.0, 0.0), (2.0, 0.0), (0.0, 0.05), (0.0, -0.05), (10.0, -0.59)]

@@ -8,7 +8,7 @@ from functools import reduce
 import numpy as np
 from scipy.stats import chi2
 
-from dmae.calibration.world.floor import Floor, find_floor
+from dmae.calibration.world import Floor, find_floor
 from dmae.data.clip import Clip, Source
 from dmae.data.labels import Visibility
 from dmae.evaluation.report.joints import JointGroup, Joints, Reprojection, added, joints_of, reprojection, tally

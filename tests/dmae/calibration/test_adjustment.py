@@ -6,14 +6,21 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from dmae.calibration.adjustment.bundle import adjust
-from dmae.calibration.adjustment.examination import Kind, examine
-from dmae.calibration.adjustment.freedom import Freedom
-from dmae.calibration.adjustment.initial import initial_rig
-from dmae.calibration.adjustment.matching import match_tracks
-from dmae.calibration.adjustment.observations import Observations
-from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
-from dmae.calibration.adjustment.refinement import RefineConfig, refine
+from dmae.calibration.adjustment_problem import (
+    CENTRE,
+    FOCAL,
+    K1,
+    OFFSET,
+    ROTATION,
+    Calibration,
+    Freedom,
+    Observations,
+    Q,
+)
+from dmae.calibration.bundle_adjustment import adjust
+from dmae.calibration.examination import Kind, examine
+from dmae.calibration.matching import initial_rig, match_tracks
+from dmae.calibration.refinement import RefineConfig, refine
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from tests.support.circling_people import circling_people

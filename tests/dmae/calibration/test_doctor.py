@@ -11,13 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.calibration.adjustment.parameters import ROTATION, Calibration, Q
-from dmae.calibration.agreement import pairs_to_compare
-from dmae.calibration.camera_differences import examined
-from dmae.calibration.corrections import Correction, rescale
+from dmae.calibration.adjustment_problem import ROTATION, Calibration, Q
 from dmae.calibration.doctor import _confirmed, diagnose
-from dmae.calibration.faults import Fault
-from dmae.calibration.hypothesis import Hypothesis
+from dmae.calibration.epipolar import Hypothesis, pairs_to_compare
+from dmae.calibration.examination import examined
+from dmae.calibration.faults import Correction, Fault, rescale
 from dmae.commands import doctor as command
 from dmae.commands.doctor import DoctorCommand
 from dmae.data.store import save_clip

@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dmae.calibration.agreement import measure_agreement
-from dmae.calibration.epipolar import ViewSample, fundamental
-from dmae.calibration.hypothesis import Hypothesis
+from dmae.calibration.epipolar import Hypothesis, ViewSample, fundamental, measure_agreement
 from dmae.data.clip import Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.formats.config import Convention

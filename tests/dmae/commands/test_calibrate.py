@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.calibration.adjustment.parameters import CENTRE, Calibration, Q
-from dmae.calibration.adjustment.refinement import RefineConfig
+from dmae.calibration.adjustment_problem import CENTRE, Calibration, Q
+from dmae.calibration.refinement import RefineConfig
 from dmae.commands import calibrate as command
 from dmae.commands.calibrate import CalibrateCommand
 from dmae.data.store import save_clip

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from dmae.calibration.world import standing
-from dmae.calibration.world.floor import find_floor
+from dmae.calibration import world
+from dmae.calibration.world import find_floor
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.store import load_clip, save_clip
 from dmae.files import arrays, mapped
@@ -122,7 +122,7 @@ def peak_bytes(clip: Clip, folder) -> dict[str, int]:
 
 def test_memory_does_not_grow_with_frames(in_blocks, tmp_path, monkeypatch):
     monkeypatch.setattr(pipeline, "_EXPECTED_IN_CLIPS", 1.0)
-    monkeypatch.setattr(standing, "_FRAMES", 64)
+    monkeypatch.setattr(world, "_FRAMES", 64)
     there = walk((-1.5, 0), (1.5, 0.2), frames=100)
     lap = np.concatenate([there, there[::-1]])
     in_blocks(32)

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from dmae.calibration.faults import Fault
 from dmae.calibration.findings import floor_faults
-from dmae.calibration.world.floor import find_floor, turn_to_z
-from dmae.calibration.world.placement import place_clip, place_rig, upright_world
+from dmae.calibration.world import find_floor, place_clip, place_rig, turn_to_z, upright_world
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 import dmae
-from dmae.calibration.adjustment.refinement import RefineConfig, refine
 from dmae.calibration.doctor import diagnose
 from dmae.calibration.faults import Fault
 from dmae.calibration.findings import floor_faults
-from dmae.calibration.world.floor import find_floor
-from dmae.calibration.world.placement import FLOOR_KEY, place_clip, place_rig
+from dmae.calibration.refinement import RefineConfig, refine
+from dmae.calibration.world import FLOOR_KEY, find_floor, place_clip, place_rig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.store import save_clip
 from tests.dmae.calibration.world.test_floor import world

@@ -1,4 +1,7 @@
-"""Initial extrinsics: poses of cameras, from intrinsics and one person who walks through the volume."""
+"""Before an adjustment: the detections of each person in each view, and the first poses of cameras without extrinsics.
+
+F frames, P people, V views, D detections a view, J joints.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,84 @@ from itertools import combinations
 
 import cv2
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
-from dmae.calibration.adjustment.joints import coarse_skeleton
-from dmae.calibration.world.gravity_and_scale import relative_size
+from dmae.calibration.adjustment_problem import Calibration, Freedom, ImageTracks, Observations, coarse_skeleton
+from dmae.calibration.bundle_adjustment import adjust
+from dmae.calibration.world import relative_size
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
+from dmae.numerics.statistics import mean_known
+from dmae.reconstruction.config import CaptureConfig, NoiseModel
+from dmae.reconstruction.pipeline import capture
 from dmae.reconstruction.triangulation import closest_approach
 
-_MIN_SCORE, _MIN_JOINTS, _MIN_FRAMES = 0.4, 6, 15
+_NOISE = NoiseModel()
+_MIN_SCORE = 0.2
+_GATES = (0.6, 0.35, 0.25)
+"""Largest mean distance of a detection from its person in each round, relative to the person's size in the image."""
+_MIN_JOINTS = 5
+"""Smallest number of joints for which a detection and a person are compared."""
+_ALIGNED_BODIES = 150
+"""Number of bodies for the alignment of a camera with people that the others measured."""
+
+
+def match_tracks(clip: Clip, config: CaptureConfig | None = None) -> ImageTracks:
+    """Match the detections of all views to the people that capture finds, including detections of a wrong camera.
+
+    In each round, each camera is aligned with the people and its detections are assigned to them again, with a
+    narrower gate. Only the assignment depends on that alignment.
+    """
+    skeleton, kept = coarse_skeleton(clip.detections.skeleton)
+    xyz = capture(clip, config or CaptureConfig()).xyz[:, :, kept].astype(np.float64)
+    xy, score = clip.detections.xy[:, :, :, kept].astype(np.float64), clip.detections.score[:, :, :, kept]
+    score = np.where(score >= _MIN_SCORE, score, np.nan)
+    xy = np.where(np.isnan(score)[..., None], np.nan, xy)
+    aligned = Calibration.of(clip.rig)
+    for gate in _GATES:
+        parts = [_assigned(aligned, view, xyz, xy[:, view], score[:, view], gate) for view in range(len(clip.rig))]
+        tracks = ImageTracks(
+            skeleton,
+            clip.fps,
+            np.stack([part[0] for part in parts], 2),
+            _NOISE.sigma(np.stack([part[1] for part in parts], 2)),
+            xyz,
+            aligned,
+        )
+        if gate != _GATES[-1]:
+            aligned = _align(tracks, aligned)
+    return tracks
+
+
+def _assigned(
+    calibration: Calibration, view: int, xyz: np.ndarray, xy: np.ndarray, score: np.ndarray, gate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the detections (F, P, J, 2) of one view (F, D, J, 2) that show the people (F, P, J, 3), and the scores."""
+    expected = calibration.rig[[view]].project(xyz)[0][:, 0]
+    low, high = np.fmin.reduce(xy, 2), np.fmax.reduce(xy, 2)
+    size = np.maximum(np.hypot(*np.moveaxis(high - low, -1, 0)), 1)
+    distance = np.linalg.norm(expected[:, :, None] - xy[:, None], axis=-1)
+    common = np.isfinite(distance).sum(-1)
+    cost = mean_known(np.minimum(distance / size[:, None, :, None], 2 * gate), -1)
+    cost = np.where((common >= _MIN_JOINTS) & (cost < gate), cost, 10 * gate)
+    found, scores = np.full(expected.shape, np.nan), np.full(expected.shape[:-1], np.nan)
+    for frame, each in enumerate(cost):
+        people, detections = linear_sum_assignment(each)
+        near = each[people, detections] < gate
+        found[frame, people[near]] = xy[frame, detections[near]]
+        scores[frame, people[near]] = score[frame, detections[near]]
+    return found, scores
+
+
+def _align(tracks: ImageTracks, calibration: Calibration) -> Calibration:
+    """Move each camera so that it fits the people, which do not move."""
+    everything = Observations.of(tracks, calibration, _ALIGNED_BODIES)
+    free = Freedom.of(len(calibration.rig), rotation=True, centre=True)
+    return adjust(everything, calibration, free, move_people=False, iterations=12).calibration
+
+
+_SURE_SCORE, _SURE_JOINTS, _MIN_FRAMES = 0.4, 6, 15
 _MOST_POINTS = 4000
 _THRESHOLD_PX = 4.0
 """px from an epipolar line up to which a joint supports a pose."""
@@ -35,8 +107,8 @@ def initial_rig(clip: Clip) -> CameraRig:
     """
     skeleton, kept = coarse_skeleton(clip.detections.skeleton)
     rig, found = clip.rig, clip.detections
-    xy = np.where((found.score >= _MIN_SCORE)[..., None], found.xy, np.nan)[..., kept, :].astype(np.float64)
-    present = np.isfinite(xy[..., 0]).sum(-1) >= _MIN_JOINTS
+    xy = np.where((found.score >= _SURE_SCORE)[..., None], found.xy, np.nan)[..., kept, :].astype(np.float64)
+    present = np.isfinite(xy[..., 0]).sum(-1) >= _SURE_JOINTS
     alone = present.sum(2) == 1
     frame, view = np.indices(alone.shape)
     one = np.where(alone[..., None, None], xy[frame, view, present.argmax(2)], np.nan)
@@ -66,7 +138,7 @@ def initial_rig(clip: Clip) -> CameraRig:
 def _relative_pose(a: np.ndarray, b: np.ndarray, focal: float, skeleton) -> tuple[np.ndarray, float] | None:
     """Return b_from_a (4, 4), m, from normalised joints (F, J, 2) of a person, and the number of supporting joints."""
     both = np.isfinite(a).all(-1) & np.isfinite(b).all(-1)
-    if (both.sum(-1) >= _MIN_JOINTS).sum() < _MIN_FRAMES:
+    if (both.sum(-1) >= _SURE_JOINTS).sum() < _MIN_FRAMES:
         return None
     step = both.sum() // _MOST_POINTS + 1
     first, second = a[both][::step], b[both][::step]

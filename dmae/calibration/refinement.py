@@ -6,16 +6,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dmae.calibration.adjustment.bundle import Adjusted, adjust
-from dmae.calibration.adjustment.covariance import covariance_of_cameras
-from dmae.calibration.adjustment.examination import SHORTEST_S, Examination, examine
-from dmae.calibration.adjustment.freedom import Freedom
-from dmae.calibration.adjustment.initial import initial_rig
-from dmae.calibration.adjustment.matching import match_tracks
-from dmae.calibration.adjustment.observations import Observations
-from dmae.calibration.adjustment.parameters import CENTRE, FOCAL, K1, OFFSET, ROTATION, Calibration, Q
-from dmae.calibration.world.floor import Floor, find_floor
-from dmae.calibration.world.placement import place_rig, place_world, upright_world
+from dmae.calibration.adjustment_problem import (
+    CENTRE,
+    FOCAL,
+    K1,
+    OFFSET,
+    ROTATION,
+    Calibration,
+    Freedom,
+    Observations,
+    Q,
+)
+from dmae.calibration.bundle_adjustment import Adjusted, adjust, covariance_of_cameras
+from dmae.calibration.examination import SHORTEST_S, Examination, examine
+from dmae.calibration.matching import initial_rig, match_tracks
+from dmae.calibration.world import Floor, find_floor, place_rig, place_world, upright_world
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.reconstruction.config import CaptureConfig
@@ -112,7 +117,7 @@ class Refined:
     Attributes:
         rig: The cameras.
         offset, drift: (V,) s and s/s, as in `Calibration`.
-        covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment.parameters`). It assumes
+        covariance: (V, Q, Q) of the parameters of each camera (`dmae.calibration.adjustment_problem`). It assumes
             the usual errors of detectors: correlated over some tenths of a second, with a constant part at each joint
             of a person in a view. 0 for parameters that were not refined.
         changes: The changes of each camera, in the original world.

@@ -1,1 +1,0 @@
-"""Bundle adjustment: the cameras and the joints of tracked people that fit the detections best."""

@@ -1,1 +1,0 @@
-"""The world of a rig: its vertical, its floor and its unit of length, from the people in it."""
