@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from tests.fingerprints import FILE, TOLERANCES, measure
+from dmae.completion.paper import FILE
+from dmae.reconstruction.pipeline import measure
+from tests.fingerprints import TOLERANCES
 
 
 @pytest.mark.slow

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dmae.completion.methods.pchip_body import fill_pchip_body
-from dmae.completion.pipeline import load_completer
+from dmae.completion.complete import load_completer
+from dmae.completion.fillings import fill_pchip_body
 from dmae.completion.weights import find_shipped
 from dmae.data.clip import Poses3D
 from dmae.data.conversion import convert

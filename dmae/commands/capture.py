@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from dmae.calibration.world import Floor, find_floor, place_clip, upright_world
 from dmae.commands.data_sets import Manifest, describe_joints, describe_sides, finished, part_of
 from dmae.commands.unfinished import UNFINISHED, settings_of, whole_clips
-from dmae.completion.methods.registry import METHODS, completion_method
+from dmae.completion.methods import METHODS, completion_method
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip, save_clip

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dmae.completion.model_card import model_card
+from dmae.completion.weights import model_card
 from dmae.files.contents import write_atomic
 
 WRITES = None

@@ -8,8 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from dmae.commands.data_sets import Manifest, describe_joints, finished
-from dmae.completion.completer import Completer
-from dmae.completion.pipeline import completers
+from dmae.completion.complete import Completer, completers
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip
@@ -47,7 +46,7 @@ class CompleteCommand:
     """Let the model also move joints that fewer than three views measured; they are then marked denoised. By default
     true if the weights were trained for it."""
     reject: bool = True
-    """Remove joints measured by two views if the frames around contradict them (`dmae.completion.rejection`), and
+    """Remove joints measured by two views if the frames around contradict them, and
     complete them too."""
     smooth: float = 0.1
     """s; light smoothing after completion (0: none). Exact poses are not smoothed. Joints that it moves are marked

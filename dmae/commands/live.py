@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from socketserver import StreamRequestHandler, TCPServer
 
-from dmae.completion.pipeline import SMOOTHING, completers
+from dmae.completion.complete import SMOOTHING, completers
 from dmae.data.skeleton import get_skeleton
 from dmae.formats.calibrations import read_calibration
 from dmae.online.capture import OnlineCapture

@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from dmae.command_line import interruption
-from dmae.completion.training.config import TrainConfig
-from dmae.completion.training.train import train
+from dmae.completion.config import TrainConfig
+from dmae.completion.training import train
 from dmae.data.clip import Clip
 from dmae.files.checksums import refuse_damaged
 from dmae.formats.reading import Clips, DataConfig, load

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from dmae.completion.paper.config import SIZES, PaperSize
+from dmae.completion.config import SIZES, PaperSize
 from dmae.formats.reading import DataConfig, load
 from dmae.progress import progress
 from dmae.reconstruction.config import CaptureConfig
@@ -48,8 +48,8 @@ class TrainPaperCommand:
 
 def run(config: TrainPaperCommand, out: Path) -> None:
     # Torch is loaded for training only, not to list options.
-    from dmae.completion.paper.training import SKELETON, fine_tune, pretrain
-    from dmae.completion.training.pose_pairs import pose_pair
+    from dmae.completion.paper import SKELETON, fine_tune, pretrain
+    from dmae.completion.training_data import pose_pair
     from dmae.data.conversion import convert
     from dmae.data.skeleton import get_skeleton
     from dmae.formats.reading import camera_subsets

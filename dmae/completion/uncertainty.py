@@ -19,7 +19,7 @@ def calibrated(scale: np.ndarray, lengths: np.ndarray, noisy: np.ndarray, factor
     Args:
         lengths: (...) of the gaps that the joints are in, frames at the model's rate; infinite where they are never
             measured.
-        noisy: (...) see `dmae.completion.blending.noisiness`.
+        noisy: (...) see `dmae.completion.features.noisiness`.
         factors: Of exact poses and of noisy ones, each for `GAPS` and for joints never measured.
     """
     of_exact, of_noisy = np.log(factors)[:, gap_classes(lengths)]

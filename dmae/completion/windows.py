@@ -1,7 +1,7 @@
 """Poses to windows that a network takes. Here NaN ends: torch sees `observed` and zeros.
 
-A row is one person in one frame: the persons of a recording, one after the other, each padded to the
-length of a window. S rows, B windows, T frames in a window, J joints.
+A row is one person in one frame: the persons of a recording, one after the other, each padded to the length of a
+window. S rows, B windows, T frames in a window, J joints.
 """
 
 from dataclasses import dataclass, fields
@@ -13,14 +13,68 @@ from torch import Tensor
 
 from dmae.completion.features import bone_length_offsets, bone_stretch, held_offsets, jitter
 from dmae.completion.fusion import derive
-from dmae.completion.methods.gaussian_process import fill_gaussian_process
-from dmae.completion.methods.gaussian_process_learned import fill_gaussian_process_learned
-from dmae.completion.normalisation import Normalisation, mid_hip
+from dmae.completion.gaussian_process import fill_gaussian_process
+from dmae.completion.learned_kernels import fill_gaussian_process_learned
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import Skeleton
 from dmae.numerics.body import body_heading, rotate_z
 from dmae.numerics.filling import present
 from dmae.numerics.paths import linear, neighbours
+
+
+@dataclass(frozen=True)
+class Normalisation:
+    """Frames of windows: window = rotated by -heading about z (world - origin).
+
+    Attributes:
+        origin: (B, 3) m, world: the mid hip, or its estimate, in the middle frame.
+        heading: (B,) rad, the heading in the world that is +x in the window.
+    """
+
+    origin: np.ndarray
+    heading: np.ndarray
+
+    def apply(self, xyz: np.ndarray) -> np.ndarray:
+        """Return points of the world (B, ..., 3) in the window."""
+        return rotate_z(xyz - self._broadcast(self.origin, xyz.ndim), -self._broadcast(self.heading, xyz.ndim - 1))
+
+    def undo(self, xyz: np.ndarray) -> np.ndarray:
+        """Return points of the window (B, ..., 3) in the world."""
+        return rotate_z(xyz, self._broadcast(self.heading, xyz.ndim - 1)) + self._broadcast(self.origin, xyz.ndim)
+
+    @staticmethod
+    def _broadcast(array: np.ndarray, ndim: int) -> np.ndarray:
+        return array.reshape(len(array), *(1,) * (ndim - array.ndim), *array.shape[1:])
+
+
+def mid_hip(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
+    """Return the mid hip of bodies (..., J, 3), by that name or between the hips, (..., 3); NaN where unknown.
+
+    Raises:
+        KeyError: the skeleton has no hips.
+    """
+    if "mid_hip" in skeleton.joints:
+        return xyz[..., skeleton.index("mid_hip")[0], :]
+    return xyz[..., skeleton.index("l_hip", "r_hip"), :].mean(-2)
+
+
+def rest_pose(xyz: np.ndarray, skeleton: Skeleton) -> np.ndarray:
+    """Return the mean of bodies (..., J, 3) about their mid hip, facing +x, (J, 3) m; used for joints never measured.
+
+    Of two skeletons side by side the mid hip and the heading are those of the first.
+
+    Raises:
+        ValueError: a joint is never known together with the hips and a pair of hips or shoulders.
+    """
+    flat = xyz.reshape(-1, *xyz.shape[-2:]).astype(np.float64)
+    first = skeleton.parts[0]
+    upright = Normalisation(mid_hip(flat, first), body_heading(flat, first)).apply(flat)
+    known = ~np.isnan(upright).any(-1)
+    never = [joint for joint, count in zip(skeleton.joints, known.sum(0), strict=True) if not count]
+    if never:
+        raise ValueError(f"skeleton {skeleton.name!r}: nothing to learn {never} from, the truth never has them")
+    return np.where(known[..., None], upright, 0).sum(0) / known.sum(0)[:, None]
+
 
 _NEVER = 1000
 """Frames to a measurement that does not exist."""
@@ -40,9 +94,9 @@ class Windows(NamedTuple):
     ray: Tensor
     """(..., 3) unit direction of the ray on which `base` is, of the one camera that detected the joint; else zero."""
     candidate_offset: Tensor
-    """(..., 6, 3) m, from `base`: `held_offsets` and `bone_length_offsets` of `dmae.completion.features`."""
+    """(..., 6, 3) m, from `base`: `held_offsets` and `bone_length_offsets` of `dmae.completion.windows`."""
     noise_level: Tensor
-    """(..., 6) `jitter` and `bone_stretch` of `dmae.completion.features`."""
+    """(..., 6) `jitter` and `bone_stretch` of `dmae.completion.windows`."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +108,7 @@ class Rows:
         observed: (S, J)
         gap: (S, J, 2) frames since and until the joint was observed, at most 1000.
         ray: (S, J, 3) world, unit direction of the ray on which a joint that is not observed is; else zero.
-        candidate_offset: (S, J, 6, 3) m, world, and `noise_level`: (S, J, 6), see `dmae.completion.features`.
+        candidate_offset: (S, J, 6, 3) m, world, and `noise_level`: (S, J, 6), see `dmae.completion.windows`.
         truth: (S, J, 3) NaN where unknown; all NaN when there is none.
         origin: (S, 3) m, and `heading`: (S,) rad: where the body is and faces.
         present: (S,) True while the person is present, `dmae.numerics.filling.present`.
@@ -112,7 +166,7 @@ def make_rows(
 
     Args:
         poses: F frames, P persons, J joints.
-        rest: (J, 3) m, see `dmae.completion.normalisation.rest_pose`.
+        rest: (J, 3) m, see `dmae.completion.windows.rest_pose`.
         frames: Length of the windows.
         truth: (F, P, J, 3) m, world.
         target: Skeleton with joints that follow those of the poses in all of these and in the rows, never observed.

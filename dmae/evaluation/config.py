@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from dmae.completion.methods.registry import completion_method
-from dmae.completion.paper.config import PaperSize
+from dmae.completion.config import PaperSize
+from dmae.completion.methods import completion_method
 from dmae.evaluation.corruption.registry import corruption
 from dmae.evaluation.synthetic_gaps import GapConfig
 from dmae.formats.reading import DataConfig

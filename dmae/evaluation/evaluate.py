@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.completion.blending import noisiness, smooth_by_noise
-from dmae.completion.methods.registry import completion_method, find_method
+from dmae.completion.features import noisiness, smooth_by_noise
+from dmae.completion.methods import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert, scale_of
 from dmae.data.rng import Stream, generator

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmae.completion.training.masking import MaskingConfig, mask_bursts
+from dmae.completion.config import MaskingConfig
+from dmae.completion.training_data import mask_bursts
 from dmae.data.clip import Poses3D
 from dmae.numerics.paths import neighbours
 from dmae.numerics.statistics import ar1_filter

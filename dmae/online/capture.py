@@ -21,7 +21,7 @@ from dmae.reconstruction.pruning import LONGEST_JUMP
 from dmae.reconstruction.tracking import TrackedFrame, Tracker, Tracks
 
 if TYPE_CHECKING:
-    from dmae.completion.completer import Completer
+    from dmae.completion.complete import Completer
 
 BATCH = 0.08
 """s of frames that are finished together. Their joints are measured with one frame, their rays with the next."""
@@ -58,7 +58,7 @@ class OnlineCapture:
             skeleton: Skeleton of the detections.
             fps: Frames per second.
             config: As for `capture`.
-            complete: Completes captured poses, see `dmae.completion.pipeline.completers`; None for none.
+            complete: Completes captured poses, see `dmae.completion.complete.completers`; None for none.
             look_ahead: s; most that any step waits for what comes after a frame: less than the 0.4 of capture and the
                 0.28 of completion costs accuracy, and people appear later. By default as much as steps use.
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dmae.completion.methods.registry import completion_method
+from dmae.completion.methods import completion_method
 from dmae.data.clip import Poses3D, Source
 from dmae.numerics.filling import LONGEST_ABSENCE, smooth
 
 if TYPE_CHECKING:
-    from dmae.completion.completer import Completer
-    from dmae.completion.gaussian_process.steps import Steps
+    from dmae.completion.complete import Completer
+    from dmae.completion.gaussian_process import Steps
     from dmae.data.conversion import Fill
 
 
@@ -202,7 +202,7 @@ class OnlineCompleter:
 
     def _step_on(self, job: _Job) -> None:
         """Do the next step of a job; keep the results of the last one."""
-        from dmae.completion.prediction import one_thread
+        from dmae.completion.complete import one_thread
 
         if not job.over:
             try:
@@ -264,7 +264,7 @@ class OnlineCompleter:
 @completion_method("dmae_online", learned=True, smooths=True)
 def dmae_online(weights: Path | None) -> Fill:
     """As dmae_denoise, smoothed; each frame is completed from the frames until 0.28 s after it."""
-    from dmae.completion.pipeline import SMOOTHING, completers
+    from dmae.completion.complete import SMOOTHING, completers
 
     completer_for = completers(weights, denoise=None, reject=True, smooth=SMOOTHING)
     return lambda poses, fps: complete_online(completer_for(poses.skeleton), poses, fps)

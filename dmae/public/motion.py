@@ -20,7 +20,7 @@ from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.triangulation import Points
 
 if TYPE_CHECKING:
-    from dmae.completion.completer import Completer
+    from dmae.completion.complete import Completer
 
 
 @checked
@@ -148,7 +148,7 @@ def completer(
 
 @lru_cache(maxsize=4)
 def _loaded(weights: str | None, denoise: bool | None, reject: bool, smooth: float):
-    from dmae.completion.pipeline import completers
+    from dmae.completion.complete import completers
 
     return completers(weights and Path(weights), denoise=denoise, reject=reject, smooth=smooth)
 
@@ -184,7 +184,7 @@ def train(
         >>> dmae.complete(captured, clips[0].fps, weights=folder).xyz.shape == captured.xyz.shape
         True
     """
-    from dmae.completion.training.train import train as run
+    from dmae.completion.training import train as run
 
     return run(composed("train", *overrides), clips, Path(out), validation_data, extra_data)
 
@@ -210,7 +210,7 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
         >>> print(dmae.card(folder, command="python train.py").splitlines()[0])
         # D-MAE for body25
     """
-    from dmae.completion.model_card import model_card
+    from dmae.completion.weights import model_card
 
     return model_card(Path(weights), [Path(folder) for folder in scores], command)
 

@@ -16,7 +16,7 @@ from provenance import measured
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
-from dmae.completion.methods.registry import METHODS  # noqa: E402
+from dmae.completion.methods import METHODS  # noqa: E402
 from dmae.data.clip import Clip, Poses3D, Source  # noqa: E402
 from dmae.data.json_values import json_text  # noqa: E402
 from dmae.data.skeleton import PERSON_M  # noqa: E402

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from provenance import measured
 
-from dmae.completion.gaussian_process.fitting import FPS, read_pairs
+from dmae.completion.complete import SMOOTHING, completers
+from dmae.completion.kernel_fitting import FPS, read_pairs
 from dmae.completion.methods import METHODS
-from dmae.completion.pipeline import SMOOTHING, completers
 from dmae.data.clip import Poses3D
 from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25

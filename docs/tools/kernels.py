@@ -5,7 +5,7 @@ from pathlib import Path
 
 import torch
 
-from dmae.completion.gaussian_process.fitting import FitConfig, fit_all, read_pairs
+from dmae.completion.kernel_fitting import FitConfig, fit_all, read_pairs
 from dmae.evaluation.synthetic_gaps import perturb
 
 

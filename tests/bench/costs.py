@@ -19,7 +19,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
-from dmae.completion.pipeline import SMOOTHING, completers
+from dmae.completion.complete import SMOOTHING, completers
 from dmae.data.clip import Clip
 from dmae.formats.shelf import read_shelf
 from dmae.metrics.comparison import match, take_matched

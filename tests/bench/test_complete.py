@@ -10,18 +10,12 @@ import torch
 import yaml
 from torch import Tensor, nn
 
-from dmae.completion.network.build import build_network
-from dmae.completion.network.config import model_config
-from dmae.completion.network.layers import Prediction
-from dmae.completion.network.paper import DMAE
-from dmae.completion.normalisation import rest_pose
-from dmae.completion.pipeline import load_completer
-from dmae.completion.training.augmentation import AugmentConfig
-from dmae.completion.training.batches import TrainingBatches
-from dmae.completion.training.examples import Examples, Recipe
-from dmae.completion.training.masking import MaskingConfig
-from dmae.completion.training.pose_pairs import PosePair
+from dmae.completion.complete import load_completer
+from dmae.completion.config import AugmentConfig, MaskingConfig, model_config
+from dmae.completion.network import DMAE, Prediction, build_network
+from dmae.completion.training_data import Examples, PosePair, Recipe, TrainingBatches
 from dmae.completion.weights import find_shipped
+from dmae.completion.windows import rest_pose
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import BODY25
 from dmae.online.completion import complete_online

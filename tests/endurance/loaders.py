@@ -14,12 +14,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from dmae.completion.network.build import build_network
-from dmae.completion.training.augmentation import AugmentConfig
-from dmae.completion.training.batches import TrainingBatches
-from dmae.completion.training.config import TrainConfig
-from dmae.completion.training.examples import Recipe
-from dmae.completion.training.pose_pairs import PosePair
+from dmae.completion.config import AugmentConfig, TrainConfig
+from dmae.completion.network import build_network
+from dmae.completion.training_data import PosePair, Recipe, TrainingBatches
 from dmae.data.store import save_clip, write_manifest
 from dmae.datasets import WindowDataset
 from tests.support.stressed_clips import strollers

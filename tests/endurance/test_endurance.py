@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.endurance.kills import LINES, kill_often, prepare
+from dmae.evaluation.stress.matrix import prepare
+from tests.endurance.kills import LINES, kill_often
 from tests.endurance.memory import peak_memory
 from tests.support.commands import command_line
 

@@ -11,10 +11,9 @@ import numpy as np
 from dmae.command_line.presets import copy_presets
 from dmae.command_line.renamed_presets import renamed_options
 from dmae.commands.unfinished import UNFINISHED, begin_run, whole_clips
-from dmae.completion.paper.config import PaperNetwork
-from dmae.completion.paper.network import PaperDMAE
-from dmae.completion.paper.training import FILE, load_paper
-from dmae.completion.paper.training import FORMAT as PAPER_FORMAT
+from dmae.completion.config import PaperNetwork
+from dmae.completion.paper import FILE, PaperDMAE, load_paper
+from dmae.completion.paper import FORMAT as PAPER_FORMAT
 from dmae.data.images import write_rgb, write_video
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import save_clip

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from dmae.completion.network.build import build_network
-from dmae.completion.training.checkpoints import CHECKPOINT, CheckedCheckpoints
+from dmae.completion.network import build_network
+from dmae.completion.training import CHECKPOINT, CheckedCheckpoints
 from dmae.completion.weights import save_model
 from dmae.data.images import write_video
 from dmae.data.skeleton import BODY25, SHELF14

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from dmae.completion.completer import Completer
-from dmae.completion.network.build import build_network
-from dmae.completion.network.config import CodesConfig, DecoderConfig, EncoderConfig, ModelConfig
-from dmae.completion.normalisation import rest_pose
-from dmae.completion.training.masking import MaskingConfig, mask_bursts
+from dmae.completion.complete import Completer
+from dmae.completion.config import CodesConfig, DecoderConfig, EncoderConfig, MaskingConfig, ModelConfig
+from dmae.completion.network import build_network
+from dmae.completion.training_data import mask_bursts
+from dmae.completion.windows import rest_pose
 from dmae.data.clip import Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import SHELF14

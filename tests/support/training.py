@@ -2,7 +2,7 @@
 
 from dataclasses import fields, replace
 
-from dmae.completion.training.config import TrainConfig
+from dmae.completion.config import TrainConfig
 
 
 def changed(config: TrainConfig, **options) -> TrainConfig:

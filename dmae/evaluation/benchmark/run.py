@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.completion.methods.registry import completion_method, find_method
+from dmae.completion.methods import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.evaluation.benchmark.clips import BenchmarkSize, clip_of, find_definition, given_clip, make_clips
 from dmae.evaluation.benchmark.holes import (

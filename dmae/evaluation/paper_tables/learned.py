@@ -7,15 +7,22 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from dmae.completion.network.config import CodesConfig, DecoderConfig, EncoderConfig, ModelConfig
-from dmae.completion.network.paper import DMAE
-from dmae.completion.pipeline import load_completer
-from dmae.completion.training.augmentation import AugmentConfig
-from dmae.completion.training.config import ExamplesConfig, LearningConfig, Loss, TrainConfig
-from dmae.completion.training.examples import Recipe, cut_examples, masked_rows
-from dmae.completion.training.masking import MaskingConfig
-from dmae.completion.training.pose_pairs import PosePair, pose_pair
-from dmae.completion.training.train import train
+from dmae.completion.complete import load_completer
+from dmae.completion.config import (
+    AugmentConfig,
+    CodesConfig,
+    DecoderConfig,
+    EncoderConfig,
+    ExamplesConfig,
+    LearningConfig,
+    Loss,
+    MaskingConfig,
+    ModelConfig,
+    TrainConfig,
+)
+from dmae.completion.network import DMAE
+from dmae.completion.training import train
+from dmae.completion.training_data import PosePair, Recipe, cut_examples, masked_rows, pose_pair
 from dmae.completion.weights import find_shipped, load_model
 from dmae.completion.windows import Rows
 from dmae.data.clip import Clip

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.completion.paper.completion import load_paper_completer
-from dmae.completion.paper.config import SIZES, PaperConfig
-from dmae.completion.paper.training import SKELETON, fine_tune, pretrain
-from dmae.completion.training.pose_pairs import pose_pair
+from dmae.completion.config import SIZES, PaperConfig
+from dmae.completion.paper import SKELETON, fine_tune, load_paper_completer, pretrain
+from dmae.completion.training_data import pose_pair
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import SHELF14, Skeleton, get_skeleton

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.completion.blending import noisiness, smooth_by_noise
-from dmae.completion.methods.registry import completion_method, find_method
+from dmae.completion.features import noisiness, smooth_by_noise
+from dmae.completion.methods import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.evaluation.config import StressConfig

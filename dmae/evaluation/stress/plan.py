@@ -10,7 +10,7 @@ from pathlib import Path
 
 import yaml
 
-from dmae.completion.methods.registry import find_method
+from dmae.completion.methods import find_method
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.json_values import decode
 from dmae.data.resources import resource_folder

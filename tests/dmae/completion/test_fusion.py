@@ -9,21 +9,23 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmae.completion.completer import Completer
+from dmae.completion.complete import Completer, load_completer
+from dmae.completion.config import (
+    AugmentConfig,
+    CodesConfig,
+    DecoderConfig,
+    EncoderConfig,
+    MaskingConfig,
+    ModelConfig,
+    TrainConfig,
+)
 from dmae.completion.fusion import derive, true_pair
-from dmae.completion.methods.gaussian_process import fill_gaussian_process
-from dmae.completion.network.build import build_network
-from dmae.completion.network.config import CodesConfig, DecoderConfig, EncoderConfig, ModelConfig
-from dmae.completion.normalisation import rest_pose
-from dmae.completion.pipeline import load_completer
-from dmae.completion.training.augmentation import AugmentConfig
-from dmae.completion.training.config import TrainConfig
-from dmae.completion.training.examples import Recipe, cut_examples, masked_rows
-from dmae.completion.training.masking import MaskingConfig, mask_bursts
-from dmae.completion.training.pose_pairs import pose_pair
-from dmae.completion.training.train import train
+from dmae.completion.gaussian_process import fill_gaussian_process
+from dmae.completion.network import build_network
+from dmae.completion.training import train
+from dmae.completion.training_data import Recipe, cut_examples, mask_bursts, masked_rows, pose_pair
 from dmae.completion.uncertainty import CLASSES, Factors
-from dmae.completion.windows import make_rows
+from dmae.completion.windows import make_rows, rest_pose
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY21, BODY25, COCO17, HALPE26, SHELF14, get_skeleton

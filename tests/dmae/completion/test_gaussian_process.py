@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dmae.completion.fillings import fill_pchip_body
+from dmae.completion.gaussian_process import fill_gaussian_process, predict_offset
 from dmae.completion.methods import METHODS
-from dmae.completion.methods.gaussian_process import fill_gaussian_process, predict_offset
-from dmae.completion.methods.pchip_body import fill_pchip_body
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import BODY25, SKELETONS, get_skeleton
 from tests.support.circling_people import circling_people

@@ -8,10 +8,8 @@ import torch.nn.functional as F
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmae.completion.network.build import build_network
-from dmae.completion.network.config import FEATURES, CodesConfig, DecoderConfig, EncoderConfig, ModelConfig
-from dmae.completion.network.layers import Attention
-from dmae.completion.network.paper import DMAE
+from dmae.completion.config import FEATURES, CodesConfig, DecoderConfig, EncoderConfig, ModelConfig
+from dmae.completion.network import DMAE, Attention, build_network
 from dmae.completion.windows import Windows
 
 SMALL = ModelConfig(

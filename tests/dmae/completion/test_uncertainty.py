@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from dmae.completion.training.uncertainty_fitting import fit_factors
+from dmae.completion.training import fit_factors
 from dmae.completion.uncertainty import CLASSES, Factors, calibrated
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import SHELF14

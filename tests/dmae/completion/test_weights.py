@@ -8,22 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import yaml
 from safetensors.torch import save
 
-from dmae.commands import complete as command
+from dmae.commands import card, complete
+from dmae.commands.card import CardCommand
 from dmae.commands.complete import CompleteCommand
 from dmae.completion import weights
-from dmae.completion.pipeline import SMOOTHING, completers
+from dmae.completion.complete import SMOOTHING, completers
 from dmae.completion.uncertainty import CLASSES
-from dmae.completion.weights import find_shipped, load_model, save_model, shipped
+from dmae.completion.weights import find_shipped, load_model, model_card, save_model, shipped
 from dmae.data.clip import Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, COCO17, HALPE26, SHELF14, Skeleton, fuse
-from dmae.data.store import load_clip, save_clip
+from dmae.data.store import load_clip, save_clip, write_atomic
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate
 from dmae.evaluation.synthetic_gaps import GapConfig
 from dmae.formats.reading import DataConfig
+from tests.support import scored_clips
 from tests.support.circling_people import circling_people, clip_of
 from tests.support.completers import FPS, circling, untrained, with_holes
 
@@ -67,7 +70,7 @@ def test_complete_finds_the_weights_for_each_clip(ours, tmp_path, capsys):
     hidden[20:30, :, BODY25.index("r_wrist")] = True
     poses = truth.without(hidden)
     save_clip(replace(clip_of(poses, "walk"), poses=poses), tmp_path / "clip")
-    command.run(CompleteCommand(str(tmp_path / "clip")), tmp_path / "out")
+    complete.run(CompleteCommand(str(tmp_path / "clip")), tmp_path / "out")
     assert "walk: poses are body25, completed with weights for shelf14; not completed: " in capsys.readouterr().out
     done = load_clip(tmp_path / "out").poses
     assert (done.source[hidden] == Source.COMPLETED).all()
@@ -151,3 +154,62 @@ def test_weights_that_are_not_finite_are_neither_saved_nor_loaded(tmp_path, monk
         save_model(model, SHELF14, tmp_path / "model", record)
     with pytest.raises(ValueError, match=rf"1e\+06, in {name}, .*weights\.safetensors is of no use"):
         load_model(tmp_path / "model")
+
+
+# The model card agrees with the files that it is made from.
+
+
+@pytest.fixture
+def trained(tmp_path):
+    """Return the folder of a model that learned from two sets and was validated on a third."""
+    folder = tmp_path / "model"
+    clips = ["000000", "000001", "runs/000000", "validation 000000", "unseen jumps/000003"]
+    facts = {"denoises": False, "calibration": None, "steps": 1234, "validation_clips": clips[3:]}
+    save_model(untrained().model, SHELF14, folder, facts)
+    write_atomic(folder / "training.json", json.dumps({"clips": dict.fromkeys(clips, "")}))
+    made = {"data": {"path": "runs/walks"}, "validation_data": ["runs/dances", "runs/jumps"]}
+    made |= {"max_minutes": None, "learning": {"batch": 16, "lr": 0.002, "loss": "euclidean"}, "seed": 0}
+    write_atomic(folder / "config.yaml", yaml.safe_dump(made))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scores(tmp_path_factory):
+    """Scores as `dmae evaluate` writes them."""
+    folder = tmp_path_factory.mktemp("clip")
+    save_clip(scored_clips.circling(frames=100), folder)
+    return evaluate(scored_clips.config(folder, methods=["linear"], input="perturbed_poses"))
+
+
+def scored(folder, scores, weights):
+    write_atomic(folder / "scores.json", json.dumps(scores))
+    asked = {"weights": str(weights), "input": "perturbed_poses", "reference": "truth", "skeleton": None, "smooth": 0.0}
+    write_atomic(folder / "config.yaml", yaml.safe_dump(asked))
+    return folder
+
+
+def test_the_card_lists_data_command_and_scores(trained, scores, tmp_path, capsys):
+    folder = scored(tmp_path / "scores", scores, trained)
+    card.run(CardCommand(str(trained), [str(folder)], "make weights"), None)
+    assert "MODEL_CARD.md" in capsys.readouterr().out
+    text = (trained / "MODEL_CARD.md").read_text()
+    for fact in (
+        "# D-MAE for shelf14",
+        "2 clips of walks",
+        "1 clip of runs",
+        "1 clip of dances, 1 clip of jumps",
+        "1234 steps, batch 16",
+        "`make weights`",
+        json.loads((trained / "model.json").read_text())["sha256"],
+        f"## {scores['recording']}, `input=perturbed_poses smooth=0.0`",
+        "| method | views | 1-5 | 6-15 | 16-40 | >40 |",
+    ):
+        assert fact in text
+    assert max(map(len, text.splitlines())) < 200
+
+
+def test_scores_of_other_weights_are_refused(trained, scores, tmp_path):
+    save_model(untrained(residual=False).model, SHELF14, tmp_path / "other", {"denoises": False, "calibration": None})
+    folder = scored(tmp_path / "scores", scores, tmp_path / "other")
+    with pytest.raises(ValueError, match=r"scores are of other weights, .*other; score .*model with dmae evaluate"):
+        model_card(trained, [folder], "make weights")

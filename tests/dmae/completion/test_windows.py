@@ -8,14 +8,19 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmae.completion.network.config import ModelConfig
-from dmae.completion.normalisation import Normalisation, rest_pose
-from dmae.completion.training.augmentation import AugmentConfig, augment
-from dmae.completion.training.batches import TrainingBatches
-from dmae.completion.training.examples import Recipe, masked_rows
-from dmae.completion.training.masking import MaskingConfig, body_parts, mask_bursts, mask_scattered
-from dmae.completion.training.pose_pairs import PosePair, pose_pair
-from dmae.completion.windows import join_rows, make_rows
+from dmae.completion.config import AugmentConfig, MaskingConfig, ModelConfig
+from dmae.completion.training_data import (
+    PosePair,
+    Recipe,
+    TrainingBatches,
+    augment,
+    body_parts,
+    mask_bursts,
+    mask_scattered,
+    masked_rows,
+    pose_pair,
+)
+from dmae.completion.windows import Normalisation, join_rows, make_rows, rest_pose
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14, Skeleton, get_skeleton

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.completion.methods.linear import fill_linear
+from dmae.completion.fillings import fill_linear
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert, resized_poses
 from dmae.data.skeleton import BODY25, SHELF14, get_skeleton

@@ -1,6 +1,6 @@
 """Scores as tables."""
 
-from dmae.completion.methods.linear import fill_linear
+from dmae.completion.fillings import fill_linear
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import SHELF14
 from dmae.evaluation.scores import score, summary

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dmae.completion.methods.kalman import fill_kalman
+from dmae.completion.fillings import fill_kalman
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
 from dmae.numerics.kalman import smooth_paths

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmae.completion.methods.registry import METHODS
+from dmae.completion.methods import METHODS
 from dmae.completion.weights import find_shipped
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import BODY25, define

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from dmae.completion.methods.linear import fill_linear
+from dmae.completion.fillings import fill_linear
 from dmae.data.clip import Detections2D, Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.resources import resource_folder

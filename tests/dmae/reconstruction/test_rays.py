@@ -8,11 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from dmae.completion.fillings import fill_pchip_body, fill_rays
 from dmae.completion.methods import METHODS
-from dmae.completion.methods.pchip_body import fill_pchip_body
-from dmae.completion.methods.rays import fill_rays
-from dmae.completion.normalisation import rest_pose
-from dmae.completion.windows import make_rows
+from dmae.completion.windows import make_rows, rest_pose
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, SHELF14

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dmae.completion.methods.registry import find_method
+from dmae.completion.methods import find_method
 from dmae.data.clip import Poses3D
 from dmae.data.labels import OcclusionLabels, Visibility
 from dmae.data.labels import Visibility as V

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dmae.completion.methods.registry import find_method
+from dmae.completion.methods import find_method
 from dmae.data.clip import Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, COCO17, Skeleton
@@ -208,7 +208,7 @@ def test_the_truth_scores_0_files_as_functions_and_nothing_is_not_measured(
         made,
         lambda name, given: given.poses.without(np.ones(given.poses.source.shape, bool)),
     )
-    function = "dmae.completion.methods.pchip_body:fill_pchip_body"
+    function = "dmae.completion.fillings:fill_pchip_body"
     scores = run(tiny, made, tmp_path, methods=[truth, files, function, "pchip_body", nothing], captures=["capture"])
     completion = scores["completion"]
     assert completion[truth]["summary"]["mm"]["value"] == 0 and completion[truth]["summary"]["filled"] == 100

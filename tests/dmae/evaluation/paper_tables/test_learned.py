@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dmae.cli import DMAE, compose
-from dmae.completion.paper.config import SMALL, PaperSize
+from dmae.completion.config import SMALL, PaperSize
 from dmae.data.clip import Clip
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.config import TableConfig, TableSize

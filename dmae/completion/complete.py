@@ -1,0 +1,511 @@
+"""From captured poses to completed ones: evidence, interpolation, the network's corrections, covariances, smoothing.
+
+Long recordings are completed in pieces. `load_completer` and `completers` find the weights.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from itertools import pairwise
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from dmae.completion import fusion
+from dmae.completion.features import correction_weight, near_measurement, noisiness, smooth_by_noise
+from dmae.completion.fillings import contradicted
+from dmae.completion.gaussian_process import Steps, finished
+from dmae.completion.learned_kernels import fill_both
+from dmae.completion.methods import Fill, completion_method
+from dmae.completion.network import DMAE
+from dmae.completion.uncertainty import Factors, calibrated
+from dmae.completion.weights import find_shipped, load_model, pick_device
+from dmae.completion.windows import Rows, make_rows
+from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import convert
+from dmae.data.skeleton import Skeleton
+from dmae.files.mapped import empty, release, trim
+from dmae.numerics.body import rotate_z
+from dmae.numerics.filling import present, resample
+from dmae.numerics.paths import gap_lengths
+from dmae.progress import progress
+
+# Long recordings in pieces: frames are completed by what is known of the person within 20 s.
+
+WHOLE, _PIECE = 4000, 3000
+"""Frames; shorter recordings are completed whole, and pieces, with their sides, are about as long as the second."""
+_UNIT = 5.0
+"""s; pieces begin at multiples of it, as blocks of `dmae.completion.gaussian_process` do, and every window of a
+network that is a whole number of times shorter."""
+_MARGIN = 4
+"""Units before and after a piece that are given with it."""
+
+
+def in_pieces(
+    complete: Callable[[Poses3D, slice], Poses3D], poses: Poses3D, fps: float, frames: slice = slice(None)
+) -> Poses3D:
+    """Return `complete(poses, frames)`, of a long recording person by person, in pieces with 20 s on both sides.
+
+    Lengths of bones are then the medians within a piece and its sides, and gaps are filled by what was measured there.
+
+    Args:
+        complete: Returns some frames of poses, completed by all of them, with the same persons.
+        fps: Frames per second.
+        frames: Those to return.
+    """
+    asked = range(len(poses.xyz))[frames]
+    parts = list(_parts(len(poses.xyz), fps, asked))
+    count, persons = poses.xyz.shape[:2]
+    if not (count and persons and parts) or parts[0][1] == slice(0, count):
+        return complete(poses, frames)
+    names, made, skeleton = [field.name for field in fields(poses)[1:]], {}, poses.skeleton
+    tasks = [(person, *part) for person in range(persons) for part in parts]
+    for person, inner, around in progress(tasks, "completing"):
+        given = {name: getattr(poses, name)[around, person : person + 1] for name in names}
+        inside = slice(inner.start - around.start, inner.stop - around.start)
+        done = complete(Poses3D(poses.skeleton, **given), inside)
+        skeleton = done.skeleton
+        for name in names:
+            array = getattr(done, name)
+            if name not in made:
+                made[name] = empty((len(asked), persons, *array.shape[2:]), array.dtype)
+            made[name][inner.start - asked.start : inner.stop - asked.start, person] = array[:, 0]
+        release(*made.values(), *(getattr(poses, name) for name in names))
+        trim()
+    return Poses3D(skeleton, **made)
+
+
+def _parts(count: int, fps: float, asked: range) -> Iterator[tuple[slice, slice]]:
+    """Yield pieces of the frames asked for, of a recording of `count`, and the frames to give with each."""
+    unit = max(_UNIT * fps, 1)
+    margin = ceil(_MARGIN * unit)
+    # Units at a time: as many frames as their margins have, or more where a unit is short.
+    step = max(round((_PIECE - 2 * margin) / unit), _MARGIN)
+    if count <= max(WHOLE, 2 * margin + step * unit):
+        yield slice(asked.start, asked.stop), slice(0, count)
+        return
+    bounds = [round(number * unit) for number in range(0, ceil(count / unit), step)] + [count]
+    for start, stop in pairwise(bounds):
+        first = max(round(start / unit) - _MARGIN, 0)
+        inner = slice(max(start, asked.start), min(stop, asked.stop))
+        if inner.start < inner.stop:
+            yield inner, slice(round(first * unit), min(stop + margin, count))
+
+
+# Prediction: a network's corrections of a whole recording, blended over overlapping windows.
+
+_BATCH = 4
+_FEW = 1
+_ROWS_COST, _WINDOW_COST = 6.0, 5.0
+"""Of laying out the rows of two people, and of a window, see `Steps`."""
+_SAME_RATE = 0.01
+"""Rates within this share of each other are taken as equal."""
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Have torch compute on one thread of the CPU."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def has_rate(model: DMAE, fps: float) -> bool:
+    """Return whether poses at a rate need no resampling for a model."""
+    return abs(model.config.fps / fps - 1) < _SAME_RATE
+
+
+def stride(model: DMAE) -> int:
+    """Return the frames from one window to the next."""
+    return max(1, model.config.frames // 3)
+
+
+def predict(
+    model: DMAE,
+    poses: Poses3D,
+    fps: float,
+    frames: slice,
+    wanted: np.ndarray,
+    target: Skeleton | None = None,
+    small_steps: bool = False,
+) -> Steps[tuple[np.ndarray, np.ndarray]]:
+    """Predict joints in some frames of a recording, by all of its frames, step by step.
+
+    Args:
+        wanted: (F, P, J) of those frames, True for the joints to be predicted while their person is present; of the
+            target if there is one.
+        target: Skeleton that the model turns poses into, if any; its joints follow those of the poses.
+        small_steps: Whether steps are short, rather than fast altogether.
+
+    Returns:
+        (F, P, J, 3) m, world, meaningful where wanted; and the scale of the error, (F, P, J) m, NaN where the model was
+        not used.
+    """
+    config = model.config
+    rest = model.rest.cpu().numpy()
+    count, persons = poses.xyz.shape[:2]
+    needed = np.zeros((count, persons, len(rest)), bool)
+    needed[frames, :, -wanted.shape[2] :] = wanted
+    filled = None
+    if not target:
+        _, filled = yield from fill_both(poses, fps, frames)
+    rows = make_rows(poses, fps, rest, config.frames, target=target, filled=filled)
+    base = _by_frame(rows.base, persons)[:count]
+    yield _ROWS_COST
+    if has_rate(model, fps):
+        found = yield from _corrections(model, rows, needed, small_steps)
+        correction = _by_frame(found, persons)[:count]
+    else:
+        rows = make_rows(resample(poses, fps, config.fps), config.fps, rest, config.frames, target=target)
+        time, last = np.arange(count) * (config.fps / fps), len(rows.base) // persons - 1
+        first = np.minimum(time.astype(int), last)
+        second = np.minimum(first + 1, last)
+        around = np.zeros((last + 1, *needed.shape[1:]), bool)
+        for index in (first, second):
+            np.logical_or.at(around, index, needed)
+        found = yield from _corrections(model, rows, around, small_steps)
+        resampled = _by_frame(found, persons)
+        weight = (time - first).clip(0, 1)[:, None, None, None]
+        correction = resampled[first] * (1 - weight) + resampled[second] * weight
+    # The target's joints lie elsewhere than what they are derived from, however short a gap is.
+    weight = 1 if target else correction_weight(poses)
+    return (base + np.nan_to_num(correction[..., :3]) * weight)[frames], np.exp(correction[..., 3])[frames]
+
+
+def _corrections(model: DMAE, rows: Rows, needed: np.ndarray, small_steps: bool) -> Steps[np.ndarray]:
+    """Return what the model adds to the interpolation, m, world, and the logarithm of its error scale, (S, J, 4).
+
+    Windows overlap by two thirds and are weighted by a triangle; NaN where there is no window, or a joint is not
+    `needed` (F, P, J).
+    """
+    config = model.config
+    frames, device = config.frames, next(model.parameters()).device
+    count, persons = needed.shape[:2]
+    length = len(rows.base) // persons
+    start = rows.starts % length
+    needed = np.concatenate([needed, np.zeros((length - count, *needed.shape[1:]), bool)])
+    needed = needed.swapaxes(0, 1).reshape(rows.observed.shape) & rows.present[:, None]
+    useful = needed.any(1)[rows.starts[:, None] + np.arange(frames)].any(1)
+    starts = rows.starts[useful & ((start % stride(model) == 0) | (start == length - frames))]
+    triangle = np.minimum(np.arange(1, frames + 1), np.arange(frames, 0, -1)).astype(float)
+
+    total, weights = np.zeros((*rows.observed.shape, 4)), np.zeros(rows.observed.shape)
+    size = _FEW if small_steps else _BATCH
+    for begin in range(0, len(starts), size):
+        batch = starts[begin : begin + size]
+        windows, _, frame = rows.cut(batch, frames, config.align_heading)
+        wanted = needed[batch[:, None] + np.arange(frames)]
+        with torch.inference_mode():
+            inputs = (tensor.to(device) for tensor in windows)
+            xyz, log_scale = (part.cpu() for part in model(*inputs, wanted=torch.from_numpy(wanted).to(device)))
+        added = rotate_z((xyz - windows.base).numpy().astype(np.float64), frame.heading[:, None, None])
+        added = np.concatenate([added, log_scale.numpy()[..., None]], -1)
+        weight = triangle[:, None] * wanted
+        for t in range(frames):
+            total[batch + t] += weight[:, t, :, None] * added[:, t]
+            weights[batch + t] += weight[:, t]
+        yield _WINDOW_COST * len(batch)
+    return total / np.where(weights > 0, weights, np.nan)[..., None]
+
+
+def _by_frame(rows: np.ndarray, persons: int) -> np.ndarray:
+    """Return rows (S, ...) as (frames, P, ...)."""
+    return rows.reshape(persons, -1, *rows.shape[1:]).swapaxes(0, 1)
+
+
+# The completer: a trained model applied to poses, with sources and covariances.
+
+_ACCELERATION = 40.0
+"""m/s^2; with a lower limit, rejection dropped more true joints of people who jump and dance than errors."""
+_AGREEING_VIEWS = 3
+"""Three in four joints on which this many views agree and that the frames around contradict were right. Denoised, they
+came no nearer to annotations."""
+_EVIDENCE_COST = 5.0
+"""Of rejection, see `dmae.completion.gaussian_process.Steps`."""
+
+
+@dataclass(frozen=True)
+class Completer:
+    """A trained model, ready to fill in joints that no camera measured.
+
+    A callable of poses (F, P, J) and their frames per second that returns poses of the same shape:
+
+    - Every joint that is absent while its person is present (`dmae.numerics.filling.present`: measured, or missing for
+      at most a second between two measurements) is predicted and marked `COMPLETED`. It used no views; its covariance
+      is isotropic and calibrated: 90 % regions held 90 % of the truth of clips held back from training. Nothing is
+      filled before a person's first and after its last measurement, nor in a longer absence.
+    - Farther than 0.2 s from any measurement of the person covariances are unknown (NaN).
+    - Windows overlap by two thirds; their corrections of the interpolation are blended with weights that fall linearly
+      from the middle of a window. A window without a measurement adds nothing: in the middle of an absence the
+      interpolation over the whole recording stands, however long a gap is.
+    - Measured joints are returned unchanged, to the bit. With `denoise` those of fewer than three views (or unknown)
+      are moved to where the model predicts them and marked `DENOISED`, the less the more exact the poses are
+      (`dmae.completion.features.correction_weight`); their covariances are then upper bounds. With
+      `reject` such joints that the frames around contradict (`dmae.completion.fillings`) are dropped first, and
+      completed like others.
+    - Joints that are already `COMPLETED` are no evidence: the model does not see them, and they are completed again.
+      Neither are joints that are not finite, which become absent.
+    - Poses at another rate than the model's are resampled, and the corrections are resampled back.
+    - Poses of another skeleton are completed through the joints that it has in common with the model's
+      (`dmae.data.skeleton_conversion.convert`); other joints stay as they are. `notes` says where either happens.
+    - Weights of two skeletons side by side (`dmae.completion.fusion`) take poses of the first, or of one that has
+      all its joints, and return poses of the second, see `dmae.completion.fusion.fused`; none of their joints is
+      `MEASURED`.
+
+    With `smooth`, all joints are smoothed over these seconds at the end: noise that measurements of two views have is
+    greater than what smoothing takes from fast motion. With `frames`, only those are completed and returned, using all
+    frames. Recordings of more than 4000 frames are completed in pieces (`in_pieces`). The network runs on one thread
+    of the CPU: it is so small that more threads take longer on a busy machine.
+
+    Raises (when called):
+        ValueError: the skeletons have no joint in common, or fps is not positive and finite.
+    """
+
+    model: DMAE
+    skeleton: Skeleton
+    denoise: bool = False
+    factors: Factors | None = None
+    """See `dmae.completion.uncertainty.calibrated`; without them completed joints have no covariance."""
+    reject: bool = False
+    """Improves real recordings; does not improve people who jump and dance."""
+    smooth: float = 0.0
+    """s; light smoothing of the completed poses, see `dmae.completion.features.smooth_by_noise`."""
+
+    def __call__(self, poses: Poses3D, fps: float, frames: slice = slice(None)) -> Poses3D:
+        if not (np.isfinite(fps) and fps > 0):
+            raise ValueError(f"fps must be positive, found {fps}")
+        return in_pieces(lambda poses, frames: self._whole(poses, fps, frames), poses, fps, frames)
+
+    def _whole(self, poses: Poses3D, fps: float, frames: slice) -> Poses3D:
+        """Return some frames of poses that are completed in one piece."""
+        with one_thread():
+            if not self.smooth:
+                return finished(self._complete(poses, fps, frames))
+            # Neighbours of the requested frames take part in smoothing.
+            asked, reach = range(len(poses.xyz))[frames], ceil(3 * self.smooth * fps)
+            first = max(asked.start - reach, 0)
+            done = finished(self._complete(poses, fps, slice(first, asked.stop + reach)))
+            noisy = noisiness(poses.without(poses.source == Source.COMPLETED))[first : asked.stop + reach]
+            done = smooth_by_noise(done, noisy, fps, self.smooth)
+            return done.select(slice(asked.start - first, asked.stop - first))
+
+    def in_steps(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:
+        """Complete some frames of the poses, without smoothing, in steps that can be spread over time.
+
+        Args:
+            small_steps: Whether steps are short, rather than fast altogether.
+        """
+        return self._complete(poses, fps, frames, small_steps)
+
+    def _complete(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool = False) -> Steps[Poses3D]:
+        """Return some frames of the poses, completed and not yet smoothed, step by step."""
+        poses = poses.without(np.isinf(poses.xyz).any(-1))
+        if poses.skeleton != self.skeleton.parts[0]:
+            if not self.target:
+                return (yield from self._by_common_joints(poses, fps, frames, small_steps))
+            poses = self._as_source(poses)
+        poses = self._evidence(poses, fps)
+        yield _EVIDENCE_COST
+        if self.target:
+            return (yield from self._fuse(poses, fps, frames, small_steps))
+        absent = ((poses.source == Source.ABSENT) & present(poses, fps)[..., None])[frames]
+        moved = _of_few_views(poses)[frames] & self.denoise
+        if not (absent | moved).any():
+            return poses.select(frames)
+        predicted, scale = yield from predict(self.model, poses, fps, frames, absent | moved, None, small_steps)
+        given = poses.select(frames)
+        xyz = np.where((absent | moved)[..., None], predicted, given.xyz)
+        source = np.where(absent, Source.COMPLETED, np.where(moved, Source.DENOISED, given.source))
+        deviation = self._deviation(poses, fps, scale, frames)
+        return _with_covariances(replace(given, xyz=xyz, source=source), absent, deviation)
+
+    @property
+    def target(self) -> Skeleton | None:
+        """The skeleton that poses are turned into; None where they stay on their own."""
+        return self.skeleton.parts[1] if len(self.skeleton.parts) > 1 else None
+
+    @property
+    def stride(self) -> float:
+        """s from one window to the next: a recording may be cut at multiples of it without a change in what follows."""
+        return stride(self.model) / self.model.config.fps
+
+    def notes(self, poses: Poses3D, fps: float) -> list[str]:
+        """Return what users of the result should know about how poses like these are completed."""
+        notes = []
+        if not has_rate(self.model, fps):
+            notes.append(f"{fps:g} frames/s, resampled to the {self.model.config.fps:g} of the weights and back")
+        if self.target:
+            notes.append(f"poses are {poses.skeleton.name}, returned as {self.target.name}")
+        elif poses.skeleton != self.skeleton:
+            others = [joint for joint in poses.skeleton.joints if joint not in self.skeleton.joints]
+            left = f"; not completed: {', '.join(others)}" if others else ""
+            notes.append(f"poses are {poses.skeleton.name}, completed with weights for {self.skeleton.name}{left}")
+        return notes
+
+    def uncertainty_inputs(self, poses: Poses3D, fps: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return what predicted scales are calibrated by, see `dmae.completion.uncertainty.calibrated`.
+
+        They are the lengths (F, P, J) of the gaps that each returned joint is in, or the joints that it is derived
+        from, in frames of the model; and the noisiness (F, P, 1) of the poses.
+        """
+        measured = (fusion.derive(poses, self.target) if self.target else poses).measured
+        lengths = np.where(measured.any(0), gap_lengths(measured), np.inf)
+        return lengths * (self.model.config.fps / fps), noisiness(poses)
+
+    def _as_source(self, poses: Poses3D) -> Poses3D:
+        """Return poses that have all the joints of the first of two skeletons, on that skeleton."""
+        wanted, found = self.skeleton.parts[0], poses.skeleton
+        if not set(wanted.joints) <= set(found.joints):
+            raise ValueError(
+                f"the weights turn {wanted.name!r} into {self.target.name!r}, the poses are {found.name!r}; convert "
+                "them (dmae.data.skeleton_conversion.convert), or train on their skeleton"
+            )
+        return convert(poses, wanted)
+
+    def _fuse(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:
+        """Return the poses of the source turned into those of the target."""
+        there, count = present(poses, fps)[frames], len(self.target)
+        if not there.any():
+            return fusion.absent(self.target, *there.shape)
+        wanted = np.repeat(there[..., None], count, -1)
+        predicted = yield from predict(self.model, poses, fps, frames, wanted, self.target, small_steps)
+        xyz, scale = (part[:, :, -count:] for part in predicted)
+        done = fusion.fused(poses.select(frames), self.target, xyz, there)
+        return _with_covariances(done, there[..., None], self._deviation(poses, fps, scale, frames))
+
+    def _evidence(self, poses: Poses3D, fps: float) -> Poses3D:
+        """Return the poses without joints that are no evidence."""
+        poses = poses.without(poses.source == Source.COMPLETED)
+        if not self.reject:
+            return poses
+        return poses.without(_of_few_views(poses) & contradicted(poses.xyz, fps, _ACCELERATION))
+
+    def _by_common_joints(self, poses: Poses3D, fps: float, frames: slice, small_steps: bool) -> Steps[Poses3D]:
+        """Complete poses of another skeleton through the joints that it has in common with the model's."""
+        try:
+            converted = convert(poses, self.skeleton)
+            common = np.isin(poses.skeleton.joints, self.skeleton.joints)
+            done = convert((yield from self._complete(converted, fps, frames, small_steps)), poses.skeleton)
+        except KeyError as error:
+            raise ValueError(
+                f"the weights are for skeleton {self.skeleton.name!r}, the poses are {poses.skeleton.name!r}, and "
+                f"{error.args[0]}; convert the poses (dmae.data.skeleton_conversion.convert), or "
+                f"train on their skeleton"
+            ) from None
+        poses = poses.select(frames)
+        taken = common | ((done.source != Source.ABSENT) & ~poses.measured)
+        joints = {}
+        for name in (field.name for field in fields(Poses3D) if field.name != "skeleton"):
+            new, old = getattr(done, name), getattr(poses, name)
+            joints[name] = np.where(taken.reshape(*taken.shape, *(1,) * (new.ndim - 3)), new, old)
+        return Poses3D(poses.skeleton, **joints)
+
+    def _deviation(self, poses: Poses3D, fps: float, scale: np.ndarray, frames: slice) -> np.ndarray | None:
+        """Return standard deviations along each axis, m, of joints predicted in those frames with those scales.
+
+        NaN where unknown; None where all are.
+        """
+        if self.factors is None:
+            return None
+        lengths, noisy = (part[frames] for part in self.uncertainty_inputs(poses, fps))
+        known = np.where(near_measurement(poses, fps), 1, np.nan)[frames]
+        return known * calibrated(scale, lengths, noisy, self.factors)
+
+
+def _with_covariances(done: Poses3D, predicted: np.ndarray, deviation: np.ndarray | None) -> Poses3D:
+    """Return the poses with the covariances of the joints that were predicted."""
+    if deviation is None:
+        return done
+    variance = deviation[..., None, None] ** 2 * np.eye(3)
+    return replace(done, cov=np.where(predicted[..., None, None], variance, done.cov))
+
+
+def _of_few_views(poses: Poses3D) -> np.ndarray:
+    """Return (F, P, J) True where a joint was measured by fewer than three views, or by an unknown number."""
+    return poses.measured & (poses.views < _AGREEING_VIEWS)
+
+
+# From weights to completed poses: load a completer, or find that of the shipped weights for a skeleton.
+
+SMOOTHING = 0.1
+"""s; light smoothing that suits people."""
+
+
+def load_completer(
+    weights: Path, device: str = "auto", denoise: bool | None = False, reject: bool = False, smooth: float = 0.0
+) -> Completer:
+    """Return the completer of a folder that `dmae train` wrote.
+
+    Args:
+        device: As torch names it; `auto` is a GPU if there is one.
+        denoise: Move measured joints of few views too; None where the model was trained for it.
+        reject: Drop measured joints of few views that the frames around contradict.
+        smooth: s; length of a light smoothing at the end.
+
+    Raises:
+        FileNotFoundError: there is no model in the folder.
+        ValueError: its files are malformed, damaged, or of another version; or `denoise` is asked of a model that was
+            not trained to denoise, or that turns poses into those of another skeleton; or `smooth` is not 0 or more.
+    """
+    if not 0 <= smooth < np.inf:
+        raise ValueError(f"smooth={smooth:g}: expected seconds, 0 (no smoothing) or more")
+    model, skeleton, record = load_model(weights)
+    if denoise is None:
+        denoise = record["denoises"] and len(skeleton.parts) == 1
+    if denoise and len(skeleton.parts) > 1:
+        raise ValueError(
+            f"{weights}: this model turns {skeleton.parts[0].name!r} into {skeleton.parts[1].name!r}, and moves all "
+            "joints; leave out denoise"
+        )
+    if denoise and not record["denoises"]:
+        raise ValueError(
+            f"{weights}: this model was not trained to denoise; train with learning.observed_weight above 0"
+        )
+    where = pick_device(device)
+    factors = record["calibration"] and tuple(map(tuple, record["calibration"]))
+    return Completer(model.to(where), skeleton, denoise, factors, reject, smooth)
+
+
+def completers(weights: Path | None, **options) -> Callable[[Skeleton], Completer]:
+    """Return a function from the skeleton of poses to their completer.
+
+    It is that of a folder, or without one, that of the weights that come with the package
+    (`dmae.completion.weights.find_shipped`). The options and errors are those of `load_completer`.
+    """
+    if weights is None:
+        return cache(lambda skeleton: load_completer(find_shipped(skeleton), **options))
+    completer = load_completer(weights, **options)
+    return lambda skeleton: completer
+
+
+# The completion methods that use the network.
+
+
+@completion_method("dmae", learned=True)
+def dmae(weights: Path | None) -> Fill:
+    """The trained network; measured joints stay as they are."""
+    return _fill(weights)
+
+
+@completion_method("dmae_reject", learned=True)
+def dmae_reject(weights: Path | None) -> Fill:
+    """As dmae, after dropping joints of two views that are contradicted."""
+    return _fill(weights, reject=True)
+
+
+@completion_method("dmae_denoise", learned=True)
+def dmae_denoise(weights: Path | None) -> Fill:
+    """As dmae_reject, and moves measured joints of two views too."""
+    return _fill(weights, reject=True, denoise=True)
+
+
+def _fill(weights: Path | None, **options: bool) -> Fill:
+    # Torch is loaded when a network is used, not when methods are listed.
+    completer_for = completers(weights, **options)
+    return lambda poses, fps: completer_for(poses.skeleton)(poses, fps)

@@ -1,0 +1,422 @@
+"""What can be set of a network and of its training. Imports no torch."""
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from dmae.files.checks import check_rate
+from dmae.formats.reading import DataConfig
+from dmae.reconstruction.config import CaptureConfig
+
+FEATURES = {
+    "gap": ("gap", slice(None)),
+    "ray": ("ray", slice(None)),
+    "held": ("candidate_offset", slice(4)),
+    "bone_length": ("candidate_offset", slice(4, 6)),
+    "jitter": ("noise_level", slice(3)),
+    "bone_stretch": ("noise_level", slice(3, 6)),
+}
+"""Input features of the default network: the field of `dmae.completion.windows.Windows` that holds each, and its place
+along the first axis after that of joints."""
+
+
+@dataclass(frozen=True)
+class EncoderConfig:
+    """The encoder of observed tokens."""
+
+    dim: int = 96
+    """Channels of a token, even."""
+    depth: int = 1
+    """Transformer layers."""
+    heads: int = 4
+    """Attention heads of a layer, in the decoder as well."""
+    head_dim: int = 24
+    """Channels of a head."""
+    mlp: int = 192
+    """Channels of a layer's hidden fully connected layer."""
+
+
+@dataclass(frozen=True)
+class DecoderConfig:
+    """The decoder of all tokens. Heads and hidden layers are as wide as the encoder's times `dim` / `encoder.dim`."""
+
+    dim: int = 96
+    """Channels of a token, even."""
+    depth: int = 1
+    """Transformer layers."""
+
+
+@dataclass(frozen=True)
+class CodesConfig:
+    """The Fourier codes of coordinates (signal) and of joint and time (context)."""
+
+    signal: int = 64
+    """Rows of the Gaussian matrix of the signal code."""
+    signal_sigma: float = 1.0
+    """1/m; standard deviation of that matrix."""
+    time_sigma: float = 3.0
+    """Standard deviation of the matrix of the time code; time runs over [0, 1] in a window."""
+    joint_sigma: float = 30.0
+    """Standard deviation of the matrix of the joint code; the joint's index runs over [0, 1]."""
+    no_time: bool = False
+    """Ablation: leave out the code of time."""
+    no_joint: bool = False
+    """Ablation: leave out the code of the joint."""
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """What the network looks like. `configs/model/paper.yaml` is the paper's."""
+
+    frames: int = 15
+    """Frames of a window (T)."""
+    fps: float = 25.0
+    """Frames per second of a window; poses at other rates are resampled."""
+    encoder: EncoderConfig = field(default_factory=EncoderConfig)
+    decoder: DecoderConfig = field(default_factory=DecoderConfig)
+    codes: CodesConfig = field(default_factory=CodesConfig)
+    dropout: float = 0.0
+    """Share of activations dropped in training."""
+    key_init: float = 1.7
+    """Attention's keys start as this multiple of its queries, so that a token first attends to tokens with codes like
+    its own: the same joint at near times. 0: they start at random."""
+    residual: bool = True
+    """Predict corrections of interpolated joints, from interpolated joints and input features (not in the paper); else
+    predict coordinates, as the paper does."""
+    align_heading: bool = True
+    """Rotate each window so that the person of its middle frame faces +x; else it keeps its heading in the world."""
+    ablate: list[str] = field(default_factory=list, metadata={"choices": tuple(FEATURES)})
+    """Ablation: input features set to zero, of `gap`, `ray`, `held`, `bone_length`, `jitter` and `bone_stretch`."""
+
+    def __post_init__(self):
+        if unknown := set(self.ablate) - FEATURES.keys():
+            raise ValueError(f"model.ablate: expected some of {list(FEATURES)}, found {sorted(unknown)}")
+        sizes = {
+            "frames": (self.frames, 1000),
+            "encoder.depth": (self.encoder.depth, 64),
+            "encoder.heads": (self.encoder.heads, 256),
+            "encoder.head_dim": (self.encoder.head_dim, 4096),
+            "encoder.mlp": (self.encoder.mlp, 65536),
+            "decoder.depth": (self.decoder.depth, 64),
+            "codes.signal": (self.codes.signal, 65536),
+            "encoder.dim": (self.encoder.dim, 16384),
+            "decoder.dim": (self.decoder.dim, 16384),
+        }
+        for name, (size, most) in sizes.items():
+            if not isinstance(size, int) or not 1 <= size <= most:
+                raise ValueError(f"model.{name}: expected a whole number from 1 to {most}, found {size!r:.40}")
+        for name, dim in (("encoder.dim", self.encoder.dim), ("decoder.dim", self.decoder.dim)):
+            if dim % 2:
+                raise ValueError(f"model.{name}: expected an even number (sines and cosines), found {dim}")
+        codes = {f"codes.{name}": getattr(self.codes, name) for name in ("signal_sigma", "time_sigma", "joint_sigma")}
+        ranges = dict.fromkeys(codes, (0, 1e6)) | {"key_init": (-1e3, 1e3), "dropout": (0, 0.999), "fps": (0.01, 1e5)}
+        for name, (least, most) in ranges.items():
+            value = codes.get(name, getattr(self, name, None))
+            if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+                raise ValueError(f"model.{name}: expected a number from {least:g} to {most:g}, found {value!r:.40}")
+        choices = {"codes.no_time": self.codes.no_time, "codes.no_joint": self.codes.no_joint}
+        for name, value in (choices | {"residual": self.residual, "align_heading": self.align_heading}).items():
+            if not isinstance(value, bool):
+                raise ValueError(f"model.{name}: expected true or false, found {value!r:.40}")
+
+
+def model_config(options: dict) -> ModelConfig:
+    """Return the configuration of nested options, as `dataclasses.asdict` and YAML give them.
+
+    Raises:
+        TypeError: there is no such option.
+        ValueError: an option has an impossible value.
+    """
+    parts = {"encoder": EncoderConfig, "decoder": DecoderConfig, "codes": CodesConfig}
+    return ModelConfig(**options | {name: kind(**options.get(name, {})) for name, kind in parts.items()})
+
+
+# How a model is trained.
+
+
+class Loss(StrEnum):
+    """What is averaged over masked joints."""
+
+    mse = "mse"
+    """Squared distance, as in the paper."""
+    euclidean = "euclidean"
+    """Distance."""
+    relative = "relative"
+    """Distance relative to the error that the model expects; else the model learns mostly from joints that are hidden
+    for long, where it can be off by decimetres."""
+
+
+class Precision(StrEnum):
+    """Numbers that the network computes with."""
+
+    single = "single"
+    """32 bits."""
+    bf16 = "bf16"
+    """16 bits in products of matrices, where a processor or GPU is faster with them; weights have 32."""
+
+
+@dataclass(frozen=True)
+class MaskingConfig:
+    """Which of the known joints are hidden from the encoder in training."""
+
+    scattered: float = 0.05
+    """Share of the recordings masked at random by joint and by frame, as in the paper; the others are masked in
+    bursts."""
+    joints: float = 0.5
+    """Share of the joints masked in scattered masking."""
+    frames: float = 0.5
+    """Share of the frames masked whole in scattered masking."""
+    bursts: float = 2.0
+    """Bursts per second and person."""
+    longest: int = 60
+    """Frames at 25/s of the longest burst; lengths are log-uniform from 2."""
+    absence: int = 15
+    """Frames at 25/s of the longest burst in which the whole person is masked."""
+
+    def __post_init__(self):
+        for name in ("scattered", "joints", "frames"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"masking.{name}: expected a share between 0 and 1, found {getattr(self, name)}")
+        if self.bursts < 0 or self.longest < 2 or self.absence < 2:
+            raise ValueError(f"masking: expected bursts >= 0, longest >= 2 and absence >= 2, found {self}")
+
+
+@dataclass(frozen=True)
+class AugmentConfig:
+    """How recordings are varied each time they are drawn."""
+
+    rotation: float = 3.141592653589793
+    """rad; each person is rotated about the vertical by up to this much either way."""
+    mirror: float = 0.5
+    """Share of the persons with left and right swapped."""
+    reverse: float = 0.5
+    """Share of the recordings that run backwards."""
+    scale: float = 0.1
+    """Standard deviation of the logarithm of a person's size."""
+    speed: float = 0.2
+    """The logarithm of a recording's speed is uniform within this much either way."""
+    true_poses: float = 0.3
+    """Share of the draws of a captured recording that give its truth instead; else the network gives too little weight
+    to joints next to a gap."""
+    noise: float = 0.0
+    """m; observed joints of true poses have errors with a standard deviation that is, by person, uniform up to this."""
+
+
+@dataclass(frozen=True)
+class ExamplesConfig:
+    """What examples are made of."""
+
+    masking: MaskingConfig = field(default_factory=MaskingConfig)
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
+    views: list[int] = field(default_factory=list)
+    """Clips without poses are captured with all subsets of that many cameras, one example each; by default only their
+    truth is used, or if the skeleton lacks that, what all cameras capture."""
+    replay: float | None = None
+    """Share of the windows that are taken from `extra_data`, so that a model keeps what it learned before; by default
+    all clips are pooled. With it only clips of `extra_data` are held back."""
+    held_back: float = 0.1
+    """Share of the clips that are held back for validation, at least one if there are two; unused with
+    `validation_data`."""
+    damaged: bool = False
+    """Train even on data sets with files that are missing or were changed."""
+    workers: int = 0
+    """Processes that make batches for the one that trains; 0: the training process makes them."""
+
+    def __post_init__(self):
+        if not 0 <= self.held_back < 1:
+            raise ValueError(f"examples.held_back: expected a share in [0, 1), found {self.held_back}")
+        if self.replay is not None and not 0 < self.replay < 1:
+            raise ValueError(f"examples.replay={self.replay}: expected a share between 0 and 1")
+
+
+@dataclass(frozen=True)
+class LearningConfig:
+    """How the network learns from examples."""
+
+    steps: int = 6000
+    """Batches to learn from."""
+    epoch: int = 200
+    """Steps between two validations, after which training can be resumed."""
+    batch: int = 16
+    """Windows in a batch."""
+    loss: Loss = Loss.relative
+    observed_weight: float = 0.0
+    """Weight of the loss on observed joints, which have errors in captured poses and with `examples.augment.noise`;
+    with 0 the model cannot denoise."""
+    lr: float | None = None
+    """Greatest learning rate; by default 2e-3, and 2e-4 from `init` on."""
+    warmup: float = 0.05
+    """Share of the training over which the learning rate rises; then it falls as a cosine."""
+    weight_decay: float = 0.05
+    """Weight decay of AdamW."""
+    max_gradient: float = 1.0
+    """Norm to which gradients are clipped."""
+    average: float = 0.99
+    """Decay of the moving average of the weights, which is what is kept."""
+    devices: int = 1
+    """GPUs that share each batch, or processes where there is no GPU; the result is the same up to rounding."""
+    precision: Precision = Precision.single
+    """Numbers that the network computes with."""
+
+    def __post_init__(self):
+        for name in ("steps", "epoch", "batch", "devices"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"learning.{name}: expected at least 1, found {getattr(self, name)}")
+        if self.devices > self.batch:
+            raise ValueError(f"learning.devices={self.devices}: expected at most learning.batch, {self.batch}")
+        if not 0 <= self.average < 1:
+            raise ValueError(f"learning.average: expected a decay in [0, 1), found {self.average}")
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Train a model that completes poses."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    extra_data: list[str] = field(default_factory=list)
+    """Folders of further data sets of clips to learn from."""
+    validation_data: list[str] = field(default_factory=list)
+    """Folders of data sets to validate and calibrate on, with motion that is in none of the others; by default clips
+    are held back (`examples.held_back`), and uncertainty is calibrated for motion like that of the training."""
+    init: str | None = None
+    """Folder of a trained model to start from; `shipped`: the weights that come with the package."""
+    skeleton: str | None = None
+    """Skeleton of the model; by default that of `init`, or else body25. Two joined by + turn poses of one into those of
+    the other, see `dmae.completion.fusion`."""
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    """How clips without poses are captured, see `examples.views`."""
+    model: ModelConfig = field(default_factory=ModelConfig)
+    examples: ExamplesConfig = field(default_factory=ExamplesConfig)
+    learning: LearningConfig = field(default_factory=LearningConfig)
+    max_minutes: float | None = None
+    """minutes; what the whole command may take, from its start to the model, loading, validation and calibration
+    included: training stops in time for them, and the learning rate falls with the time."""
+    seed: int = 0
+    """Seed of weights, masks and batches."""
+    out: str = "runs/model"
+    """Folder of the model, its record, its checkpoint and TensorBoard's logs."""
+
+    def __post_init__(self):
+        if self.examples.replay is not None and not self.extra_data:
+            raise ValueError(
+                f"examples.replay={self.examples.replay}: expected extra_data=[...] to take that share of windows from"
+            )
+
+    @property
+    def peak_lr(self) -> float:
+        """The greatest learning rate."""
+        return self.learning.lr if self.learning.lr is not None else 2e-4 if self.init else 2e-3
+
+
+# The sizes and the schedule of the paper's network.
+
+_MOST = {"frames": 1000, "dim": 16384, "depth": 64, "heads": 256, "head_dim": 4096, "mlp": 65536}
+"""Largest sizes of a network."""
+_MOST_SIGMA = 1e6
+
+
+@dataclass(frozen=True)
+class PaperNetwork:
+    """The network."""
+
+    frames: int = 15
+    """Frames of a window (T)."""
+    fps: float = 25.0
+    """Frames per second of a window."""
+    dim: int = 256
+    """Channels of a token in the encoder; the decoder has half."""
+    depth: int = 6
+    """Layers of the encoder; the decoder has half."""
+    heads: int = 8
+    """Attention heads."""
+    head_dim: int = 64
+    """Channels of a head in the encoder; the decoder has half."""
+    mlp: int = 512
+    """Channels of a layer's hidden layer in the encoder; the decoder has half."""
+    signal_sigma: float = 1.0
+    """1/m; standard deviation of the matrix of the signal code."""
+    time_sigma: float = 3.0
+    """Standard deviation of the matrix of the time code; time runs over [0, 1] in a window."""
+    joint_sigma: float = 30.0
+    """Standard deviation of the matrix of the joint code; the joints of both skeletons run over [0, 1]."""
+    dropout: float = 0.1
+    """Share of activations dropped in training."""
+
+    def __post_init__(self):
+        for name, most in _MOST.items():
+            size, least = getattr(self, name), 2 if name == "depth" else 1
+            if isinstance(size, bool) or not isinstance(size, int) or not least <= size <= most:
+                raise ValueError(f"network.{name}: expected a whole number from {least} to {most}, found {size!r:.40}")
+        if self.dim % 4 or self.head_dim % 2 or self.mlp % 2:
+            raise ValueError(
+                f"network: expected dim in fours, head_dim and mlp even, as the decoder has half of them; found "
+                f"dim={self.dim}, head_dim={self.head_dim}, mlp={self.mlp}"
+            )
+        if not 0 <= self.dropout < 1:
+            raise ValueError(f"network.dropout: expected a share below 1, found {self.dropout}")
+        check_rate("network.fps", self.fps)
+        for name in ("signal_sigma", "time_sigma", "joint_sigma"):
+            if not 0 <= getattr(self, name) <= _MOST_SIGMA:
+                raise ValueError(f"network.{name}: expected 0 to {_MOST_SIGMA:g}, found {getattr(self, name)!r:.40}")
+
+
+@dataclass(frozen=True)
+class PaperSchedule:
+    """How the network learns."""
+
+    steps: int = 0
+    """Batches of pretraining; 0: as many as `epochs` say."""
+    epochs: int = 1000
+    """Passes over the windows in pretraining."""
+    tuning_epochs: int = 500
+    """Passes over the windows in fine-tuning."""
+    batch: int = 32
+    """Windows in a batch."""
+    lr: float = 1.5e-4
+    """Greatest learning rate."""
+    least_lr: float = 1e-5
+    """Learning rate at the end of the cosine."""
+    warmup: float = 0.04
+    """Share of the steps over which the learning rate rises."""
+    weight_decay: float = 0.05
+    """Weight decay of AdamW."""
+    mask_joints: float = 0.5
+    """Share of the joints masked, drawn again in every frame."""
+    mask_frames: float = 0.5
+    """Share of the frames masked whole."""
+
+    def __post_init__(self):
+        for name in ("epochs", "tuning_epochs", "batch"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"schedule.{name}: expected at least 1, found {getattr(self, name)}")
+        for name in ("mask_joints", "mask_frames", "warmup"):
+            if not 0 <= getattr(self, name) < 1:
+                raise ValueError(f"schedule.{name}: expected a share below 1, found {getattr(self, name)}")
+
+
+class PaperSize(StrEnum):
+    """How large the network is."""
+
+    full = "full"
+    """As in the paper: 1000 epochs, for a GPU."""
+    small = "small"
+    """Layers and channels that a CPU trains in minutes."""
+
+
+@dataclass(frozen=True)
+class PaperConfig:
+    """Network and schedule."""
+
+    network: PaperNetwork = field(default_factory=PaperNetwork)
+    schedule: PaperSchedule = field(default_factory=PaperSchedule)
+    seed: int = 0
+    """Seed of weights, masks and batches."""
+
+
+FULL = PaperConfig()
+"""The paper's sizes and epochs."""
+SMALL = PaperConfig(
+    PaperNetwork(dim=64, depth=2, heads=4, head_dim=16, mlp=128, dropout=0.0),
+    replace(FULL.schedule, steps=3000, tuning_epochs=30, lr=2e-3),
+)
+"""What a CPU trains in minutes: a quarter of the channels, a third of the layers."""
+SIZES = {PaperSize.full: FULL, PaperSize.small: SMALL}

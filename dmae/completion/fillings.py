@@ -1,0 +1,194 @@
+"""Completion methods that fill joints without a network."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import prod
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from dmae.completion.methods import completion_method
+from dmae.data.clip import Poses3D, Source
+from dmae.data.skeleton import Skeleton
+from dmae.numerics.filling import fill_body_frame, fill_world, take_estimate, without_infinite
+from dmae.numerics.kalman import smooth_paths
+from dmae.numerics.paths import hold, linear, neighbours, pchip, pchip_between, surrounding_frames, take_samples
+
+
+@completion_method("measured", smooths=True)
+def fill_nothing(poses: Poses3D, fps: float) -> Poses3D:
+    """Fill nothing."""
+    return poses
+
+
+@completion_method("hold")
+def fill_hold(poses: Poses3D, fps: float) -> Poses3D:
+    """Hold each joint where it was last measured.
+
+    See `dmae.numerics.filling.fill_world`.
+    """
+    return fill_world(poses, fps, hold)
+
+
+@completion_method("linear")
+def fill_linear(poses: Poses3D, fps: float) -> Poses3D:
+    """Straight lines through the world.
+
+    See `dmae.numerics.filling.fill_world`.
+    """
+    return fill_world(poses, fps, linear)
+
+
+@completion_method("linear_body")
+def fill_linear_body(poses: Poses3D, fps: float) -> Poses3D:
+    """Straight lines of offsets between joints, in a frame that turns with the body.
+
+    See `dmae.numerics.filling.fill_body_frame`.
+    """
+    return fill_body_frame(poses, fps, linear)
+
+
+@completion_method("pchip")
+def fill_pchip(poses: Poses3D, fps: float) -> Poses3D:
+    """Monotone cubics through the world.
+
+    See `dmae.numerics.filling.fill_world`.
+    """
+    return fill_world(poses, fps, pchip)
+
+
+@completion_method("pchip_body")
+def fill_pchip_body(poses: Poses3D, fps: float) -> Poses3D:
+    """Monotone cubics of offsets between joints, in a frame that turns with the body.
+
+    See `dmae.numerics.filling.fill_body_frame`.
+    """
+    return fill_body_frame(poses, fps, pchip)
+
+
+@completion_method("rays")
+def fill_rays(poses: Poses3D, fps: float) -> Poses3D:
+    """As pchip_body, with joints that a single camera detected put on its ray.
+
+    See `dmae.numerics.filling.fill_body_frame`.
+    """
+    return fill_body_frame(poses, fps, pchip, by_rays=True)
+
+
+# Rejection: measured joints that cannot be right, because the frames around contradict them.
+
+_REACHES = (0.04, 0.1, 0.2)
+"""s that are left out on either side of a sample with it: errors last for several frames."""
+_LONGEST = 0.6
+"""s; samples farther apart than this do not predict what is between them."""
+_ERROR = 0.05
+"""m; a deviation that measurement noise explains."""
+ACCELERATION = 20.0
+"""m/s^2; a deviation that motion explains has at most this acceleration."""
+
+
+def contradicted(xyz: np.ndarray, fps: float, acceleration: float = ACCELERATION) -> np.ndarray:
+    """Find samples that monotone cubics through the other frames contradict.
+
+    A sample is predicted from the two samples before and the two after it, leaving out those nearest to it. It is
+    contradicted when its deviation exceeds measurement noise plus the greatest acceleration over that time. Of
+    samples near each other only the worst is dropped, and the others are judged again without it. The constants are
+    those with which simulated captures came out nearest the truth. Allowing for the covariance of samples made it
+    worse: uncertain samples are wrong more often.
+
+    Args:
+        xyz: (F, ..., 3) m, NaN where not measured.
+        acceleration: m/s^2, the greatest that people are assumed to reach.
+
+    Returns:
+        (F, ...) True where a sample is contradicted.
+    """
+    flat = xyz.reshape(len(xyz), prod(xyz.shape[1:-1]), 3).astype(np.float64)
+    near = 2 * max(round(max(_REACHES) * fps), 1) + 1
+    found = np.zeros(flat.shape[:2], bool)
+    remaining = np.arange(flat.shape[1])
+    while len(remaining):
+        paths = np.where(found[:, remaining, None], np.nan, flat[:, remaining])
+        worst = np.max([_deviation(paths, fps, max(round(reach * fps), 1), acceleration) for reach in _REACHES], axis=0)
+        bad = (worst > 1) & (worst == maximum_filter1d(worst, near, axis=0, mode="constant"))
+        found[:, remaining] |= bad
+        remaining = remaining[bad.any(0)]
+    return found.reshape(xyz.shape[:-1])
+
+
+def _deviation(paths: np.ndarray, fps: float, reach: int, acceleration: float) -> np.ndarray:
+    """Return the deviation of samples of paths (F, n, 3) as a multiple of the tolerance, (F, n); 0 where unknown."""
+    known = ~np.isnan(paths).any(-1)
+    before, after = neighbours(known)
+    frame, column = np.nonzero(known)
+    times = surrounding_frames(before, after, frame, column, reach)
+    predictable = (times[1] >= 0) & (times[2] < len(paths)) & (times[2] - times[1] <= _LONGEST * fps)
+    frame, column, times = frame[predictable], column[predictable], times[:, predictable]
+    predicted = pchip_between(times, take_samples(paths, times, column), frame)
+    deviation = np.zeros(known.shape)
+    tolerance = _ERROR + acceleration / 2 * (frame - times[1]) * (times[2] - frame) / fps**2
+    deviation[frame, column] = np.linalg.norm(paths[frame, column] - predicted, axis=-1) / tolerance
+    return deviation
+
+
+def reject(poses: Poses3D, fps: float) -> Poses3D:
+    """Return the poses without measured joints that the frames around contradict (`dmae.completion.fillings`)."""
+    poses = without_infinite(poses, fps)
+    return poses.without(poses.measured & contradicted(poses.xyz, fps, ACCELERATION / poses.skeleton.scale))
+
+
+@completion_method("reject_pchip")
+def fill_reject_pchip(poses: Poses3D, fps: float) -> Poses3D:
+    """Drop joints that the frames around contradict, then fill as pchip_body.
+
+    What was rejected and filled again is `COMPLETED`.
+    """
+    return fill_pchip_body(reject(poses, fps), fps)
+
+
+# A Kalman smoother of each joint's path through the world: fills and denoises, with covariances.
+
+UNKNOWN_DEVIATION = 0.02
+"""m along each axis; assumed of measured joints without a covariance."""
+
+_LIMB = ("elbow", "wrist", "knee", "ankle", "heel", "toe")
+
+
+@completion_method("kalman")
+def fill_kalman(poses: Poses3D, fps: float) -> Poses3D:
+    """A Kalman smoother of each joint, which denoises measured joints too.
+
+    See `dmae.numerics.kalman`. Measured joints are moved to their smoothed path and become `DENOISED`. All joints have
+    the covariance that follows from those of the measurements; where a measurement has none it is `UNKNOWN_DEVIATION`
+    squared.
+    """
+    poses = without_infinite(poses, fps)
+    frames, persons, joints = poses.source.shape
+    known = np.isfinite(poses.cov).all((-1, -2))
+    cov = np.where(known[..., None, None], poses.cov, UNKNOWN_DEVIATION**2 * np.eye(3)).astype(np.float64)
+    # Measurements are never exact, and rounding must not make a covariance singular.
+    cov = cov + 1e-6 * np.eye(3)
+    xyz, spread = smooth_paths(
+        poses.xyz.astype(np.float64).reshape(frames, persons * joints, 3),
+        cov.reshape(frames, persons * joints, 3, 3),
+        fps,
+        np.tile(_acceleration_density(poses.skeleton), persons),
+    )
+    filled = take_estimate(poses, fps, xyz.reshape(poses.xyz.shape))
+    known = (filled.source != Source.ABSENT)[..., None]
+    return replace(
+        filled,
+        xyz=np.where(known, xyz.reshape(poses.xyz.shape), np.nan),
+        source=np.where(filled.source == Source.MEASURED, Source.DENOISED, filled.source),
+        cov=np.where(known[..., None], spread.reshape(poses.cov.shape), np.nan),
+    )
+
+
+def _acceleration_density(skeleton: Skeleton) -> np.ndarray:
+    """Return spectral densities of acceleration, (J,) m^2/s^3, with which simulated people are followed best."""
+    if skeleton.defined:
+        # In a world in which the body is as large as a person, its accelerations are not those of people.
+        limbs = np.isin(np.arange(len(skeleton)), skeleton.trunk, invert=True)
+        return np.where(limbs, 10.0, 1.0) / skeleton.scale**2
+    return np.array([10.0 if joint.endswith(_LIMB) else 1.0 for joint in skeleton.joints])

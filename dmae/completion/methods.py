@@ -1,0 +1,81 @@
+"""The completion methods by name: how joints that no camera measured are filled. Listing them imports none.
+
+A method is a function under the decorator `completion_method`, in any file of this folder; one file adds one.
+`METHODS` holds those that need no training; `find_method` looks up any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dmae.registry import Entry, Registry
+
+if TYPE_CHECKING:
+    from dmae.data.clip import Poses3D
+
+Fill = Callable[["Poses3D", float], "Poses3D"]
+"""Takes poses and their frames per second; returns poses of the same shape, in which what was filled is `COMPLETED` and
+used no views."""
+
+
+@dataclass(frozen=True)
+class CompletionMethod(Entry):
+    """How joints that no camera measured are filled.
+
+    Attributes:
+        learned: The function takes the folder of trained weights, or None for those that come with the package, and
+            returns what fills poses. Other functions fill poses themselves.
+        smooths: What it returns is not to be smoothed: it was, or it is what was measured.
+    """
+
+    learned: bool = False
+    smooths: bool = False
+
+    def load(self, weights: Path | None = None) -> Fill:
+        """Return what fills poses: a function of poses and their frames per second.
+
+        Args:
+            weights: Folder that `dmae train` wrote, for a learned method; by default the weights that come with the
+                package.
+        """
+        return self.function(weights) if self.learned else _of_any_size(self.function)
+
+
+completion_method = Registry("completion_method", CompletionMethod, __package__, "dmae.online", option="method")
+find_method = completion_method.find
+
+
+@cache
+def _of_any_size(function: Fill) -> Fill:
+    """Return the function for bodies of any size, the same one each time."""
+    from dmae.data.conversion import for_any_size
+
+    return for_any_size(function)
+
+
+class _Untrained(Mapping):
+    """The functions of the methods that need no training, by name; modules are imported when one is taken."""
+
+    def __getitem__(self, name: str) -> Fill:
+        try:
+            method = find_method(name)
+        except ValueError as error:
+            raise KeyError(str(error)) from error
+        if method.learned:
+            load = f"find_method({name!r}).load(weights)"
+            raise KeyError(f"completion method {name!r} needs weights: dmae.complete has them, or use {load}")
+        return _of_any_size(method.function)
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name, method in completion_method.items() if not method.learned)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+METHODS: Mapping[str, Fill] = _Untrained()
+"""Functions of poses and their frames per second, by name: those that need no training."""

@@ -1,1 +1,0 @@
-"""What does the paper do, alone? Its network, masks, loss and schedule, without this package's other methods."""

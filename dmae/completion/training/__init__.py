@@ -1,1 +1,0 @@
-"""How does D-MAE learn? Examples, losses and training, and the calibration of its uncertainty."""

@@ -1,0 +1,382 @@
+"""Training: resumes to the bit, follows its seed, and refuses a folder of another model."""
+
+import dataclasses
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from dmae.completion.config import (
+    AugmentConfig,
+    CodesConfig,
+    DecoderConfig,
+    EncoderConfig,
+    LearningConfig,
+    Loss,
+    MaskingConfig,
+    ModelConfig,
+    Precision,
+    TrainConfig,
+)
+from dmae.completion.training import CheckedCheckpoints, Learner, TimeLimit, error_loss, newest_checkpoint, train
+from dmae.completion.training_data import PosePair, Recipe, calibration_poses
+from dmae.completion.uncertainty import CLASSES
+from dmae.completion.windows import rest_pose
+from dmae.data.clip import Poses3D
+from dmae.data.conversion import convert
+from dmae.data.skeleton import BODY25, SHELF14
+from tests.support.circling_people import circling_people, clip_of
+from tests.support.training import changed
+
+TINY = changed(
+    TrainConfig(),
+    model=ModelConfig(
+        frames=5,
+        encoder=EncoderConfig(dim=16, depth=1, heads=2, head_dim=8, mlp=32),
+        decoder=DecoderConfig(dim=8),
+        codes=CodesConfig(signal=8),
+        dropout=0.1,
+    ),
+    masking=MaskingConfig(longest=20, bursts=5.0),
+    skeleton="shelf14",
+    steps=10,
+    epoch=5,
+    batch=8,
+    held_back=0.3,
+)
+
+
+@pytest.fixture(scope="module")
+def clips():
+    rng = np.random.default_rng(0)
+    return [clip_of(circling_people(60, 2, rng=rng), f"clip{i}") for i in range(4)]
+
+
+def weights(folder: Path) -> dict[str, torch.Tensor]:
+    return load_file(folder / "weights.safetensors")
+
+
+def same(first: dict, second: dict) -> bool:
+    return first.keys() == second.keys() and all(torch.equal(first[name], second[name]) for name in first)
+
+
+@pytest.fixture(scope="module")
+def trained(clips, tmp_path_factory):
+    return train(TINY, clips, tmp_path_factory.mktemp("trained"))
+
+
+def test_training_writes_weights_and_their_record(trained):
+    record = json.loads((trained / "model.json").read_text())
+    assert record["skeleton"] == "shelf14" and record["steps"] == 10 and record["clips"] == 3
+    assert record["model"]["frames"] == 5
+    assert len(record["validation_clips"]) == 1
+    assert np.shape(record["calibration"]) == (2, CLASSES) and np.min(record["calibration"]) > 0
+    assert record["hidden_model_mm"] > 0 and record["hidden_interpolation_mm"] > 0
+    assert list((trained / "tensorboard").glob("events*"))
+
+
+def test_resuming_is_exact(clips, trained, tmp_path, monkeypatch):
+    step = Learner.training_step
+
+    def fail_at_7(self, batch, index):
+        if self.trainer.global_step == 7:
+            raise InterruptedError("power cut")
+        return step(self, batch, index)
+
+    monkeypatch.setattr(Learner, "training_step", fail_at_7)
+    with pytest.raises(InterruptedError):
+        train(TINY, clips, tmp_path)
+    assert not (tmp_path / "model.json").exists()
+    monkeypatch.undo()
+    assert same(weights(train(TINY, clips, tmp_path)), weights(trained))
+
+
+def test_the_seed_decides(clips, trained, tmp_path):
+    assert same(weights(train(TINY, clips, tmp_path / "again")), weights(trained))
+    assert not same(weights(train(changed(TINY, seed=1), clips, tmp_path / "other")), weights(trained))
+
+
+def test_a_finished_model_is_left_alone_and_another_configuration_refused(clips, trained):
+    before = (trained / "weights.safetensors").stat().st_mtime_ns
+    train(TINY, clips, trained)
+    assert (trained / "weights.safetensors").stat().st_mtime_ns == before
+    with pytest.raises(ValueError, match=r"training\.json differs in learning\.lr, model\.encoder\.depth"):
+        train(
+            changed(TINY, lr=1.0, model=replace(TINY.model, encoder=replace(TINY.model.encoder, depth=2))),
+            clips,
+            trained,
+        )
+    with pytest.raises(ValueError, match="clips"):
+        train(TINY, clips[:3], trained)
+
+
+def test_training_stops_when_its_time_is_up(clips, tmp_path):
+    record = json.loads(
+        (train(changed(TINY, steps=10**6, max_minutes=0.03), clips, tmp_path) / "model.json").read_text()
+    )
+    assert 0 < record["steps"] < 10**4
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"loss": Loss.mse, "model": replace(TINY.model, residual=False, align_heading=False)}, {"observed_weight": 0.3}],
+    ids=["paper", "denoise"],
+)
+def test_other_recipes_train(clips, tmp_path, change):
+    config = changed(TINY, steps=2, augment=AugmentConfig(noise=0.02), **change)
+    record = json.loads((train(config, clips, tmp_path) / "model.json").read_text())
+    assert np.isfinite(record["hidden_model_mm"])
+    assert record["denoises"] == (config.learning.observed_weight > 0)
+
+
+def test_a_single_clip_trains_without_validation(clips, tmp_path):
+    record = json.loads((train(changed(TINY, steps=2), clips[:1], tmp_path) / "model.json").read_text())
+    assert record["validation_clips"] == [] and "hidden_model_mm" not in record
+    assert record["calibration"] is None
+
+
+def test_validation_clips_are_validated_and_calibrated_on(clips, tmp_path):
+    record = json.loads((train(TINY, clips[:3], tmp_path, clips[3:]) / "model.json").read_text())
+    assert record["clips"] == 3 and record["validation_clips"] == ["validation clip3"]
+    assert np.shape(record["calibration"]) == (2, CLASSES)
+    with pytest.raises(ValueError, match=r"another configuration: training\.json differs in clips"):
+        train(TINY, clips[:3], tmp_path)
+
+
+def test_calibration_uses_captured_poses_and_true_poses_with_masks(clips):
+    truth = convert(clips[0].truth, SHELF14)
+    captured = truth.without(np.arange(14) == 2)
+    recipe = Recipe(TINY.model, rest_pose(truth.xyz, SHELF14))
+    (first, _), *others = calibration_poses([PosePair(truth, captured)], recipe, seed=0)
+    assert first is captured and len(others) > 1
+    hidden = [~measured.measured for measured, _ in others]
+    assert all(some.any() for some in hidden) and (hidden[0] != hidden[1]).any()
+    for measured, known in others:
+        np.testing.assert_array_equal(measured.xyz[measured.measured], known.xyz[measured.measured])
+
+
+def test_clips_without_truth_or_without_people_are_named(clips, tmp_path):
+    with pytest.raises(ValueError, match="'clip0' has no truth"):
+        train(TINY, [replace(clips[0], truth=None)], tmp_path)
+    nobody = Poses3D(BODY25, np.full((60, 1, 25, 3), np.nan))
+    with pytest.raises(ValueError, match="nothing to learn from"):
+        train(TINY, [replace(clips[0], truth=nobody)], tmp_path)
+    with pytest.raises(ValueError, match="two clips are called 'clip0'"):
+        train(TINY, [clips[0], clips[0]], tmp_path)
+
+
+def test_errors_that_are_expected_to_be_large_have_less_weight():
+    squared, sure, unsure = torch.tensor([0.01, 0.04]), torch.tensor(0.001).log(), torch.tensor(1.0).log()
+    assert torch.equal(error_loss(Loss.mse, squared, sure), squared)
+    torch.testing.assert_close(error_loss(Loss.euclidean, squared, unsure), squared.sqrt())
+    once, twice = error_loss(Loss.relative, squared, sure)
+    assert float(twice / once) == pytest.approx(2, rel=1e-3)
+    assert (error_loss(Loss.relative, squared, sure) > 100 * error_loss(Loss.relative, squared, unsure)).all()
+
+
+def test_a_loss_that_is_not_finite_ends_training_without_weights(clips, tmp_path):
+    config = changed(TINY, lr=1e30)
+    with pytest.raises(ValueError, match=r"step \d: the loss is (nan|inf).*smaller learning\.lr than 1e\+30"):
+        train(config, clips, tmp_path)
+    assert not (tmp_path / "weights.safetensors").exists() and not (tmp_path / "model.json").exists()
+    batch = load_file(tmp_path / "not_finite.safetensors")
+    assert batch["truth"].shape == batch["windows.x"].shape
+
+
+def test_infinite_coordinates_are_not_learned_from(clips, tmp_path):
+    xyz = clips[0].truth.xyz.copy()
+    xyz[3, 0, 2] = np.inf
+    broken = replace(clips[0], truth=replace(clips[0].truth, xyz=xyz))
+    with pytest.raises(ValueError, match="clip 'clip0': truth has infinite coordinates"):
+        train(TINY, [broken, *clips[1:]], tmp_path)
+
+
+# Options of training: impossible values are refused.
+
+
+@pytest.mark.parametrize("config", [TrainConfig, ModelConfig])
+def test_no_level_has_more_than_a_dozen_options(config):
+    def levels(kind):
+        parts = dataclasses.fields(kind)
+        yield kind, len(parts)
+        for part in parts:
+            if part.default_factory is not dataclasses.MISSING and dataclasses.is_dataclass(part.default_factory):
+                yield from levels(part.default_factory)
+
+    crowded = {kind.__name__: count for kind, count in levels(config) if count > 12}
+    assert not {name for name in crowded if name not in ("CaptureConfig", "DataConfig")}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"steps": 0}, "learning.steps: expected at least 1"),
+        ({"average": 1.0}, r"learning.average: expected a decay in \[0, 1\)"),
+        ({"held_back": 1.0}, r"examples.held_back: expected a share in \[0, 1\)"),
+        ({"replay": 2.0}, "examples.replay=2.0: expected a share"),
+        ({"replay": 0.5}, r"examples.replay=0.5: expected extra_data=\[...\]"),
+    ],
+)
+def test_impossible_values_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        changed(TrainConfig(), **wrong)
+
+
+# A time limit of training includes the steps that follow training.
+
+
+def test_without_minutes_there_is_no_end():
+    limit = TimeLimit(None)
+    limit.reserve((lambda: time.sleep(10), 100))
+    assert not limit.limited and limit.training() == limit.until() == float("inf")
+    assert list(limit.while_left(range(3))) == [0, 1, 2]
+
+
+def test_time_is_kept_for_what_follows_by_trying_it():
+    limit = TimeLimit(1.0)
+    limit.reserve((lambda: time.sleep(0.02), 100))
+    assert 2 <= limit.closing < 10
+    assert 45 < limit.training() < 58
+    limit.reserve((lambda: time.sleep(0.02), 10**6))
+    assert limit.closing == 0.35 * 60
+
+
+def test_time_counts_from_the_beginning_of_the_command_and_of_earlier_runs():
+    limit = TimeLimit(1.0, time.monotonic() - 50)
+    assert 9 < limit.training() < 10.1
+    assert TimeLimit(1.0).training(done=55) <= 5
+
+
+def test_when_time_is_up_one_item_is_left():
+    limit = TimeLimit(1.0, time.monotonic() - 100)
+    assert list(limit.while_left(range(3))) == [0]
+
+
+# Checkpoints: damage is found, the one before is used, and training continues to the same weights.
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for step in (5, 10):
+        CheckedCheckpoints().save_checkpoint({"step": step, "x": torch.arange(9)}, tmp_path / "checkpoint.ckpt")
+    return tmp_path
+
+
+def flip(path, at=-200):
+    data = bytearray(path.read_bytes())
+    data[at] ^= 1
+    path.write_bytes(data)
+
+
+def test_the_newest_is_read_as_it_was_written(folder):
+    read = CheckedCheckpoints().load_checkpoint(newest_checkpoint(folder))
+    assert read["step"] == 10 and torch.equal(read["x"], torch.arange(9))
+
+
+@pytest.mark.parametrize("at", [0, 30, 100, -1])
+def test_of_a_damaged_one_the_one_before_is_used(folder, at, capsys):
+    flip(folder / "checkpoint.ckpt", at)
+    with pytest.raises(ValueError, match=r"checkpoint\.ckpt: does not match its checksum"):
+        CheckedCheckpoints().load_checkpoint(folder / "checkpoint.ckpt")
+    assert CheckedCheckpoints().load_checkpoint(newest_checkpoint(folder))["step"] == 5
+    assert "training continues from checkpoint_before.ckpt" in capsys.readouterr().err
+
+
+def test_where_all_are_damaged_what_to_do_is_said(folder):
+    flip(folder / "checkpoint_before.ckpt")
+    (folder / "checkpoint.ckpt").write_bytes((folder / "checkpoint.ckpt").read_bytes()[:100])
+    with pytest.raises(ValueError, match=r"Remove checkpoint\.ckpt and checkpoint_before\.ckpt from"):
+        newest_checkpoint(folder)
+
+
+def test_before_the_first_there_is_none(tmp_path):
+    assert newest_checkpoint(tmp_path) is None
+
+
+# Training in two processes gives the losses of one process; half precision gives nearly the same losses.
+
+pytestmark = pytest.mark.slow
+SMALL = changed(
+    TrainConfig(),
+    model=ModelConfig(
+        frames=5,
+        encoder=EncoderConfig(dim=16, depth=1, heads=2, head_dim=8, mlp=32),
+        decoder=DecoderConfig(dim=8),
+        codes=CodesConfig(signal=8),
+    ),
+    skeleton="shelf14",
+    steps=24,
+    epoch=4,
+    batch=7,
+    held_back=0.3,
+    observed_weight=0.5,
+)
+
+
+@pytest.fixture(scope="module")
+def process_clips():
+    rng = np.random.default_rng(0)
+    return [clip_of(circling_people(60, 2, rng=rng), f"clip{i}") for i in range(4)]
+
+
+@pytest.fixture(scope="module")
+def one(process_clips, tmp_path_factory) -> Path:
+    return train(SMALL, process_clips, tmp_path_factory.mktemp("one"))
+
+
+def losses(folder: Path, name: str = "train_loss") -> np.ndarray:
+    """Return the losses that training logged."""
+    logs = [EventAccumulator(str(file)).Reload() for file in (folder / "tensorboard").glob("events*")]
+    (found,) = (log.Scalars(name) for log in logs if name in log.Tags()["scalars"])
+    return np.array([event.value for event in found])
+
+
+def record(folder: Path) -> dict:
+    return json.loads((folder / "model.json").read_text())
+
+
+def test_two_processes_give_the_losses_of_one(process_clips, one, tmp_path):
+    """A batch of 7 windows has no equal halves, and these not equally many joints that count."""
+    two = train(changed(SMALL, devices=2), process_clips, tmp_path)
+    assert len(losses(one)) == 6
+    np.testing.assert_allclose(losses(two), losses(one), rtol=1e-4)
+    ours, theirs = load_file(one / "weights.safetensors"), load_file(two / "weights.safetensors")
+    assert all(np.allclose(ours[name], theirs[name], atol=2e-4) for name in ours)
+    assert record(two)["steps"] == record(one)["steps"] == 24
+    assert record(two)["hidden_model_mm"] == pytest.approx(record(one)["hidden_model_mm"], rel=1e-3)
+
+
+def test_one_process_goes_on_where_two_stopped(process_clips, one, tmp_path):
+    two = changed(SMALL, devices=2)
+    train(replace(two, learning=replace(two.learning, steps=24)), process_clips, tmp_path)
+    for name in ("model.json", "weights.safetensors"):
+        (tmp_path / name).unlink()
+    train(SMALL, process_clips, tmp_path)
+    assert record(tmp_path)["hidden_model_mm"] == pytest.approx(record(one)["hidden_model_mm"], rel=1e-3)
+
+
+def test_a_loss_that_is_not_finite_ends_all_processes(process_clips, tmp_path):
+    with pytest.raises(ValueError, match="so training stopped and wrote no weights"):
+        train(changed(SMALL, devices=2, lr=1e30), process_clips, tmp_path)
+    assert not (tmp_path / "weights.safetensors").exists()
+
+
+def test_half_precision_learns_as_well(process_clips, one, tmp_path):
+    half = train(changed(SMALL, precision=Precision.bf16), process_clips, tmp_path)
+    assert not np.array_equal(losses(half), losses(one))
+    np.testing.assert_allclose(losses(half), losses(one), rtol=0.05)
+    assert record(half)["hidden_model_mm"] == pytest.approx(record(one)["hidden_model_mm"], rel=0.05)
+    assert all(tensor.dtype.itemsize == 4 for tensor in load_file(half / "weights.safetensors").values())
+    with pytest.raises(ValueError, match=r"differs in learning\.precision"):
+        train(SMALL, process_clips, tmp_path)
+
+
+def test_more_processes_than_windows_are_refused():
+    with pytest.raises(ValueError, match=r"learning\.devices=3"):
+        LearningConfig(batch=2, devices=3)
