@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from dmae.public.motion import completer as completer
     from dmae.public.motion import train as train
     from dmae.public.motion import triangulate as triangulate
-    from dmae.public.parts import merge as merge
     from dmae.public.recordings import convert as convert
     from dmae.public.recordings import detect as detect
     from dmae.public.recordings import export as export
@@ -70,7 +69,6 @@ _HOMES = {
     ],
     "dmae.public.cameras": ["calibrate", "doctor"],
     "dmae.public.motion": ["capture", "card", "complete", "completer", "train", "triangulate"],
-    "dmae.public.parts": ["merge"],
     "dmae.public.recordings": ["convert", "detect", "export", "load", "load_dataset", "read", "read_poses", "save"],
     "dmae.public.reviewing": ["decide", "review"],
     "dmae.public.stress": ["corrupt", "stress"],

@@ -4,10 +4,8 @@ import os
 import shutil
 import sys
 import time
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,8 +16,6 @@ from dmae.command_line.help import command_help, program_help
 from dmae.command_line.options import Group, Option, presets_of
 from dmae.command_line.outputs import check_out, locked, record
 from dmae.command_line.programs import Command, Program
-from dmae.command_line.renamed import renamed
-from dmae.command_line.renamed_presets import renamed_options
 from dmae.command_line.spelling import (
     PRESET_FLAGS,
     check,
@@ -99,9 +95,6 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
         print(command_help(command, command.options(), topics[0] if topics else ""))
         return
     flags, overrides = split_flags(arguments)
-    overrides, notes = renamed(str(command), overrides)
-    for note in notes:
-        print(f"{command}: {note}", file=sys.stderr)
     folders = list(map(Path, flag_values(flags, *PRESET_FLAGS)))
     with TemporaryDirectory() as copy:
         if folders:
@@ -119,15 +112,13 @@ def _run_command(command: Command, arguments: list[str], interrupted: interrupti
 
 
 def _copy_presets(command: Command, folders: list[Path], copy: Path) -> None:
-    """Check and copy the presets of users, so that Hydra reads only the copies; print notes on renamed options."""
+    """Check and copy the presets of users, so that Hydra reads only the copies."""
     from dmae.command_line.presets import copy_presets  # it loads NumPy, which `--help` does not need
 
     for folder in folders:
         if not folder.is_dir():
             raise ValueError(f"--config-dir {folder}: no such folder")
-        notes = copy_presets(command.options(), folder, copy, partial(renamed_options, str(command)))
-        for note in notes:
-            print(f"{command}: {note}", file=sys.stderr)
+        copy_presets(command.options(), folder, copy)
 
 
 def _run_hydra(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
@@ -195,7 +186,7 @@ def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -
     check_out(out, module.WRITES)
     describe = getattr(module, "interrupted", None)
     interrupted.describe = lambda: describe(values, out) if describe else f"nothing was written to {out}; run it again"
-    with locked(out):
+    with locked(out, getattr(values, "first", None)):
         try:
             module.run(values, out)
         except SystemExit:
@@ -220,10 +211,7 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     from omegaconf.errors import OmegaConfBaseException
 
     options = command.options()
-    overrides, notes = renamed(str(command), list(overrides))
-    for note in notes:
-        warnings.warn(note, FutureWarning, stacklevel=3)
-    overrides = expand_names(options, expand_data(options, overrides))
+    overrides = expand_names(options, expand_data(options, list(overrides)))
     check(options, overrides, [])
     overrides = expand_lists(options, overrides)
     _store(command, command.imported()[1])

@@ -14,7 +14,6 @@ imported, and an option takes any as `package.module:function`.
 import ast
 import importlib.util
 import inspect
-import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -26,8 +25,6 @@ from typing import Generic, TypeVar
 from dmae.plugins import load_function
 
 E = TypeVar("E", bound="Entry")
-UNTIL = "0.3"
-"""The release in which renamed entries and options stop working under their old names."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,6 @@ class Registry(Mapping[str, E], Generic[E]):
         kind: What the functions are, for messages; by default the name of the decorator.
         option: Option that takes a name or `package.module:function`; by default only names are taken.
         plain: Whether `package.module:function` may be without the decorator, and so without settings.
-        renamed: Old names and the new ones.
     """
 
     def __init__(
@@ -75,10 +71,8 @@ class Registry(Mapping[str, E], Generic[E]):
         kind: str = "",
         option: str = "",
         plain: bool = True,
-        renamed: Mapping[str, str] | None = None,
     ):
         self.decorator, self.kind, self.option = decorator, kind or decorator.replace("_", " "), option
-        self.renamed = dict(renamed or {})
         self._entry, self._packages, self._plain = entry, packages, plain
         self._added: dict[str, E] = {}
         self._imported: dict[str, E] = {}
@@ -120,9 +114,6 @@ class Registry(Mapping[str, E], Generic[E]):
         Raises:
             ValueError: there is none; the message has the nearest name.
         """
-        if name in self.renamed:
-            old, name = name, self.renamed[name]
-            warnings.warn(f"{old} is now called {name}; the old name works until {UNTIL}", FutureWarning, 2)
         self.check(name)
         if name in self:
             return self[name]

@@ -28,8 +28,8 @@ def check_out(out: str | Path, writes: str | None) -> None:
 
 
 @contextmanager
-def locked(out: Path) -> Iterator[None]:
-    """Lock `out` against other commands for the length of the block.
+def locked(out: Path, first: int | None = None) -> Iterator[None]:
+    """Lock `out` against other commands for the length of the block; where they fill it with clips, from `first` on.
 
     The lock is on a file in the parent folder, which is removed afterwards. A command that is killed leaves the file
     behind, but no lock.
@@ -41,7 +41,7 @@ def locked(out: Path) -> Iterator[None]:
 
     made = [folder for folder in out.absolute().parents if not folder.exists()]
     out.absolute().parent.mkdir(parents=True, exist_ok=True)
-    path = out.absolute().parent / f".{out.name}.lock"
+    path = out.absolute().parent / f".{out.name}{first or ''}.lock"
     try:
         with FileLock(path, timeout=0):
             try:

@@ -5,7 +5,6 @@ the environment. So Hydra is not given the folder, but a copy that holds nothing
 """
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 from dmae.command_line.options import Group
@@ -18,12 +17,9 @@ _NAME = re.compile(r"[\w-]+")
 _PACKAGE = re.compile(r"#\s*@package\s+(\S+)")
 _MOST_BYTES, _MOST_FILES = 1 << 20, 1000
 
-Rename = Callable[[str, dict], tuple[dict, list[str]]]
-"""Takes a group and its options, and returns them with today's names, and a note for each that was renamed."""
 
-
-def copy_presets(options: Group, folder: Path, copy: Path, rename: Rename) -> list[str]:
-    """Copy the presets of a command's groups; return notes on renamed options.
+def copy_presets(options: Group, folder: Path, copy: Path) -> None:
+    """Copy the presets of a command's groups.
 
     Args:
         options: Those of the command.
@@ -35,7 +31,6 @@ def copy_presets(options: Group, folder: Path, copy: Path, rename: Rename) -> li
     """
     import yaml
 
-    notes = []
     for group in options.members:
         if not (isinstance(group, Group) and group.presets):
             continue
@@ -43,17 +38,15 @@ def copy_presets(options: Group, folder: Path, copy: Path, rename: Rename) -> li
         if len(files) > _MOST_FILES:
             raise ValueError(f"{folder / group.key}: expected at most {_MOST_FILES} presets, found {len(files)}")
         for file in files:
-            comments, values, of_file = _read(options, group, file, rename)
-            notes += [f"{file}: {note}" for note in of_file]
+            comments, values = _read(options, group, file)
             written = copy / group.key / file.name
             written.parent.mkdir(parents=True, exist_ok=True)
             content = yaml.safe_dump(values, sort_keys=False, allow_unicode=True) if values else ""
             written.write_text("\n".join([*comments, content]), encoding="utf-8")
-    return notes
 
 
-def _read(options: Group, group: Group, file: Path, rename: Rename) -> tuple[list[str], dict, list[str]]:
-    """Return the comments at the top, the checked values, and notes."""
+def _read(options: Group, group: Group, file: Path) -> tuple[list[str], dict]:
+    """Return the comments at the top, and the checked values."""
     if not _NAME.fullmatch(file.stem):
         raise ValueError(f"{str(file)!r}: expected a preset's name of letters, digits, - and _")
     text = read_text(file, _MOST_BYTES)
@@ -72,15 +65,11 @@ def _read(options: Group, group: Group, file: Path, rename: Rename) -> tuple[lis
     if not isinstance(values, dict):
         raise ValueError(f"{file}: expected options of {group.key}, found {values!r:.60}")
     above = values.pop("defaults", None)
-    try:
-        values, notes = rename(group.key, values)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
     _check(options, file, group.key, values)
     if above is not None:
         values = {"defaults": _checked_defaults(group, file, above)} | values
     # Hydra accepts several spellings of lines with @.
-    return [line for line in top if "@" not in line], values, notes
+    return [line for line in top if "@" not in line], values
 
 
 def _checked_defaults(group: Group, file: Path, names) -> list[str]:

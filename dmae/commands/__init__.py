@@ -10,7 +10,6 @@ COMMANDS = {
     "benchmark": "Score completion and capture on generated clips, by cause of occlusion",
     "table": "Reproduce a table of the paper, with published and measured rows",
     "stress": "Find what breaks the methods: corrupt clips step by step and score each step",
-    "merge": "Join the results for parts of a data set",
     "show": "Draw clips as contact sheet, video and Rerun recording",
     "report": "Make a page with scores and a player",
     "review": "Rank joints by their possible error, and decide on them",

@@ -2,24 +2,30 @@
 
 import sys
 import time
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from dmae.calibration.world import Floor, find_floor, place_clip, upright_world
-from dmae.commands.data_sets import Manifest, describe_joints, describe_sides, finished, part_of
-from dmae.commands.unfinished import UNFINISHED, settings_of, whole_clips
+from dmae.commands.data_sets import (
+    ClipSet,
+    describe_joints,
+    describe_sides,
+    finished,
+    save_alone,
+    settings_of,
+)
 from dmae.completion.methods import METHODS, completion_method
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.report.findings import Groups, added_groups
 from dmae.evaluation.report.joints import BREAKDOWNS, Reprojection, reprojection, residual_tables
-from dmae.formats.reading import Clips, DataConfig, is_data_set, load
+from dmae.formats.config import DataConfig, clip_range
+from dmae.formats.reading import Clips, is_data_set, load
 from dmae.numerics.filling import smooth
 from dmae.parallel import Backend, in_parallel, process_count, running_on
-from dmae.parts import numbers_of
 from dmae.progress import duration, progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.diagnosis import explain_capture
@@ -29,7 +35,7 @@ from dmae.reporting.tables import counted, print_tables
 WRITES = "folder"
 EXAMPLES = (
     "dmae capture data=runs/data out=runs/captured",
-    "dmae capture data=runs/data shard=3/16 workers=-1 out=runs/captured_shards/3",
+    "dmae capture data=runs/data first=100 clips=100 workers=-1 out=runs/captured",
     "dmae capture data=shelf data.path=$DMAE_DATA/shelf out=runs/shelf",
     "dmae capture data=openpose data.path=session data.fps=60 fill=linear smooth=0.1 out=runs/session",
 )
@@ -65,9 +71,7 @@ class CaptureCommand:
     first: int = 0
     """Number of the first clip of the data set, counted from 0."""
     clips: int | None = None
-    """Number of clips, of all shards together; by default all from `first` on."""
-    shard: str | None = None
-    """Which piece of the clips: `shard=3/16` the third of sixteen, in a folder of its own; `dmae merge` joins them."""
+    """Number of clips; by default all from `first` on. Several machines can fill one folder, each with some clips."""
     workers: int = 1
     """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
@@ -84,31 +88,24 @@ class CaptureCommand:
         if self.workers == 0:
             raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
 
-    def numbers(self, total: int) -> range:
-        """Return the numbers of the clips to capture, of all clips of the data set."""
-        return numbers_of(total, self.first, self.clips, self.shard)
-
 
 def run(config: CaptureCommand, out: Path) -> None:
     """Capture each clip, and print the reprojection errors of all; exits with status 1 if no person was found."""
     clips, several = load(config.data), is_data_set(config.data)
-    part = clips.part(config.numbers(len(clips)))
+    part = clips.part(clip_range(len(clips), config.first, config.clips))
     if config.dry_run:
         print(f"{out}: {_forecast(config, part)}")
         return
     frames, spent, persons = 0, 0.0, 0
     measured: Groups = {}
     completed: Groups = {}
-    settings = settings_of("dmae capture", config)
-    whole = whole_clips(out, settings) if several else set()
-    if whole := whole & {folder.name for folder in part.folders}:
-        print(f"{out}: continues, {len(whole)} of {len(part)} clips are complete")
+    made = ClipSet(out, settings_of("dmae capture", config, Path(config.data.path))) if several else None
+    whole = {folder.name for folder in part.folders} & made.whole if made else set()
+    if whole:
+        print(f"{out}: {len(whole)} of {len(part)} clips are done already")
     numbered = zip(part.numbers, part.folders, strict=True)
     tasks = ((config, part.part(range(n, n + 1))) for n, folder in numbered if folder.name not in whole)
-    with (
-        running_on(config.backend),
-        Manifest(out, several, part_of("dmae capture", config, clips, part.numbers), settings=settings) as made,
-    ):
+    with running_on(config.backend), made or nullcontext():
         done = in_parallel(_capture, tasks, config.workers)
         for folder in progress(part.folders, "capturing", len(part)):
             if folder.name in whole:
@@ -119,11 +116,11 @@ def run(config: CaptureCommand, out: Path) -> None:
                 print(f"{captured.id}: {note}")
             spent += seconds
             frames += len(captured) * (folder.name not in whole)
-            to, poses = out / folder.name if several else out, captured.poses
-            if folder.name in whole:
-                made.keep(folder.name, persons=poses.xyz.shape[1])
-            else:
-                made.write(folder.name, partial(save_clip, captured, to), persons=poses.xyz.shape[1])
+            poses = captured.poses
+            if made is None:
+                save_alone(captured, out)
+            elif folder.name not in whole:
+                made.write(captured, folder.name, persons=poses.xyz.shape[1])
             size = f"{counted(len(captured), 'frame')}, {counted(poses.xyz.shape[1], 'person', 'people')}"
             print(f"{captured.id}: {size}, {describe_joints(poses)}")
             print(f"{captured.id}: {_world(captured)}")
@@ -209,8 +206,7 @@ def _forecast(config: CaptureCommand, clips: Clips) -> str:
 
 
 def interrupted(config: CaptureCommand, out: Path) -> str:
-    goes_on = (Path(out) / UNFINISHED).is_file()
-    return f"{finished(out)}; the same command {'continues' if goes_on else 'captures all clips again'}"
+    return finished(out)
 
 
 def _drawn(config: CaptureCommand, views: int, number: int) -> list[int]:

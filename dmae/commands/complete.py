@@ -2,18 +2,18 @@
 
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from dmae.commands.data_sets import Manifest, describe_joints, finished
+from dmae.commands.data_sets import ClipSet, describe_joints, finished, save_alone, settings_of
 from dmae.completion.complete import Completer, completers
 from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip
 from dmae.evaluation.review import ReviewVerdict, decided, load_decisions, with_decisions
-from dmae.files.checksums import refuse_damaged
+from dmae.files.checksums import checksum, refuse_damaged
 from dmae.online.completion import DELAY, complete_online
 from dmae.parallel import Backend, in_parallel, process_count, running_on
 from dmae.progress import duration, progress
@@ -82,16 +82,30 @@ def run(config: CompleteCommand, out: Path) -> None:
         print(f"{out}: {_forecast(config, folders, completer_for)}")
         return
     alone = config.workers == 1 and config.backend == Backend.loky
-    tasks = ((config, folder, completer_for if alone else None) for folder in folders)
-    with running_on(config.backend), Manifest(out, several) as manifest:
+    made = ClipSet(out, _settings(config)) if several else None
+    whole = made.whole if made else set()
+    if several and (done_before := sum(folder.name in whole for folder in folders)):
+        print(f"{out}: {done_before} of {len(folders)} clips are done already")
+    tasks = ((config, folder, completer_for if alone else None) for folder in folders if folder.name not in whole)
+    with running_on(config.backend), made or nullcontext():
         done = in_parallel(_complete, tasks, config.workers)
-        for folder in progress(folders, "completing"):
+        for folder in progress([each for each in folders if each.name not in whole], "completing"):
             completed, notes = next(done)
             for note in notes:
                 print(f"{completed.id}: {note}")
-            manifest.write(folder.name, partial(save_clip, completed, out / folder.name if several else out))
+            if made is None:
+                save_alone(completed, out)
+            else:
+                made.write(completed, folder.name)
             print(f"{completed.id}: {describe_joints(completed.poses)}")
     print(out)
+
+
+def _settings(config: CompleteCommand) -> dict:
+    """Return all that completed clips depend on: with the options and the clips, the weights."""
+    settings = settings_of("dmae complete", config, Path(config.clip))
+    model = None if config.weights is None else checksum(Path(config.weights) / "model.json").sha256
+    return settings | {"options": settings["options"] | {"weights": model}}
 
 
 def _complete(
@@ -154,4 +168,4 @@ def _loaded(config: CompleteCommand) -> CompleterFor:
 
 
 def interrupted(config: CompleteCommand, out: Path) -> str:
-    return f"{finished(out)}; the same command completes all clips again"
+    return finished(out)

@@ -1,10 +1,10 @@
 """`dmae convert`: a recording to another format, or to a clip."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
-from dmae.commands.data_sets import Manifest, each_clip
+from dmae.commands.data_sets import ClipSet, each_clip, settings_of
 from dmae.formats.config import DataConfig
 from dmae.formats.reading import is_data_set
 from dmae.formats.registry import recording_writer
@@ -30,9 +30,13 @@ class ConvertCommand:
 
 
 def run(config: ConvertCommand, out: Path) -> None:
-    with Manifest(out, is_data_set(config.data) and config.format == "clip") as manifest:
+    several = is_data_set(config.data) and config.format == "clip"
+    made = ClipSet(out, settings_of("dmae convert", config, Path(config.data.path))) if several else None
+    with made or nullcontext():
         for clip, name, folder in each_clip(config.data, out, "converting"):
-            lacking = manifest.write(name, partial(write_recording, clip, folder, config.format))
+            if made:
+                made.write(clip, name)
+            lacking = None if made else write_recording(clip, folder, config.format)
             size = f"{counted(len(clip), 'frame')}, {counted(len(clip.rig), 'camera')}"
             print(f"{folder}: {size}, {clip.detections.skeleton.name}")
             for note in clip.provenance.get("notes", ()):

@@ -1,37 +1,36 @@
 """What commands share that turn clips into clips: a data set at both ends, or a single clip."""
 
-import json
+import hashlib
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TypeVar
 
-from dmae.commands.unfinished import begin_run, end_run
 from dmae.data.clip import Clip, Poses3D, Source
-from dmae.data.store import MANIFEST, read_manifest, write_manifest
-from dmae.files.checksums import (
-    RECORD,
-    Checksum,
-    begin_data_set,
-    clip_checksum,
-    end_data_set,
-    number_of,
-    write_checksums,
+from dmae.data.resume import claim_folder
+from dmae.data.store import (
+    CHECKSUMS,
+    MANIFEST,
+    clip_folders,
+    read_manifest,
+    save_clip,
+    write_manifest,
 )
-from dmae.formats.reading import Clips, DataConfig, is_data_set, load
-from dmae.parts import PART, Part, write_part
+from dmae.evaluation.review import DECISIONS
+from dmae.files.checksums import begin_data_set, clip_checksum, end_data_set, find_damage, write_checksums
+from dmae.files.contents import whole_folder
+from dmae.formats.reading import DataConfig, is_data_set, load
 from dmae.progress import progress
 from dmae.reconstruction.sides import exchanged_detections
 from dmae.reporting.tables import counted
 
-T = TypeVar("T")
 _FEW_EXCHANGES = 0.02
 """Share of frames with exchanged sides below which a camera is not named."""
-_GENERATED = "config.json"
-"""In the folder of generated data sets alone."""
-_NOT_OF_PARTS = ("out", "first", "clips", "shard", "workers", "backend", "dry_run")
-"""Options in which the parts of one result may differ."""
+SETTINGS = "settings.json"
+"""In the folder of a data set that `dmae` made: what its clips depend on."""
+_WITHOUT_EFFECT = ("clip", "out", "first", "clips", "damaged", "workers", "backend", "dry_run")
+"""Options that the content of a clip does not depend on."""
 
 
 def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, str, Path]]:
@@ -41,105 +40,93 @@ def each_clip(data: DataConfig, out: Path, doing: str) -> Iterator[tuple[Clip, s
         yield clip, folder.name, out / folder.name if several else out
 
 
-def part_of(command: str, config, clips: Clips, numbers: range) -> Part | None:
-    """Return what `part.json` says of a result for some of the clips of a data set; None for one of all of them.
+class ClipSet:
+    """The data set that a command writes: clip folders, `settings.json`, a manifest and checksums.
+
+    Each clip gets its final name when it is whole, and a whole clip is never made again, so the same command continues
+    an interrupted run, and several machines can fill one folder with `first=` and `clips=`. Manifest and checksums are
+    written on leaving, after errors as well: what is whole is a data set.
+
+    Args:
+        out: Folder of the data set.
+        settings: What the clips depend on (`settings_of`).
+
+    Raises:
+        ValueError: the folder holds clips of other settings, or of another command.
+    """
+
+    def __init__(self, out: Path, settings: dict):
+        self.out, self.lines = Path(out), {}
+        if (self.out / "clip.json").is_file():
+            raise ValueError(f"out={out}: expected a folder for a data set, found a clip; choose another folder")
+        if not (self.out / SETTINGS).is_file() and any(self.out.glob("*/clip.json")):
+            raise ValueError(f"out={out}: holds clips of another command; choose another folder, or remove it")
+        claim_folder(self.out / SETTINGS, settings, "clips")
+        sealed = sorted(path.parent for path in self.out.glob(f"[!.]*/{CHECKSUMS}"))
+        self.whole = {folder.name for folder in sealed if not find_damage(folder)}
+        """Names of the clips that are done."""
+
+    def __enter__(self) -> "ClipSet":
+        begin_data_set(self.out)
+        return self
+
+    def write(self, clip: Clip, name: str, **facts) -> None:
+        """Write a clip, with what the manifest says of it."""
+        folder = self.out / name
+        shutil.rmtree(folder, ignore_errors=True)
+        with whole_folder(folder) as partial:
+            save_clip(clip, partial)
+            write_checksums(partial)
+        self.whole.add(name)
+        self.lines[name] = {"id": name, "status": "ok", **facts}
+
+    def __exit__(self, *_) -> None:
+        # Another machine may have written clips, and the manifest, meanwhile.
+        whole = {path.parent.name for path in self.out.glob(f"[!.]*/{CHECKSUMS}")}
+        earlier = {line["id"]: line for line in read_manifest(self.out)} if (self.out / MANIFEST).is_file() else {}
+        lines = {name: {"id": name, "status": "ok"} for name in whole} | earlier | self.lines
+        lines = {name: line for name, line in lines.items() if name in whole}
+        if lines:
+            write_manifest(self.out, list(lines.values()))
+            end_data_set(self.out, (SETTINGS,), {name: clip_checksum(self.out / name) for name in lines})
+        else:
+            (self.out / SETTINGS).unlink(missing_ok=True)
+            with suppress(OSError):
+                self.out.rmdir()
+
+
+def settings_of(command: str, config, data: Path) -> dict:
+    """Return all that the clips of a command depend on: its options, and the content of the data set that it reads.
 
     Args:
         command: As "dmae capture".
-        config: Its configuration, with `data`.
-        clips: All clips of the data set.
-        numbers: Of the clips of the result.
+        config: Its configuration.
+        data: The data set. Its content is known by the `clip.json` of each clip, which holds a checksum of the arrays.
     """
-    if len(numbers) == len(clips):
-        return None
-    options = {name: value for name, value in asdict(config).items() if name not in _NOT_OF_PARTS}
-    data = number_of(Path(config.data.path)) or Path(config.data.path).resolve().name
-    return Part(command, json.loads(json.dumps(options)), data, len(clips), numbers.start, numbers.stop)
+    files = (folder / name for folder in clip_folders(data) for name in ("clip.json", DECISIONS))
+    content = hashlib.sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()
+    options = {name: value for name, value in asdict(config).items() if name not in _WITHOUT_EFFECT}
+    if "data" in options:
+        options["data"] = options["data"] | {"path": None}  # machines may have the data set in different places
+    return {"command": command, "options": options, "data": content}
 
 
-class Manifest:
-    """The manifest and the checksums of a data set that is being written; of a single clip there are none.
+def save_alone(clip: Clip, out: Path) -> None:
+    """Write a single clip to `out`, over an earlier one.
 
-    They are written on leaving, after errors as well, so that the clips that are whole are a data set. Before the first
-    clip is written, an earlier manifest, its checksums and its `config.yaml` are removed. A command that is killed then
-    leaves no data set, instead of one with clips of two runs. Clips of an earlier run that this one does not make are
-    removed once all others are written; until then they are shown as foreign.
-
-    Args:
-        out: Folder of the data set, or of the clip.
-        several: Whether it is a data set.
-        part: Which part of a larger one it is; None for a whole one.
-        sealed: Whether clips are in our own format, and so get checksums.
-        settings: What the clips depend on (`settings_of`), if an interrupted run can continue; otherwise None.
+    Raises:
+        ValueError: a data set is in the folder.
     """
-
-    def __init__(
-        self, out: Path, several: bool, part: Part | None = None, *, sealed: bool = True, settings: dict | None = None
-    ):
-        self.out, self.several, self.part, self.sealed = Path(out), several, part, several and sealed
-        self.settings = settings if several else None
-        self.lines: list[dict] = []
-        self.checksums: dict[str, Checksum | None] = {}
-        self.earlier: list[str] = []
-
-    def write(self, name: str, write: Callable[[], T], **facts) -> T:
-        """Write a clip, and note it as whole."""
-        if not self.lines:
-            self._begin()
-        written = write()
-        if self.sealed:
-            write_checksums(self.out / name)
-            self.checksums[name] = clip_checksum(self.out / name)
-        self.lines.append({"id": name, "status": "ok", **facts})
-        return written
-
-    def keep(self, name: str, **facts) -> None:
-        """Note a clip as whole that an interrupted run of the same settings has written (`whole_clips`)."""
-        if not self.lines:
-            self._begin()
-        self.checksums[name] = clip_checksum(self.out / name)
-        self.lines.append({"id": name, "status": "ok", **facts})
-
-    def _begin(self) -> None:
-        if (self.out / _GENERATED).is_file():
-            raise ValueError(
-                f"out={self.out}: holds a data set that synth generate made; choose another folder for out"
-            )
-        if self.several and (self.out / MANIFEST).is_file():
-            try:
-                self.earlier = [line["id"] for line in read_manifest(self.out)]
-            except ValueError:
-                self.earlier = []
-        begin_data_set(self.out)
-        for earlier in (MANIFEST, PART, RECORD):
-            (self.out / earlier).unlink(missing_ok=True)
-        if self.settings is not None:
-            begin_run(self.out, self.settings)
-
-    def __enter__(self) -> "Manifest":
-        return self
-
-    def __exit__(self, error: type[BaseException] | None = None, *_) -> None:
-        if not (self.several and self.lines):
-            return
-        if error is None:
-            for name in {*self.earlier} - {line["id"] for line in self.lines}:
-                if (self.out / name / "clip.json").is_file():
-                    shutil.rmtree(self.out / name)
-            write_part(self.out, self.part)
-        write_manifest(self.out, self.lines)
-        if self.sealed:
-            end_data_set(self.out, (PART,), self.checksums)
-        if error is None and self.settings is not None:
-            end_run(self.out)
+    if (out / MANIFEST).is_file():
+        raise ValueError(f"out={out}: expected a folder for one clip, found a data set; choose another folder")
+    save_clip(clip, out)
 
 
 def finished(out: Path) -> str:
-    """Which clips of a data set a command that was interrupted has written to a folder."""
-    whole = len(list(Path(out).glob("*/clip.json")))
-    if (Path(out) / MANIFEST).is_file():
-        return f"{out}: {counted(len(read_manifest(out)), 'whole clip')}, which can be used"
-    return f"nothing in {out} is to be used" if whole else "nothing was written"
+    """Say which clips of a data set an interrupted command has written."""
+    whole = len(list(Path(out).glob(f"[!.]*/{CHECKSUMS}")))
+    done = f"{out}: {counted(whole, 'whole clip')}, which can be used" if whole else "nothing was written"
+    return f"{done}; the same command continues"
 
 
 def describe_sides(clip: Clip, poses: Poses3D) -> list[str]:

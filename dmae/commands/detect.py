@@ -1,11 +1,11 @@
 """`dmae detect`: videos of cameras, a clip with images, or photographs, to 2D detections."""
 
 import shutil
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
-from dmae.commands.data_sets import Manifest, finished
+from dmae.commands.data_sets import ClipSet, finished, save_alone, settings_of
 from dmae.data.clip import Detections2D
 from dmae.data.resume import claim_folder
 from dmae.data.store import clip_folders, load_clip, save_clip
@@ -137,21 +137,26 @@ def interrupted(config: DetectCommand, out: Path) -> str:
 
 
 def _detect_clips(config: DetectCommand, out: Path) -> None:
+    """Detect in clips; pieces of an interrupted run lie beside them."""
     folders = clip_folders(Path(config.clip))
     several = folders != [Path(config.clip)]
-    with Manifest(out, several) as manifest:
+    if out.resolve() == Path(config.clip).resolve():
+        raise ValueError(f"out={out}: expected another folder than that of the clip, which keeps its own detections")
+    made = ClipSet(out, settings_of("dmae detect", config, Path(config.clip))) if several else None
+    if made is None:
+        claim_folder(out / _CLAIM, _settings(config) | {"clip": str(config.clip)}, "detections")
+    with made or nullcontext():
         for folder in folders:
-            clip, target = load_clip(folder), out / folder.name if several else out
-            if target.resolve() == folder.resolve():
-                raise ValueError(
-                    f"out={out}: expected another folder than that of the clip, which keeps its own detections"
-                )
-            pieces = target / _PIECES
-            claim_folder(target / _CLAIM, _settings(config) | {"clip": str(folder)}, "detections", ())
-            detected = detect_clip(clip, config.detector, pieces, config.output.skeleton, config.workers)
-            manifest.write(folder.name, partial(save_clip, detected, target))
+            if made and folder.name in made.whole:
+                continue
+            pieces = out / f".{folder.name}.{_PIECES}" if made else out / _PIECES
+            detected = detect_clip(load_clip(folder), config.detector, pieces, config.output.skeleton, config.workers)
+            if made is None:
+                save_alone(detected, out)
+            else:
+                made.write(detected, folder.name)
             shutil.rmtree(pieces, ignore_errors=True)
-            _print(clip.id, detected.detections)
+            _print(detected.id, detected.detections)
     print(out)
 
 

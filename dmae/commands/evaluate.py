@@ -3,22 +3,18 @@
 import sys
 from pathlib import Path
 
-from dmae.commands.data_sets import part_of
 from dmae.data.json_values import json_text
 from dmae.evaluation.config import EvaluateConfig
 from dmae.evaluation.evaluate import evaluate, forecast
 from dmae.evaluation.gates import check_baseline, compare_scores, scored_options
 from dmae.evaluation.scores import read_scores
 from dmae.files.contents import write_atomic
-from dmae.formats.reading import load
 from dmae.metrics.tables import score_tables
-from dmae.parts import write_part
 from dmae.reporting.tables import print_tables
 
 WRITES = "folder"
 EXAMPLES = (
     "dmae evaluate data=runs/test methods=[measured,linear,dmae] out=runs/scores",
-    "dmae evaluate data=runs/test methods=[linear,dmae] shard=1/4 out=runs/scores_shards/1",
     "dmae evaluate data=runs/test methods=[linear,dmae] workers=-1 dry_run=true",
     "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] out=runs/scores_shelf",
     "dmae evaluate data=runs/test poses=predictions out=runs/scores_mine",
@@ -41,11 +37,7 @@ def run(config: EvaluateConfig, out: Path) -> None:
         return
     scores = evaluate(config)
     path = out / "scores.json"
-    # Remove the `part.json` of an earlier run until everything of this run is written.
-    write_part(out, None)
     write_atomic(path, json_text(scores))
-    clips = load(config.data)
-    write_part(out, part_of("dmae evaluate", config, clips, config.numbers(len(clips))))
     print_tables(score_tables(scores))
     print(path)
     if baseline is not None:

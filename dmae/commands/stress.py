@@ -2,12 +2,10 @@
 
 from pathlib import Path
 
-from dmae.commands.data_sets import part_of
 from dmae.evaluation.config import StressConfig
 from dmae.evaluation.stress.matrix import CACHE, compute, prepare, time_of
 from dmae.evaluation.stress.page import breaking_tables, summary, write_result
 from dmae.formats.reading import load
-from dmae.parts import write_part
 from dmae.progress import duration
 from dmae.reporting.tables import print_tables
 
@@ -15,7 +13,6 @@ WRITES = "folder"
 EXAMPLES = (
     "dmae stress data=runs/test out=runs/stress workers=2",
     "dmae stress data=runs/test axes=[objects,jitter] levels.jitter=[1,2,4] methods=[linear,dmae] out=runs/stress",
-    "dmae stress data=runs/test size=full shard=1/4 workers=-1 out=runs/stress_shards/1",
     "dmae stress data=shelf data.path=$DMAE_DATA/shelf size=full workers=-1 out=runs/stress_shelf",
 )
 
@@ -29,11 +26,8 @@ def run(config: StressConfig, out: Path) -> None:
         print(f"{matrix.forecast}: about {duration(time_of(matrix))}")
         return
     print(matrix.forecast, flush=True)
-    # Remove the `part.json` of an earlier run until everything of this run is written.
-    write_part(out, None)
     result = compute(matrix)
     write_result(result, out)
-    write_part(out, part_of("dmae stress", config, clips, config.numbers(len(clips))))
     print("\n".join(summary(result)))
     print_tables(breaking_tables(result)[:1])
     print(f"{out / 'stress.json'}\n{out / 'stress.html'}")

@@ -10,7 +10,6 @@ from dmae.evaluation.synthetic_gaps import GapConfig
 from dmae.formats.reading import DataConfig
 from dmae.metrics.pcp import protocol
 from dmae.parallel import Backend
-from dmae.parts import numbers_of
 from dmae.reconstruction.config import CaptureConfig
 
 
@@ -71,9 +70,7 @@ class EvaluateConfig:
     first: int = 0
     """Number of the first clip of the data set, counted from 0."""
     clips: int | None = None
-    """Number of clips, of all shards together; by default all from `first` on."""
-    shard: str | None = None
-    """Part of the clips: `shard=3/16` is the third of sixteen, in its own folder; `dmae merge` joins them."""
+    """Number of clips; by default all from `first` on."""
     workers: int = 1
     """Processes, each with a clip at a time; -1 for one per core."""
     backend: Backend = Backend.loky
@@ -87,10 +84,6 @@ class EvaluateConfig:
     def __post_init__(self):
         if self.workers == 0:
             raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
-
-    def numbers(self, total: int) -> range:
-        """Return the numbers of the clips to score, out of the `total` clips of the data set."""
-        return numbers_of(total, self.first, self.clips, self.shard)
 
 
 # Options of the stress matrix.
@@ -140,17 +133,11 @@ class StressConfig:
     first: int = 0
     """Number of the first clip of the data set, counted from 0."""
     clips: int | None = None
-    """Number of clips, of all shards together; by default all from `first` on."""
-    shard: str | None = None
-    """Part of the clips: `shard=3/16` is the third of sixteen, in its own folder; `dmae merge` joins them."""
+    """Number of clips; by default all from `first` on."""
     dry_run: bool = False
     """Only print how many cells are to be computed, and what time that takes, as a few of them show."""
     out: str = "runs/stress"
     """Folder of `stress.json` and `stress.html`, and of `cache`, from which later runs reuse results."""
-
-    def numbers(self, total: int) -> range:
-        """Return the numbers of the clips to stress, out of the `total` clips of the data set."""
-        return numbers_of(total, self.first, self.clips, self.shard)
 
     def __post_init__(self):
         if not self.methods:

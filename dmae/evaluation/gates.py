@@ -16,7 +16,7 @@ _TOLERANCES = {"joints": 5e-3, "mean": 0.01, "detected": 5e-3, "pixels": 1.0, "s
 positions are in m and px."""
 _RELATIVE = {"joints", "detected", "score", "offset_px"}
 _UNDER_TEST = (
-    "data", "methods", "poses", "weights", "views", "baseline", "changed", "out", "first", "clips", "shard",
+    "data", "methods", "poses", "weights", "views", "baseline", "changed", "out", "first", "clips",
     "workers", "backend", "dry_run",
 )  # fmt: skip
 """Options of `dmae evaluate` that may differ: the scored methods, and facts that clips and results contain anyway."""

@@ -16,7 +16,7 @@ RECORD = "config.yaml"
 """The options that a command ran with, written to its output. The file begins with its own checksum."""
 _BESIDE = (
     RECORD, ".*.lock", "*.config.yaml", "verify.json", "splits.json", "leaks.json", "statistics", "report*.html",
-    "decisions.json", "unfinished.json",
+    "decisions.json",
 )  # fmt: skip
 """Files that commands write about a clip or data set into its folder. They are not part of it."""
 _OWN = "# sha256 of what follows: "

@@ -125,3 +125,16 @@ class DataConfig:
     offsets: list[int | str] | None = None
     """Frames by which each camera started late, in the order of the calibration, or those of some cameras as
     [name:frames]: frame k of a camera is frame k + offset."""
+
+
+def clip_range(total: int, first: int, clips: int | None) -> range:
+    """Return the numbers of those of `total` clips that `first=` and `clips=` of a command name.
+
+    Raises:
+        ValueError: there are no such clips.
+    """
+    if not 0 <= first < max(total, 1):
+        raise ValueError(f"first={first}: expected the number of a clip, from 0 to {total - 1}")
+    if clips is not None and not 1 <= clips <= total - first:
+        raise ValueError(f"clips={clips}: expected from 1 to {total - first}, there are {total} clips")
+    return range(first, total if clips is None else first + clips)

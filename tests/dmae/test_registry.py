@@ -51,7 +51,7 @@ def animal(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     import zoo
 
-    zoo.animal = Registry("animal", Animal, "zoo", option="pet", plain=False, renamed={"hound": "dog"})
+    zoo.animal = Registry("animal", Animal, "zoo", option="pet", plain=False)
     yield zoo.animal
     _decorated.cache_clear()
     for name in [name for name in sys.modules if name.split(".")[0] in ("zoo", "farm")]:
@@ -124,8 +124,3 @@ def test_any_callable_is_an_entry_where_no_settings_are_needed(tmp_path):
 def test_without_an_option_only_names_are_found():
     with pytest.raises(ValueError, match=r"no bird 'farm:moo'; there are dog, sing$"):
         Registry("animal", Animal, "zoo", kind="bird").find("farm:moo")
-
-
-def test_old_names_are_found_with_a_note(animal):
-    with pytest.warns(FutureWarning, match="hound is now called dog; the old name works until"):
-        assert animal.find("hound").name == "dog"

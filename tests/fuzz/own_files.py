@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from dmae.command_line.presets import copy_presets
-from dmae.command_line.renamed_presets import renamed_options
-from dmae.commands.unfinished import UNFINISHED, begin_run, whole_clips
+from dmae.commands.data_sets import SETTINGS, ClipSet
 from dmae.completion.config import PaperNetwork
 from dmae.completion.paper import FILE, PaperDMAE, load_paper
 from dmae.completion.paper import FORMAT as PAPER_FORMAT
 from dmae.data.images import write_rgb, write_video
+from dmae.data.resume import claim_folder
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.data.store import save_clip
 from dmae.datasets import clip_files
@@ -25,7 +25,6 @@ from dmae.evaluation.benchmark.clips import find_definition
 from dmae.files.checksums import find_damage, find_data_set_damage, refuse_damaged, write_checksums
 from dmae.files.contents import read_text, write_atomic
 from dmae.online.json_lines import read_frame
-from dmae.parts import Part, read_parts, write_part
 from dmae.plugins import load_function
 from tests.fuzz.reader import Reader, repair_sums
 from tests.support.clips import full_clip
@@ -74,17 +73,6 @@ def _read_function(folder: Path) -> None:
     load_function("solver", read_text(folder / "option.txt"))
 
 
-def _write_parts(folder: Path) -> None:
-    for number in range(2):
-        (folder / f"{number}").mkdir()
-        options = {"smooth": 0.1, "data": {"path": "walks"}}
-        write_part(folder / f"{number}", Part("dmae capture", options, "walks", 4, 2 * number, 2 * number + 2))
-
-
-def _read_parts(folder: Path) -> list:
-    return [part for _, part in read_parts([folder / "0", folder / "1"])]
-
-
 def _write_sealed(folder: Path) -> None:
     save_clip(full_clip(3, 2), folder)
     write_checksums(folder)
@@ -96,13 +84,12 @@ def _read_sealed(folder: Path) -> None:
     refuse_damaged(folder, None)
 
 
-_RUN = {"command": "dmae capture", "options": {"fill": "none", "draw": [2, 3]}, "data": "walks"}
+_SETTINGS = {"command": "dmae capture", "options": {"fill": "none", "draw": [2, 3]}, "data": "walks"}
 
 
-def _write_unfinished(folder: Path) -> None:
+def _write_data_set(folder: Path) -> None:
+    claim_folder(folder / SETTINGS, _SETTINGS, "clips")
     _write_sealed(folder / "a")
-    begin_run(folder, _RUN)
-    write_checksums(folder / "a")
 
 
 def _read_clip_files(folder: Path) -> list:
@@ -174,7 +161,7 @@ def _read_presets(folder: Path) -> None:
     import tempfile
 
     with tempfile.TemporaryDirectory() as copy:
-        copy_presets(_capture_options(), folder, Path(copy), partial(renamed_options, "dmae capture"))
+        copy_presets(_capture_options(), folder, Path(copy))
 
 
 OWN_FILES = [
@@ -184,9 +171,8 @@ OWN_FILES = [
     Reader("option/function", lambda folder: (folder / "option.txt").write_text("dmae.regression.solvers:ours"),
            _read_function, unnamed=True),
     Reader("preset/capture", _write_presets, _read_presets),
-    Reader("parts/part", _write_parts, _read_parts),
-    Reader("parts/unfinished", _write_unfinished, lambda folder: sorted(whole_clips(folder, _RUN)),
-           (UNFINISHED, "a/checksums.json")),
+    Reader("data set/whole clips", _write_data_set, lambda folder: sorted(ClipSet(folder, _SETTINGS).whole),
+           (SETTINGS, "a/checksums.json")),
     Reader("clip/checksums", _write_sealed, _read_sealed, ("checksums.json",)),
     Reader("clip/windows", lambda folder: save_clip(full_clip(3, 2), folder), _read_clip_files),
     Reader("model/paper", _write_paper, _read_paper, repair=partial(repair_sums, FILE, "weights.safetensors"),

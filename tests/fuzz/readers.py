@@ -8,7 +8,6 @@ from pathlib import Path
 
 from dmae.cli import DMAE
 from dmae.command_line.presets import copy_presets
-from dmae.command_line.renamed_presets import renamed_options
 from dmae.completion.training import CHECKPOINT, CheckedCheckpoints, newest_checkpoint
 from dmae.completion.weights import load_model, model_card
 from dmae.data.cameras import CameraRig
@@ -115,7 +114,7 @@ def _read_presets(folder: Path) -> None:
     import tempfile
 
     with tempfile.TemporaryDirectory() as copy:
-        copy_presets(_options("synth", "generate"), folder, Path(copy), partial(renamed_options, "synth generate"))
+        copy_presets(_options("synth", "generate"), folder, Path(copy))
 
 
 def _read_motion(kind: str, folder: Path):

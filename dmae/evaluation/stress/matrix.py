@@ -23,6 +23,7 @@ from dmae.evaluation.scores import measured_by_all, score, scored_actors, truth_
 from dmae.evaluation.stress.curves import Runs, curves
 from dmae.evaluation.stress.plan import Cell, Contender, Plan, allowed, contenders, plan, source_hash
 from dmae.files.contents import write_atomic
+from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
 from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import progress
@@ -282,7 +283,7 @@ def prepare(clips: Sequence[Clip], config: StressConfig, cache: Path | None = No
     """
     if not len(clips):
         raise ValueError("no clip to stress: expected one or more")
-    numbers = config.numbers(len(clips))
+    numbers = clip_range(len(clips), config.first, config.clips)
     clips = clips.part(numbers) if isinstance(clips, Clips) else [clips[number] for number in numbers]
     planned, compared = plan(config), contenders(config)
     hashes, ids, known = [], [], []

@@ -70,34 +70,3 @@ def test_training_and_completion_refuse_a_changed_clip(made):
         assert "damaged=true" in done.stderr
     done = dmae(made.parent, "complete", f"clip={made}", "damaged=true", "out=more")
     assert done.returncode == 0, done.stderr
-
-
-def test_an_overwrite_leaves_nothing_of_the_former_one(made):
-    fewer = made.parent / "data"
-    save_clip(strollers(frames=10, persons=1, views=3, name="b"), fewer / "b")
-    write_manifest(fewer, [{"id": "b", "status": "ok"}])
-    assert dmae(made.parent, "capture", "data=data", f"out={made}").returncode == 0
-    assert not verify(made).problems
-    assert not (made / "a").exists()
-
-
-def test_an_interrupted_overwrite_shows(folder, made, monkeypatch):
-    def interrupted(clip, to):
-        if to.name == "b":
-            raise KeyboardInterrupt
-        save_clip(clip, to)
-
-    monkeypatch.setattr("dmae.commands.capture.save_clip", interrupted)
-    done = dmae(folder, "capture", "data=data", f"out={made}")
-    assert done.returncode == 130
-    assert "1 whole clip, which can be used" in done.stderr
-    found = verify(made)
-    assert {problem.what for problem in found.problems} >= {"b: does not belong to the data set"}
-
-
-def test_a_generated_data_set_is_not_overwritten(folder, made):
-    (made / "config.json").write_text("{}")
-    before = {path: path.read_bytes() for path in made.rglob("*") if path.is_file()}
-    done = dmae(folder, "capture", "data=data", f"out={made}")
-    assert (done.returncode, "synth generate" in done.stderr) == (1, True)
-    assert all(path.read_bytes() == data for path, data in before.items())

@@ -1,17 +1,24 @@
-"""Counts of poses that are printed agree with the exported poses."""
+"""Data sets that commands write grow clip by clip, and are never a mixture; what is printed is what was written."""
 
 import re
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dmae.commands.data_sets import Manifest, describe_joints, finished
+from dmae.commands import capture as command
+from dmae.commands.data_sets import SETTINGS, ClipSet, describe_joints, finished
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
-from dmae.data.store import clip_folders, read_manifest, save_clip
+from dmae.data.store import read_manifest, save_clip, write_manifest
+from dmae.files.checksums import find_data_set_damage
 from tests.support.clips import full_clip, walkers
-from tests.support.commands import run_command
+from tests.support.commands import Done, run_command
+from tests.support.stressed_clips import strollers
+
+NAMES = ("a", "b", "c")
 
 
 def with_absences() -> Poses3D:
@@ -48,30 +55,113 @@ def test_the_printed_share_is_that_of_nan_in_the_export(tmp_path):
     )
 
 
-def test_a_manifest_is_written_even_after_an_error(tmp_path):
-    with pytest.raises(KeyboardInterrupt), Manifest(tmp_path, True) as manifest:
-        save_clip(full_clip(), tmp_path / "a")
-        manifest.write("a", lambda: None, persons=2)
+def test_what_is_whole_is_a_data_set_even_after_an_error(tmp_path):
+    with pytest.raises(KeyboardInterrupt), ClipSet(tmp_path, {"command": "dmae x"}) as made:
+        made.write(full_clip(), "a", persons=2)
         raise KeyboardInterrupt
     assert read_manifest(tmp_path) == [{"id": "a", "status": "ok", "persons": 2}]
-    assert finished(tmp_path) == f"{tmp_path}: 1 whole clip, which can be used"
-    with Manifest(tmp_path / "none", True):
+    assert find_data_set_damage(tmp_path, ["a"]) == []
+    assert finished(tmp_path) == f"{tmp_path}: 1 whole clip, which can be used; the same command continues"
+    with ClipSet(tmp_path / "none", {"command": "dmae x"}):
         pass
     assert not (tmp_path / "none").exists()
-    assert finished(tmp_path / "none") == "nothing was written"
+    assert finished(tmp_path / "none") == "nothing was written; the same command continues"
 
 
-def test_a_killed_overwrite_is_no_data_set(tmp_path):
-    """Clips of two runs must not pass for a data set of one."""
-    with Manifest(tmp_path, several=True) as manifest:
-        for name in "ab":
-            manifest.write(name, lambda name=name: save_clip(full_clip(frames=2), tmp_path / name))
-    (tmp_path / "config.yaml").touch()
-    assert len(clip_folders(tmp_path)) == 2
-    second = Manifest(tmp_path, several=True)
-    second.write("a", lambda: save_clip(full_clip(frames=3), tmp_path / "a"))
-    assert not (tmp_path / "config.yaml").exists()
-    with pytest.raises(FileNotFoundError, match="expected a clip"):
-        clip_folders(tmp_path)
-    second.__exit__()
-    assert [folder.name for folder in clip_folders(tmp_path)] == ["a"]
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Return a folder with `data`, a data set of three clips, and `whole`, which was captured from it at once."""
+    folder = tmp_path_factory.mktemp("unfinished")
+    for name in NAMES:
+        save_clip(strollers(frames=10, persons=1, views=3, name=name), folder / "data" / name)
+    write_manifest(folder / "data", [{"id": name, "status": "ok"} for name in NAMES])
+    assert run(folder, "whole").returncode == 0
+    return folder
+
+
+def run(folder: Path, out: str, *options: str) -> Done:
+    return run_command(folder, "dmae", "capture", "data=data", f"out={out}", *options)
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    files = (file for file in path.rglob("*") if file.is_file() and file.name != "config.yaml")
+    return {file.relative_to(path).as_posix(): file.read_bytes() for file in files}
+
+
+@pytest.fixture
+def captured(monkeypatch) -> list[str]:
+    """The clips that are captured. The one called `stop` in the list interrupts."""
+    done: list[str] = []
+
+    def counted(clip, config, capture=command.capture):
+        if done[-1:] == ["b"] and "stop" in done:
+            raise KeyboardInterrupt
+        done.append(clip.id)
+        return capture(clip, config)
+
+    monkeypatch.setattr(command, "capture", counted)
+    return done
+
+
+def interrupt(folder: Path, out: str, captured: list[str], *options: str) -> None:
+    """Interrupt a capture at the last clip."""
+    captured[:] = ["stop"]
+    assert run(folder, out, *options).returncode == 130
+    assert captured == ["stop", "a", "b"]
+    captured.clear()
+
+
+def test_an_interrupted_capture_goes_on(folder, captured):
+    interrupt(folder, "one", captured)
+    assert find_data_set_damage(folder / "one", "ab") == []
+    assert run(folder, "one").returncode == 0
+    assert captured == ["c"]
+    assert contents(folder / "one") == contents(folder / "whole")
+    assert "3 of 3 clips are done already" in run(folder, "one").stdout
+    assert captured == ["c"]
+
+
+def test_a_killed_capture_goes_on_without_damaged_clips(folder, captured):
+    interrupt(folder, "two", captured)
+    for name in ("manifest.jsonl", "checksums.json", "b/checksums.json"):  # as SIGKILL leaves it
+        (folder / "two" / name).unlink()
+    assert run(folder, "two").returncode == 0
+    assert captured == ["b", "c"]
+    data = bytearray((folder / "two/a/arrays.safetensors").read_bytes())
+    data[-1] ^= 1
+    (folder / "two/a/arrays.safetensors").write_bytes(data)
+    captured.clear()
+    assert run(folder, "two").returncode == 0
+    assert captured == ["a"]
+    assert contents(folder / "two") == contents(folder / "whole")
+
+
+def test_several_machines_fill_one_folder(folder, captured):
+    for part in ("first=2", "clips=1", "first=1 clips=1"):
+        assert run(folder, "parts", *part.split()).returncode == 0
+    assert captured == ["c", "a", "b"]
+    assert contents(folder / "parts") == contents(folder / "whole")
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [("first=3", "expected the number of a clip, from 0 to 2"), ("clips=4", "expected from 1 to 3")],
+)
+def test_clips_that_are_not_there_are_refused(folder, option, said):
+    assert said in run(folder, "none", option).stderr
+
+
+def test_clips_of_other_settings_are_refused_and_kept(folder, tmp_path):
+    for name in ("data", "whole"):
+        shutil.copytree(folder / name, tmp_path / name)
+    before = contents(tmp_path / "whole")
+    done = run(tmp_path, "whole", "smooth=0.2")
+    assert done.returncode == 1 and "settings.json differs in options.smooth" in done.stderr
+    save_clip(strollers(frames=11, persons=1, views=3, name="b"), tmp_path / "data/b")
+    assert "settings.json differs in data" in run(tmp_path, "whole").stderr
+    (tmp_path / "whole" / SETTINGS).rename(tmp_path / SETTINGS)
+    assert "holds clips of another command" in run(tmp_path, "whole").stderr
+    (tmp_path / SETTINGS).rename(tmp_path / "whole" / SETTINGS)
+    assert contents(tmp_path / "whole") == before
+    done = run_command(tmp_path, "dmae", "capture", "data=data/a", "out=whole")
+    assert done.returncode == 1 and "expected a folder for one clip, found a data set" in done.stderr
