@@ -19,7 +19,7 @@ from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
 from dmae.files.checks import MOST_METRES
-from dmae.files.mapped import by_frames, release
+from dmae.files.mapped import by_frames, in_steps
 from dmae.numerics.body import body_heading
 from dmae.numerics.statistics import mean_known
 
@@ -138,10 +138,9 @@ def soles_and_postures(poses: Poses3D, fps: float, R: np.ndarray) -> tuple[Soles
     windows = len(poses.xyz) // length
     step = max(_FRAMES // (length * max(persons, 1)), 1)
     parts = []
-    for first in range(0, max(windows, 1), step):
+    for first in in_steps(range(0, max(windows, 1), step)):
         frames = slice(first * length, min(first + step, windows) * length)
         parts.append(_windows(poses.xyz[frames] @ R.T, R @ poses.cov[frames] @ R.T, length))
-        release(poses.xyz, poses.cov)
     middle, resting, variance = (np.concatenate(part) for part in zip(*parts, strict=True))
     return _soles(middle, resting, variance, skeleton), _postures(middle, resting, skeleton)
 
@@ -320,7 +319,7 @@ def find_floor(poses: Poses3D, fps: float) -> Floor:
         poses: (F, P, J) measured people; joints without a measurement are left out.
         fps: 1/s.
     """
-    far = by_frames(lambda xyz: ~(np.abs(xyz) < MOST_METRES).all(-1), poses.xyz)
+    far = ~(np.abs(poses.xyz) < MOST_METRES).all(-1)
     measured = poses.without(~poses.measured | far)
     people = measured.xyz.reshape(-1, *measured.xyz.shape[2:])
     mean = upright_direction(people, poses.skeleton)

@@ -27,7 +27,7 @@ from dmae.completion.windows import Rows, make_rows
 from dmae.data.clip import Poses3D, Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import empty, release, trim
+from dmae.files.mapped import empty, in_steps
 from dmae.numerics.body import rotate_z
 from dmae.numerics.filling import present, resample
 from dmae.numerics.paths import gap_lengths
@@ -63,7 +63,7 @@ def in_pieces(
         return complete(poses, frames)
     names, made, skeleton = [field.name for field in fields(poses)[1:]], {}, poses.skeleton
     tasks = [(person, *part) for person in range(persons) for part in parts]
-    for person, inner, around in progress(tasks, "completing"):
+    for person, inner, around in in_steps(progress(tasks, "completing")):
         given = {name: getattr(poses, name)[around, person : person + 1] for name in names}
         inside = slice(inner.start - around.start, inner.stop - around.start)
         done = complete(Poses3D(poses.skeleton, **given), inside)
@@ -73,8 +73,6 @@ def in_pieces(
             if name not in made:
                 made[name] = empty((len(asked), persons, *array.shape[2:]), array.dtype)
             made[name][inner.start - asked.start : inner.stop - asked.start, person] = array[:, 0]
-        release(*made.values(), *(getattr(poses, name) for name in names))
-        trim()
     return Poses3D(skeleton, **made)
 
 

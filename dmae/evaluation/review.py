@@ -15,7 +15,6 @@ from dmae.data.conversion import convert, scale_of
 from dmae.data.json_values import decode
 from dmae.evaluation.report.joints import joints_of, reprojection_errors
 from dmae.files.contents import write_atomic
-from dmae.files.mapped import frame_blocks
 from dmae.files.structured import read_json
 
 DECISIONS = "decisions.json"
@@ -122,8 +121,7 @@ def checksum(poses: Poses3D) -> str:
     """Return a checksum of the positions and sources of the joints. Decisions refer to poses by this checksum."""
     digest = hashlib.sha256()
     for array in (poses.xyz, poses.source):
-        for part in frame_blocks(array):
-            digest.update(array[part].tobytes())
+        digest.update(np.ascontiguousarray(array))
     return digest.hexdigest()
 
 

@@ -3,7 +3,6 @@
 import hashlib
 import io
 import json
-import mmap
 import zipfile
 from collections.abc import Iterator, Sequence
 from math import prod
@@ -15,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import load
 
 from dmae.files.contents import check_file, read_bytes
-from dmae.files.mapped import LARGE, frame_blocks
+from dmae.files.mapped import LARGE, frame_blocks, map_file
 from dmae.files.pickles import pickled_values
 
 _LEAST_LIMIT, _EXPANSION = 1 << 28, 100
@@ -177,8 +176,7 @@ def _mapped(path: Path) -> dict[str, np.ndarray]:
     with safe_open(path, framework="numpy") as file:
         # The library checks that types, shapes and places of all arrays are consistent and within the file.
         names = list(file.keys())
-    with path.open("rb") as file:
-        mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    mapped = map_file(path)
     begin = _HEAD + int.from_bytes(mapped[:_HEAD], "little")
     header, arrays = json.loads(mapped[_HEAD:begin]), {}
     for name in names:

@@ -67,20 +67,14 @@ LEAST_RATE, MOST_RATE = 0.01, 100_000.0
 def check_numbers(what: str, values, most: float | np.ndarray, least: float | None = None) -> None:
     """Raise ValueError, which names `what`, unless all numbers except NaN are from `least` (or -`most`) to `most`."""
     array = np.asarray(values)
-    if array.ndim > np.ndim(most):
-        for part in frame_blocks(array):
-            _check_numbers(what, array[part], most, least)
-    else:
-        _check_numbers(what, array, most, least)
-
-
-def _check_numbers(what: str, array: np.ndarray, most: float | np.ndarray, least: float | None) -> None:
     least = -most if least is None else least
-    with np.errstate(invalid="ignore"):
-        wrong = (array > most) | (array < least)
-    if wrong.any():
-        most = np.broadcast_to(most, array.shape)[wrong].flat[0]
-        raise ValueError(f"{what}: expected numbers from {least:g} to {most:g}, found {array[wrong].flat[0]:g}")
+    for part in frame_blocks(array) if array.ndim > np.ndim(most) else [...]:
+        here = array[part]
+        with np.errstate(invalid="ignore"):
+            wrong = (here > most) | (here < least)
+        if wrong.any():
+            most = np.broadcast_to(most, here.shape)[wrong].flat[0]
+            raise ValueError(f"{what}: expected numbers from {least:g} to {most:g}, found {here[wrong].flat[0]:g}")
 
 
 def check_rate(what: str, fps) -> float:

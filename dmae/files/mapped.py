@@ -1,19 +1,30 @@
-"""Arrays that are too large for memory: they are in files, and are read and written by frames."""
+"""Large arrays in files, and the blocks of frames in which long recordings are processed.
+
+A long recording does not fit into memory. Its arrays are in files that are mapped into memory, and loops go over blocks
+of frames. After each block, all mapped pages leave memory; they are read again when an array is accessed.
+"""
 
 import ctypes
 import mmap
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from math import prod
+from pathlib import Path
+from typing import TypeVar
+from weakref import WeakSet
 
 import numpy as np
+
+T = TypeVar("T")
 
 LARGE = 16 << 20
 """Bytes; smaller arrays are in memory."""
 _BLOCK = 8 << 20
-"""Bytes of arrays in one step of a computation."""
+"""Bytes of arrays in a block."""
+_mappings: WeakSet[mmap.mmap] = WeakSet()
+"""The files that are mapped now; each is closed with its last array."""
 
 
 def empty(shape: tuple[int, ...], dtype: type | np.dtype) -> np.ndarray:
@@ -30,22 +41,33 @@ def empty(shape: tuple[int, ...], dtype: type | np.dtype) -> np.ndarray:
     with tempfile.TemporaryFile(prefix="dmae-") as file:
         try:
             # The space is allocated now. Otherwise a full disk would kill the process when the array is written to.
-            getattr(os, "posix_fallocate", _set_size)(file.fileno(), 0, size)
+            getattr(os, "posix_fallocate", lambda file, _, size: os.ftruncate(file, size))(file.fileno(), 0, size)
         except OSError as error:
             raise OSError(
                 error.errno, f"{error.strerror}; {size / 1e6:.0f} MB are needed", tempfile.gettempdir()
             ) from None
-        return np.frombuffer(mmap.mmap(file.fileno(), size), dtype).reshape(shape)
+        mapping = mmap.mmap(file.fileno(), size)
+    _mappings.add(mapping)
+    return np.frombuffer(mapping, dtype).reshape(shape)
 
 
-def release(*arrays: np.ndarray) -> None:
-    """Remove arrays that are in files from memory; their contents are read again when accessed."""
-    for array in arrays:
-        while isinstance(array, np.ndarray):
-            array = array.base
-        array = array.obj if isinstance(array, memoryview) else array
-        if isinstance(array, mmap.mmap) and hasattr(array, "madvise"):
-            array.madvise(mmap.MADV_DONTNEED)
+def map_file(path: Path) -> mmap.mmap:
+    """Return the bytes of a file, which are read when they are accessed."""
+    with path.open("rb") as file:
+        mapping = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    _mappings.add(mapping)
+    return mapping
+
+
+def in_steps(steps: Iterable[T]) -> Iterator[T]:
+    """Yield the steps of a loop over a long recording. After each step, all mapped arrays leave memory."""
+    for step in steps:
+        yield step
+        if _mappings:
+            for mapping in list(_mappings):
+                if hasattr(mapping, "madvise"):
+                    mapping.madvise(mmap.MADV_DONTNEED)
+            trim()
 
 
 def trim() -> None:
@@ -62,17 +84,12 @@ def _malloc_trim() -> Callable[[int], int]:
 
 
 def frame_blocks(*arrays: np.ndarray) -> Iterator[slice]:
-    """Yield slices of the frames of arrays (F, ...) that fit into memory; a single slice if the arrays are small.
-
-    After each block the arrays are released.
-    """
+    """Yield the frames of arrays (F, ...) in slices that fit into memory; a single slice if the arrays are small."""
     count = len(arrays[0])
     frame = sum(prod(array.shape[1:]) * array.itemsize for array in arrays)
     step = max(_BLOCK // max(frame, 1), 1)
-    for start in range(0, max(count, 1), step):
-        yield slice(start, min(start + step, count))
-        if step < count:
-            release(*arrays)
+    blocks = [slice(start, min(start + step, count)) for start in range(0, max(count, 1), step)]
+    return iter(blocks) if len(blocks) == 1 else in_steps(blocks)
 
 
 def by_frames(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.ndarray:
@@ -85,13 +102,7 @@ def by_frames(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.nd
         if result is None:
             result = empty((len(arrays[0]), *done.shape[1:]), done.dtype)
         result[part] = done
-        release(result)
     return result
-
-
-def total(function: Callable[..., np.ndarray], *arrays: np.ndarray) -> np.ndarray:
-    """Return the sum over frames of `function(*arrays)`, (F, ...) of numbers with sums that are exact."""
-    return sum(function(*(array[part] for array in arrays)).sum(0) for part in frame_blocks(*arrays))
 
 
 def column_blocks(array: np.ndarray, most: int | None = None) -> Iterator[tuple[slice, np.ndarray]]:
@@ -108,7 +119,3 @@ def column_blocks(array: np.ndarray, most: int | None = None) -> Iterator[tuple[
         for part in frame_blocks(array):
             copied[part] = array[part, chosen]
         yield chosen, copied
-
-
-def _set_size(file: int, _: int, size: int) -> None:
-    os.ftruncate(file, size)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.files.contents import write_atomic
-from dmae.files.mapped import by_frames, frame_blocks, release, trim
+from dmae.files.mapped import by_frames, frame_blocks, in_steps
 from dmae.formats.registry import pose_writer
 from dmae.formats.trc import marker
 
@@ -41,11 +41,9 @@ def write_c3d(poses: Poses3D, clip: Clip, path: Path) -> None:
     if frames <= _MOST_FRAMES:
         _write(poses, clip.fps, path)
         return
-    for start in range(0, frames, _PART_FRAMES):
+    for start in in_steps(range(0, frames, _PART_FRAMES)):
         part = path.with_name(f"{path.stem}_{start:06d}{path.suffix}")
         _write(poses.select(slice(start, start + _PART_FRAMES)), clip.fps, part)
-        release(poses.xyz, poses.cov, poses.rays)
-        trim()
 
 
 def _write(poses: Poses3D, fps: float, path: Path) -> None:

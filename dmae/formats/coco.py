@@ -15,7 +15,6 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import SKELETONS, Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
-from dmae.files.mapped import frame_blocks
 from dmae.files.structured import read_json
 from dmae.formats.calibrations import FOUND, CalibrationSource, write_calibration
 from dmae.formats.labelled_images import PersonLabel, Picture, array_pictures, joint_labels, read_pictures
@@ -421,7 +420,7 @@ def write_coco_poses(poses: Poses3D, clip: Clip, path: Path) -> None:
 def _without_colour(clip: Clip, skeleton: Skeleton) -> Iterator[Picture]:
     """Yield the pictures of a clip by frame and view, without colour; at most `_FRAMES` at a time without images."""
     first, cov = clip.provenance.get("first_frame", 0), exported_poses(clip).cov
-    stated = any(np.isfinite(cov[part]).any() for part in frame_blocks(cov))
+    stated = np.isfinite(cov).any()
     step = _FRAMES if clip.images is None else max(len(clip), 1)
     for start in range(0, len(clip), step):
         part = clip.select(frames=slice(start, start + step))

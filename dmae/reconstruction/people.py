@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.data.cameras import CameraRig
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import by_frames, frame_blocks, total
+from dmae.files.mapped import by_frames, frame_blocks
 from dmae.numerics.body import bone_lengths, symmetric_bone_lengths
 from dmae.numerics.statistics import median_known, median_over_frames
 from dmae.reconstruction.association import NONE
@@ -45,7 +45,7 @@ def same_person(
     Returns:
         (P,) for each track, the lowest index of the tracks of its person.
     """
-    present = by_frames(lambda xyz: ~np.isnan(xyz[..., 0]).all(-1), xyz)
+    present = ~np.isnan(xyz[..., 0]).all(-1)
     label = np.arange(xyz.shape[1])
     lengths = symmetric_bone_lengths(xyz, skeleton)
     reentries = []
@@ -126,7 +126,7 @@ def false_positives(tracks: Tracks, measured: np.ndarray, frames: int, fps: floa
 
 def well_measured(tracks: Tracks, joints: int) -> np.ndarray:
     """Return (F, P) True where a person has at least this number of joints, and views do not agree by coincidence."""
-    known = by_frames(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), tracks.xyz)
+    known = (~np.isnan(tracks.xyz[..., 0])).sum(-1)
     return (known >= joints) & tracks.supported
 
 
@@ -141,8 +141,8 @@ def coincidental(tracks: Tracks, views: int) -> np.ndarray:
     Args:
         views: Number of views. Nearly all joints of a person that this number of views detect can be triangulated.
     """
-    detected = total(lambda assigned: ((assigned != NONE).sum(2) >= views).sum(-1), tracks.assigned)
-    return total(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), tracks.xyz) < _MIN_AGREEMENT * detected
+    detected = ((tracks.assigned != NONE).sum(2) >= views).sum((0, -1))
+    return (~np.isnan(tracks.xyz[..., 0])).sum((0, -1)) < _MIN_AGREEMENT * detected
 
 
 _LINK_BUILD = 0.1
@@ -195,7 +195,7 @@ def wanted_people(tracks: Tracks, rig: CameraRig, skeleton: Skeleton, fps: float
     if persons is None or tracks.xyz.shape[1] <= persons:
         return tracks
     tracks = merge(tracks, _linked(tracks.xyz, skeleton, fps, persons))
-    measured = total(lambda xyz: (~np.isnan(xyz[..., 0])).sum(-1), tracks.xyz)
+    measured = (~np.isnan(tracks.xyz[..., 0])).sum((0, -1))
     return tracks.select(np.sort(np.argsort(-measured, kind="stable")[:persons]))
 
 
@@ -244,7 +244,7 @@ def _linked(xyz: np.ndarray, skeleton: Skeleton, fps: float, persons: int, only:
     Args:
         only: A track; only links with its person are made.
     """
-    label, present = np.arange(xyz.shape[1]), by_frames(lambda xyz: ~np.isnan(xyz[..., 0]).all(-1), xyz)
+    label, present = np.arange(xyz.shape[1]), ~np.isnan(xyz[..., 0]).all(-1)
     lengths = symmetric_bone_lengths(xyz, skeleton)
     while len(np.unique(label)) > persons:
         links = []

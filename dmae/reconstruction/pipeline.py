@@ -8,7 +8,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import empty, release
+from dmae.files.mapped import empty, in_steps
 from dmae.numerics.filling import fill_body_frame
 from dmae.numerics.paths import pchip
 from dmae.reconstruction.appearance import appearance_differs, has_appearance
@@ -93,7 +93,6 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses
         part = slice(start, stop)
         evidence = Evidence.of(clip, th_p, config, part)
         wrong = find_exchanged(evidence, slice(0, stop - start), tracks.assigned[part], paths[part], sides)
-        release(clip.detections.xy, clip.detections.score, tracks.assigned, paths)
         return exchange(evidence, 0, *wrong, sides)
 
     def evidence_of(part: slice) -> Evidence:
@@ -103,7 +102,7 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses
     assigned = empty(tracks.assigned.shape, np.int16)
     types = ((3,), np.float64), ((3, 3), np.float32), ((views,), np.bool_), ((), np.float32)
     points = Points(*(empty((*shape, *inner), kind) for inner, kind in types))
-    for part in blocks:
+    for part in in_steps(blocks):
         evidence, first_pass = evidence_of(part), tracks.assigned[part]
         if reassignment.distance_m > 0:
             first_pass = reassign(evidence, first_pass, paths[part], reassignment.distance_m)
@@ -111,21 +110,17 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses
         found = evidence.triangulate(np.arange(len(first_pass))[:, None, None, None], first_pass)
         for array, values in zip(vars(points).values(), vars(found).values(), strict=True):
             array[part] = values
-            release(array)
-        release(assigned, paths)
     settle_disagreement(evidence_of, blocks, assigned, points)
     xyz = prune(points.xyz, skeleton, fps) if config.prune else points.xyz
     arrays = {"xyz": np.float32, "source": np.uint8, "cov": np.float32, "views": np.uint8, "rays": np.float32}
     inner = {"xyz": (3,), "cov": (3, 3), "rays": (2, 3)}
     made = {name: empty((*shape, *inner.get(name, ())), kind) for name, kind in arrays.items()}
-    for part in blocks:
+    for part in in_steps(blocks):
         expected = _expected(skeleton, fps, xyz, part, _EXPECTED_IN_CLIPS)
         known = Points(xyz[part], *(getattr(points, name)[part] for name in ("cov", "used", "residual")))
         poses = _poses(skeleton, known, evidence_of(part), expected, assigned[part], tracks.assigned[part])
         for name, array in made.items():
             array[part] = getattr(poses, name)
-            release(array)
-        release(xyz, assigned, tracks.assigned, *vars(points).values())
     return Poses3D(skeleton, **made)
 
 

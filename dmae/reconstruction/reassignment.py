@@ -9,7 +9,7 @@ from math import prod
 import numpy as np
 
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import column_blocks, empty, frame_blocks, release, total
+from dmae.files.mapped import column_blocks, empty, frame_blocks, in_steps
 from dmae.numerics.compiled import compiled
 from dmae.numerics.paths import linear, neighbours
 from dmae.numerics.statistics import median_over_frames
@@ -124,7 +124,7 @@ def _disagree(offset: np.ndarray) -> np.ndarray:
     persons, views = offset.shape[1:3]
     if not offset.size:
         return np.zeros(persons, bool)
-    seen = total(lambda offset: np.isfinite(offset[..., 0]).any(-1), offset)
+    seen = np.isfinite(offset[..., 0]).any(-1).sum(0)
     constant = np.zeros((persons, views, 2))
     for person, view, axis in np.ndindex(constant.shape):
         one = np.concatenate([offset[part, person, view, :, axis].copy() for part in frame_blocks(offset)])
@@ -160,13 +160,12 @@ def settle_disagreement(
         assigned, points: As in `cameras_disagree`.
     """
     offset = empty((*assigned.shape, 2), np.float64)
-    for part in blocks:
+    for part in in_steps(blocks):
         offset[part] = standardised_offsets(evidence_of(part), assigned[part], points.xyz[part])
-        release(offset, assigned, points.xyz)
     people = np.flatnonzero(_disagree(offset))
     if not len(people):
         return
-    for part in blocks:
+    for part in in_steps(blocks):
         chosen = assigned[part][:, people]
         frame = np.arange(len(chosen))[:, None, None, None]
         again = evidence_of(part).triangulate(frame, chosen, selective=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import release
+from dmae.files.mapped import in_steps
 from dmae.numerics.compiled import compiled
 from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, DistanceUnit
@@ -138,9 +138,8 @@ def exchanged_detections(clip: Clip, poses: Poses3D) -> np.ndarray:
     """
     found = np.zeros((len(clip), len(clip.rig)), bool)
     if len(Sides.of(clip.detections.skeleton).pairs) and poses.xyz.size:
-        for part in evidence_blocks(clip, poses.xyz.shape[1]):
+        for part in in_steps(evidence_blocks(clip, poses.xyz.shape[1])):
             found[part] = _exchanged_detections(clip, part, poses.xyz[part])
-            release(clip.detections.xy, clip.detections.score, poses.xyz)
     return found
 
 

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from dmae.data.clip import Clip
 from dmae.data.skeleton import PERSON_M, Skeleton
-from dmae.files.mapped import by_frames, empty, release
+from dmae.files.mapped import by_frames, empty, in_steps
 from dmae.numerics.compiled import compiled
 from dmae.numerics.statistics import median_known
 from dmae.progress import progress
@@ -94,12 +94,11 @@ class Tracks:
                 empty((frames, births), bool),
             )
             arrays, start = (tracks.assigned, tracks.xyz, tracks.supported), 0
-            for size in sizes:
+            for size in in_steps(sizes):
                 index, here = np.load(file), slice(start, start + size)
                 for array, absent in zip(arrays, (NONE, np.nan, False), strict=True):
                     array[here] = absent
                     array[here, index] = np.load(file)
-                release(*arrays)
                 start += size
         return tracks
 
@@ -258,9 +257,8 @@ def _tracked(clip: Clip, config: CaptureConfig) -> Iterator[list[TrackedFrame]]:
     colours = TorsoColours(clip) if has_appearance(clip, config) else None
     tracker = Tracker(clip.detections.skeleton, clip.fps, config)
     numbers = iter(progress(range(len(clip)), "tracking people"))
-    for part in evidence_blocks(clip):
+    for part in in_steps(evidence_blocks(clip)):
         evidence = Evidence.of(clip, config.th_p, config, part)
-        release(clip.detections.xy, clip.detections.score)
         yield [
             tracker.step(evidence, frame - part.start, colours and partial(_colours, colours, part.start))
             for frame in islice(numbers, part.stop - part.start)

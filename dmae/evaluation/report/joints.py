@@ -1,7 +1,7 @@
 """Counts and errors of a group of joints, which add up over clips without keeping their joints."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert, scale_of
 from dmae.data.skeleton import Skeleton
-from dmae.files.mapped import by_frames, release
+from dmae.files.mapped import in_steps
 from dmae.metrics.comparison import GAP_RATE, Comparison, match, take_matched
 from dmae.numerics.paths import gap_lengths
 from dmae.reporting.tables import Table
@@ -179,12 +179,12 @@ class Reprojection:
 def reprojection(clip: Clip) -> Reprojection:
     """Return the errors between poses and, in each frame and camera, the detections that fit them best."""
     poses = convert(clip.poses, clip.detections.skeleton)
-    poses = poses.without(by_frames(lambda xyz: np.isinf(xyz).any(-1), poses.xyz))
+    poses = poses.without(np.isinf(poses.xyz).any(-1))
     frames, persons, joints = poses.source.shape
     measured: dict[str, dict[str, JointGroup]] = {}
     completed: dict[str, dict[str, JointGroup]] = {}
     worst, where = np.full((frames, persons), np.nan), np.zeros((frames, persons, 2), int)
-    for start in range(0, frames if persons else 0, _CHUNK):
+    for start in in_steps(range(0, frames if persons else 0, _CHUNK)):
         part = slice(start, start + _CHUNK)
         error = reprojection_errors(clip.select(frames=part), poses.select(part))
         source = np.broadcast_to(poses.source[part][:, None], error.shape)
@@ -196,8 +196,6 @@ def reprojection(clip: Clip) -> Reprojection:
         largest = np.where(np.isnan(flat), -1, flat).argmax(-1)
         worst[part] = np.take_along_axis(flat, largest[..., None], -1)[..., 0]
         where[part] = np.stack(np.divmod(largest, joints), -1)
-        if frames > _CHUNK:
-            release(clip.detections.xy, clip.detections.score, *(getattr(poses, f.name) for f in fields(poses)[1:]))
     return Reprojection(measured, completed, worst, where)
 
 

@@ -2,12 +2,14 @@
 
 import errno
 import os
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dmae.files import mapped
-from dmae.files.mapped import by_frames, column_blocks, empty, frame_blocks, release, total
+from dmae.files.mapped import by_frames, column_blocks, empty, frame_blocks, in_steps
 
 
 @pytest.fixture
@@ -39,7 +41,8 @@ def test_large_arrays_lie_in_files_and_keep_what_is_written(rng, tmp_path, monke
     small, large = empty((10, 4), np.float32), empty((100, 4, 3), np.float32)
     assert not in_file(small) and in_file(large) and not any(tmp_path.iterdir())
     large[:] = wanted = rng.normal(size=large.shape)
-    release(large, small, large[3:, 1])
+    for _ in in_steps(range(2)):
+        assert np.array_equal(large, wanted.astype(np.float32))
     assert np.array_equal(large, wanted.astype(np.float32))
 
 
@@ -54,7 +57,6 @@ def test_blocks_give_what_the_whole_gives(rng):
     one, other = random_array(rng), random_array(rng)
     found = by_frames(lambda a, b: (a * b).sum(-1), one, other)
     assert found.shape == (101, 4) and np.array_equal(found, (one * other).sum(-1)) and in_file(found)
-    assert np.array_equal(total(lambda a: a[..., 0] > 0, one), (one[..., 0] > 0).sum(0))
 
 
 def test_paths_of_all_frames(rng):
@@ -72,3 +74,23 @@ def test_a_full_disk_is_an_error_and_no_crash(monkeypatch):
     monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
     with pytest.raises(OSError, match="No space left on device; 8 MB are needed"):
         empty((1_000_000,), np.float64)
+
+
+def resident_kb(array: np.ndarray) -> int:
+    """Return the part of a mapped array that is in memory now, kB."""
+    address, inside = array.__array_interface__["data"][0], False
+    for line in Path("/proc/self/smaps").read_text().splitlines():
+        if found := re.match(r"([0-9a-f]+)-([0-9a-f]+) ", line):
+            inside = int(found[1], 16) <= address < int(found[2], 16)
+        elif inside and line.startswith("Rss:"):
+            return int(line.split()[1])
+    raise AssertionError("not mapped")
+
+
+@pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="Linux tells which pages are in memory")
+def test_mapped_arrays_leave_memory_after_each_step():
+    array = empty((1 << 20,), np.uint8)
+    for _ in in_steps(range(2)):
+        array[:] = 1
+        assert resident_kb(array) >= 1024
+    assert resident_kb(array) == 0
