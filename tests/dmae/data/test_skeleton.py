@@ -1,6 +1,29 @@
+"""Skeletons that a YAML file defines, and errors in such files."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
 
-from dmae.data.skeleton import BODY21, BODY25, COCO17, SHELF14, SKELETONS, Skeleton, fuse, get_skeleton
+import dmae
+from dmae.data.clip import Poses3D, Source
+from dmae.data.conversion import for_any_size, resized_poses, usual_size
+from dmae.data.skeleton import (
+    BODY21,
+    BODY25,
+    COCO17,
+    SHELF14,
+    SKELETONS,
+    Skeleton,
+    decode_skeleton,
+    encode,
+    fuse,
+    get_skeleton,
+)
+from dmae.data.store import load_clip, save_clip
+from dmae.formats.own import export_npz, read_npz
+from tests.support.animals import DOG, HAND, dog_clip
 
 
 @pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=SKELETONS)
@@ -63,3 +86,119 @@ def test_unknown_names_are_answered_with_what_there_is():
 def test_malformed_skeletons_are_refused(joints, parents, message):
     with pytest.raises(ValueError, match=message):
         Skeleton("odd", joints, parents)
+
+
+START = "name: spider\njoints:\n  body:\n"
+
+
+def written(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "spider.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_a_file_states_joints_parents_pairs_torso_and_size(tmp_path):
+    text = "  l_leg: body\n  r_leg: body\n  head: body\ntorso: [body, head]\nstretching: [head]\nsize_m: 0.02\n"
+    spider = dmae.get_skeleton(written(tmp_path, START + text))
+    assert spider.joints == ("body", "l_leg", "r_leg", "head")
+    assert spider.parents == (-1, 0, 0, 0)
+    assert spider.mirror == (0, 2, 1, 3)
+    assert spider.left == (1,)
+    assert spider.trunk == (0, 3)
+    assert spider.rigid_bones == ((0, 1), (0, 2))
+    assert spider.size_m == 0.02
+
+
+def test_pairs_need_not_be_named_as_those_of_people(tmp_path):
+    spider = get_skeleton(written(tmp_path, START + "  one: body\n  two: body\nmirror: [[one, two]]\n"))
+    assert spider.mirror == (0, 2, 1)
+    assert spider.left == (1,)
+    assert spider.size_m is None
+
+
+def test_without_a_torso_it_is_the_roots_and_their_children():
+    hand = replace(HAND, torso=None)
+    assert [HAND.joints[i] for i in hand.trunk] == ["wrist", "thumb_1", "index_1", "middle_1", "ring_1", "little_1"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (START + "  a: b\n  b: a\n", r"spider.yaml: skeleton 'spider': parents run in a circle, through a, b"),
+        (START + "  leg: boddy\n", r"joint 'leg': its parent 'boddy' is no joint; did you mean 'body'\?"),
+        (START + "  leg: body\n  leg: body\n", "key 'leg' twice"),
+        (START + "  leg: body\nmirror: [[leg, arm]]\n", "mirror: 'arm' is no joint"),
+        (START + "  leg: body\nmirror: [[leg, leg]]\n", "mirror: 'leg' occurs twice"),
+        (START + "  leg: body\nmirror: [leg]\n", r"mirror: expected pairs \[left, right\]"),
+        (START + "  a: body\n  b: body\n  c: a\n  d: a\n  e: b\nmirror: [[c, e]]\n", "'c' and 'e' do not match"),
+        (START + "torso: [leg]\n", "torso: 'leg' is no joint"),
+        (START + "size_m: 0\n", "size_m: expected a number from 0.001 to 100 m, found 0"),
+        (START + "size: 1\n", "unknown key 'size'"),
+        (START + "  a/b: body\n", "expected a name of up to 60 characters without"),
+        (START + "  no: body\n", "stand in quotes"),
+        (START.replace("spider", "body25"), "'body25' is the name of a skeleton of this package"),
+        ("name: spider\njoints: [a, b]\n", "expected 1 to 500 lines 'joint: parent'"),
+        ("[a]\n", "expected a skeleton with name and joints"),
+        ("a: &x 1\nb: *x\n", "aliases"),
+    ],
+)
+def test_a_wrong_file_is_answered_with_file_and_joint(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        get_skeleton(written(tmp_path, text))
+    assert "spider.yaml" in str(caught.value)
+
+
+def test_no_such_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.yaml"):
+        get_skeleton(str(tmp_path / "none.yaml"))
+
+
+@pytest.mark.parametrize("skeleton", [*SKELETONS.values(), get_skeleton("body25+shelf14"), HAND, DOG])
+def test_what_is_stored_is_the_same_skeleton(skeleton):
+    again = decode_skeleton(encode(skeleton), "a clip")
+    assert again == skeleton
+    assert (again.trunk, again.mirror, again.size_m) == (skeleton.trunk, skeleton.mirror, skeleton.size_m)
+
+
+def test_files_in_files_are_not_read():
+    with pytest.raises(ValueError, match="found the name of a file"):
+        decode_skeleton("/etc/spider.yaml", "a clip")
+
+
+def test_a_clip_and_an_archive_hold_the_definition(tmp_path):
+    clip = replace(dog_clip(3), poses=dog_clip(3).truth)
+    save_clip(clip, tmp_path / "clip")
+    read = load_clip(tmp_path / "clip")
+    assert read.detections.skeleton == read.poses.skeleton == DOG
+    assert read.detections.skeleton.size_m == DOG.size_m
+    export_npz(clip.poses, clip.fps, tmp_path / "poses.npz")
+    poses, _ = read_npz(tmp_path / "poses.npz")
+    assert poses.skeleton == DOG
+    np.testing.assert_array_equal(poses.xyz, clip.poses.xyz)
+
+
+def test_worlds_of_another_size_and_back():
+    poses = dog_clip(5).truth
+    again = resized_poses(resized_poses(poses, 3.0), 1 / 3.0)
+    np.testing.assert_allclose(again.xyz, poses.xyz, rtol=1e-6)
+    assert usual_size(resized_poses(poses, 3.0).xyz) == pytest.approx(3 * usual_size(poses.xyz))
+    assert usual_size(np.full((4, 1, 3, 3), np.nan)) is None
+    assert usual_size(np.zeros((4, 1, 3, 3))) is None
+
+
+def test_a_method_sees_bodies_as_large_as_people_and_measured_joints_stay():
+    truth = dog_clip(5).truth
+    seen = []
+
+    def fill(poses: Poses3D, fps: float) -> Poses3D:
+        seen.append(usual_size(poses.xyz) / poses.skeleton.scale)
+        return replace(poses, xyz=poses.xyz + 0, source=poses.source)
+
+    for skeleton in (DOG, replace(DOG, size_m=None)):
+        filled = for_any_size(fill)(replace(truth, skeleton=skeleton), 30.0)
+        np.testing.assert_array_equal(filled.xyz, truth.xyz)
+        assert (filled.source == Source.MEASURED).all()
+        assert filled.skeleton.size_m == skeleton.size_m
+    people = Poses3D(BODY25, np.zeros((2, 1, 25, 3)))
+    assert for_any_size(lambda poses, fps: poses)(people, 30.0) is people
+    assert seen[1] == pytest.approx(1.7 / (usual_size(truth.xyz) / 1.7), rel=1e-4)

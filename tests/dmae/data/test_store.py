@@ -1,3 +1,6 @@
+"""A full disk: the message names the file, and nothing of it is left."""
+
+import errno
 import json
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -200,3 +203,19 @@ def test_a_malformed_manifest_is_refused_with_the_line(tmp_path, line):
     Path(tmp_path / "manifest.jsonl").write_text('{"id": "a", "status": "ok"}\n' + line + "\n")
     with pytest.raises(ValueError, match=r"manifest\.jsonl, line 2: expected"):
         clip_folders(tmp_path)
+
+
+def test_a_full_disk_is_an_error_with_the_name_of_the_file(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("before")
+
+    def full(handle):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match=r"No space left on device: '.*file'") as caught:
+        write_atomic(tmp_path / "file", "after")
+    assert caught.value.errno == errno.ENOSPC
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"file": "before"}
+    with pytest.raises(OSError, match="arrays"):
+        save_clip(full_clip(frames=2), tmp_path / "clip")
+    assert not list((tmp_path / "clip").iterdir())

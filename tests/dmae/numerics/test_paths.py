@@ -1,3 +1,5 @@
+"""tests.dmae.numerics.test_paths."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings

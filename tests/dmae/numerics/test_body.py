@@ -1,3 +1,5 @@
+"""tests.dmae.numerics.test_body."""
+
 import numpy as np
 
 from dmae.data.skeleton import SHELF14, Skeleton

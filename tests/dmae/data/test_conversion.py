@@ -1,3 +1,5 @@
+"""tests.dmae.data.test_conversion."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,14 +1,90 @@
-"""How many people, where, and which of them."""
+"""Tracks that are of one person, and their merging."""
 
 import numpy as np
 import pytest
 
 from dmae.data.skeleton import BODY25
 from dmae.online.capture import OnlineCapture
+from dmae.reconstruction.association import NONE
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
+from dmae.reconstruction.people import coincidental, merge, same_person, too_brief, well_measured
 from dmae.reconstruction.pipeline import capture
+from dmae.reconstruction.tracking import Tracks
 from tests.support.clips import looking_at_origin
-from tests.support.detected_people import FRAMES, crossing, detected_clip, errors, walk
+from tests.support.detected_people import FPS, FRAMES, crossing, detected_clip, errors, standing, walk
+
+
+def test_duplicates_and_re_entries_are_one_person():
+    """Track 1 duplicates 0; 3 is a re-entry of 2; 4 re-enters too late; 5 is a child who enters where 2 left."""
+    xyz = standing(frames=200, persons=6)
+    xyz[:, 1] = xyz[:, 0] + 0.03
+    xyz[:, 3] = xyz[:, 4] = xyz[:, 2]
+    xyz[:, 5] = standing(frames=200, scale=0.7)[:, 0] + (0, 2, 0)
+    for track, (start, end) in enumerate([(0, 200), (50, 90), (0, 40), (60, 80), (180, 200), (82, 120)]):
+        xyz[:start, track], xyz[end:, track] = np.nan, np.nan
+    assert same_person(xyz, BODY25, FPS, reentry_s=2.0).tolist() == [0, 0, 2, 2, 4, 5]
+
+
+def test_a_person_too_far_from_the_exit_is_another():
+    xyz = standing(frames=60, persons=2)
+    xyz[20:, 0], xyz[:25, 1] = np.nan, np.nan
+    assert same_person(xyz, BODY25, FPS, 2.0).tolist() == [0, 1]
+    xyz[:, 1, :, 1] -= 1
+    assert same_person(xyz, BODY25, FPS, 2.0).tolist() == [0, 0]
+
+
+def test_a_track_is_re_entered_once():
+    xyz = standing(frames=60, persons=3)
+    xyz[:, 1:, :, 1] -= ((0.9,), (2.1,))
+    xyz[20:, 0], xyz[:25, 1:] = np.nan, np.nan
+    assert same_person(xyz, BODY25, FPS, 2.0).tolist() == [0, 0, 2]
+
+
+def test_merging_keeps_the_older_track_and_fills_gaps_from_the_younger():
+    xyz = standing(frames=4, persons=3)
+    assigned = np.broadcast_to(np.arange(3)[:, None, None], (4, 3, 2, 25)).copy()
+    assigned[2:, 0], xyz[2:, 0] = NONE, np.nan
+    merged = merge(Tracks(assigned, xyz, ~np.isnan(xyz[..., 0, 0])), np.array([0, 0, 2]))
+    assert merged.assigned[:, :, 0, 0].tolist() == [[0, 2], [0, 2], [1, 2], [1, 2]]
+    np.testing.assert_array_equal(merged.xyz[1:3, 0], xyz[[1, 2], [0, 1]])
+    np.testing.assert_array_equal(merged.xyz[:, 1], xyz[:, 2])
+    assert merged.supported.all()
+
+
+def tracks_of(xyz: np.ndarray, assigned: np.ndarray | None = None) -> Tracks:
+    """Tracks of which the views agree in all frames."""
+    assigned = np.zeros((*xyz.shape[:2], 2, 25), int) if assigned is None else assigned
+    return Tracks(assigned, xyz, np.ones(xyz.shape[:2], bool))
+
+
+def test_frames_in_which_views_agree_by_coincidence_do_not_count():
+    tracks = tracks_of(standing(persons=2))
+    tracks.supported[5:, 1] = False
+    assert well_measured(tracks, 4).sum(0).tolist() == [40, 5]
+
+
+def test_tracks_measured_for_a_moment_are_too_brief():
+    xyz = standing(persons=3)
+    xyz[5:, 1] = np.nan
+    xyz[:, 2, 3:] = np.nan
+    assert too_brief(well_measured(tracks_of(xyz), 4).sum(0), len(xyz), FPS, 0.3).tolist() == [False, True, True]
+
+
+def test_half_of_a_short_clip_is_long_enough():
+    assert not too_brief(well_measured(tracks_of(standing(frames=3)), 4).sum(0), 3, FPS, 0.3).any()
+
+
+def test_views_of_a_coincidence_agree_on_few_joints():
+    xyz = standing(persons=3)
+    xyz[:, 1, ::2] = np.nan
+    xyz[:, 2, :5] = np.nan
+    assigned = np.zeros((*xyz.shape[:2], 3, 25), int)
+    assigned[:, :, 2] = NONE
+    assert coincidental(tracks_of(xyz, assigned), views=2).tolist() == [False, True, False]
+    # A joint that a single view detects is not expected to be found.
+    assigned[:, 1, 1, ::2] = NONE
+    assert not coincidental(tracks_of(xyz, assigned), views=2).any()
+
 
 WAYS = {"adult": ((-1.0, -1.0), (1.0, -1.0), 1.0), "child": ((1.0, 1.0), (-1.0, 1.0), 0.65)}
 
