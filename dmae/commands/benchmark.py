@@ -4,7 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from dmae.evaluation.benchmark.page import CHECKED, benchmark_tables, write_scores
-from dmae.evaluation.benchmark.run import BenchmarkConfig, benchmark
+from dmae.evaluation.benchmark.run import benchmark
+from dmae.evaluation.config import BenchmarkConfig
 from dmae.reporting.tables import print_tables
 
 WRITES = "folder"

@@ -9,7 +9,7 @@ from dmae.evaluation.evaluate import evaluate, forecast
 from dmae.evaluation.gates import check_baseline, compare_scores, scored_options
 from dmae.evaluation.scores import read_scores
 from dmae.files.contents import write_atomic
-from dmae.metrics.tables import score_tables
+from dmae.metrics.score_tables import score_tables
 from dmae.reporting.tables import print_tables
 
 WRITES = "folder"

@@ -24,7 +24,7 @@ from dmae.data.skeleton import Skeleton, decode_skeleton, encode, get_skeleton
 from dmae.data.store import write_atomic
 from dmae.files.contents import read_bytes
 from dmae.files.structured import read_json, read_yaml
-from dmae.metrics.tables import score_tables
+from dmae.metrics.score_tables import score_tables
 from dmae.reporting.tables import Table, counted
 
 FORMAT = 5

@@ -1,4 +1,4 @@
-"""Configuration of `dmae evaluate`."""
+"""Options of evaluation: `dmae evaluate`, `dmae stress`, `dmae benchmark` and `dmae table`."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -86,8 +86,8 @@ class EvaluateConfig:
             raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
 
 
-# Options of the stress matrix.
-
+OURS = "capture"
+"""Name of the capture that comes with the package, without completion, in a benchmark."""
 PAPER = "paper"
 """Name of the contender that captures with the thresholds of the paper."""
 
@@ -146,7 +146,45 @@ class StressConfig:
             raise ValueError(f"paper_weights={self.paper_weights}: expected {PAPER} among the methods")
 
 
-# Configuration of the paper's tables.
+class BenchmarkSize(StrEnum):
+    """Number of clips of each set."""
+
+    small = "small"
+    full = "full"
+
+
+@dataclass(frozen=True)
+class BenchmarkConfig:
+    """Score completion and capture on a benchmark of occlusion, which is generated, not downloaded.
+
+    Clips are simulated from a definition and its seed, and their checksums are compared with the published ones.
+    Methods fill the holes of the same captured poses; captures make poses from the detections. A method or a capture is
+    a name, package.module:function, or a folder of poses with a file LEVEL/SET/CLIP.npz for each clip.
+    """
+
+    name: str = "occlusion-v2"
+    """The benchmark: one of the package, or your own YAML file."""
+    size: BenchmarkSize = BenchmarkSize.small
+    """Number of clips: small takes minutes; published tables use full."""
+    methods: list[str] = field(default_factory=lambda: ["linear", "pchip_body", "gaussian_process", "dmae"])
+    """Methods that fill holes: completion methods, module:function of poses and their frame rate, or folders of
+    poses."""
+    captures: list[str] = field(default_factory=lambda: [OURS])
+    """Methods that make poses from detections: `capture` (this package), module:function of a clip, or folders of
+    poses."""
+    weights: str | None = None
+    """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
+    against: str | None = None
+    """Earlier scores, a `scores.json` or its folder, to compare with: paired differences with intervals."""
+    data_folder: str | None = None
+    """Folder of the clips, which runs can share; by default `data` in `out`."""
+    workers: int = 1
+    """Processes; -1 for one per core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    out: str = "runs/benchmark"
+    """Folder for `scores.json`, `benchmark.html` and the clips."""
+
 
 NUMBERS = {
     1: "PCP of each actor",

@@ -1,14 +1,20 @@
-"""Identity of scored data: the options and clips that must be equal for two scores to be compared."""
+"""Gates: are scores worse than a baseline by more than the variation over time explains?
+
+Two scores can be compared if the options that scores depend on and the clips are equal, which `scored_options` and
+`scored_clip` write into `scores.json`. `compare_scores` then compares figure by figure over the same blocks of time.
+"""
 
 import hashlib
 import json
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass
+from functools import reduce
+from operator import getitem
 
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.metrics.intervals import FIGURES, block_sums, bootstrap_difference
+from dmae.evaluation.scores import FIGURES, figure_score, run_table
 from dmae.metrics.registry import metrics
 
 _TOLERANCES = {"joints": 5e-3, "mean": 0.01, "detected": 5e-3, "pixels": 1.0, "score": 5e-3, "offset_px": 0.02}
@@ -108,14 +114,12 @@ def _text(value) -> str:
 _SMALLEST = 0.05
 """% or mm. Smaller changes are not printed; another processor can cause them."""
 _JUDGED = {
-    "pcp": ("strict PCP", "%", 1),
-    "mpjpe": ("MPJPE", "mm", -1),
-    "hidden": ("MPJPE of hidden joints", "mm", -1),
-    "recall": ("recall of hidden joints", "%", 1),
+    "pcp": ("strict PCP", "%", 1, ("pcp",)),
+    "mpjpe": ("MPJPE", "mm", -1, ("mpjpe", "all")),
+    "hidden": ("MPJPE of hidden joints", "mm", -1, ("hidden", "mpjpe")),
+    "recall": ("recall of hidden joints", "%", 1, ("hidden", "recall")),
 }
-"""Name and unit of each figure, and 1 if larger is better or -1 if smaller is better."""
-_PLACES = {"pcp": ("pcp",), "mpjpe": ("mpjpe", "all"), "hidden": ("hidden", "mpjpe"), "recall": ("hidden", "recall")}
-"""Where the mean of each figure is in `scores.json`."""
+"""Name and unit of each figure; 1 if larger is better, -1 if smaller is; and the place of its mean in `scores.json`."""
 _AGAIN = "make them again with this version: dmae evaluate ... out=FOLDER"
 
 
@@ -126,7 +130,7 @@ class Change:
     Attributes:
         method: Name of the method.
         views: Number of views; 0 with synthetic gaps.
-        figure: One of `dmae.metrics.intervals.FIGURES`.
+        figure: One of `dmae.evaluation.scores.FIGURES`.
         old, new: The figure in the baseline and in the new scores, in its unit.
         low, high: 95 % interval of `new - old` over the same blocks of time.
     """
@@ -154,7 +158,7 @@ class Change:
         return _JUDGED[self.figure][2] * (self.new - self.old)
 
     def __str__(self) -> str:
-        name, unit, _ = _JUDGED[self.figure]
+        name, unit, *_ = _JUDGED[self.figure]
         bounds = sorted(map(abs, (self.low, self.high)))
         where = _where(self.method, self.views)
         if not (self.worse or self.better):
@@ -242,18 +246,15 @@ def compare_scores(baseline: dict, scores: dict, changed: Collection[str] = ()) 
         )
     before, after = ({(each["method"], each["views"]): each for each in part["results"]} for part in (baseline, scores))
     changes, refused = [], []
-    for key in before:
+    notes = [f"{_where(*key)}: new, not in the baseline" for key in after if key not in before]
+    for key, old in before.items():
         if key not in after:
             refused.append(f"{_where(*key)}: in the baseline, and not scored now")
             continue
-        for figure in FIGURES:
-            found = _change(*key, figure, before[key], after[key])
-            if isinstance(found, Change):
-                changes.append(found)
-            elif found:
-                refused.append(found)
-    notes = [f"{_where(*key)}: new, not in the baseline" for key in after if key not in before]
-    notes += [line for key in before if key in after for line in _without_interval(key, before[key], after[key])]
+        found, lacking = _changes(*key, old, after[key])
+        changes += found
+        refused += lacking
+        notes += _without_interval(_where(*key), old, after[key])
     return Gate(tuple(changes), tuple(refused), tuple(notes))
 
 
@@ -271,41 +272,41 @@ def _check_content(scores: dict, what: str) -> None:
         )
 
 
-def _change(method: str, views: int, figure: str, old: dict, new: dict) -> Change | str | None:
-    """Return the change of a figure, a text if it cannot be compared, or None if neither side measured it."""
-    name, where = _JUDGED[figure][0], _where(method, views)
-    runs, others = (sorted(each["runs"], key=_run) for each in (new, old))
-    if [_run(run) for run in runs] != [_run(run) for run in others]:
-        return f"{where}: scored on other clips or subsets of cameras"
-    if any(run["blocks"]["block"] != other["blocks"]["block"] for run, other in zip(runs, others, strict=True)):
-        return f"{where}: {name}: the truth covers other times"
-    sums = [block_sums(part, figure) for part in (others, runs)]
-    counts = [int(part.count.sum()) for part in sums]
-    if not all(counts):
-        known = "here" if counts[1] else "in the baseline"
-        return f"{where}: {name}: measured {known} alone" if any(counts) else None
-    change, before = bootstrap_difference(*sums[::-1]), _value(old, figure)
-    low, high = change.low, change.high
-    if np.isnan([low, high]).any():
-        if change.value:
-            return f"{where}: {name}: less than 5 s of truth, too little for an interval; score longer clips"
-        low = high = 0.0
-    return Change(method, views, figure, before, before + change.value, low, high)
-
-
-def _value(result: dict, figure: str) -> float:
-    metric, *keys = _PLACES[figure]
-    mean = result["mean"][metric]
-    for key in keys:
-        mean = mean[key]
-    return mean
+def _changes(method: str, views: int, old: dict, new: dict) -> tuple[list[Change], list[str]]:
+    """Return the changes of the figures of a method, and what could not be compared, as text."""
+    where, changes, refused = _where(method, views), [], []
+    pair = [sorted(each["runs"], key=_run) for each in (old, new)]
+    if [*map(_run, pair[0])] != [*map(_run, pair[1])]:
+        return [], [f"{where}: scored on other clips or subsets of cameras"]
+    if [run["blocks"]["block"] for run in pair[0]] != [run["blocks"]["block"] for run in pair[1]]:
+        return [], [f"{where}: the truth covers other times"]
+    tables = [run_table(runs) for runs in pair]
+    for figure in FIGURES:
+        name, _, _, place = _JUDGED[figure]
+        counted = [table.loc[table["figure"] == figure, "count"].sum() > 0 for table in tables]
+        if not all(counted):
+            known = "here" if counted[1] else "in the baseline"
+            refused += [f"{where}: {name}: measured {known} alone"] if any(counted) else []
+            continue
+        change = figure_score(tables[1], figure) - figure_score(tables[0], figure)
+        low, high = change.interval
+        if np.isnan(low):
+            if change.value:
+                refused.append(
+                    f"{where}: {name}: less than 5 s of truth, too little for an interval; score longer clips"
+                )
+                continue
+            low = high = 0.0
+        before = reduce(getitem, place, old["mean"])
+        changes.append(Change(method, views, figure, before, before + change.value, low, high))
+    return changes, refused
 
 
 def _run(run: dict) -> tuple:
     return run["clip"], tuple(run["cameras"])
 
 
-def _without_interval(key: tuple[str, int], old: dict, new: dict) -> Sequence[str]:
+def _without_interval(where: str, old: dict, new: dict) -> list[str]:
     """Return the changed figures that have no interval, as text. A figure is changed if its printed value differs."""
     lines = []
     for metric in metrics():
@@ -313,7 +314,7 @@ def _without_interval(key: tuple[str, int], old: dict, new: dict) -> Sequence[st
             pair = [column.value(each["mean"][metric.name]) for each in (old, new) if metric.name in each["mean"]]
             if len(pair) == 2 and None not in pair and abs(pair[1] - pair[0]) > _SMALLEST:
                 unit = f" {column.unit}" if column.unit else ""
-                lines.append(f"{_where(*key)}: {column.heading} {pair[0]:.1f} -> {pair[1]:.1f}{unit}, has no interval")
+                lines.append(f"{where}: {column.heading} {pair[0]:.1f} -> {pair[1]:.1f}{unit}, has no interval")
     return lines
 
 

@@ -1,19 +1,28 @@
-"""Reference poses of an evaluation: the truth of a clip, or the joints that all its cameras together measured."""
+"""Scores of a prediction: the reference that it is compared with, every metric, sums by time, and means over runs.
+
+`score` scores one run: a method on a clip seen by a subset of its cameras. `run_table` makes the score table of runs
+from their sums by time, and `summary` averages them.
+"""
 
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.files.structured import read_json
 from dmae.metrics.comparison import Comparison
-from dmae.metrics.intervals import FIGURES, block_sums, bootstrap_ratio, time_blocks
+from dmae.metrics.pcp import correct_limbs
+from dmae.metrics.position import joints_within_threshold
 from dmae.metrics.registry import metrics
+from dmae.metrics.table import BLOCK, Score, block_of, score_of, tally
 from dmae.numerics.statistics import mean_known
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 
+FIGURES = {"pcp": 100.0, "mpjpe": 1.0, "hidden": 1.0, "recall": 100.0}
+"""The scores that are summed over blocks of time, and the factor from the ratio of the sums to %, mm, mm, %."""
 PUBLISHED_ACTORS = (0, 1, 2)
 """The three of Shelf's four actors that published averages include."""
 
@@ -46,9 +55,6 @@ def scored_actors(clip: Clip) -> tuple[int, ...] | None:
     return PUBLISHED_ACTORS if clip.provenance.get("format") == "shelf" else None
 
 
-# Scores of a prediction, and their averages over runs.
-
-
 def score(
     poses: Poses3D,
     captured: Poses3D,
@@ -73,7 +79,7 @@ def score(
 
     Returns:
         The score of each metric by its name, see `dmae.metrics.registry.metrics`; NaN for a score without data. The
-        entry `blocks` contains the sums from which intervals are computed, see `dmae.metrics.intervals.time_blocks`.
+        entry `blocks` contains the sums from which intervals are computed, see `time_blocks`.
 
     Raises:
         ValueError: `poses` and `captured` differ in their persons.
@@ -85,6 +91,81 @@ def score(
         convert(poses, skeleton), convert(captured, skeleton), truth, actors, matches, fps, compared
     )
     return {metric.name: metric.function(comparison) for metric in metrics()} | {"blocks": time_blocks(comparison)}
+
+
+def time_blocks(comparison: Comparison) -> dict:
+    """Return sums over the blocks of time that contain a true joint.
+
+    Returns:
+        A dictionary for JSON. `seconds` is the length of a block and `block` the B indices of the blocks. `pcp`
+        (correct limbs of each actor), `mpjpe` (mm, all joints), `hidden` (mm, joints that capture did not measure) and
+        `recall` (hidden joints within 0.2 m) each have `sum` and `count`, (G, B) numbers. G is the number of actors for
+        `pcp`, otherwise 1.
+    """
+    frames, actors = np.flatnonzero(comparison.known.any((1, 2))), list(comparison.actors)
+    matched, truth = comparison.matched, comparison.truth.xyz
+    correct, limbs = correct_limbs(matched[:, actors], truth[:, actors], comparison.skeleton)
+    error = 1000 * np.linalg.norm(matched - truth.astype(np.float64), axis=-1)
+    block = block_of(frames, comparison.fps)
+    blocks = np.unique(block)
+
+    def sums(value: np.ndarray, counted: np.ndarray, persons: np.ndarray) -> dict:
+        keys = {"person": persons[:, None], "block": block[:, None, None]}
+        table = tally(value[frames], counted[frames], among=True, **keys)
+        shape = len(np.unique(persons)), len(blocks)
+        return {
+            "sum": table["value"].to_numpy().reshape(shape).round(3).tolist(),
+            "count": table["count"].to_numpy().reshape(shape).tolist(),
+        }
+
+    each, together = np.arange(len(actors)), np.zeros(truth.shape[1], int)
+    return {
+        "seconds": BLOCK,
+        "block": blocks.tolist(),
+        "pcp": sums(correct, limbs, each),
+        "mpjpe": sums(error, ~np.isnan(error), together),
+        "hidden": sums(error, ~np.isnan(error) & comparison.hidden, together),
+        "recall": sums(joints_within_threshold(comparison), comparison.known & comparison.hidden, together),
+    }
+
+
+def run_table(runs: list[dict], *labels: str) -> pd.DataFrame:
+    """Return the score table of runs.
+
+    Args:
+        runs: Results of `score`, each with the entries `clip` and `cameras` added.
+        labels: Names of other entries of the runs, which become key columns.
+
+    Returns:
+        A row for each `cameras`, `clip`, `figure` (of `FIGURES`), `person` and `block`, and for each of the labels.
+
+    Raises:
+        ValueError: a clip has true joints at other times in one run than in another.
+    """
+    columns = ["cameras", "clip", *labels, "figure", "person", "block", "value", "count"]
+    blocks, rows = {}, []
+    for run in runs:
+        times = run["blocks"]["block"]
+        if blocks.setdefault(run["clip"], times) != times:
+            raise ValueError(f"clip {run['clip']!r} has other annotated frames in one run than in another")
+        keys = ",".join(map(str, run["cameras"])), run["clip"], *(run[name] for name in labels)
+        for figure in FIGURES:
+            pairs = zip(run["blocks"][figure]["sum"], run["blocks"][figure]["count"], strict=True)
+            for person, (sums, counts) in enumerate(pairs):
+                rows += [(*keys, figure, person, *each) for each in zip(times, sums, counts, strict=True)]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def figure_score(table: pd.DataFrame, figure: str, *labels: str) -> Score:
+    """Return a score of runs with its interval: the mean over actors, then clips, then subsets of cameras.
+
+    Args:
+        table: The result of `run_table`.
+        figure: One of `FIGURES`.
+        labels: Labels of runs with the same clip and cameras, over which scores are averaged before the clips.
+    """
+    part = table[table["figure"] == figure]
+    return score_of(part, "cameras", "clip", *labels, "person", scale=FIGURES[figure])
 
 
 def read_scores(path: Path) -> dict:
@@ -107,6 +188,7 @@ def summary(runs: list[dict]) -> dict:
     Returns:
         JSON-able `mean`, `intervals`, `worst` and `runs`, see `evaluate`.
     """
+    table = run_table(runs)
     by_subset: dict[tuple[int, ...], list[dict]] = {}
     for run in runs:
         by_subset.setdefault(tuple(run["cameras"]), []).append(run)
@@ -118,19 +200,14 @@ def summary(runs: list[dict]) -> dict:
         for cameras, group in by_subset.items()
     }
     worst = min(means, key=lambda cameras: np.nan_to_num(means[cameras]["pcp"], nan=np.inf))
-    return _jsonable(
+    return json_numbers(
         {
             "mean": _average(list(means.values())) | pooled,
-            "intervals": {figure: _interval(runs, figure) for figure in FIGURES},
+            "intervals": {figure: list(figure_score(table, figure).interval) for figure in FIGURES},
             "worst": {"pcp": means[worst]["pcp"], "cameras": list(worst)},
             "runs": runs,
         }
     )
-
-
-def _interval(runs: list[dict], figure: str) -> list[float]:
-    interval = bootstrap_ratio(block_sums(runs, figure))
-    return [interval.low, interval.high]
 
 
 def _average(scores: list):
@@ -142,9 +219,10 @@ def _average(scores: list):
     return float(mean_known(np.array(scores, float)))
 
 
-def _jsonable(scores):
+def json_numbers(scores):
+    """Return nested scores with None in place of NaN, which is no JSON."""
     if isinstance(scores, dict):
-        return {key: _jsonable(value) for key, value in scores.items()}
+        return {key: json_numbers(value) for key, value in scores.items()}
     if isinstance(scores, list):
-        return [_jsonable(value) for value in scores]
+        return [json_numbers(value) for value in scores]
     return None if isinstance(scores, float) and np.isnan(scores) else scores

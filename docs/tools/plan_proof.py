@@ -98,15 +98,15 @@ _SUMS: dict[tuple[int, ...], np.ndarray] = {}
 
 def _real() -> dict[tuple[int, ...], tuple[float, float, float]]:
     """Return PCP of Shelf by subset, with the interval over blocks of time."""
-    from dmae.metrics.intervals import block_sums, bootstrap_ratio
+    from dmae.evaluation.scores import figure_score, run_table
 
     path = str(Path(os.environ["DMAE_DATA"]) / "shelf")
     result = evaluate(EvaluateConfig(DataConfig("shelf", path), methods=["linear"], views=[4, 3]))
     found = {}
     for entry in result["results"]:
         for run in entry["runs"]:
-            interval, key = bootstrap_ratio(block_sums([run], "pcp")), tuple(run["cameras"])
-            found[key] = interval.value, interval.low, interval.high
+            score, key = figure_score(run_table([run]), "pcp"), tuple(run["cameras"])
+            found[key] = score.value, *score.interval
             sums = run["blocks"]["pcp"]
             _SUMS[key] = np.stack([np.array(sums["sum"], float), np.array(sums["count"], float)], -1)
     return found

@@ -19,6 +19,7 @@ from dmae.data.labels import Visibility
 from dmae.data.resources import resource_folder
 from dmae.data.resume import claim_folder
 from dmae.data.store import load_clip, read_manifest, save_clip
+from dmae.evaluation.config import BenchmarkSize
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json, read_yaml
 from dmae.parallel import backend_in_use, in_parallel
@@ -34,13 +35,6 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 _MOST_CLIPS = 1_000_000
 """Of a set."""
-
-
-class BenchmarkSize(StrEnum):
-    """Number of clips of each set."""
-
-    small = "small"
-    full = "full"
 
 
 @dataclass(frozen=True)

@@ -1,34 +1,32 @@
 """Hand-ins of a benchmark: methods by name, functions of your own, or folders of poses made elsewhere."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from dmae.completion.methods import completion_method, find_method
 from dmae.data.clip import Clip, Poses3D
-from dmae.evaluation.benchmark.clips import BenchmarkSize, clip_of, find_definition, given_clip, make_clips
+from dmae.evaluation.benchmark.clips import clip_of, find_definition, given_clip, make_clips
 from dmae.evaluation.benchmark.holes import (
     AXES,
-    SHAPE,
     capture_cells,
     completion_cells,
     holes_of_capture,
     holes_of_sight,
 )
+from dmae.evaluation.config import OURS, BenchmarkConfig, BenchmarkSize
 from dmae.evaluation.predictions import fitting
 from dmae.files.structured import read_json
 from dmae.formats.poses import pose_paths, read_poses
-from dmae.metrics.intervals import BlockSums, Interval, bootstrap_difference, bootstrap_ratio
-from dmae.parallel import Backend, in_parallel, running_on
+from dmae.metrics.table import Score, ratios, score_of
+from dmae.parallel import in_parallel, running_on
 from dmae.plugins import load_function
 from dmae.progress import progress
-
-OURS = "capture"
-"""Name of the capture that comes with the package, without completion."""
 
 
 class Task(StrEnum):
@@ -158,11 +156,6 @@ def _loaded(hand_in: HandIn) -> Callable:
     return hand_in.function()
 
 
-# Scores of a hand-in over all clips: means over levels with their intervals, and figures by cause, length and part.
-
-_COUNTS = ("holes", "filled", "mm", "stated", "held", "near")
-
-
 def completion_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
     """Return the scores of completed poses.
 
@@ -176,21 +169,20 @@ def completion_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
         `filled`, % of the holes that were filled. `held`, % of the filled holes with a covariance that are within their
         90 % region, and `held_cause`, `held_frames`. `seen`, mm, the error of measured joints.
     """
-    sums = _sums(cells)
-    if not sums["filled"].sum():
+    if not _total(cells, "filled"):
         none = dict.fromkeys(("mm", "levels", "cause", "frames", "part", "cells", "held", "held_cause", "held_frames"))
-        return none | {"filled": 0.0, "seen": _ratio(sums["seen_mm"], sums["seen"])}
-    of_level = [_sums({name: cells[name] for name in cells if levels[name] == level}) for level in _numbers(levels)]
+        return none | {"filled": 0.0, "seen": _ratio(cells, "seen_mm", "seen")}
+    table = cell_table(levels, cells)
     return {
-        "mm": interval_json(bootstrap_ratio(clip_sums(levels, cells))),
-        "levels": [_ratio(each["mm"].sum(), each["holes"].sum()) for each in of_level],
-        **{axis: _by_axis(sums, axis, "mm", "holes") for axis in AXES},
-        "cells": [_ratio(mm, count, 1) for mm, count in zip(sums["mm"].ravel(), sums["holes"].ravel(), strict=True)],
-        "filled": _ratio(100 * sums["filled"].sum(), sums["holes"].sum()),
-        "held": _ratio(100 * sums["held"].sum(), sums["stated"].sum()),
-        "held_cause": _by_axis(sums, "cause", "held", "stated", 100),
-        "held_frames": _by_axis(sums, "frames", "held", "stated", 100),
-        "seen": _ratio(sums["seen_mm"], sums["seen"]),
+        "mm": score_json(_mean_error(table)),
+        "levels": [*_ratios(table, "level", value="mm").values()],
+        **{axis: _ratios(table, axis, value="mm") for axis in AXES},
+        "cells": [*_ratios(table, *AXES, value="mm", digits=1).values()],
+        "filled": _ratio(cells, "filled", "holes", 100),
+        "held": _ratio(cells, "held", "stated", 100),
+        "held_cause": _ratios(table, "cause", value="held", count="stated", scale=100),
+        "held_frames": _ratios(table, "frames", value="held", count="stated", scale=100),
+        "seen": _ratio(cells, "seen_mm", "seen"),
     }
 
 
@@ -205,67 +197,58 @@ def capture_summary(levels: dict[str, int], cells: dict[str, dict]) -> dict:
         `seen_found` and `seen_mm` are the same of the other joints. `extra`, % of persons in a frame that match no true
         person.
     """
-    sums = _sums(cells)
     names = ("pcp", "near", "found", "mm", "cause", "levels", "seen_near", "seen_found", "seen_mm", "extra")
-    if not sums["persons"]:
+    if not _total(cells, "persons"):
         return dict.fromkeys(names)
-    of_level = [_sums({name: cells[name] for name in cells if levels[name] == level}) for level in _numbers(levels)]
-    holes = sums["holes"].sum()
+    table = cell_table(levels, cells)
     return {
-        "pcp": _ratio(100 * sums["correct"], sums["limbs"]),
-        "near": _ratio(100 * sums["near"].sum(), holes),
-        "found": _ratio(100 * sums["filled"].sum(), holes),
-        "mm": _ratio(sums["mm"].sum(), sums["filled"].sum()),
-        "cause": _by_axis(sums, "cause", "near", "holes", 100),
-        "levels": [_ratio(100 * each["near"].sum(), each["holes"].sum()) for each in of_level],
-        "seen_near": _ratio(100 * sums["seen_near"], sums["seen"]),
-        "seen_found": _ratio(100 * sums["seen_found"], sums["seen"]),
-        "seen_mm": _ratio(sums["seen_mm"], sums["seen_found"]),
-        "extra": _ratio(100 * sums["extra"], sums["persons"]),
+        "pcp": _ratio(cells, "correct", "limbs", 100),
+        "near": _ratio(cells, "near", "holes", 100),
+        "found": _ratio(cells, "filled", "holes", 100),
+        "mm": _ratio(cells, "mm", "filled"),
+        "cause": _ratios(table, "cause", value="near", scale=100),
+        "levels": [*_ratios(table, "level", value="near", scale=100).values()],
+        "seen_near": _ratio(cells, "seen_near", "seen", 100),
+        "seen_found": _ratio(cells, "seen_found", "seen", 100),
+        "seen_mm": _ratio(cells, "seen_mm", "seen_found"),
+        "extra": _ratio(cells, "extra", "persons", 100),
     }
 
 
-def clip_sums(levels: dict[str, int], cells: dict[str, dict]) -> BlockSums:
-    """Return errors and numbers of holes, one ratio for each level; the bootstrap draws the clips of a level."""
-    groups = [[cells[name] for name in cells if levels[name] == level] for level in _numbers(levels)]
-    longest = max(map(len, groups))
-    total, count = (
-        np.array([[sum(each[key]) for each in group] + [0] * (longest - len(group)) for group in groups], float)
-        for key in ("mm", "holes")
-    )
-    number = len(groups)
-    blocks = np.array([len(group) for group in groups])
-    return BlockSums(total, count, np.arange(number), np.full(number, 1 / number), blocks)
+def cell_table(levels: dict[str, int], cells: dict[str, dict]) -> pd.DataFrame:
+    """Return the score table of clips: the columns `level`, `clip`, `AXES`, and a column for each sum over a cell."""
+    classes = pd.MultiIndex.from_product(AXES.values(), names=AXES).to_frame(index=False)
+    names = sorted(cells, key=lambda name: levels[name])
+    parts = [
+        classes.assign(level=levels[name], clip=name, **{k: v for k, v in cells[name].items() if isinstance(v, list)})
+        for name in names
+    ]
+    return pd.concat(parts)
 
 
-def interval_json(interval: Interval) -> dict:
-    """Return an interval as JSON, None where it is unknown."""
-    return {name: _rounded(value) for name, value in vars(interval).items()}
+def _mean_error(table: pd.DataFrame) -> Score:
+    """Return the error of holes, mm: the mean over levels. Clips of a level are drawn for its interval."""
+    return score_of(table, "level", within="level", draw="clip", value="mm", count="holes")
 
 
-def _numbers(levels: dict[str, int]) -> list[int]:
-    return sorted(set(levels.values()))
+def score_json(score: Score) -> dict:
+    """Return a score with its interval as JSON, None where it is unknown."""
+    return dict(zip(("value", "low", "high"), map(_rounded, (score.value, *score.interval)), strict=True))
 
 
-def _sums(cells: dict[str, dict]) -> dict:
-    """Return sums over clips: arrays of `SHAPE`, and numbers."""
-    first = next(iter(cells.values()))
-    return {
-        key: np.sum([each[key] for each in cells.values()], 0).reshape(SHAPE)
-        if key in _COUNTS
-        else sum(each[key] for each in cells.values())
-        for key in first
-    }
+def _ratios(table: pd.DataFrame, *by: str, value: str, count: str = "holes", scale=1, digits: int = 2) -> dict:
+    found = ratios(table, *by, value=value, count=count, scale=scale)
+    return {key: _rounded(each, digits) for key, each in found.items()}
 
 
-def _by_axis(sums: dict, axis: str, numerator: str, denominator: str, scale: float = 1) -> dict[str, float | None]:
-    others = tuple(number for number, name in enumerate(AXES) if name != axis)
-    total, count = (sums[key].sum(others) for key in (numerator, denominator))
-    return {name: _ratio(scale * total[i], count[i]) for i, name in enumerate(AXES[axis])}
+def _total(cells: dict[str, dict], key: str) -> float:
+    """Return the sum of an entry over clips, and over cells."""
+    return np.sum([each[key] for each in cells.values()])
 
 
-def _ratio(total: float, count: float, digits: int = 2) -> float | None:
-    return _rounded(total / count, digits) if count else None
+def _ratio(cells: dict[str, dict], value: str, count: str, scale: float = 1) -> float | None:
+    total = _total(cells, count)
+    return _rounded(scale * _total(cells, value) / total) if total else None
 
 
 def _rounded(value: float, digits: int = 2) -> float | None:
@@ -315,11 +298,11 @@ def differences(scores: dict, earlier: dict) -> list[dict]:
     for method, cells in new.items():
         for counterpart in [method] if method in old else old:
             _check_holes(cells, old[counterpart])
-            difference = bootstrap_difference(clip_sums(levels, cells), clip_sums(levels, old[counterpart]))
+            difference = _mean_error(cell_table(levels, cells)) - _mean_error(cell_table(levels, old[counterpart]))
             found.append({
                 "method": method,
                 "against": counterpart,
-                "mm": interval_json(difference),
+                "mm": score_json(difference),
                 "shown": bool(difference.excludes_zero),
             })  # fmt: skip
     return found
@@ -338,39 +321,6 @@ def _check_holes(cells: dict[str, dict], earlier: dict[str, dict]) -> None:
 
 
 # Run a benchmark: generate its clips, score the hand-ins, and compare them with earlier scores.
-
-
-@dataclass(frozen=True)
-class BenchmarkConfig:
-    """Score completion and capture on a benchmark of occlusion, which is generated, not downloaded.
-
-    Clips are simulated from a definition and its seed, and their checksums are compared with the published ones.
-    Methods fill the holes of the same captured poses; captures make poses from the detections. A method or a capture is
-    a name, package.module:function, or a folder of poses with a file LEVEL/SET/CLIP.npz for each clip.
-    """
-
-    name: str = "occlusion-v2"
-    """The benchmark: one of the package, or your own YAML file."""
-    size: BenchmarkSize = BenchmarkSize.small
-    """Number of clips: small takes minutes; published tables use full."""
-    methods: list[str] = field(default_factory=lambda: ["linear", "pchip_body", "gaussian_process", "dmae"])
-    """Methods that fill holes: completion methods, module:function of poses and their frame rate, or folders of
-    poses."""
-    captures: list[str] = field(default_factory=lambda: [OURS])
-    """Methods that make poses from detections: `capture` (this package), module:function of a clip, or folders of
-    poses."""
-    weights: str | None = None
-    """Folder that `dmae train` wrote, for learned methods; by default the weights that come with the package."""
-    against: str | None = None
-    """Earlier scores, a `scores.json` or its folder, to compare with: paired differences with intervals."""
-    data_folder: str | None = None
-    """Folder of the clips, which runs can share; by default `data` in `out`."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
-    out: str = "runs/benchmark"
-    """Folder for `scores.json`, `benchmark.html` and the clips."""
 
 
 def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), captures: Sequence[Callable] = ()) -> dict:

@@ -1,10 +1,11 @@
 """Table 5: ablation of the codes of joint and time, in the paper's network and with its masks."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import torch
 
 from dmae.completion.complete import load_completer
@@ -22,9 +23,8 @@ from dmae.completion.config import (
 )
 from dmae.completion.network import DMAE
 from dmae.completion.training import train
-from dmae.completion.training_data import PosePair, Recipe, cut_examples, masked_rows, pose_pair
+from dmae.completion.training_data import Recipe, cut_examples, masked_rows, pose_pair
 from dmae.completion.weights import find_shipped, load_model
-from dmae.completion.windows import Rows
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import BODY25, SHELF14
@@ -46,11 +46,11 @@ from dmae.evaluation.paper_tables.recording import (
     load_sets,
     tally_trials,
 )
-from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, Tally, limb_tally, paper_table, pooled
-from dmae.evaluation.scores import score, summary
-from dmae.metrics.intervals import block_members, block_sums
+from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, limb_table, mean_score, paper_table
+from dmae.evaluation.scores import figure_score, run_table, score, summary
 from dmae.metrics.pcp import better_limbs, correct_limbs, limb_names, protocol
 from dmae.metrics.position import PCK_THRESHOLD
+from dmae.metrics.table import block_of, tally
 from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture
 
@@ -88,16 +88,16 @@ def codes_table(config: TableConfig, out: Path) -> dict:
     learned, scored = halves(config.data, config.extra_data)
     clips = [replace(clip, poses=None) for clip in learned]
     plan = training_plan(config)
-    tallies: dict[str, list[list[Tally]]] = {}
+    tables: dict[str, pd.DataFrame] = {}
     for name, codes in VARIANTS.items():
         changed = replace(plan, model=replace(plan.model, codes=codes))
         folder = train(changed, clips, out / "models" / f"table_5_{name.replace(' ', '_')}")
-        tallies[name] = list(_tallies(load_model(folder)[0], plan, scored, interpolated=False))
-    tallies[INTERPOLATED] = list(_tallies(load_model(folder)[0], plan, scored, interpolated=True))
+        tables[name] = _masked_joints(load_model(folder)[0], plan, scored, interpolated=False)
+    tables[INTERPOLATED] = _masked_joints(load_model(folder)[0], plan, scored, interpolated=True)
     rows = []
-    for name, found in tallies.items():
-        recall, error = zip(*found, strict=True)
-        rows.append(MeasuredRow(name, {"recall": pooled(recall), "mpjpe": pooled(error, scale=1.0)}))
+    for name, table in tables.items():
+        recall, error = (table[table["figure"] == figure] for figure in ("recall", "mpjpe"))
+        rows.append(MeasuredRow(name, {"recall": mean_score(recall), "mpjpe": mean_score(error, scale=1.0)}))
     return paper_table(
         config, _CODE_COLUMNS, rows, against=BOTH, comparable=None, recording=f"{len(scored)} simulated clips",
         frames={}, footnotes=[*_CODE_NOTES, NOISE_NOTE], rules="joints within 0.2 m",
@@ -122,32 +122,25 @@ def training_plan(config: TableConfig) -> TrainConfig:
     )  # fmt: skip
 
 
-def _tallies(model: DMAE, plan: TrainConfig, clips: NamedClips, *, interpolated: bool) -> Iterator[list[Tally]]:
-    """Yield recall and error, mm, of the masked joints of each clip; the masks are the same for every model."""
+def _masked_joints(model: DMAE, plan: TrainConfig, clips: NamedClips, *, interpolated: bool) -> pd.DataFrame:
+    """Return the score table of masked joints: recall, and error in mm. The masks are the same for every model."""
     recipe = Recipe(plan.model, model.rest.numpy().astype(np.float64), plan.examples.masking, plan.examples.augment)
+    parts = []
     for number, clip in enumerate(clips):
         pair = pose_pair(replace(clip, poses=None), BODY25, plan.model.fps)
         rows = masked_rows(pair, recipe, rng=generator(plan.seed, number, Stream.STRESS))
-        yield _tally(model, recipe, rows, clip, pair, interpolated)
-
-
-def _tally(model: DMAE, recipe: Recipe, rows: Rows, clip: Clip, pair: PosePair, interpolated: bool) -> Sequence[Tally]:
-    length = len(rows.base) // pair.truth.xyz.shape[1]
-    starts = rows.starts[rows.starts % length % recipe.model.frames == 0]
-    examples = cut_examples(rows, starts, recipe.model)
-    with torch.inference_mode():
-        predicted = examples.windows.base if interpolated else model(*examples.windows).xyz
-    error = torch.linalg.norm(predicted - examples.truth, dim=-1).numpy()
-    hidden = examples.hidden.numpy()
-    frames = starts[:, None] % length + np.arange(recipe.model.frames)
-    _, member = block_members(frames.ravel(), recipe.model.fps)
-
-    def summed(values: np.ndarray) -> np.ndarray:
-        """(1, 1, B) sums of the masked joints of a block."""
-        return (member @ np.where(hidden, values, 0.0).sum(-1).ravel())[None, None]
-
-    count = summed(np.ones(error.shape))
-    return [Tally(clip.id, (), summed(part), count, count) for part in (error <= PCK_THRESHOLD, 1000 * error)]
+        length = len(rows.base) // pair.truth.xyz.shape[1]
+        starts = rows.starts[rows.starts % length % recipe.model.frames == 0]
+        examples = cut_examples(rows, starts, recipe.model)
+        with torch.inference_mode():
+            predicted = examples.windows.base if interpolated else model(*examples.windows).xyz
+        error = torch.linalg.norm(predicted - examples.truth, dim=-1).numpy()
+        frames = starts[:, None] % length + np.arange(recipe.model.frames)
+        keys = {"block": block_of(frames, recipe.model.fps)[..., None]}
+        for figure, value in (("recall", error <= PCK_THRESHOLD), ("mpjpe", 1000 * error)):
+            table = tally(value, examples.hidden.numpy(), **keys)
+            parts.append(table.assign(figure=figure, clip=clip.id, cameras="", person=0))
+    return pd.concat(parts)
 
 
 # Table 3: interacting people, simulated in place of BU-Mocap, and the gain from transfer learning.
@@ -191,26 +184,26 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
     for name, weights in _transfer_models(config, learned, out).items():
         methods[name] = load_completer(weights)
     runs: dict[str, list[dict]] = {name: [] for name in methods}
-    tallies: dict[str, list[Tally]] = {name: [] for name in methods}
+    limbs: dict[str, list[pd.DataFrame]] = {name: [] for name in methods}
     frames = 0
     for trial, filled, found in tally_trials(scored, config, methods, []):
         frames += sum(annotated_frames(trial))
         for name, poses in filled.items():
             scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps)
             runs[name].append({"clip": trial.clip.id, "cameras": trial.cameras} | scores)
-            tallies[name].append(found[name])
-    rows = [_row(name, runs[name], tallies[name]) for name in methods]
+            limbs[name].append(found[name])
+    rows = [_row(name, runs[name], pd.concat(limbs[name])) for name in methods]
     return paper_table(
         config, _TRANSFER_COLUMNS, rows, against=AGAINST, comparable=None, recording=f"{len(scored)} simulated clips",
         frames={"persons times frames": frames}, footnotes=[*_TRANSFER_NOTES, PROTOCOL_NOTE, NOISE_NOTE],
     )  # fmt: skip
 
 
-def _row(name: str, runs: list[dict], tallies: list[Tally]) -> MeasuredRow:
-    mean = summary(runs)["mean"]
-    cells = {"pcp": pooled(tallies), "mpjpe": block_sums(runs, "mpjpe"), "hidden": block_sums(runs, "hidden")}
+def _row(name: str, runs: list[dict], limbs: pd.DataFrame) -> MeasuredRow:
+    mean, table = summary(runs)["mean"], run_table(runs)
+    cells = {"pcp": mean_score(limbs), "mpjpe": figure_score(table, "mpjpe"), "hidden": figure_score(table, "hidden")}
     cells |= {"recall": mean["pck"]["recall"], "precision": mean["pck"]["precision"]}
-    return MeasuredRow(name, cells | {"hidden_recall": block_sums(runs, "recall")})
+    return MeasuredRow(name, cells | {"hidden_recall": figure_score(table, "recall")})
 
 
 def _transfer_models(config: TableConfig, learned: NamedClips, out: Path) -> dict[str, Path]:
@@ -278,28 +271,29 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
     for name, weights in _fusion_models(config, clip.select(frames=slice(0, used)), out).items():
         methods[name] = load_completer(weights)
     rules = protocol["hkbu"]
-    ((trial, filled, tallies),) = tally_trials([scored], config, methods, [])
+    ((trial, filled, tables),) = tally_trials([scored], config, methods, [])
     truth, frames = trial.truth.xyz, annotated_frames(trial)
     errors = {}
     for name, poses in filled.items():
         scores = score(poses, trial.given, trial.truth, trial.actors, fps=trial.clip.fps)
-        errors[name] = {"mpjpe": block_sums([{"clip": trial.clip.id, "cameras": trial.cameras} | scores], "mpjpe")}
+        run = {"clip": trial.clip.id, "cameras": trial.cameras} | scores
+        errors[name] = {"mpjpe": figure_score(run_table([run]), "mpjpe")}
     if FUSED_TUNED in filled:
         limbs = better_limbs(rules, filled[FUSED_TUNED].xyz, filled[AGAINST].xyz, truth, SHELF14)
-        tallies[BETTER] = limb_tally(trial, *limbs, correct_limbs(truth, truth, SHELF14)[1])
+        tables[BETTER] = limb_table(trial, *limbs, correct_limbs(truth, truth, SHELF14)[1])
     columns, kinds = [], {}
     for group, limbs in GROUPS.items():
         columns.append(TableColumn(group, group))
         kinds[group] = [limb_names(SHELF14).index(limb) for limb in limbs]
     columns.append(TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True))
     columns.append(TableColumn("mpjpe", "MPJPE", "mm", lead=True))
-    kinds["average"] = None
+    kinds["average"] = [*range(len(limb_names(SHELF14)))]
     rows = []
-    for name, tally in tallies.items():
-        cells = {key: pooled([tally], kinds=chosen) for key, chosen in kinds.items()}
+    for name, table in tables.items():
+        cells = {key: mean_score(table[table["limb"].isin(chosen)]) for key, chosen in kinds.items()}
         rows.append(MeasuredRow(name, cells | errors.get(name, {}), **_remarks(name)))
     missing = "there are no simulated clips to train on: give extra_data=[...]"
-    rows += [MeasuredRow(name, missing=missing) for name in (FUSED, FUSED_TUNED, BETTER) if name not in tallies]
+    rows += [MeasuredRow(name, missing=missing) for name in (FUSED, FUSED_TUNED, BETTER) if name not in tables]
     shelf = clip.provenance.get("format") == "shelf"
     notes = [
         f"{FUSED_TUNED}: also trained on the first {used} frames of this recording. These and the next {apart} frames "

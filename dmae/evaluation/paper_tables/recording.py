@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from dmae.completion.config import SIZES, PaperConfig
 from dmae.completion.paper import SKELETON, fine_tune, load_paper_completer, pretrain
@@ -18,15 +19,13 @@ from dmae.evaluation.evaluate import Trial, filled_trials, load_methods
 from dmae.evaluation.paper_tables.table import (
     MeasuredRow,
     TableColumn,
-    Tally,
     actors_of,
-    limb_tally,
+    limb_table,
+    mean_score,
     paper_table,
-    pooled,
 )
 from dmae.formats.reading import Clips, DataConfig, camera_subsets, load
-from dmae.metrics.intervals import bootstrap_ratio
-from dmae.metrics.pcp import Protocol, correct_limbs, count_limbs, protocol
+from dmae.metrics.pcp import correct_limbs, count_limbs, protocol
 from dmae.reconstruction.pipeline import capture
 
 
@@ -218,16 +217,15 @@ def actor_table(config: TableConfig, out: Path) -> dict:
     Raises:
         ValueError: the data is more than one recording, or has no truth on Shelf's joints.
     """
-    clip, tallies, actors, frames = _measure(config, [], out)
+    clip, tables, frames = _measure(config, [], out)
     columns = [
-        TableColumn(f"actor_{number}", f"actor {number} ({count} frames)")
-        for number, count in zip(range(1, len(actors) + 1), frames, strict=True)
+        TableColumn(f"actor_{number}", f"actor {number} ({count} frames)") for number, count in enumerate(frames, 1)
     ]
     columns.append(TableColumn("average", f"average ({'+'.join(map(str, frames))} frames)", lead=True))
     rows = []
-    for name, found in tallies.items():
-        cells = {column.key: pooled(found, [person]) for person, column in enumerate(columns[:-1])}
-        rows.append(MeasuredRow(name, cells | {"average": pooled(found)}, **_remarks(name, config)))
+    for name, table in tables.items():
+        cells = {column.key: mean_score(table[table["person"] == n]) for n, column in enumerate(columns[:-1])}
+        rows.append(MeasuredRow(name, cells | {"average": mean_score(table)}, **_remarks(name, config)))
     return _table(config, clip, columns, rows, frames, [])
 
 
@@ -239,18 +237,19 @@ def camera_table(config: TableConfig, out: Path) -> dict:
     """
     cameras = len(load_recording(config).rig)
     counts = [count for count in range(cameras, cameras - 3, -1) if count >= 2]
-    clip, tallies, _, frames = _measure(config, counts, out)
-    columns, rows = [], {name: MeasuredRow(name, {}, **_remarks(name, config)) for name in tallies}
+    clip, tables, frames = _measure(config, counts, out)
+    columns, rows = [], {name: MeasuredRow(name, {}, **_remarks(name, config)) for name in tables}
     beside = "+".join(map(str, frames))
     for count in counts:
-        found = {name: [each for each in runs if len(each.cameras) == count] for name, runs in tallies.items()}
         columns.append(TableColumn(f"views_{count}", f"{count} cameras ({beside} frames)", lead=True))
-        for name, row in rows.items():
-            row.cells[f"views_{count}"] = pooled(found[name])
         if count < len(clip.rig):
             columns.append(TableColumn(f"worst_{count}", f"worst {count}"))
-            for name, row in rows.items():
-                row.cells[f"worst_{count}"] = float(np.fmin.reduce([_mean(each) for each in found[name]]))
+        for name, row in rows.items():
+            table = tables[name][tables[name]["views"] == count]
+            row.cells[f"views_{count}"] = mean_score(table)
+            if count < len(clip.rig):
+                means = [mean_score(subset).value for _, subset in table.groupby("cameras")]
+                row.cells[f"worst_{count}"] = float(np.fmin.reduce(means))
     notes = ["Cells are means over all subsets with this number of cameras; PCP also has the worst subset."]
     return _table(config, clip, columns, list(rows.values()), frames, notes)
 
@@ -277,20 +276,22 @@ def tally_trials(
     config: TableConfig,
     methods: dict[str, Callable[[Poses3D, float], Poses3D]],
     views: list[int],
-) -> Iterator[tuple[Trial, dict[str, Poses3D], dict[str, Tally]]]:
-    """Yield every trial, the poses of each method, and the tally of its limbs by the protocol of the table."""
+) -> Iterator[tuple[Trial, dict[str, Poses3D], dict[str, pd.DataFrame]]]:
+    """Yield every trial, the poses of each method, and the score table of its limbs by the protocol of the table."""
     rules = protocol[config.protocol]
     scoring = EvaluateConfig(capture=config.capture, views=views, skeleton=SHELF14.name)
     place: Callable[[Poses3D, Skeleton], Poses3D] = partial(convert_with_head, head=rules.head)
     for trial, filled in filled_trials(clips, scoring, methods, place):
-        yield trial, filled, {name: tally_poses(trial, poses, rules) for name, poses in filled.items()}
-
-
-def tally_poses(trial: Trial, poses: Poses3D, rules: Protocol) -> Tally:
-    """Return the tally of the limbs of one prediction."""
-    truth = trial.truth.xyz
-    correct, counted = count_limbs(rules, poses.xyz, truth, trial.truth.skeleton)
-    return limb_tally(trial, correct, counted, correct_limbs(truth, truth, trial.truth.skeleton)[1])
+        truth, skeleton = trial.truth.xyz, trial.truth.skeleton
+        known = correct_limbs(truth, truth, skeleton)[1]
+        yield (
+            trial,
+            filled,
+            {
+                name: limb_table(trial, *count_limbs(rules, poses.xyz, truth, skeleton), known)
+                for name, poses in filled.items()
+            },
+        )
 
 
 def annotated_frames(trial: Trial) -> list[int]:
@@ -299,10 +300,8 @@ def annotated_frames(trial: Trial) -> list[int]:
     return known[:, actors_of(trial)].sum(0).tolist()
 
 
-def _measure(
-    config: TableConfig, views: list[int], out: Path
-) -> tuple[Clip, dict[str, list[Tally]], list[int], list[int]]:
-    """Return the scored clip, the tallies of each method, the actors, and the annotated frames of each actor."""
+def _measure(config: TableConfig, views: list[int], out: Path) -> tuple[Clip, dict[str, pd.DataFrame], list[int]]:
+    """Return the scored clip, the score table of each method, and the annotated frames of each actor."""
     clip = load_recording(config)
     methods = load_methods(EvaluateConfig(methods=list(METHODS[config.size]), weights=config.weights))
     if config.extra_data:
@@ -310,22 +309,16 @@ def _measure(
         methods |= paper_network(config, clip.select(frames=slice(0, used)), out)
         clip = clip.select(frames=slice(used + min(APART, used), None))
         check_truth(clip, config.number)
-    tallies: dict[str, list[Tally]] = {name: [] for name in methods}
-    actors, frames = [], []
+    tables: dict[str, list[pd.DataFrame]] = {name: [] for name in methods}
     for trial, _, found in tally_trials([clip], config, methods, views):
-        actors, frames = actors_of(trial), annotated_frames(trial)
-        for name, tally in found.items():
-            tallies[name].append(tally)
-    return clip, tallies, actors, frames
+        frames = annotated_frames(trial)
+        for name, table in found.items():
+            tables[name].append(table.assign(views=len(trial.cameras)))
+    return clip, {name: pd.concat(parts) for name, parts in tables.items()}, frames
 
 
 def _remarks(name: str, config: TableConfig) -> dict[str, str]:
     return note(config) if name in (PRETRAINED, TUNED) else {}
-
-
-def _mean(tally: Tally) -> float:
-    """Return the mean PCP of a subset of cameras, %; NaN where nothing counts."""
-    return bootstrap_ratio(pooled([tally]), draws=1).value
 
 
 def _table(

@@ -8,10 +8,11 @@ from enum import StrEnum
 from importlib.resources import files
 
 import numpy as np
+import pandas as pd
 
 from dmae.evaluation.config import NUMBERS, TableConfig, TableSize
 from dmae.evaluation.evaluate import Trial
-from dmae.metrics.intervals import BlockSums, Interval, block_members, bootstrap_difference, bootstrap_ratio
+from dmae.metrics.table import Score, block_of, score_of, tally
 from dmae.reporting.tables import Table
 
 _SECOND_HAND = "figures from a secondary source, not from the publication itself"
@@ -47,37 +48,20 @@ def _with_note(row: dict) -> dict:
     }
 
 
-# Tallies: numbers of correct and of counted items by blocks of time, for the cells of tables and their intervals.
+def limb_table(trial: Trial, correct: np.ndarray, counted: np.ndarray, known: np.ndarray) -> pd.DataFrame:
+    """Return the score table of the limbs (F, T, L) of a trial's actors: correct, counted, and known at all.
 
-
-@dataclass(frozen=True, eq=False)
-class Tally:
-    """Sums of one clip with one subset of its cameras.
-
-    Attributes:
-        clip: Id of the clip.
-        cameras: Indices of the views used.
-        total: (G, K, B) numerators of G persons and K kinds (limbs), over B blocks of time.
-        count: (G, K, B) denominators.
-        annotated: (G, K, B) number of items with truth, counted or not.
+    Blocks of time, persons and limbs without truth have no rows; they are the same for all methods.
     """
-
-    clip: str
-    cameras: tuple[int, ...]
-    total: np.ndarray
-    count: np.ndarray
-    annotated: np.ndarray
-
-
-def limb_tally(trial: Trial, correct: np.ndarray, counted: np.ndarray, known: np.ndarray) -> Tally:
-    """Return the tally of the limbs (F, T, L) of a trial's actors: correct, counted, and known at all."""
-    frames = np.flatnonzero(known.any((1, 2)))
-    _, member = block_members(frames, trial.clip.fps)
-
-    def summed(limbs: np.ndarray) -> np.ndarray:
-        return np.einsum("ftl,bf->tlb", limbs[frames][:, actors_of(trial)].astype(float), member.astype(float))
-
-    return Tally(trial.clip.id, tuple(trial.cameras), summed(correct & counted), summed(counted), summed(known))
+    actors = actors_of(trial)
+    correct, counted, known = (limbs[:, actors] for limbs in (correct & counted, counted, known))
+    keys = {
+        "block": block_of(np.arange(len(known)), trial.clip.fps)[:, None, None],
+        "person": np.arange(len(actors))[:, None],
+        "limb": np.arange(known.shape[2]),
+    }
+    table = tally(correct, counted, among=known, **keys)
+    return table.assign(clip=trial.clip.id, cameras=",".join(map(str, trial.cameras)))
 
 
 def actors_of(trial: Trial) -> list[int]:
@@ -87,40 +71,9 @@ def actors_of(trial: Trial) -> list[int]:
     return np.flatnonzero((~np.isnan(trial.truth.xyz).any(-1)).any((0, 2))).tolist()
 
 
-def pooled(
-    tallies: Sequence[Tally], persons: Sequence[int] | None = None, kinds: Sequence[int] | None = None, scale=100.0
-) -> BlockSums:
-    """Return the sums of a cell: the mean over persons, then clips, then subsets of cameras.
-
-    Args:
-        tallies: Tallies of one method for each clip and subset.
-        persons: Indices into G; by default all.
-        kinds: Indices into K. Their counts are added; by default all.
-        scale: Factor from a ratio to the unit of the cell.
-    """
-    clips = list(dict.fromkeys(tally.clip for tally in tallies))
-    subsets = [tally.cameras for tally in tallies]
-    parts = [[_selected(part, persons, kinds) for part in (each.total, each.count, each.annotated)] for each in tallies]
-    # Blocks without truth for these persons are left out. They are the same for all methods.
-    kept = {each.clip: annotated.any(0) for each, (_, _, annotated) in zip(tallies, parts, strict=True)}
-    longest = max((int(known.sum()) for known in kept.values()), default=0)
-    total, count, clip, share = [], [], [], []
-    for each, (sums, counts, _) in zip(tallies, parts, strict=True):
-        padding = ((0, 0), (0, longest - int(kept[each.clip].sum())))
-        total.append(np.pad(sums[:, kept[each.clip]], padding))
-        count.append(np.pad(counts[:, kept[each.clip]], padding))
-        clip += [clips.index(each.clip)] * len(sums)
-        share += [1 / (len(set(subsets)) * subsets.count(each.cameras) * len(sums))] * len(sums)
-    return BlockSums(
-        np.concatenate(total), np.concatenate(count), np.array(clip, int), np.array(share),
-        np.array([int(kept[name].sum()) for name in clips]), scale,
-    )  # fmt: skip
-
-
-def _selected(part: np.ndarray, persons: Sequence[int] | None, kinds: Sequence[int] | None) -> np.ndarray:
-    """(G, B) of some persons, added up over some kinds."""
-    part = part if persons is None else part[list(persons)]
-    return (part if kinds is None else part[:, list(kinds)]).sum(1)
+def mean_score(table: pd.DataFrame, scale: float = 100.0) -> Score:
+    """Return the mean over persons, then clips, then subsets of cameras of a score table; by default in %."""
+    return score_of(table, "cameras", "clip", "person", scale=scale)
 
 
 # A table as JSON: columns, published rows, rows measured here, and how far each is from one of them.
@@ -161,14 +114,14 @@ class MeasuredRow:
 
     Attributes:
         name: Of the method.
-        cells: Sums by the key of the column, or a number that has no interval.
+        cells: Scores by the key of the column, or a number that has no interval.
         note: What has to be known about it.
         missing: Why it was not measured; then it has no cells.
         protocol: Where it is not that of the table.
     """
 
     name: str
-    cells: dict[str, BlockSums | float] = field(default_factory=dict)
+    cells: dict[str, Score | float] = field(default_factory=dict)
     note: str = ""
     missing: str = ""
     protocol: str = ""
@@ -226,10 +179,10 @@ def _measured(row: MeasuredRow, columns: Sequence[TableColumn], reference: Measu
     cells, differences = {}, {}
     for column in columns:
         cell = row.cells.get(column.key)
-        cells[column.key] = _cell(_interval(cell))
+        cells[column.key] = _cell(cell)
         other = reference.cells.get(column.key)
-        if column.lead and row is not reference and isinstance(cell, BlockSums) and isinstance(other, BlockSums):
-            differences[column.key] = _cell(bootstrap_difference(cell, other))
+        if column.lead and row is not reference and isinstance(cell, Score) and isinstance(other, Score):
+            differences[column.key] = _cell(cell - other)
     return {
         "name": row.name,
         "origin": str(Origin.missing if row.missing else Origin.measured),
@@ -242,12 +195,13 @@ def _measured(row: MeasuredRow, columns: Sequence[TableColumn], reference: Measu
 
 
 def _published(row: dict, columns: Sequence[TableColumn], reference: MeasuredRow, comparable: str | None) -> dict:
-    cells = {column.key: _cell(_interval(row["values"].get(column.key))) for column in columns}
+    cells = {column.key: _cell(row["values"].get(column.key)) for column in columns}
     differences = {}
     for column in columns:
-        value, ours = row["values"].get(column.key), _interval(reference.cells.get(column.key))
+        value, ours = row["values"].get(column.key), reference.cells.get(column.key)
         if column.lead and value is not None and row["data"] == comparable:
-            differences[column.key] = _cell(Interval(value - ours.value, value - ours.high, value - ours.low))
+            low, high = ours.interval
+            differences[column.key] = _rounded(value - ours.value, value - high, value - low)
     return {
         "name": row["name"],
         "origin": str(Origin.published),
@@ -259,17 +213,15 @@ def _published(row: dict, columns: Sequence[TableColumn], reference: MeasuredRow
     }
 
 
-def _interval(cell: BlockSums | float | None) -> Interval:
-    if isinstance(cell, BlockSums):
-        return bootstrap_ratio(cell)
-    return Interval(np.nan if cell is None else float(cell), np.nan, np.nan)
+def _cell(cell: Score | float | None) -> dict[str, float | None]:
+    if isinstance(cell, Score):
+        return _rounded(cell.value, *cell.interval)
+    return _rounded(np.nan if cell is None else float(cell), np.nan, np.nan)
 
 
-def _cell(interval: Interval) -> dict[str, float | None]:
-    return {
-        name: None if np.isnan(value) else round(value, 3)
-        for name, value in (("value", interval.value), ("low", interval.low), ("high", interval.high))
-    }
+def _rounded(*numbers: float) -> dict[str, float | None]:
+    found = (None if np.isnan(number) else round(number, 3) for number in numbers)
+    return dict(zip(("value", "low", "high"), found, strict=True))
 
 
 # A table of the paper as text: for the terminal, and as Markdown with its notes.

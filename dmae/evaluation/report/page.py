@@ -25,7 +25,7 @@ from dmae.evaluation.report.findings import (
 from dmae.evaluation.report.joints import JointGroup, residual_tables
 from dmae.evaluation.review import DECISIONS, FORMAT, ReviewVerdict
 from dmae.files.structured import read_json
-from dmae.metrics.tables import score_tables
+from dmae.metrics.score_tables import score_tables
 from dmae.progress import progress
 from dmae.reporting.figures import COMPLETED, PERSONS, gaps_figure
 from dmae.reporting.page import CaptionedFigure, Section, write_report

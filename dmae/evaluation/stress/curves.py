@@ -1,12 +1,14 @@
 """Degradation curves with their intervals, breaking points, and differences between methods."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from dmae.evaluation.corruption.registry import find_corruption
-from dmae.evaluation.stress.plan import Axis, Cell, Contender, Plan
-from dmae.metrics.intervals import Interval, block_sums, bootstrap_difference, bootstrap_ratio, bootstrap_scores
+from dmae.evaluation.scores import figure_score, run_table
+from dmae.evaluation.stress.plan import Axis, Contender, Plan
+from dmae.metrics.table import Score
 from dmae.numerics.statistics import mean_known
 
 PCP_DROP = 10.0
@@ -14,12 +16,38 @@ PCP_DROP = 10.0
 HIDDEN_ERROR = 100.0
 """mm; a method is broken if its mean error of hidden joints is above this."""
 
-Runs = Callable[[Contender, Sequence[Cell]], list[dict]]
-"""Function that returns the scores of a contender in cells, for each clip."""
+
+@dataclass(frozen=True)
+class Point:
+    """Scores of one method at one level of a corruption, over all clips and seeds.
+
+    Attributes:
+        pcp: Strict PCP, %.
+        hidden: Error of hidden joints, mm.
+        means: Scores without an interval by name, %.
+    """
+
+    pcp: Score
+    hidden: Score
+    means: dict[str, float]
+
+    @property
+    def json(self) -> dict:
+        intervals = {"pcp": self.pcp, "hidden": self.hidden}
+        rounded = {name: [_number(value) for value in (each.value, *each.interval)] for name, each in intervals.items()}
+        return rounded | {name: _number(value) for name, value in self.means.items()}
 
 
-def curves(plan: Plan, contenders: Sequence[Contender], runs: Runs, clips: Sequence[str], reference: str) -> dict:
+def curves(plan: Plan, contenders: Sequence[Contender], runs: list[dict], clips: Sequence[str], reference: str) -> dict:
     """Return all curves of a matrix, JSON-able. None stands for values that were not measured.
+
+    Args:
+        plan: Axes, pairs and seeds.
+        contenders: The methods.
+        runs: Scores of each method in each cell of each clip, with `method`, `levels` and `seed` of the cell, `clip`
+            and `cameras`.
+        clips: Ids of the clips.
+        reference: "truth" or "capture".
 
     Returns:
         `clips`, their ids; `reference`, "truth" or "capture"; `seeds`; `methods`, their descriptions by name; `notes`.
@@ -34,16 +62,18 @@ def curves(plan: Plan, contenders: Sequence[Contender], runs: Runs, clips: Seque
 
         `pairs`, each with `names`, `units` and `points` of two `levels`, by method.
     """
-    axes = [_axis(axis, plan.seeds, contenders, runs) for axis in plan.axes]
-    pairs = [_pair(axis, plan.seeds, contenders, runs) for axis in plan.pairs]
+    groups: dict[tuple, list[dict]] = {}
+    for run in runs:
+        groups.setdefault((run["method"], run["levels"]), []).append(run)
+    points = {key: _point(group) for key, group in groups.items()}
     return {
         "clips": list(clips),
         "reference": reference,
         "seeds": list(plan.seeds),
         "methods": {each.name: each.about for each in contenders},
         "notes": list(plan.notes),
-        "axes": axes,
-        "pairs": pairs,
+        "axes": [_axis(axis, contenders, points) for axis in plan.axes],
+        "pairs": [_pair(axis, contenders, points) for axis in plan.pairs],
     }
 
 
@@ -72,58 +102,59 @@ def breaking_point(levels: np.ndarray, values: np.ndarray, broken: np.ndarray) -
     return found
 
 
-def _axis(axis: Axis, seeds: Sequence[int], contenders: Sequence[Contender], runs: Runs) -> dict:
-    (entry,) = (find_corruption(name) for name in axis.names)
-    levels = [(0.0,), *axis.levels]
-    scores = {each.name: [runs(each, axis.cells(level, seeds)) for level in levels] for each in contenders}
-    values = np.array([level for (level,) in levels])
-    methods = {}
-    for name, by_level in scores.items():
-        points = [{"level": level, **_point(found)} for level, found in zip(values.tolist(), by_level, strict=True)]
-        methods[name] = {"points": points, "breaks": _breaks(values, by_level)}
-    about = {"name": axis.name, "about": entry.help, "unit": entry.unit}
-    return about | {"methods": methods} | _best({name: by_level[-1] for name, by_level in scores.items()})
-
-
-def _pair(axis: Axis, seeds: Sequence[int], contenders: Sequence[Contender], runs: Runs) -> dict:
-    points = []
-    for level in axis.levels:
-        found = {each.name: _point(runs(each, axis.cells(level, seeds))) for each in contenders}
-        points.append({"levels": list(level), "methods": found})
-    return {"names": list(axis.names), "units": [find_corruption(name).unit for name in axis.names], "points": points}
-
-
-def _point(runs: list[dict]) -> dict:
-    """Return the scores of one method at one level."""
+def _point(runs: list[dict]) -> Point:
+    table = run_table(runs, "seed")
     singles = {
         "recall": [run["pck"]["recall"] for run in runs],
         "precision": [run["pck"]["precision"] for run in runs],
         "idf1": [run["idf1"] for run in runs],
         "absent": [run["shares"]["absent"] for run in runs],
     }
-    return {
-        "pcp": _rounded(bootstrap_ratio(block_sums(runs, "pcp"))),
-        "hidden": _rounded(bootstrap_ratio(block_sums(runs, "hidden"))),
-        **{name: _number(mean_known(np.array(values, float))) for name, values in singles.items()},
+    return Point(
+        figure_score(table, "pcp", "seed"),
+        figure_score(table, "hidden", "seed"),
+        {name: mean_known(np.array(values, float)) for name, values in singles.items()},
+    )
+
+
+def _axis(axis: Axis, contenders: Sequence[Contender], points: dict[tuple, Point]) -> dict:
+    entry = find_corruption(axis.name)
+    levels = [(0.0,), *axis.levels]
+    along = {each.name: [points[each.name, axis.active(level)] for level in levels] for each in contenders}
+    methods = {
+        name: {
+            "points": [{"level": level} | point.json for (level,), point in zip(levels, found, strict=True)],
+            "breaks": _breaks(np.array(levels)[:, 0], found),
+        }
+        for name, found in along.items()
     }
+    last = {name: found[-1].pcp for name, found in along.items()}
+    return {"name": axis.name, "about": entry.help, "unit": entry.unit, "methods": methods} | _best(last)
 
 
-def _breaks(levels: np.ndarray, by_level: list[list[dict]]) -> dict:
+def _pair(axis: Axis, contenders: Sequence[Contender], points: dict[tuple, Point]) -> dict:
+    found = [
+        {
+            "levels": list(level),
+            "methods": {each.name: points[each.name, axis.active(level)].json for each in contenders},
+        }
+        for level in axis.levels
+    ]
+    return {"names": list(axis.names), "units": [find_corruption(name).unit for name in axis.names], "points": found}
+
+
+def _breaks(levels: np.ndarray, points: list[Point]) -> dict:
     """Return the levels at which a method breaks, by PCP and by the error of hidden joints, see `curves`."""
     # If the clips are too short for an interval of a score, values derived from it have no interval either.
-    certain = np.isfinite(bootstrap_ratio(block_sums(by_level[0], "pcp")).low)
-    curves = {}
-    for figure in ("pcp", "hidden"):
-        sums = [block_sums(runs, figure) for runs in by_level]
-        value = np.array([[bootstrap_ratio(each).value for each in sums]])
-        draws = np.stack([bootstrap_scores(each) for each in sums], 1)
-        curves[figure] = np.concatenate([value, draws])
-    margins = {
-        "pcp": curves["pcp"] - curves["pcp"][:, :1] + PCP_DROP,
-        "hidden": HIDDEN_ERROR - curves["hidden"],
-    }
+    certain = np.isfinite(points[0].pcp.interval[0])
+
+    def curves_of(scores: list[Score]) -> np.ndarray:
+        """Return (1 + draws, L): the scores at each level, then those of each draw."""
+        return np.stack([np.append(each.value, each.drawn) for each in scores], 1)
+
+    pcp, hidden = curves_of([each.pcp for each in points]), curves_of([each.hidden for each in points])
     breaks = {}
-    for figure, margin in margins.items():
+    for figure, margin in (("pcp", pcp - pcp[:, :1] + PCP_DROP), ("hidden", HIDDEN_ERROR - hidden)):
         if np.isnan(margin[0]).all():
             breaks[figure] = None
             continue
@@ -133,22 +164,16 @@ def _breaks(levels: np.ndarray, by_level: list[list[dict]]) -> dict:
     return breaks
 
 
-def _best(runs: dict[str, list[dict]]) -> dict:
+def _best(scores: dict[str, Score]) -> dict:
     """Return the method of highest PCP, and the others that it exceeds by no more than noise; None if unknown."""
-    sums = {name: block_sums(found, "pcp") for name, found in runs.items()}
-    values = {name: bootstrap_ratio(each).value for name, each in sums.items()}
-    known = {name: value for name, value in values.items() if not np.isnan(value)}
+    known = {name: each for name, each in scores.items() if not np.isnan(each.value)}
     if not known:
         return {"best": None, "level_with": []}
-    best = max(known, key=known.get)
-    differences = {name: bootstrap_difference(sums[best], sums[name]) for name in known if name != best}
-    if any(np.isnan(each.low) for each in differences.values()):
+    best = max(known, key=lambda name: known[name].value)
+    differences = {name: known[best] - each for name, each in known.items() if name != best}
+    if any(np.isnan(each.interval[0]) for each in differences.values()):
         return {"best": best, "level_with": None}
     return {"best": best, "level_with": [name for name, each in differences.items() if not each.excludes_zero]}
-
-
-def _rounded(interval: Interval) -> list[float | None]:
-    return [_number(value) for value in (interval.value, interval.low, interval.high)]
 
 
 def _number(value: float, digits: int = 1) -> float | None:

@@ -1,4 +1,8 @@
-"""A cell of the stress matrix: corrupt a clip, capture it, complete it with each contender, and score the results."""
+"""The stress matrix: corrupt clips, capture them, complete them with each contender, and score the results.
+
+`prepare` plans the cells of clips and looks for results that exist already, `compute` runs the others and returns the
+curves. Each result is stored as soon as it is computed.
+"""
 
 import hashlib
 import json
@@ -19,9 +23,9 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.conversion import convert
 from dmae.evaluation.config import StressConfig
 from dmae.evaluation.corruption.corrupt import corrupt, people_of
-from dmae.evaluation.scores import measured_by_all, score, scored_actors, truth_of
-from dmae.evaluation.stress.curves import Runs, curves
-from dmae.evaluation.stress.plan import Cell, Contender, Plan, allowed, contenders, plan, source_hash
+from dmae.evaluation.scores import json_numbers, measured_by_all, score, scored_actors, truth_of
+from dmae.evaluation.stress.curves import curves
+from dmae.evaluation.stress.plan import Cell, Contender, Plan, allowed, contenders, plan, settings_of, source_hash
 from dmae.files.contents import write_atomic
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips
@@ -118,11 +122,9 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-# A cache of results. The key is a hash of everything on which a result depends, so no result is computed twice.
-
 _PACKAGE = Path(__file__).parents[2]
 _CODE = (
-    "data", "numerics", "formats/recordings", "reconstruction", "metrics", "completion", "evaluation/corruption",
+    "data", "numerics", "formats", "reconstruction", "metrics", "completion", "evaluation/corruption",
     "evaluation/scores.py", "evaluation/stress/matrix.py",
 )  # fmt: skip
 """Modules of the package on which the results depend."""
@@ -130,34 +132,33 @@ _VERSIONS = ("numpy", "scipy", "torch", "opencv-python-headless")
 
 
 class Cache:
-    """Scores of cells on disk, one small file for each cell; in memory if there is no folder.
+    """Scores of cells by key, in one file of JSON lines: a line is appended as soon as there is a result.
 
     Args:
-        folder: Folder of the files, created with the first result. None keeps the results in memory.
+        file: Created with the first result. A line that is damaged, as by a kill while it was written, is left out.
+            None keeps the results in memory.
     """
 
-    def __init__(self, folder: Path | None):
-        self.folder, self._memory = folder, {}
-
-    def get(self, key: str) -> dict | None:
-        """Return the result of a key; None if there is no result or its file is damaged."""
-        if key not in self._memory:
+    def __init__(self, file: Path | None):
+        self.file, self.results = file, {}
+        text = file.read_text(errors="replace") if file and file.is_file() else ""
+        for line in text.splitlines():
             try:
-                self._memory[key] = json.loads(self._path(key).read_text()) if self.folder else None
-            except (OSError, ValueError):
-                self._memory[key] = None
-        return self._memory[key]
+                self.results |= json.loads(line)
+            except (TypeError, ValueError):
+                continue
+        if text and not text.endswith("\n"):
+            write_atomic(file, "".join(json.dumps({key: each}) + "\n" for key, each in self.results.items()))
 
-    def put(self, key: str, result: dict) -> None:
+    def put(self, key: str, scores: dict) -> None:
         """Store a result."""
-        text = json.dumps(result)
+        line = json.dumps({key: json_numbers(scores)}, allow_nan=False)
         # A result that was just computed and one that is read later are equal, bit by bit.
-        self._memory[key] = json.loads(text)
-        if self.folder:
-            write_atomic(self._path(key), text, lasting=False)
-
-    def _path(self, key: str) -> Path:
-        return self.folder / key[:2] / f"{key}.json"
+        self.results |= json.loads(line)
+        if self.file:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            with self.file.open("a") as file:
+                file.write(line + "\n")
 
 
 def key_of(clip_hash: str, people: CaptureConfig, cell: Cell, contender: Contender) -> str:
@@ -170,7 +171,7 @@ def key_of(clip_hash: str, people: CaptureConfig, cell: Cell, contender: Contend
         contender: The contender that is scored.
     """
     own = {name: source_hash(name) for name, _ in cell.levels}
-    settings = [clip_hash, asdict(people), asdict(cell), own, contender.settings, code_hash()]
+    settings = [clip_hash, asdict(people), asdict(cell), own, settings_of(contender), code_hash()]
     return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
 
 
@@ -209,10 +210,8 @@ def code_hash() -> str:
     return digest.hexdigest()
 
 
-# The stress matrix: compute every cell of every clip, or read it from the cache, and return the result.
-
-CACHE = "cache"
-"""Name of the folder of results inside the folder of a stress test."""
+CACHE = "cache.jsonl"
+"""Name of the file of results inside the folder of a stress test."""
 _TRIED = 3
 """Number of cells that a forecast computes."""
 
@@ -246,9 +245,9 @@ class Matrix:
 
     def missing(self) -> dict[tuple[int, Cell], list[Contender]]:
         """Return the contenders without a result, by clip and cell, in the order of the clips."""
-        cells = list(self.plan.cells())
+        cells = self.plan.cells()
         wanted = {
-            (clip, cell): [each for each in self.contenders if self.cache.get(self.key(clip, cell, each)) is None]
+            (clip, cell): [each for each in self.contenders if self.key(clip, cell, each) not in self.cache.results]
             for clip in range(len(self.clips))
             for cell in cells
         }
@@ -257,7 +256,7 @@ class Matrix:
     @property
     def forecast(self) -> str:
         """Return the amount of computation left, in words."""
-        cells, missing = len(list(self.plan.cells())) * len(self.clips), len(self.missing())
+        cells, missing = len(self.plan.cells()) * len(self.clips), len(self.missing())
         kept = f"{cells - missing} of them kept from earlier runs, " if missing < cells else ""
         parts = (
             counted(len(self.clips), "clip"),
@@ -276,7 +275,7 @@ def prepare(clips: Sequence[Clip], config: StressConfig, cache: Path | None = No
     Args:
         clips: Simulated or real clips. Either all have truth or none has.
         config: Options. The fields `data` and `out` are not used.
-        cache: Folder of results; None to keep them in memory.
+        cache: File of results; None to keep them in memory.
 
     Raises:
         ValueError: there are no clips, two have the same id, only some have truth, or a requested axis is not possible.
@@ -312,7 +311,14 @@ def compute(matrix: Matrix) -> dict:
     for clip, cell, scores in progress(done, "stressing", len(missing)):
         for contender in missing[clip, cell]:
             matrix.cache.put(matrix.key(clip, cell, contender), scores[contender.name])
-    return curves(matrix.plan, matrix.contenders, _runs(matrix), matrix.ids, matrix.reference)
+    runs = [
+        {"method": each.name, "levels": cell.levels, "seed": cell.seed, "clip": name, "cameras": []}
+        | matrix.cache.results[matrix.key(clip, cell, each)]
+        for each in matrix.contenders
+        for cell in matrix.plan.cells()
+        for clip, name in enumerate(matrix.ids)
+    ]
+    return curves(matrix.plan, matrix.contenders, runs, matrix.ids, matrix.reference)
 
 
 def time_of(matrix: Matrix) -> float:
@@ -345,16 +351,3 @@ def _tasks(matrix: Matrix, missing: dict[tuple[int, Cell], list[Contender]]) -> 
 
 def _run(subject, clip: int, cell: Cell, left: list[Contender]) -> tuple[int, Cell, dict[str, dict]]:
     return clip, cell, run_cell(subject, cell, left)
-
-
-def _runs(matrix: Matrix) -> Runs:
-    """Return a function that looks up the scores of a contender in cells, one for each clip and cell."""
-
-    def runs(contender: Contender, cells: Sequence[Cell]) -> list[dict]:
-        return [
-            {"clip": name, "cameras": [], **matrix.cache.get(matrix.key(clip, cell, contender))}
-            for cell in cells
-            for clip, name in enumerate(matrix.ids)
-        ]
-
-    return runs

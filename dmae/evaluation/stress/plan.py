@@ -1,7 +1,7 @@
-"""The plan of a stress matrix: axes, pairs of axes, and the cells that they need."""
+"""The plan of a stress matrix: axes, pairs of axes, the cells that they need, and the methods that contend."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib.util import find_spec
@@ -60,10 +60,9 @@ class Axis:
     def name(self) -> str:
         return "+".join(self.names)
 
-    def cells(self, level: tuple[float, ...], seeds: Sequence[int]) -> list[Cell]:
-        """Return the cells of a level, one for each seed. If all its values are 0, return the uncorrupted cell."""
-        active = tuple((name, value) for name, value in zip(self.names, level, strict=True) if value)
-        return [Cell(active, seed) for seed in seeds] if active else [Cell((), 0)]
+    def active(self, level: tuple[float, ...]) -> tuple[tuple[str, float], ...]:
+        """Return name and value of the corruptions that are above 0 at a level."""
+        return tuple((name, value) for name, value in zip(self.names, level, strict=True) if value)
 
 
 @dataclass(frozen=True)
@@ -75,12 +74,10 @@ class Plan:
     seeds: tuple[int, ...]
     notes: tuple[str, ...] = ()
 
-    def cells(self) -> Iterator[Cell]:
-        """Yield every cell once. The first one is the cell of the uncorrupted clip."""
-        all_cells = [Cell((), 0)]
-        for axis in (*self.axes, *self.pairs):
-            all_cells += [cell for level in axis.levels for cell in axis.cells(level, self.seeds)]
-        yield from dict.fromkeys(all_cells)
+    def cells(self) -> list[Cell]:
+        """Return every cell once. The first one is the cell of the uncorrupted clip."""
+        levels = [axis.active(level) for axis in (*self.axes, *self.pairs) for level in axis.levels]
+        return [*dict.fromkeys([Cell((), 0), *(Cell(level, seed) for level in levels for seed in self.seeds)])]
 
 
 def plan(config: StressConfig) -> Plan:
@@ -149,8 +146,6 @@ def _axis(names: tuple[str, ...], config: StressConfig, asked: bool) -> Axis:
     return Axis(names, tuple(product(*levels)), asked, any(name in config.levels for name in names))
 
 
-# Contenders of a stress test: each is a capture and a completion method, from detections to completed poses.
-
 _SHIPPED = Path(__file__).parents[2] / "models"
 
 
@@ -176,11 +171,6 @@ class Contender:
     def fill(self) -> Callable[[Poses3D, float], Poses3D]:
         """The function that fills poses. Its arguments are the poses and the frames per second."""
         return _filling(self.method, self.weights)
-
-    @property
-    def settings(self) -> dict:
-        """All settings on which its results depend, JSON-able."""
-        return _settings(self)
 
 
 def contenders(config: StressConfig) -> list[Contender]:
@@ -213,13 +203,10 @@ def source_hash(name: str) -> str | None:
 
 def _paper(config: StressConfig) -> Contender:
     options = yaml.safe_load((resource_folder("dmae", "configs") / "capture/paper.yaml").read_text())
-    if config.paper_weights:
-        about, method = f"Captured with the paper's thresholds, completed by {config.paper_weights}.", "dmae"
-    else:
-        about, method = (
-            "Captured with the paper's thresholds, filled linearly: no weights of its network given.",
-            "linear",
-        )
+    how, method = f"completed by {config.paper_weights}", "dmae"
+    if not config.paper_weights:
+        how, method = "filled linearly: no weights of its network given", "linear"
+    about = f"Captured with the paper's thresholds, {how}."
     return Contender(PAPER, about, decode(CaptureConfig, options), method, config.paper_weights)
 
 
@@ -229,15 +216,13 @@ def _filling(method: str, weights: str | None) -> Callable[[Poses3D, float], Pos
 
 
 @cache
-def _settings(contender: Contender) -> dict:
+def settings_of(contender: Contender) -> dict:
+    """Return all settings on which the results of a contender depend, JSON-able."""
     method = contender.method
     settings = {"capture": asdict(contender.capture), "method": method, "file": source_hash(method)}
     if find_method(method).learned:
-        settings["weights"] = _hash_of_weights(contender.weights)
+        # The descriptions of weights contain their checksums.
+        folder = contender.weights
+        files = [Path(folder) / "model.json"] if folder else sorted(_SHIPPED.glob("*/model.json"))
+        settings["weights"] = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
     return settings
-
-
-def _hash_of_weights(folder: str | None) -> str:
-    """Return a hash of the descriptions of the weights, which contain the checksums of the weights."""
-    files = [Path(folder) / "model.json"] if folder else sorted(_SHIPPED.glob("*/model.json"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()

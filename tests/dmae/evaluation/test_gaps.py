@@ -12,7 +12,7 @@ from dmae.evaluation.config import EvaluateConfig, Input, ReferencePoses
 from dmae.evaluation.evaluate import evaluate
 from dmae.evaluation.synthetic_gaps import GapConfig
 from dmae.formats.reading import DataConfig
-from dmae.metrics.tables import score_tables
+from dmae.metrics.score_tables import score_tables
 from dmae.reporting.figures import gaps_figure
 from tests.support.clips import walkers
 from tests.support.scored_clips import by_method, circling, config, seen

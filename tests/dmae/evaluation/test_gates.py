@@ -14,7 +14,7 @@ from dmae.data.labels import DetectionLabels
 from dmae.data.store import save_clip
 from dmae.evaluation.evaluate import evaluate
 from dmae.evaluation.gates import _JUDGED, compare_scores
-from dmae.metrics.intervals import FIGURES
+from dmae.evaluation.scores import FIGURES
 from tests.support.commands import dmae
 from tests.support.scored_clips import config, seen
 

@@ -11,7 +11,7 @@ from dmae.data.skeleton import SHELF14
 from dmae.evaluation.scores import score, summary
 from dmae.metrics import registry
 from dmae.metrics.comparison import Comparison
-from dmae.metrics.tables import score_tables
+from dmae.metrics.score_tables import score_tables
 from tests.support.clips import walkers
 from tests.support.shelf_walkers import aside
 

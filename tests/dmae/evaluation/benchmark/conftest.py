@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from dmae.evaluation.benchmark.clips import BenchmarkSize, Definition, find_definition, make_clips
+from dmae.evaluation.benchmark.clips import Definition, find_definition, make_clips
+from dmae.evaluation.config import BenchmarkSize
 from tests.support.benchmarks import write_tiny
 
 

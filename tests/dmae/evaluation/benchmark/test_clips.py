@@ -10,7 +10,6 @@ import pytest
 
 from dmae.data.clip import Clip
 from dmae.evaluation.benchmark.clips import (
-    BenchmarkSize,
     Definition,
     FrozenMatch,
     check_clip,
@@ -18,6 +17,7 @@ from dmae.evaluation.benchmark.clips import (
     find_definition,
     freeze,
 )
+from dmae.evaluation.config import BenchmarkSize
 from tests.support.benchmarks import IDS, TINY
 from tests.support.clips import full_clip
 

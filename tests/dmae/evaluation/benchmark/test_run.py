@@ -16,7 +16,6 @@ from dmae.data.store import save_clip
 from dmae.evaluation.benchmark.clips import (
     CLIPS,
     GIVEN,
-    BenchmarkSize,
     Definition,
     clip_checksums,
     clip_of,
@@ -26,7 +25,8 @@ from dmae.evaluation.benchmark.clips import (
 )
 from dmae.evaluation.benchmark.holes import holes_of_capture
 from dmae.evaluation.benchmark.page import benchmark_tables
-from dmae.evaluation.benchmark.run import BenchmarkConfig, HandIn, Task, benchmark, check_poses, check_same, differences
+from dmae.evaluation.benchmark.run import HandIn, Task, benchmark, check_poses, check_same, differences
+from dmae.evaluation.config import BenchmarkConfig, BenchmarkSize
 from dmae.formats.own import export_npz
 from tests.support.benchmarks import IDS
 from tests.support.clips import full_clip, walkers
@@ -129,8 +129,6 @@ def test_what_a_function_raises_is_told_with_the_function_and_the_clip(tmp_path:
 
 # The whole benchmark, on two clips of a second.
 
-pytestmark = pytest.mark.slow
-
 
 def run(tiny: Definition, made: Path, tmp_path: Path, **options) -> dict:
     return benchmark(BenchmarkConfig(name=tiny.file, data_folder=str(made), out=str(tmp_path), **options))
@@ -153,12 +151,14 @@ def truth_of(made: Path, name: str, given) -> Poses3D:
     return Poses3D(given.poses.skeleton, xyz)
 
 
+@pytest.mark.slow
 def test_methods_see_no_truth(made: Path):
     given = given_clip(made, IDS[0])
     assert given.truth is given.occlusion is given.detection_labels is given.true_rig is None
     assert given.poses is not None and given.provenance == {}
 
 
+@pytest.mark.slow
 def test_clips_made_again_are_the_same_and_whole_ones_are_kept(tiny: Definition, made: Path, tmp_path: Path):
     data = tmp_path / "data"
     shutil.copytree(made, data)
@@ -172,6 +172,7 @@ def test_clips_made_again_are_the_same_and_whole_ones_are_kept(tiny: Definition,
         np.testing.assert_array_equal(given_clip(data, name).poses.xyz, given_clip(made, name).poses.xyz)
 
 
+@pytest.mark.slow
 def test_another_benchmark_in_the_same_folder_is_refused(tiny: Definition, made: Path, tmp_path: Path):
     other = tmp_path / "tiny.yaml"
     other.write_text(Path(tiny.file).read_text().replace("seed: 5", "seed: 6"))
@@ -179,6 +180,7 @@ def test_another_benchmark_in_the_same_folder_is_refused(tiny: Definition, made:
         benchmark(BenchmarkConfig(name=str(other), data_folder=str(made), out=str(tmp_path)))
 
 
+@pytest.mark.slow
 def test_frozen_checksums_are_compared(tiny: Definition, made: Path, tmp_path: Path):
     definition = tmp_path / "tiny.yaml"
     shutil.copy(tiny.file, definition)
@@ -197,6 +199,7 @@ def test_frozen_checksums_are_compared(tiny: Definition, made: Path, tmp_path: P
         benchmark(config)
 
 
+@pytest.mark.slow
 def test_the_truth_scores_0_files_as_functions_and_nothing_is_not_measured(
     tiny: Definition, made: Path, tmp_path: Path
 ):
@@ -222,6 +225,7 @@ def test_the_truth_scores_0_files_as_functions_and_nothing_is_not_measured(
     json.dumps(scores, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_a_command_prints_the_tables_and_a_second_hand_in_is_compared(tiny: Definition, made: Path, tmp_path: Path):
     (tmp_path / "mine.py").write_text(
         "from dmae.numerics.filling import fill_world\n"
@@ -246,6 +250,7 @@ def test_a_command_prints_the_tables_and_a_second_hand_in_is_compared(tiny: Defi
     assert wrong.returncode == 1 and "expected scores of tiny size=full, found those of tiny size=small" in wrong.stderr
 
 
+@pytest.mark.slow
 def test_earlier_scores_of_other_holes_or_files_are_refused(tiny: Definition, made: Path, tmp_path: Path):
     scores = run(tiny, made, tmp_path, methods=["linear"], captures=[])
     other = json.loads(json.dumps(scores))

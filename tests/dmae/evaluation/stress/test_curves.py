@@ -2,13 +2,14 @@
 
 import json
 import re
+from itertools import product
 
 import numpy as np
 import pytest
 
 from dmae.evaluation.stress.curves import breaking_point, curves
 from dmae.evaluation.stress.page import breaking_sentence, breaking_tables, summary, write_result
-from dmae.evaluation.stress.plan import Axis, Contender, Plan
+from dmae.evaluation.stress.plan import Axis, Cell, Contender, Plan
 from dmae.reconstruction.config import CaptureConfig
 
 LEVELS = np.array([0.0, 10.0, 20.0, 40.0])
@@ -43,10 +44,15 @@ def scores(pcp: float, hidden: float | None, seconds: int = 8, seed: int = 0) ->
         "pcp": {"sum": [correct.tolist()], "count": [limbs.tolist()]},
         "hidden": {"sum": [error.tolist()], "count": [joints.tolist()]},
     }
+    sums |= {"mpjpe": sums["hidden"], "recall": sums["hidden"]}
     return {
         "clip": "a", "cameras": [], "blocks": {"seconds": 1.0, "block": list(range(seconds)), **sums},
         "pck": {"recall": pcp, "precision": np.nan}, "idf1": 100.0, "shares": {"absent": 0.0},
     }  # fmt: skip
+
+
+def labels(name: str, cell: Cell) -> dict:
+    return {"method": name, "levels": cell.levels, "seed": cell.seed}
 
 
 PCP = {"steady": [99, 99, 98, 95], "frail": [90, 85, 75, 40], "as_good": [99, 99, 98, 95.01]}
@@ -59,11 +65,10 @@ def result() -> dict:
     contenders = [Contender(name, f"The {name} one.", config, name, None) for name in PCP]
     plan = Plan((Axis(("objects",), ((10.0,), (20.0,), (40.0,))),), (Axis(("cameras", "objects"), ((1, 20.0),)),), (0,))
 
-    def runs(contender, cells):
-        level = dict(cells[0].levels).get("objects", 0)
-        which = int(np.flatnonzero(level == LEVELS)[0])
-        return [scores(PCP[contender.name][which], HIDDEN[contender.name][which], seed=which) for _ in cells]
-
+    runs = []
+    for name, cell in product(PCP, plan.cells()):
+        which = int(np.flatnonzero(dict(cell.levels).get("objects", 0) == LEVELS)[0])
+        runs.append(scores(PCP[name][which], HIDDEN[name][which], seed=which) | labels(name, cell))
     return curves(plan, contenders, runs, ["a"], "truth")
 
 
@@ -90,9 +95,10 @@ def test_short_clips_have_no_intervals():
     contenders = [Contender(name, "", CaptureConfig(), "linear", None) for name in ("frail", "other")]
     plan = Plan((Axis(("objects",), ((40.0,),)),), (), (0,))
 
-    def runs(_, cells):
-        return [scores(50.0 if cells[0].levels else 90.0, None, seconds=3)]
-
+    runs = [
+        scores(50.0 if cell.levels else 90.0, None, seconds=3) | labels(name, cell)
+        for name, cell in product(("frail", "other"), plan.cells())
+    ]
     (axis,) = (result := curves(plan, contenders, runs, ["a"], "truth"))["axes"]
     assert axis["methods"]["frail"]["breaks"]["pcp"] == [pytest.approx(10, abs=0.5), None, None]
     assert axis["methods"]["frail"]["points"][1]["pcp"][1:] == [None, None]

@@ -11,7 +11,7 @@ from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
 from dmae.evaluation.config import StressConfig
 from dmae.evaluation.stress import matrix
-from dmae.evaluation.stress.matrix import compute, prepare
+from dmae.evaluation.stress.matrix import CACHE, compute, prepare
 from tests.support.animals import dog_clip
 from tests.support.commands import dmae
 from tests.support.stressed_clips import strollers
@@ -26,9 +26,9 @@ def config(**changes) -> StressConfig:
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """The folder of a cache, and the result of the run that filled it."""
-    folder = tmp_path_factory.mktemp("cache")
-    return folder, compute(prepare(CLIPS, config(), folder))
+    """The file of a cache, and the result of the run that filled it."""
+    file = tmp_path_factory.mktemp("cache") / CACHE
+    return file, compute(prepare(CLIPS, config(), file))
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_curves_fall_from_the_clip_as_it_is(first):
 def test_bodies_that_are_no_people_are_stressed_too(tmp_path):
     clip = dog_clip(60, dogs=2)
     subjects = config(axes=["own_body", "cameras"], levels={"cameras": [1]}, methods=["linear", "gaussian_process"])
-    result = compute(prepare([clip], subjects, tmp_path))
+    result = compute(prepare([clip], subjects, tmp_path / CACHE))
     for axis in result["axes"]:
         lines, learned = (axis["methods"][name]["points"] for name in ("linear", "gaussian_process"))
         assert all(mine["pcp"][0] > other["pcp"][0] for mine, other in zip(learned, lines, strict=True))
@@ -68,8 +68,8 @@ def test_bodies_that_are_no_people_are_stressed_too(tmp_path):
 
 
 def test_a_second_run_computes_nothing(first, ran):
-    folder, result = first
-    again = prepare(CLIPS, config(), folder)
+    file, result = first
+    again = prepare(CLIPS, config(), file)
     assert "10 of them kept from earlier runs, 0 to compute" in again.forecast
     assert compute(again) == result
     assert ran == []
@@ -84,8 +84,8 @@ def test_a_second_run_computes_nothing(first, ran):
     ],
 )
 def test_what_is_new_alone_is_computed(first, ran, changes, expected):
-    folder, _ = first
-    compute(prepare(CLIPS, config(**changes), folder))
+    file, _ = first
+    compute(prepare(CLIPS, config(**changes), file))
     if expected == {"hold alone"}:
         assert {tuple(methods) for _, _, methods in ran} == {("hold",)} and len(ran) == 6
     else:
@@ -94,23 +94,25 @@ def test_what_is_new_alone_is_computed(first, ran, changes, expected):
 
 
 def test_another_clip_capture_or_code_is_computed_anew(first, ran, monkeypatch):
-    folder, _ = first
+    file, _ = first
     moved = replace(CLIPS[0], truth=Poses3D(BODY25, CLIPS[0].truth.xyz + 0.01))
-    assert len(prepare([moved, CLIPS[1]], config(), folder).missing()) == 5
+    assert len(prepare([moved, CLIPS[1]], config(), file).missing()) == 5
     stricter = replace(config().capture, th_p=0.3)
-    assert len(prepare(CLIPS, config(capture=stricter), folder).missing()) == 10
+    assert len(prepare(CLIPS, config(capture=stricter), file).missing()) == 10
     monkeypatch.setattr("dmae.evaluation.stress.matrix.code_hash", lambda: "other")
-    assert len(prepare(CLIPS, config(), folder).missing()) == 10
+    assert len(prepare(CLIPS, config(), file).missing()) == 10
 
 
-def test_a_damaged_result_is_computed_anew(first, ran):
-    folder, result = first
-    planned = prepare(CLIPS, config(), folder)
-    key = planned.key(0, next(planned.plan.cells()), planned.contenders[0])
-    file = folder / key[:2] / f"{key}.json"
-    file.write_text("{")
-    assert compute(prepare(CLIPS, config(), folder)) == result
-    assert len(ran) == 1 and json.loads(file.read_text())
+@pytest.mark.parametrize("damage", [lambda line: line[:40], lambda line: b"\xff" + line, lambda _: b"[1]"])
+def test_a_damaged_result_is_computed_anew_and_the_file_is_whole_again(first, ran, tmp_path, damage):
+    kept, result = first
+    lines = kept.read_bytes().splitlines()
+    file = tmp_path / CACHE
+    file.write_bytes(b"\n".join([*lines[1:], damage(lines[0])]))
+    assert compute(prepare(CLIPS, config(), file)) == result
+    assert len(ran) == 1
+    keys = [{*json.loads(line, parse_constant=pytest.fail)} for line in file.read_bytes().splitlines()]
+    assert sorted(map(min, keys)) == sorted(min(json.loads(line)) for line in lines)
 
 
 def test_an_interrupted_run_is_continued(tmp_path, ran, first, monkeypatch):
@@ -124,18 +126,18 @@ def test_an_interrupted_run_is_continued(tmp_path, ran, first, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(matrix, "run_cell", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            compute(prepare(CLIPS, config(), tmp_path))
+            compute(prepare(CLIPS, config(), tmp_path / CACHE))
     assert len(ran) == 3
-    assert compute(prepare(CLIPS, config(), tmp_path)) == first[1]
+    assert compute(prepare(CLIPS, config(), tmp_path / CACHE)) == first[1]
     assert len(ran) == 10
 
 
 @pytest.mark.slow
 def test_the_number_of_workers_changes_nothing(first, tmp_path):
-    folder, result = first
-    assert compute(prepare(CLIPS, config(workers=2), tmp_path)) == result
-    files = [{file.name: file.read_bytes() for file in path.glob("*/*.json")} for path in (folder, tmp_path)]
-    assert files[1].items() <= files[0].items()
+    file, result = first
+    assert compute(prepare(CLIPS, config(workers=2), tmp_path / CACHE)) == result
+    lines, others = (set(path.read_text().splitlines()) for path in (file, tmp_path / CACHE))
+    assert others <= lines
 
 
 def test_without_truth_what_all_cameras_measured_is_the_reference(first):

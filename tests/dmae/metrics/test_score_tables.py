@@ -4,7 +4,7 @@ from dmae.completion.fillings import fill_linear
 from dmae.data.clip import Poses3D
 from dmae.data.skeleton import SHELF14
 from dmae.evaluation.scores import score, summary
-from dmae.metrics.tables import score_tables
+from dmae.metrics.score_tables import score_tables
 from dmae.reporting.tables import print_tables
 from tests.support.clips import walkers
 

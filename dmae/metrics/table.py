@@ -1,0 +1,160 @@
+"""The score table: sums and counts in long form, from which every score is divided and every interval is drawn.
+
+A table is a pandas data frame with two columns of numbers, `value` (a sum) and `count` (what the sum is divided by),
+and as many key columns as its user needs:
+
+    method  cameras  clip  block  person  joint  cause  gap | value  count
+
+`tally` sums arrays into a table, `ratios` divides the sums of each group, and `score_of` averages ratios and says how
+far they vary from one time to another. Evaluation, stress test, benchmark and the paper's tables are views of it.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+BLOCK = 1.0
+"""s; length of a block of time."""
+_LEVEL = 0.95
+"""Probability of intervals."""
+_FEWEST = 5
+"""Smallest number of blocks for an interval; the spread of fewer blocks is not meaningful."""
+
+
+def block_of(frames: np.ndarray, fps: float) -> np.ndarray:
+    """Return the index of the block of time that contains each frame."""
+    return (frames / fps / BLOCK + 1e-9).astype(int)
+
+
+def tally(
+    value: np.ndarray, counted: np.ndarray, *, among: np.ndarray | bool | None = None, **keys: np.ndarray
+) -> pd.DataFrame:
+    """Sum an array by keys.
+
+    Args:
+        value: Numbers of any shape. Where they are not counted they may be NaN.
+        counted: True for the numbers that count, of the same shape.
+        among: True for entries whose keys get a row, even if none of them counts; by default `counted`.
+        keys: Key columns by name, arrays that broadcast to the shape.
+
+    Returns:
+        A table with a row for each combination of keys, sorted.
+    """
+    among = np.broadcast_to(counted if among is None else among, value.shape)
+    columns = {name: np.broadcast_to(key, value.shape)[among] for name, key in keys.items()}
+    sums = {"value": np.where(counted, value, 0)[among], "count": counted[among].astype(int)}
+    return pd.DataFrame(columns | sums).groupby(list(keys), as_index=False).sum()
+
+
+def ratios(table: pd.DataFrame, *by: str, value: str = "value", count: str = "count", scale: float = 1) -> pd.Series:
+    """Return sum / count of each group, times `scale`; NaN where nothing was counted.
+
+    Args:
+        table: A score table.
+        by: Key columns. Groups are in the order of their first rows.
+        value, count: Columns to divide, for tables with several.
+        scale: Factor to the unit of the score, for example 100 for %.
+    """
+    sums = table.groupby(list(by), sort=False)[[value, count]].sum()
+    return scale * sums[value] / sums[count].where(sums[count] > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """A score, and the same score of other draws of its blocks of time.
+
+    The difference of two scores of the same blocks is a score, too: the same blocks are drawn for both, so that common
+    errors cancel.
+
+    Attributes:
+        value: The score; NaN if there is nothing to score.
+        drawn: (draws,) the score of each draw.
+        blocks: Number of blocks of each clip.
+    """
+
+    value: float
+    drawn: np.ndarray
+    blocks: list[int]
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the 95 % interval; NaN if there are fewer than five blocks."""
+        known = self.drawn[~np.isnan(self.drawn)]
+        if sum(self.blocks) < _FEWEST or not len(known):
+            return np.nan, np.nan
+        low, high = np.quantile(known, [(1 - _LEVEL) / 2, (1 + _LEVEL) / 2])
+        return float(low), float(high)
+
+    @property
+    def excludes_zero(self) -> bool:
+        """True if the interval is on one side of zero, so that a difference is more than noise."""
+        low, high = self.interval
+        return low > 0 or high < 0
+
+    def __sub__(self, other: "Score") -> "Score":
+        if self.blocks != other.blocks:
+            raise ValueError(
+                f"scores of the same clips expected; found {self.blocks} and {other.blocks} blocks of time with truth"
+            )
+        return Score(self.value - other.value, self.drawn - other.drawn, self.blocks)
+
+
+def score_of(
+    table: pd.DataFrame,
+    *average: str,
+    within: str = "clip",
+    draw: str = "block",
+    value: str = "value",
+    count: str = "count",
+    scale: float = 1.0,
+    draws: int = 1000,
+    seed: int = 0,
+) -> Score:
+    """Return the mean of ratios, with its variation over blocks of time.
+
+    Errors of neighbouring frames are nearly the same, so whole blocks of time are drawn (the block bootstrap of Künsch
+    1989, with blocks that do not overlap). Clips are not drawn: an interval covers other moments of these recordings,
+    not other recordings. With the same seed and the same blocks, the same blocks are drawn.
+
+    Args:
+        table: A score table.
+        average: Key columns. There is one ratio for each combination, and ratios are averaged over the last key first:
+            `"cameras", "clip", "person"` is the mean over persons, then over clips, then over subsets of cameras.
+            Ratios with a count of 0 do not count in the mean.
+        within, draw: Key columns: the blocks that are drawn, and what they are drawn from, one of `average`.
+        value, count: Columns to divide, for tables with several.
+        scale: Factor to the unit of the score.
+        draws: Number of draws.
+        seed: Of the draws.
+    """
+    if not len(table):
+        return Score(np.nan, np.full(draws, np.nan), [])
+    average = list(average)
+    groups = table[average].drop_duplicates()
+    # A ratio has the weight 1 / (number of subsets x clips of its subset x persons of its clip).
+    parts = [groups.groupby(average[:n])[average[n]].transform("nunique") for n in range(1, len(average))]
+    share = 1 / np.prod([*parts, np.full(len(groups), groups[average[0]].nunique())], 0)
+    stratum, _ = pd.factorize(groups[within])
+    blocks = table[[within, draw]].drop_duplicates()
+    number = blocks.groupby(within, sort=False).cumcount().to_numpy()
+    sizes = blocks.groupby(within, sort=False).size().tolist()
+    group = table.groupby(average, sort=False).ngroup()
+    block = number[table.groupby([within, draw], sort=False).ngroup()]
+    sums = np.zeros((2, len(groups), max(sizes)))
+    np.add.at(sums, (slice(None), group, block), table[[value, count]].to_numpy(float).T)
+
+    def mean(total: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """Average ratios (draws, groups)."""
+        known = counts > 0
+        ratio = np.divide(total, counts, out=np.zeros_like(total), where=known)
+        weight = (known * share).sum(1)
+        return np.divide(scale * (ratio * share).sum(1), weight, out=np.full(len(total), np.nan), where=weight > 0)
+
+    rng = np.random.default_rng(seed)
+    weights = np.zeros((draws, len(sizes), max(sizes)))
+    for clip, size in enumerate(sizes):
+        weights[:, clip, :size] = rng.multinomial(size, np.full(size, 1 / size), size=draws)
+    drawn = mean(*(np.einsum("dgb,gb->dg", weights[:, stratum], part) for part in sums))
+    return Score(float(mean(*sums.sum(-1)[:, None])[0]), drawn, sizes)
