@@ -137,7 +137,7 @@ class StressConfig:
     dry_run: bool = False
     """Only print how many cells are to be computed, and what time that takes, as a few of them show."""
     out: str = "runs/stress"
-    """Folder of `stress.json` and `stress.html`, and of `cache`, from which later runs reuse results."""
+    """Folder of `stress.json`, `stress.html`, and `cache.jsonl`, from which later runs reuse results."""
 
     def __post_init__(self):
         if not self.methods:
