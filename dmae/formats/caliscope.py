@@ -9,14 +9,11 @@ import tomlkit
 from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
-from dmae.data.clip import Clip
 from dmae.data.skeleton import BLAZEPOSE33, COCO17, HALPE26, Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import read_toml
 from dmae.formats.calibrations import (
-    FOUND,
-    CalibrationSource,
     CameraTable,
     ParsedCamera,
     calibration_format,
@@ -24,7 +21,7 @@ from dmae.formats.calibrations import (
     orthonormal,
     require,
 )
-from dmae.formats.recordings import NumberedDetections, with_cameras
+from dmae.formats.recordings import NumberedDetections
 from dmae.formats.registry import reader
 
 FILE = "camera_array.toml"
@@ -118,33 +115,15 @@ _CALIBRATION_TARGETS = ("CHARUCO", "ARUCO", "CHESSBOARD")
 _MOST_ROWS = 50_000_000
 
 
-@reader("caliscope", signs=[["xy_*.csv"], ["*/xy_*.csv"], ["camera_array.toml"], ["recordings/*/*/xy_*.csv"]])
-def read_caliscope(
-    path: Path,
-    *,
-    calibration: CalibrationSource = FOUND,
-    detections: Path | None = None,
-    fps: float | None = None,
-    skeleton: Skeleton | None = None,
-) -> Clip:
+@reader(
+    "caliscope",
+    signs=[["xy_*.csv"], ["*/xy_*.csv"], ["camera_array.toml"], ["recordings/*/*/xy_*.csv"]],
+    cameras=False,
+)
+def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """A Caliscope project, or one of its recordings: camera_array.toml and <TRACKER>/xy_<TRACKER>.csv.
 
-    Args:
-        path: The project, a recording in it, or the folder of a tracker.
-        calibration: Path of the calibration, and the values that its file does not state. Older projects have the
-            calibration in `config.toml`.
-        detections: The CSV file; by default found in `path`.
-        fps: Frames per second; by default computed from the times in the CSV file.
-        skeleton: Skeleton of the points; by default the skeleton of the tracker.
-
-    Raises:
-        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
-    """
-    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
-
-
-def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read the points of a CSV file: one person per camera. The file has no confidences; they become 1.
+    Read the points of a CSV file: one person per camera. The file has no confidences; they become 1.
 
     The frame number is `sync_index`. Rows of all cameras with the same `sync_index` show the same moment.
 

@@ -16,11 +16,11 @@ from dmae.data.skeleton import SKELETONS, Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import check_vacant, whole_folder, write_atomic
 from dmae.files.structured import read_json
-from dmae.formats.calibrations import FOUND, CalibrationSource, write_calibration
+from dmae.formats.calibrations import write_calibration
 from dmae.formats.labelled_images import PersonLabel, Picture, array_pictures, joint_labels, read_pictures
 from dmae.formats.openpose import BY_COUNT, CALIBRATION
 from dmae.formats.poses import covariance_entry
-from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural, with_cameras
+from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.formats.writing import exported_poses
 from dmae.progress import progress
@@ -200,32 +200,12 @@ class _Found:
     signs=[["*keypoints*.json"], ["annotations*.json"], ["coco*.json"]],
     file="*.json",
     general=True,
+    cameras=False,
 )
-def read_coco(
-    path: Path,
-    *,
-    calibration: CalibrationSource = FOUND,
-    detections: Path | None = None,
-    fps: float | None = None,
-    skeleton: Skeleton | None = None,
-) -> Clip:
+def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """COCO keypoints in one JSON for all cameras or one JSON per camera, with a calibration of any format.
 
-    Args:
-        path: The recording, or its file of annotations.
-        calibration: Path of the calibration, and the values that its file does not state.
-        detections: File or folder of the annotations; by default `path`.
-        fps: Frames per second, if `info` does not state it.
-        skeleton: As in `read_detections`.
-
-    Raises:
-        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
-    """
-    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
-
-
-def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read the annotations of a file, or of all files of a folder except calibrations.
+    Read the annotations of a file, or of all files of a folder except calibrations.
 
     In a single file, each image states its `camera`, or its `file_name` contains a folder named after the camera. Each
     of several files contains the camera that it is named after, and may be only a list of results. The number of a

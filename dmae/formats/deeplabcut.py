@@ -4,13 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.files.contents import read_text
 from dmae.files.hdf5 import Hdf5, open_hdf5
 from dmae.files.pickles import pickled_values
-from dmae.formats.calibrations import FOUND, CalibrationSource
-from dmae.formats.recordings import NumberedDetections, natural, with_cameras
+from dmae.formats.recordings import NumberedDetections, natural
 from dmae.formats.registry import reader
 from dmae.formats.skeletons import NamedDetections, named_detections
 
@@ -23,32 +21,11 @@ Labels = list[tuple[str, ...]]
 """Labels of the columns of a table: individual, body part and coordinate of each column."""
 
 
-@reader("deeplabcut", signs=[["*DLC*.h5"], ["*DLC*.csv"]])
-def read_deeplabcut(
-    path: Path,
-    *,
-    calibration: CalibrationSource = FOUND,
-    detections: Path | None = None,
-    fps: float | None = None,
-    skeleton: Skeleton | None = None,
-) -> Clip:
+@reader("deeplabcut", signs=[["*DLC*.h5"], ["*DLC*.csv"]], cameras=False)
+def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """DeepLabCut's <camera>DLC_<network>.h5 or .csv of each camera, with a calibration of any format.
 
-    Args:
-        path: The recording.
-        calibration: Path of the calibration, and the values that its file does not state.
-        detections: Folder of the files; by default `path`.
-        fps: Frames per second. The files do not state it.
-        skeleton: As in `read_detections`.
-
-    Raises:
-        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
-    """
-    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
-
-
-def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read one file per camera. The name of the file starts with the name of the camera, followed by `DLC`.
+    Read one file per camera. The name of the file starts with the name of the camera, followed by `DLC`.
 
     If a camera has an .h5 and a .csv file, the .h5 file is read. A joint without coordinates is absent. An animal
     without joints is also absent.

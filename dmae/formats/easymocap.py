@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +14,6 @@ from dmae.files.checks import MOST_PIXELS, check_numbers, child
 from dmae.files.contents import read_text, write_atomic
 from dmae.files.structured import parse_yaml, read_json
 from dmae.formats.calibrations import (
-    FOUND,
-    CalibrationSource,
     CameraTable,
     ParsedCamera,
     calibration_format,
@@ -26,7 +23,7 @@ from dmae.formats.calibrations import (
     write_calibration,
 )
 from dmae.formats.openpose import OF_25_JOINTS
-from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural, with_cameras
+from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural
 from dmae.formats.registry import reader, recording_writer
 from dmae.formats.skeletons import guess_skeleton
 from dmae.progress import progress
@@ -171,40 +168,9 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
 ANNOTATIONS = "annots"
 
 
-@reader("easymocap", signs=[["intri.yml"], ["annots"]])
-def read_easymocap(
-    path: Path,
-    *,
-    calibration: CalibrationSource = FOUND,
-    detections: Path | None = None,
-    fps: float | None = None,
-    skeleton: Skeleton | None = None,
-) -> Clip:
+@reader("easymocap", signs=[["intri.yml"], ["annots"]], cameras=False)
+def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """An EasyMocap sequence: intri.yml, extri.yml, annots/<camera>/<frame number>.json.
-
-    Args:
-        path: The recording.
-        calibration: Path of the calibration, and the values that its file does not state.
-        detections: Folder that contains the folders of the cameras; by default `annots` in `path`.
-        fps: Frames per second. The files do not state it.
-        skeleton: Skeleton of the detections; by default BODY_25 or BODY_25B.
-
-    Raises:
-        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
-    """
-    try:
-        found = read_detections(detections or path, skeleton or BODY25)
-    except FileNotFoundError as error:
-        raise FileNotFoundError(f"{error}; name it by data.detections=...") from None
-    if skeleton is None:
-        people = (frame for view in found.views.values() for frame in view.values())
-        recognised, notes = guess_skeleton(path, OF_25_JOINTS, people)
-        found = replace(found, skeleton=recognised, notes=(*found.notes, *notes))
-    return with_cameras(found, path, calibration, fps)
-
-
-def read_detections(path: Path, skeleton: Skeleton = BODY25) -> NumberedDetections:
-    """Read `annots/<camera>/<frame number>.json`.
 
     A joint with confidence 0 is absent. If a file is not valid JSON, for example because it is cut short, its frame is
     absent and the file is listed in `unreadable`. EasyMocap's person ids, which are only valid within a view, are not
@@ -212,6 +178,7 @@ def read_detections(path: Path, skeleton: Skeleton = BODY25) -> NumberedDetectio
 
     Args:
         path: The recording, its folder `annots`, or another folder that contains the folders of the cameras.
+        skeleton: By default BODY_25 or BODY_25B; `guess_skeleton` chooses between them.
 
     Raises:
         FileNotFoundError: there are no such files.
@@ -233,12 +200,18 @@ def read_detections(path: Path, skeleton: Skeleton = BODY25) -> NumberedDetectio
         except ValueError as error:
             unreadable.setdefault(name, []).append(str(error))
             continue
-        size, views[name][number] = _size(file, content), _people(file, content, skeleton, confidences)
+        size, views[name][number] = _size(file, content), _people(file, content, skeleton or BODY25, confidences)
         if size and sizes.setdefault(name, size) != size:
             raise ValueError(f"{file}: expected images of {sizes[name]} px as before of camera {name!r}, found {size}")
     if not any(views.values()):
         raise ValueError(f"{path}: not one file could be read; {next(iter(unreadable.values()))[0]}")
-    return NumberedDetections(skeleton, views, unreadable=unreadable, sizes=sizes, notes=confidences.notes)
+    notes = confidences.notes
+    if skeleton is None:
+        skeleton, guessed = guess_skeleton(
+            path, OF_25_JOINTS, (people for view in views.values() for people in view.values())
+        )
+        notes += guessed
+    return NumberedDetections(skeleton, views, unreadable=unreadable, sizes=sizes, notes=notes)
 
 
 def _camera_folders(path: Path) -> dict[str, Path]:
@@ -247,7 +220,9 @@ def _camera_folders(path: Path) -> dict[str, Path]:
         folders = [file.parent for file in place.glob("*/*.json")]
         if folders:
             return {folder.name: folder for folder in sorted(set(folders), key=lambda folder: natural(folder.name))}
-    raise FileNotFoundError(f"{path}: expected {ANNOTATIONS}/<camera>/<frame number>.json, found none")
+    raise FileNotFoundError(
+        f"{path}: expected {ANNOTATIONS}/<camera>/<frame number>.json, found none; name it by data.detections=..."
+    )
 
 
 def _size(file: Path, content) -> tuple[int, int] | None:

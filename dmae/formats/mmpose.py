@@ -7,15 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Clip
 from dmae.data.skeleton import COCO17, Skeleton
 from dmae.files.checks import MOST_PIXELS, check_numbers
 from dmae.files.contents import read_bytes
 from dmae.files.pickles import pickled_values
 from dmae.files.structured import read_json
-from dmae.formats.calibrations import FOUND, CalibrationSource
 from dmae.formats.openpose import BY_COUNT
-from dmae.formats.recordings import Confidences, NumberedDetections, natural, with_cameras
+from dmae.formats.recordings import Confidences, NumberedDetections, natural
 from dmae.formats.registry import reader
 
 _PICKLES = (".pkl", ".pickle")
@@ -24,32 +22,11 @@ _WHOLE_BODY = 133
 """Number of points in COCO-WholeBody. Its first 17 points are the joints of COCO."""
 
 
-@reader("mmpose", signs=[["predictions/*.json"], ["predictions/*.pkl"], ["*.pkl"], ["*.pickle"]])
-def read_mmpose(
-    path: Path,
-    *,
-    calibration: CalibrationSource = FOUND,
-    detections: Path | None = None,
-    fps: float | None = None,
-    skeleton: Skeleton | None = None,
-) -> Clip:
+@reader("mmpose", signs=[["predictions/*.json"], ["predictions/*.pkl"], ["*.pkl"], ["*.pickle"]], cameras=False)
+def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """Predictions of MMPose or RTMPose, <camera>.json or <camera>.pkl of all frames, with a calibration of any format.
 
-    Args:
-        path: The recording.
-        calibration: Path of the calibration, and the values that its file does not state.
-        detections: Folder of the files; by default `predictions` in `path`, or `path`.
-        fps: Frames per second. The files do not state it.
-        skeleton: As in `read_detections`.
-
-    Raises:
-        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
-    """
-    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
-
-
-def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read one file per camera. A file contains a list of frames, each with its people.
+    Read one file per camera. A file contains a list of frames, each with its people.
 
     A frame is a list of people, or an object. An object contains the people as `instances` or `predictions`, and can
     contain the number of the frame as `frame_id`. A person has `keypoints`: x and y in px, and the confidence of each

@@ -26,9 +26,8 @@ from dmae.files.checks import MOST_METRES, check_numbers, check_rate
 from dmae.files.contents import write_atomic
 from dmae.files.hdf5 import Hdf5, open_hdf5
 from dmae.files.structured import parse_json
-from dmae.formats.calibrations import FOUND, CalibrationSource
 from dmae.formats.poses import PoseFile
-from dmae.formats.recordings import NumberedDetections, natural, with_cameras
+from dmae.formats.recordings import NumberedDetections, natural
 from dmae.formats.registry import pose_reader, pose_writer, reader
 from dmae.formats.skeletons import NamedDetections, named_detections, named_skeleton
 
@@ -37,32 +36,11 @@ _AXES = ("time", "space", "keypoints", "individuals")
 _MOST = {"time": 10_000_000, "individuals": 1000}
 
 
-@reader("movement", signs=[["*.nc"]])
-def read_movement(
-    path: Path,
-    *,
-    calibration: CalibrationSource = FOUND,
-    detections: Path | None = None,
-    fps: float | None = None,
-    skeleton: Skeleton | None = None,
-) -> Clip:
+@reader("movement", signs=[["*.nc"]], cameras=False)
+def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """movement's <camera>.nc, poses in 2D of each camera, with a calibration of any format.
 
-    Args:
-        path: The recording.
-        calibration: Path of the calibration, and the values that its file does not state.
-        detections: Folder of the files; by default `path`.
-        fps: Frames per second; by default the rate that the files state.
-        skeleton: As in `read_detections`.
-
-    Raises:
-        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
-    """
-    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
-
-
-def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read one file per camera, with the name of the camera. A missing confidence of a keypoint becomes 1.
+    Read one file per camera, with the name of the camera. A missing confidence of a keypoint becomes 1.
 
     Args:
         path: Folder of the files.

@@ -22,9 +22,9 @@ from dmae.data.skeleton import (
 from dmae.files.checks import MOST_PIXELS, check_numbers, child
 from dmae.files.contents import write_atomic
 from dmae.files.structured import read_json
-from dmae.formats.calibrations import FOUND, CalibrationSource, write_calibration
+from dmae.formats.calibrations import write_calibration
 from dmae.formats.poses import covariance_entry, pixel_covariances
-from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural, with_cameras
+from dmae.formats.recordings import Confidences, NumberedDetections, frame_number, natural
 from dmae.formats.registry import pose_writer, reader, recording_writer
 from dmae.formats.skeletons import guess_skeleton
 from dmae.progress import progress
@@ -45,32 +45,11 @@ COMPLETED_SCORE = 0.5
 """Confidence that is written for completed joints. Measured joints have 1."""
 
 
-@reader("openpose", signs=[["*/*_keypoints.json"], ["openpose"], ["keypoints"], ["json"]], general=True)
-def read_openpose(
-    path: Path,
-    *,
-    calibration: CalibrationSource = FOUND,
-    detections: Path | None = None,
-    fps: float | None = None,
-    skeleton: Skeleton | None = None,
-) -> Clip:
+@reader("openpose", signs=[["*/*_keypoints.json"], ["openpose"], ["keypoints"], ["json"]], general=True, cameras=False)
+def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """OpenPose's <camera>/<name>_<frame number>_keypoints.json, with a calibration of any format.
 
-    Args:
-        path: The recording.
-        calibration: Path of the calibration, and the values that its file does not state.
-        detections: Folder that contains the folders of the cameras; by default found in `path`.
-        fps: Frames per second. The files do not state it.
-        skeleton: As in `read_detections`.
-
-    Raises:
-        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
-    """
-    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
-
-
-def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read `<camera>/<anything><frame number>[_keypoints].json`, as OpenPose and Pose2Sim name them.
+    Read `<camera>/<anything><frame number>[_keypoints].json`, as OpenPose and Pose2Sim name them.
 
     A joint with confidence 0 is absent. A person `{}`, which Pose2Sim writes, is absent. If a file is not valid JSON,
     for example because it is cut short, its frame is absent and the file is listed in `unreadable`.

@@ -143,7 +143,7 @@ def read_panoptic(
         FileNotFoundError, ValueError: as `dmae.formats.openpose.read_detections`, `read_poses` and `with_cameras`.
     """
     try:
-        found = openpose.read_detections(detections or path, skeleton)
+        found = openpose.read_detections(detections or path, skeleton=skeleton)
     except FileNotFoundError:
         if detections is not None:
             raise

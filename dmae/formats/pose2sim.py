@@ -164,7 +164,7 @@ def read_detections(path: Path, detections: Path | None = None, skeleton: Skelet
     model = _setting(path, "pose", "pose_model")
     named = _MODELS.get(str(model).lower().replace("_", "").replace("-", ""))
     try:
-        found = openpose.read_detections(folder, skeleton or named)
+        found = openpose.read_detections(folder, skeleton=skeleton or named)
     except ValueError:
         # The number of joints shows that another model than in Config.toml made the files.
         if skeleton or not named:

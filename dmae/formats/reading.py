@@ -18,6 +18,7 @@ from dmae.files.checks import PICTURES, VIDEOS
 from dmae.formats.calibrations import CalibrationSource, convention_of
 from dmae.formats.config import Convention, DataConfig
 from dmae.formats.footage import with_pictures, with_videos
+from dmae.formats.recordings import with_cameras
 from dmae.formats.registry import RecordingReader, reader
 
 
@@ -181,7 +182,11 @@ class Clips(Sequence):
         config, folder = self.config, self.folders[index]
         arguments = _arguments(config, self.reader, folder)
         try:
-            clip = self.reader.function(folder, **arguments)
+            if self.reader.cameras:
+                clip = self.reader.function(folder, **arguments)
+            else:
+                detections = self.reader.function(arguments["detections"] or folder, skeleton=arguments["skeleton"])
+                clip = with_cameras(detections, folder, arguments["calibration"], arguments["fps"])
             clip.check_numbers()
             if config.videos is not None:
                 clip = with_videos(clip, Path(config.videos))
@@ -220,7 +225,7 @@ def is_data_set(config: DataConfig) -> bool:
 
 def written_convention(config: DataConfig) -> Convention | None:
     """Return the convention by which the calibration is read; None if the format takes no calibration."""
-    if "calibration" not in _reader(config).options:
+    if not _reader(config).takes("calibration"):
         return None
     path = Path(config.calibration or config.path)
     return convention_of(path, unit=config.unit, up=config.up, inverse=config.inverse)
@@ -293,7 +298,7 @@ def _arguments(config: DataConfig, entry: RecordingReader, path: Path) -> dict:
     Raises:
         ValueError: the configuration has options that the reader does not take.
     """
-    refusable = {name for option, names in _OPTIONS.items() if option not in entry.options for name in names}
+    refusable = {name for option, names in _OPTIONS.items() if not entry.takes(option) for name in names}
     given = [field.name for field in fields(config) if getattr(config, field.name) is not None]
     refused = [name for name in given if name in refusable]
     if refused:
@@ -306,7 +311,7 @@ def _arguments(config: DataConfig, entry: RecordingReader, path: Path) -> dict:
         "fps": config.fps,
         "skeleton": None if config.skeleton is None else _skeleton(config.skeleton),
     }
-    return {option: values[option] for option in entry.options}
+    return {option: value for option, value in values.items() if entry.takes(option)}
 
 
 def _skeleton(name: str) -> Skeleton:

@@ -13,19 +13,26 @@ from dmae.registry import Entry, Registry
 class RecordingReader(Entry):
     """A reader of recordings: a function that takes a path and the options that it needs, and returns a `Clip`.
 
-    `dmae.formats.reading` lists the options.
+    The reader of files that state no cameras takes the path of the detections, and returns `NumberedDetections`. Their
+    calibration and frame rate are added by `dmae.formats.reading`, which lists the options.
 
     Attributes:
         signs: Lists of file patterns. A folder is recognised if it contains a match of every pattern of one list.
         file: Pattern of the names of files that are recognised.
         general: Other formats contain these files too, so this format is recognised only if no other format is.
         data_set: The path can be a data set: a folder that contains one folder per clip.
+        cameras: The reader returns a clip, with its cameras; otherwise it returns detections.
     """
 
     signs: list[list[str]] = field(default_factory=list)
     file: str = ""
     general: bool = False
     data_set: bool = False
+    cameras: bool = True
+
+    def takes(self, option: str) -> bool:
+        """Return whether recordings of this format take an option: `calibration`, `detections`, `fps`, `skeleton`."""
+        return option in self.options or not self.cameras
 
 
 @dataclass(frozen=True)

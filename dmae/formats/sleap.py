@@ -5,11 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dmae.data.clip import Clip
 from dmae.data.skeleton import Skeleton
 from dmae.files.hdf5 import Hdf5, open_hdf5
-from dmae.formats.calibrations import FOUND, CalibrationSource
-from dmae.formats.recordings import NumberedDetections, natural, with_cameras
+from dmae.formats.recordings import NumberedDetections, natural
 from dmae.formats.registry import reader
 from dmae.formats.skeletons import NamedDetections, named_detections
 
@@ -20,32 +18,11 @@ _MATLAB = ("track", "xy", "node", "frame")
 """Axes of `tracks` in files that do not state them."""
 
 
-@reader("sleap", signs=[["*.analysis.h5"]])
-def read_sleap(
-    path: Path,
-    *,
-    calibration: CalibrationSource = FOUND,
-    detections: Path | None = None,
-    fps: float | None = None,
-    skeleton: Skeleton | None = None,
-) -> Clip:
+@reader("sleap", signs=[["*.analysis.h5"]], cameras=False)
+def read_detections(path: Path, *, skeleton: Skeleton | None = None) -> NumberedDetections:
     """SLEAP's <camera>.analysis.h5 of each camera, with a calibration of any format.
 
-    Args:
-        path: The recording.
-        calibration: Path of the calibration, and the values that its file does not state.
-        detections: Folder of the files; by default `path`.
-        fps: Frames per second. The files do not state it.
-        skeleton: As in `read_detections`.
-
-    Raises:
-        FileNotFoundError, ValueError: as `read_detections` and `with_cameras`.
-    """
-    return with_cameras(read_detections(detections or path, skeleton), path, calibration, fps)
-
-
-def read_detections(path: Path, skeleton: Skeleton | None = None) -> NumberedDetections:
-    """Read one file per camera, with the name of the camera.
+    Read one file per camera, with the name of the camera.
 
     The score of a point is its confidence. Points that people placed have no score; their confidence is 1.
 

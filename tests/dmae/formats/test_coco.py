@@ -130,7 +130,7 @@ def test_other_bad_input_is_refused(tmp_path):
         read_detections(tmp_path)
     write(tmp_path, plain())
     with pytest.raises(ValueError, match="expected 26 keypoints as of halpe26, found 17"):
-        read_detections(tmp_path, HALPE26)
+        read_detections(tmp_path, skeleton=HALPE26)
     (tmp_path / "keypoints.json").write_text(json.dumps(plain())[:-20])
     with pytest.raises(ValueError, match=r"keypoints\.json: expected JSON.*line 1 column"):
         read_detections(tmp_path)

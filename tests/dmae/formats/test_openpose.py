@@ -47,7 +47,7 @@ def test_skeletons_are_recognised(tmp_path, skeleton):
     assert bool(found.notes) == (skeleton == BODY25B)
     # The user has the last word.
     if len(skeleton) == 25:
-        assert read_detections(tmp_path, BODY25).skeleton == BODY25
+        assert read_detections(tmp_path, skeleton=BODY25).skeleton == BODY25
 
 
 def test_what_is_missing_is_absent_not_at_the_corner(tmp_path):
@@ -137,7 +137,7 @@ def test_other_bad_folders_are_refused(tmp_path):
         read_detections(tmp_path)
     (tmp_path / "cam0" / "x_1.json").unlink()
     with pytest.raises(ValueError, match=r"expected people of 17 joints as in data\.skeleton, found 25"):
-        read_detections(tmp_path, COCO17)
+        read_detections(tmp_path, skeleton=COCO17)
     (tmp_path / "cam0").rename(tmp_path / "cam1_json")
     with pytest.raises(ValueError, match="found two of the same"):
         read_detections(tmp_path)
@@ -175,7 +175,7 @@ def test_read_after_write_is_equal(tmp_path_factory, frames, views, people, firs
     written = Detections2D(BODY25, xy, score)
     write_detections(written, cameras, folder, first)
     if frames:
-        found = read_detections(folder, BODY25)
+        found = read_detections(folder, skeleton=BODY25)
         assert set(found.views) == set(cameras)
         clip = (
             to_clip(NumberedDetections(BODY25, found.views), recording(BODY25, 1, views).rig, 25.0, folder)
