@@ -1,4 +1,4 @@
-"""Corrupt a clip: apply corruptions, each at a level, with random numbers that depend on the clip's id and a seed."""
+"""Corrupt a clip: apply corruptions, each at a level; and what corruptions share: people, detections, events, limbs."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,13 +10,23 @@ from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.conversion import convert
 from dmae.data.rng import Stream
 from dmae.data.skeleton import Skeleton
-from dmae.evaluation.corruption.registry import Corruption, find_corruption
+from dmae.evaluation.corruption.registry import find_corruption
 from dmae.metrics.comparison import match
 from dmae.numerics.filling import fill_body_frame
 from dmae.numerics.paths import linear
 from dmae.numerics.statistics import multiscale_noise
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
+
+_GATE = 0.25
+"""Share of a person's height in the image. A detection with a greater mean distance shows another person."""
+_FRAMES = 200
+"""Number of frames that are matched together, to limit memory."""
+_LIMBS = {
+    "arm": ("elbow", "wrist", "hand", "thumb"),
+    "leg": ("knee", "ankle", "toe", "heel", "foot"),
+    "head": ("nose", "eye", "ear", "head"),
+}
 
 
 def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0, people: Poses3D | None = None) -> Clip:
@@ -29,14 +39,14 @@ def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0, people: P
         clip: Simulated or real.
         levels: Level of each corruption by name (`dmae.evaluation.corruption.registry`), or by `module:function`.
         seed: Seed of random numbers. A corruption draws the same numbers with and without other corruptions.
-        people: People of the clip, by default `people_of`.
+        people: The people of the clip; by default `people_of(clip)`.
 
     Raises:
         ValueError: there is no such corruption or level, or the clip has too few cameras or people for it.
     """
     found = {find_corruption(name): level for name, level in levels.items()}
     for entry, level in found.items():
-        check(entry, level, clip)
+        entry.check(level, clip)
     active = sorted(((entry, level) for entry, level in found.items() if level), key=lambda each: each[0].order)
     if not active:
         return clip
@@ -48,71 +58,7 @@ def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0, people: P
     return replace(corrupted, poses=None)
 
 
-def check(entry: Corruption, level: float, clip: Clip) -> None:
-    """Raise ValueError where a corruption has no such level, or cannot be applied to a clip at that level."""
-    entry.check(level)
-    if not level:
-        return
-    if entry.fewer_cameras and len(clip.rig) - level < 2:
-        raise ValueError(
-            f"{entry.name}={level:g}: clip {clip.id!r} has {len(clip.rig)} cameras, and two must be left; expected "
-            f"levels up to {len(clip.rig) - 2}"
-        )
-    most = int(clip.detections.observed.any(-1).sum(-1).max(initial=0))
-    if most < entry.people:
-        raise ValueError(
-            f"{entry.name}={level:g}: expected {entry.people} people or more in an image, clip {clip.id!r} has at most "
-            f"{most}; leave this corruption out"
-        )
-
-
-# Replace the detections of a clip, or leave out some of them.
-
-
-def heights(xy: np.ndarray) -> np.ndarray:
-    """Return the longer side (...) of the box around the known joints of (..., J, 2), px; 0 where none is known."""
-    known = np.isfinite(xy)
-    low, high = np.where(known, xy, np.inf).min(-2), np.where(known, xy, -np.inf).max(-2)
-    return np.where(known.any(-2), high - low, 0).max(-1)
-
-
-def redetected(clip: Clip, xy: np.ndarray, score: np.ndarray) -> Clip:
-    """Return the clip with other detections (F, V, D, J, ...); a joint is absent where either is NaN.
-
-    Labels of the previous detections are removed, because they do not apply to the new ones.
-    """
-    absent = np.isnan(xy).any(-1) | np.isnan(score)
-    xy, score = np.where(absent[..., None], np.nan, xy), np.where(absent, np.nan, score)
-    return replace(clip, detections=Detections2D(clip.detections.skeleton, xy, score), detection_labels=None)
-
-
-def undetected(clip: Clip, joints: np.ndarray) -> Clip:
-    """Return the clip without the detected joints where `joints` (F, V, D, J) is True."""
-    found = clip.detections
-    return redetected(clip, found.xy, np.where(joints, np.nan, found.score))
-
-
-def undetected_nearest(clip: Clip, margin: np.ndarray, percent: float) -> Clip:
-    """Return the clip without the detected joints with the smallest margins, a given share of all.
-
-    Args:
-        margin: (F, V, D, J); NaN where unknown. Joints with an unknown margin stay, and do not count.
-        percent: Percentage of the joints that count.
-    """
-    margin = np.where(clip.detections.observed, margin, np.nan)
-    known = margin[~np.isnan(margin)]
-    number = round(len(known) * percent / 100)
-    if not number:
-        return clip
-    return undetected(clip, margin <= np.partition(known, number - 1)[number - 1])
-
-
-# The people of a clip, and the detections that show each of them. Corruptions depend on both.
-
-_GATE = 0.25
-"""Share of a person's height in the image. A detection with a greater mean distance shows another person."""
-_FRAMES = 200
-"""Number of frames that are matched together, to limit memory."""
+# The people of a clip, and the detections that show each of them
 
 
 def people_of(clip: Clip, config: CaptureConfig) -> Poses3D:
@@ -139,13 +85,17 @@ def detections_of_people(clip: Clip) -> np.ndarray:
     for start in range(0, frames, _FRAMES):
         part = slice(start, start + _FRAMES)
         wanted, detected = (xy[part].reshape(-1, *xy.shape[2:]).astype(np.float64) for xy in (projected, found))
-        scale = _median_height(wanted)[:, None, None, None]
+        height, scale = heights(wanted), np.ones(len(wanted))
+        height[height == 0] = np.nan
+        some = np.isfinite(height).any(1)
+        scale[some] = np.nanmedian(height[some], 1)
+        scale = scale[:, None, None, None]
         shown[part] = match(detected / scale, wanted / scale, _GATE).reshape(-1, views, people)
     return shown
 
 
 def people_of_detections(clip: Clip) -> np.ndarray:
-    """Return the index (F, V, D) of the person that each detection shows; P for none of them."""
+    """Return the index (F, V, D) of the person that each detection shows; P for a detection of nobody."""
     shown = detections_of_people(clip)
     persons = np.full(clip.detections.score.shape[:3], shown.shape[2])
     frame, view, person = np.nonzero(shown >= 0)
@@ -156,59 +106,85 @@ def people_of_detections(clip: Clip) -> np.ndarray:
 def by_detection(clip: Clip, values: np.ndarray, missing=np.nan) -> np.ndarray:
     """Return values (F, V, P, ...) of people as (F, V, D, ...) of the detections that show them."""
     spare = np.full((*values.shape[:2], 1, *values.shape[3:]), missing, values.dtype)
-    padded, persons = np.concatenate([values, spare], 2), people_of_detections(clip)
-    return np.take_along_axis(padded, persons.reshape(*persons.shape, *(1,) * (values.ndim - 3)), 2)
+    return taken(np.concatenate([values, spare], 2), people_of_detections(clip))
 
 
-def _median_height(xy: np.ndarray) -> np.ndarray:
-    """Return the median height (N,) of the people in (N, P, J, 2), px; 1 where there are none."""
-    height = np.where((found := heights(xy)) > 0, found, np.nan)
-    median = np.ones(len(xy))
-    known = ~np.isnan(height).all(1) if height.size else np.zeros(len(xy), bool)
-    median[known] = np.nanmedian(height[known], 1)
-    return median
+def taken(values: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Return values (F, V, D, ...) of other detections, or of people, whose index (F, V, D) is given for each."""
+    return np.take_along_axis(values, index.reshape(*index.shape, *(1,) * (values.ndim - 3)), 2)
 
 
-# Events that occur in bursts, for a given share of the time.
+# Other detections, or fewer
+
+
+def middle(points: np.ndarray) -> np.ndarray:
+    """Return the middle (..., 2) of the box around the known points (..., J, 2); NaN where none is known."""
+    low, high = box(points)
+    return (low + high) / 2
+
+
+def box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest coordinates (..., 2) of the known points (..., J, 2); NaN where none is known."""
+    known = np.where(np.isfinite(points), points, np.nan)
+    return np.fmin.reduce(known, -2), np.fmax.reduce(known, -2)
+
+
+def heights(xy: np.ndarray) -> np.ndarray:
+    """Return the longer side (...) of the box around the known joints of (..., J, 2), px; 0 where none is known."""
+    low, high = box(xy)
+    return np.nan_to_num(high - low).max(-1)
+
+
+def redetected(clip: Clip, xy: np.ndarray, score: np.ndarray) -> Clip:
+    """Return the clip with other detections (F, V, D, J, ...); a joint is absent where either is NaN.
+
+    Labels of the previous detections are removed, because they do not apply to the new ones.
+    """
+    absent = np.isnan(xy).any(-1) | np.isnan(score)
+    xy, score = np.where(absent[..., None], np.nan, xy), np.where(absent, np.nan, score)
+    return replace(clip, detections=Detections2D(clip.detections.skeleton, xy, score), detection_labels=None)
+
+
+def undetected(clip: Clip, joints: np.ndarray) -> Clip:
+    """Return the clip without the detected joints where `joints` (F, V, D, J) is True."""
+    found = clip.detections
+    return redetected(clip, found.xy, np.where(joints, np.nan, found.score))
+
+
+def undetected_nearest(clip: Clip, margin: np.ndarray, percent: float) -> Clip:
+    """Return the clip without the detected joints of the smallest margins (F, V, D, J), a percentage of all.
+
+    Joints with an unknown margin (NaN) stay, and do not count.
+    """
+    margin = np.where(clip.detections.observed, margin, np.nan)
+    nearest = _lowest(margin, percent)
+    return undetected(clip, nearest) if nearest.any() else clip
+
+
+# When, and of which limbs
 
 
 def share_of_time(
     clip: Clip, shape: tuple[int, ...], percent: float, times: tuple[float, float], *, rng: np.random.Generator
 ) -> np.ndarray:
-    """Draw events (F, *shape) for every frame of a clip; they fill the requested share of all entries.
+    """Draw events (F, *shape), True in `percent` of all entries, in many short bursts and a few long ones.
 
-    The events of a lower share are a part of the events of a higher share. They occur in many short bursts and a few
-    long ones.
-
-    Args:
-        clip: F frames.
-        shape: Shape of the items that have events.
-        percent: Percentage of all entries that events fill.
-        times: s; correlation times, mixed half and half.
-        rng: Source of randomness.
+    `times` are correlation times, s, mixed half and half. The events of a lower share are among those of a higher one.
     """
-    noise = multiscale_noise((len(clip), *shape), clip.fps, list(times), rng=rng)
-    number = round(noise.size * percent / 100)
-    return noise <= np.partition(noise.ravel(), number - 1)[number - 1] if number else np.zeros(noise.shape, bool)
+    return _lowest(multiscale_noise((len(clip), *shape), clip.fps, list(times), rng=rng), percent)
 
 
-# Limbs: the limb to which each joint of a skeleton belongs.
-
-_LIMBS = {
-    "arm": ("elbow", "wrist", "hand", "thumb"),
-    "leg": ("knee", "ankle", "toe", "heel", "foot"),
-    "head": ("nose", "eye", "ear", "head"),
-}
+def _lowest(values: np.ndarray, percent: float) -> np.ndarray:
+    """Return True for the lowest values, a percentage of the known ones."""
+    known = values[~np.isnan(values)]
+    number = round(len(known) * percent / 100)
+    return values <= np.partition(known, number - 1)[number - 1] if number else np.zeros(values.shape, bool)
 
 
 def limb_of_joint(skeleton: Skeleton) -> np.ndarray:
     """Return the number (J,) of the limb of each joint: an arm, a leg, the head, or the trunk, counted from 0."""
-    limbs = [_limb(joint.rpartition(".")[2]) for joint in skeleton.joints]
+    limbs = []
+    for joint in (name.rpartition(".")[2] for name in skeleton.joints):
+        limb = next((limb for limb, parts in _LIMBS.items() if any(part in joint for part in parts)), "trunk")
+        limbs.append(joint[:2] + limb if limb in ("arm", "leg") else limb)
     return np.unique(limbs, return_inverse=True)[1]
-
-
-def _limb(joint: str) -> str:
-    for limb, parts in _LIMBS.items():
-        if any(part in joint for part in parts):
-            return limb if limb == "head" else joint[:2] + limb
-    return "trunk"

@@ -1,4 +1,4 @@
-"""Clips with fewer cameras."""
+"""What a recording lacks: cameras, frames, synchronisation, a right calibration."""
 
 from dataclasses import replace
 
@@ -20,9 +20,6 @@ def cameras(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     return replace(clip.select(views=kept.tolist()), poses=clip.poses)
 
 
-# Fewer frames per second.
-
-
 @corruption("frame_rate", order=91, unit="frames left out", levels=(1, 3, 7, 15), small=(3, 7), whole=True)
 def frame_rate(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """Frames left out after each frame that is kept: 1 halves the frame rate.
@@ -33,20 +30,11 @@ def frame_rate(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     return replace(clip.select(frames=slice(None, None, every)), fps=clip.fps / every)
 
 
-# Cameras that give no detections for a while.
-
-_TIMES = (1.0, 0.1)
-"""s; correlation times of the dropouts, mixed half and half."""
-
-
 @corruption("dropouts", order=31, unit="%", levels=(10, 20, 40, 60), small=(20, 40), most=100)
 def dropouts(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """Cameras that deliver nothing, % of the time, in bursts, each on its own."""
-    lost = share_of_time(clip, (len(clip.rig),), level, _TIMES, rng=rng)
+    lost = share_of_time(clip, (len(clip.rig),), level, (1.0, 0.1), rng=rng)
     return undetected(clip, lost[..., None, None])
-
-
-# Cameras that are not synchronised.
 
 
 @corruption("offsets", order=32, unit="frames", levels=(2, 4, 8, 16), small=(4, 8), whole=True)
@@ -54,9 +42,6 @@ def offsets(clip: Clip, level: float, *, rng: np.random.Generator) -> Clip:
     """Frames by which half of the cameras, drawn at random, are late."""
     late = rng.permutation(len(clip.rig)) < len(clip.rig) // 2
     return shift_views(clip, (late * int(level)).tolist())
-
-
-# Calibrations with wrong directions of cameras.
 
 
 @corruption("calibration", order=33, unit="degrees", levels=(0.2, 0.5, 1, 2), small=(0.5, 1), most=45)

@@ -6,12 +6,13 @@
 
 The function takes a clip and a level above 0. It returns the clip with detections, cameras or frame rate corrupted at
 that level. It never changes the truth. `clip.poses` are the people of the clip on the skeleton of the detections, with
-gaps filled (`dmae.evaluation.corruption.corrupt`); capture never reads them. As far as possible, a corruption draws the
-same random numbers at every level, so that the next level also hides the joints that one level hides.
+gaps filled (`dmae.evaluation.corruption.corrupt.people_of`); capture never reads them. As far as possible, a corruption
+draws the same random numbers at every level, so that a level also hides the joints that lower levels hide.
 """
 
 from dataclasses import dataclass, field
 
+from dmae.data.clip import Clip
 from dmae.registry import Entry, Registry
 
 
@@ -39,12 +40,27 @@ class Corruption(Entry):
     people: int = 0
     fewer_cameras: bool = False
 
-    def check(self, level: float) -> None:
-        """Raise ValueError unless there is such a level."""
+    def check(self, level: float, clip: Clip | None = None) -> None:
+        """Raise ValueError if there is no such level, or if a clip has too few cameras or people for it."""
+        given = f"{self.name}={level:g}"
         if not 0 <= level <= self.most or (self.whole and level != int(level)):
             most = "more" if self.most == float("inf") else f"up to {self.most:g}"
             whole = "a whole number, " if self.whole else ""
-            raise ValueError(f"{self.name}={level:g}: expected {whole}0 or {most}, in {self.unit}")
+            raise ValueError(f"{given}: expected {whole}0 or {most}, in {self.unit}")
+        if clip is None or not level:
+            return
+        cameras = len(clip.rig)
+        if self.fewer_cameras and cameras - level < 2:
+            raise ValueError(
+                f"{given}: clip {clip.id!r} has {cameras} cameras, and two must be left; expected levels up to "
+                f"{cameras - 2}"
+            )
+        people = int(clip.detections.observed.any(-1).sum(-1).max(initial=0))
+        if people < self.people:
+            raise ValueError(
+                f"{given}: expected {self.people} people or more in an image, clip {clip.id!r} has at most {people}; "
+                "leave this corruption out"
+            )
 
 
 corruption = Registry("corruption", Corruption, __package__, option="axes", plain=False)

@@ -15,7 +15,6 @@ from dmae.data.clip import Clip, Poses3D
 from dmae.data.json_values import decode
 from dmae.data.resources import resource_folder
 from dmae.evaluation.config import PAPER, StressConfig, StressSize
-from dmae.evaluation.corruption.corrupt import check
 from dmae.evaluation.corruption.registry import corruptions, find_corruption
 from dmae.reconstruction.config import CaptureConfig
 
@@ -116,7 +115,7 @@ def allowed(plan: Plan, clip: Clip) -> Plan:
         for level in axis.levels:
             try:
                 for name, value in zip(axis.names, level, strict=True):
-                    check(find_corruption(name), value, clip)
+                    find_corruption(name).check(value, clip)
                 fits.append(level)
             except ValueError as reason:
                 if axis.given:
