@@ -1,15 +1,25 @@
 """Bodies have the requested size, and joints where annotators and detectors place them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmae.data.skeleton import SKELETONS
-from synth.people.body import SEGMENTS, SKELETON, Body, body_at, landmarks, segment_origins
+from synth.interactions import InteractionConfig, find_interaction, interaction_choices
+from synth.motion.source import MotionConfig
+from synth.people.body import SEGMENTS, SKELETON, Body, body_at, landmarks, sample_body, segment_origins
 from synth.people.clothing import HAIRSTYLES, Garment, PersonLooks, sample_looks
 from synth.people.mjcf import capsules
 from synth.people.surfaces import parts
+from synth.physics.simulation import Simulation, simulate
+from synth.scene import sampling as sample
+from synth.scene.sampling import sample_scene
+from synth.scene.spec import SceneConfig, SceneSpec
+from tests.support.scenes import RIG
+from tests.support.simulated_interactions import RECORDED, palms
 
 ADULTS = st.builds(
     Body,
@@ -175,3 +185,168 @@ def test_impossible_bodies_are_refused(field, value):
 def test_unknown_looks_are_refused():
     with pytest.raises(ValueError, match="no pattern 'tartan'"):
         Garment(True, "tartan", ((0, 0, 0), (1, 1, 1)))
+
+
+# Statures, masses and proportions follow surveys and growth charts.
+
+# Percentiles 3, 50, 97 of the CDC's charts, boys and girls: stature, m.
+STATURES = {
+    (5.04, 0): (1.0033, 1.0918, 1.1783),
+    (10.04, 0): (1.2667, 1.3882, 1.5153),
+    (14.04, 0): (1.4853, 1.6414, 1.7882),
+    (5.04, 1): (0.9935, 1.0796, 1.1736),
+    (10.04, 1): (1.2596, 1.3821, 1.5129),
+    (14.04, 1): (1.4812, 1.6048, 1.7288),
+}
+# At -2, 0, 1 and 2 standard deviations: body mass index, kg/m^2.
+INDICES = {
+    (5, 0): (13.57, 15.42, 16.78, 18.69),
+    (10, 0): (13.83, 16.62, 19.23, 24.65),
+    (16, 0): (16.57, 20.53, 24.02, 30.30),
+    (6, 1): (13.14, 15.21, 17.00, 20.25),
+    (12, 1): (14.31, 18.07, 21.54, 28.24),
+}
+
+
+@pytest.mark.parametrize(("age", "feminine"), STATURES)
+def test_statures_of_children_follow_the_growth_charts(age, feminine):
+    found = [body_at(feminine, age, stature=z).stature for z in (-1.881, 0, 1.881)]
+    np.testing.assert_allclose(found, STATURES[age, feminine], atol=0.012)
+
+
+@pytest.mark.parametrize(("age", "feminine"), INDICES)
+def test_mass_indices_of_children_follow_the_growth_charts(age, feminine):
+    bodies = [body_at(feminine, age, index=z) for z in (-2, 0, 1, 2)]
+    np.testing.assert_allclose([b.mass / b.stature**2 for b in bodies], INDICES[age, feminine], rtol=0.025)
+
+
+def test_adults_follow_ansur_ii():
+    # ANSUR II: mean and standard deviation of stature, m.
+    rng = np.random.default_rng(0)
+    bodies = [sample_body(rng=rng) for _ in range(4000)]
+    for feminine, mean, spread in ((0.0, 1.756, 0.069), (1.0, 1.629, 0.064)):
+        these = [body for body in bodies if body.feminine == feminine]
+        stature, mass = np.array([(body.stature, body.mass) for body in these]).T
+        assert stature.mean() == pytest.approx(mean, abs=0.01)
+        assert stature.std() == pytest.approx(spread, abs=0.007)
+        assert np.corrcoef(stature, mass)[0, 1] == pytest.approx(0.5, abs=0.1)
+        girths = np.array([body.girth for body in these])
+        assert abs(np.corrcoef(stature, girths)[0, 1]) < 0.1, "girth does not depend on stature"
+        assert np.ptp(girths) > 0.25
+
+
+def test_the_share_of_children_is_as_requested():
+    rng = np.random.default_rng(1)
+    ages = np.array([sample_body(0.3, rng=rng).age for _ in range(2000)])
+    assert (ages < 18).mean() == pytest.approx(0.3, abs=0.03)
+    assert ages[ages < 18].min() < 4.5 < 17.5 < ages[ages < 18].max()
+    assert (np.array([sample_body(rng=rng).age for _ in range(50)]) == 30).all()
+
+
+def heads_tall(body: Body) -> float:
+    """Stature over the height of the head from the chin, which is 0.025 of stature above an adult's neck joint."""
+    return 1 / (0.130 * body.head)
+
+
+@pytest.mark.parametrize(("age", "heads", "sitting"), [(4, 5.4, 0.562), (8, 6.4, 0.537), (12, 7.2, 0.519)])
+def test_children_have_large_heads_and_short_legs(age, heads, sitting):
+    for body in (body_at(0, age), body_at(1, age)):
+        assert heads_tall(body) == pytest.approx(heads, abs=0.25)
+        # Hips are 0.053 of stature above what people sit on: adults sit 0.523 high and have their hips at 0.530.
+        assert body.hip_height / body.stature == pytest.approx(1 - sitting + 0.053, abs=0.004)
+
+
+def test_bodies_grow_steadily_into_adults():
+    ages = np.arange(4, 18.01, 0.25)
+    for feminine in (0, 1):
+        bodies = [body_at(feminine, age) for age in ages[:-1]] + [body_at(feminine)]
+        for growing in ("stature", "mass", "hip_height"):
+            assert (np.diff([getattr(body, growing) for body in bodies]) > -0.01).all(), growing
+        shares = np.array([body.masses[3] / body.mass for body in bodies])
+        assert shares[0] == pytest.approx(0.081 + 0.0114 * 11, abs=1e-3)
+        assert (np.diff(shares) <= 1e-9).all()
+        assert np.abs(np.diff([body.girth for body in bodies[:-1]])).max() < 0.02
+        figures = [body.figure for body in bodies]
+        assert figures[0] == pytest.approx(0.5)
+        assert figures[-1] == feminine
+    assert body_at(0, 6).tempo > body_at(0, 12).tempo > body_at(0).tempo == 1.0
+
+
+def test_extreme_percentiles_are_clipped():
+    for age in (4, 9, 17.9, 30):
+        for z in (-9, 9):
+            body = body_at(1, age, stature=z, index=z, legs=z, arms=z)
+            assert 0.6 < body.girth < 1.6
+    with pytest.raises(ValueError, match="age must lie in 4"):
+        body_at(0, 2)
+
+
+# Children take part in all motion and interactions, and physics follows.
+
+SCENE = SceneConfig(seconds=3.0, persons=[4, 4], props=[0, 0], children=0.8)
+"""Four people, or as near to four as the interaction takes."""
+
+
+def played(kind: str, motion: MotionConfig, scene: SceneConfig = SCENE) -> tuple[SceneSpec, Simulation]:
+    if kind != "none":
+        count = int(np.clip(scene.persons[0], *find_interaction(kind).persons))
+        scene = replace(scene, persons=[count, count])
+    spec = sample_scene(scene, motion, interaction=InteractionConfig(kind), seed=4, clip=0).spec
+    return spec, simulate(spec, RIG, painted=False)
+
+
+def check(spec: SceneSpec, simulation: Simulation) -> None:
+    assert min(person.body.age for person in spec.persons) < 11
+    quality = simulation.quality
+    assert quality["tracking_error_mm"] <= 30
+    assert quality["penetration_mm"] <= 20
+    assert quality["object_penetration_mm"] <= 25
+    assert quality["shift_m"] <= 0.3
+    assert quality["foot_slide"] <= 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", interaction_choices())
+def test_children_take_part_in_every_interaction(kind):
+    check(*played(kind, MotionConfig()))
+
+
+@pytest.mark.parametrize("source", RECORDED)
+@pytest.mark.parametrize("kind", ["none", "crossing", "table"])
+def test_children_follow_recorded_motion(kind, source, data_folder):
+    motion = MotionConfig(kind=source, path=str(data_folder / "cmu" / RECORDED[source]))
+    check(*played(kind, motion, replace(SCENE, seconds=2.0)))
+
+
+@pytest.mark.parametrize("kind", ["handshake", "hug", "pass_box", "dance"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_small_child_reaches_a_tall_man(kind, order, monkeypatch):
+    bodies = iter((body_at(0, stature=1.6), body_at(1, 6))[::order])
+    monkeypatch.setattr(sample, "sample_body", lambda *args, **kwargs: next(bodies))
+    spec, simulation = played(kind, MotionConfig(), replace(SCENE, persons=[2, 2], children=0.0))
+    check(spec, simulation)
+    right, left = palms(spec, simulation, "r"), palms(spec, simulation, "l")
+    if kind == "handshake":
+        assert np.linalg.norm(right[:, 0] - right[:, 1], axis=-1).min() < 0.05
+    elif kind == "hug":
+        child = 1 if order == 1 else 0
+        shoulder = simulation.joints[-1, child, SKELETON.index("body25.l_shoulder")[0], 2]
+        assert max(left[-1, child, 2], right[-1, child, 2]) < shoulder + 0.1
+        assert simulation.quality["contact_frames"] > 30
+    elif kind == "dance":
+        assert np.median(np.linalg.norm(left[:, 0] - right[:, 1], axis=-1)) < 0.11
+    else:
+        # The second person takes the box and keeps it.
+        apart = np.linalg.norm(left - right, axis=-1)
+        assert apart[-1, 1] == pytest.approx(2 * spec.loads[0].half_width, abs=0.08)
+
+
+def test_short_legs_hang_from_a_stool():
+    spec, simulation = played("table", MotionConfig())
+    ankles = simulation.joints[-1, :, SKELETON.index("body25.l_ankle")[0], 2]
+    hips = simulation.joints[-1, :, SKELETON.index("body25.mid_hip")[0], 2]
+    for person, ankle, hip in zip(spec.persons, ankles, hips, strict=True):
+        assert person.body.stature > 1.3 or ankle > 0.15
+        assert person.body.stature < 1.5 or ankle < 0.10
+        assert 0.47 < hip < 0.62
+    assert ankles.max() > 0.15 > 0.10 > ankles.min()

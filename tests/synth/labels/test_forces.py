@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from synth.labels.forces import ContactSource, Places, carry, movement, needed_forces, smoothed, solve
+from synth.labels.forces import ContactSource, Places, carry, movement, needed_forces, owners, smoothed, solve
 from synth.people.body import SEGMENTS
 from synth.physics.simulation import simulate
 from synth.scene.build import build_scene
@@ -164,3 +164,14 @@ def test_bodies_of_the_model_are_in_the_order_of_segments(walker):
     built, _ = walker
     first = built.model.body(f"person1/{SEGMENTS[0]}").id
     assert [built.model.body(first + k).name for k in range(16)] == [f"person1/{name}" for name in SEGMENTS]
+
+
+def test_owners_are_numbers_of_persons_and_none_for_objects():
+    names = ["person2/l_foot", "floor", "personal_desk", "person10/r_hand"]
+    np.testing.assert_array_equal(owners(names), [2, -1, -1, 10])
+
+
+@pytest.mark.parametrize("name", ["person1e18/l_foot", "personNaN/l_foot", "person/l_foot", "person-1/l_foot"])
+def test_names_of_persons_without_a_number_are_refused(name):
+    with pytest.raises(ValueError, match=r"contacts: name .* expected person<number>/<segment>"):
+        owners([name])
