@@ -13,11 +13,11 @@ from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
 from dmae.metrics.position import GAPS
 from dmae.numerics.paths import gap_lengths
 from synth.interactions import InteractionConfig
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.people.body import SKELETON
 from synth.physics.simulation import simulate
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
-from synth.scene.spec import SceneConfig
 from tests.support.scenes import RIG
 
 SCORED_TAKES = ("bvh_cc/005_14", "bvh_cc/005_16")

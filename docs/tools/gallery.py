@@ -17,7 +17,8 @@ from dmae.data.cameras import CameraRig
 from dmae.data.store import clip_folders, load_clip
 from dmae.progress import progress
 from synth.physics.body_state import BodyState, load_state
-from synth.rendering.renderer import ImageQuality, Renderer
+from synth.rendering.config import ImageQuality
+from synth.rendering.renderer import Renderer
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 

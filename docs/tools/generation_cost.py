@@ -24,10 +24,9 @@ from synth.datasets import forecast as forecasting
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.forecast import forecast
 from synth.datasets.generate import generate
-from synth.rendering.renderer import ImageQuality
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig
-from synth.scene.spec import SceneConfig
+from synth.rendering.config import ImageQuality
+from synth.rigs.config import RigConfig, RingConfig
+from synth.scene.config import SceneConfig
 
 FILE = Path(__file__).parents[2] / "docs/results/generation_cost.json"
 _TWO = RigConfig(ring=RingConfig(views=2))

@@ -33,9 +33,9 @@ from synth.cli import SYNTH
 from synth.planning.places import given_cameras, stage_of
 from synth.planning.plan import check_numbers, check_rigs, expected, find_candidates, gather_evidence
 from synth.planning.search import JointEvidence, choose, predict
+from synth.rigs.config import RigConfig, RingConfig
 from synth.rigs.lenses import joined
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig, make_rig
+from synth.rigs.rig import make_rig
 from synth.rooms.room import arena_file
 
 ROOT = Path(__file__).parents[2]

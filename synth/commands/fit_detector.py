@@ -21,11 +21,10 @@ from synth.detector.config import DetectorConfig
 from synth.detector.fitting import Fit, fit, preset_yaml
 from synth.detector.statistics import ErrorReference, measure, read_recording
 from synth.interactions import InteractionConfig
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.recognition import truth_fit
-from synth.rigs.placement import CameraConfig
-from synth.rigs.rig import RigConfig
-from synth.scene.spec import SceneConfig
+from synth.rigs.config import CameraConfig, RigConfig
+from synth.scene.config import SceneConfig
 
 WRITES = "folder"
 EXAMPLES = (

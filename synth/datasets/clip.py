@@ -23,18 +23,20 @@ from synth.detector.simulated_detector import detect
 from synth.errors import FailedSimulation
 from synth.interactions import InteractionConfig
 from synth.labels.visibility import joint_visibility
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.people.body import SKELETON, landmarks
 from synth.physics.body_state import BodyState, joint_positions, moved_with
 from synth.physics.simulation import simulate
-from synth.rendering.renderer import ImageQuality
+from synth.rendering.config import ImageQuality
+from synth.rigs.config import MiscalibrationConfig, RigConfig
 from synth.rigs.coverage import Stage
 from synth.rigs.lenses import add_cameras
-from synth.rigs.rig import MiscalibrationConfig, RigConfig, calibration_error, make_rig, miscalibrate
-from synth.rooms.props import PropsConfig
+from synth.rigs.rig import calibration_error, make_rig, miscalibrate
+from synth.rooms.config import PropsConfig
 from synth.rooms.room import arena_file, load_room
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import SampledScene, sample_scene
-from synth.scene.spec import MOST_CLIPS, SceneConfig, SceneSpec
+from synth.scene.spec import MOST_CLIPS, SceneSpec
 
 
 def label_clip(

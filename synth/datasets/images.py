@@ -12,8 +12,9 @@ from dmae.data.clip import Clip
 from dmae.data.images import KINDS, Images
 from dmae.data.store import save_clip
 from synth.physics.body_state import BodyState
+from synth.rendering.config import ImageQuality
 from synth.rendering.opengl import find_backend
-from synth.rendering.renderer import ImageQuality, Renderer, render_images
+from synth.rendering.renderer import Renderer, render_images
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec
 

@@ -21,11 +21,12 @@ from dmae.formats.reading import DataConfig, load
 from dmae.progress import progress
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
+from synth.motion.config import UpAxis
 from synth.motion.feet import fit_to_body
 from synth.motion.kinematics import GROUPS, QUANTITIES, Quantity, kinematics
 from synth.motion.readers import format_of, reader, take_name
 from synth.motion.readers.takes import subject_and_trial
-from synth.motion.source import UpAxis, cut, read_take
+from synth.motion.source import cut, read_take
 from synth.people.body import SKELETON, Body
 from synth.physics.body_state import reference_joints
 

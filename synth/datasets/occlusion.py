@@ -13,15 +13,16 @@ from dmae.data.rng import Stream, generator
 from synth.errors import FailedSimulation
 from synth.interactions import InteractionConfig
 from synth.labels.visibility import joint_visibility
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.people.body import landmarks
 from synth.physics.body_state import joint_positions, moved_with
 from synth.physics.controller import find_joints, make_reference
 from synth.physics.planning import plan_motions
-from synth.rooms.props import PropsConfig
+from synth.rooms.config import PropsConfig
 from synth.scene.build import Scene, add_prop, build_scene
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import SampledScene, lay_out, sample_people
-from synth.scene.spec import PLAN_FPS, Layout, PropSpec, SceneConfig
+from synth.scene.spec import PLAN_FPS, Layout, PropSpec
 
 DETECTED = slice(0, 25)
 """The joints of `synth.people.body.SKELETON` that detectors find: BODY_25."""

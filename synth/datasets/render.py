@@ -32,9 +32,10 @@ from synth.datasets.images import (
 from synth.datasets.occlusion import OcclusionConfig
 from synth.detector.config import DetectorConfig
 from synth.physics.body_state import BodyState, load_state, save_state
-from synth.rendering.renderer import ImageQuality
+from synth.rendering.config import ImageQuality
+from synth.rigs.config import RigConfig
 from synth.rigs.coverage import Stage
-from synth.rigs.rig import RigConfig, make_rig
+from synth.rigs.rig import make_rig
 from synth.rooms.room import arena_file
 from synth.scene.build import build_scene
 from synth.scene.spec import SceneSpec

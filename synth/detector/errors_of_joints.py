@@ -1,13 +1,14 @@
-"""Errors of single joints: noise, confidences, misses, and left taken for right."""
+"""Errors of single joints: noise, confidences, misses, and left taken for right.
+
+The options are declared here, so that scipy is imported only where errors are applied.
+"""
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import gammaincinv, ndtr, ndtri
 
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
-from dmae.numerics.statistics import ar1_noise, beta_quantile, bursts, multiscale_noise
 from synth.detector.parts import LEG_KINDS, check_amounts, check_beta, check_probabilities, joint_groups, kind_of
 from synth.detector.view import ErrorStream, View, height
 
@@ -49,6 +50,10 @@ class Noise:
         The noise has Student's t distribution: a Gaussian process with a constant part, scaled by a variance that is a
         random process as well (from quantiles of the chi-square distribution).
         """
+        from scipy.special import gammaincinv, ndtr
+
+        from dmae.numerics.statistics import ar1_noise, multiscale_noise
+
         joints, tail = view.visibility.shape, view.parts["tail"]
         hidden_tail = view.of_hidden("tail")
         tail = np.where(view.hidden & (hidden_tail > 0), hidden_tail, tail)
@@ -115,6 +120,10 @@ class Scores:
 
     def apply(self, view: View) -> View:
         """Draw confidences, which are lower for errors of higher rank, and drop joints that are not reported."""
+        from scipy.special import ndtr, ndtri
+
+        from dmae.numerics.statistics import ar1_noise, beta_quantile
+
         noise = ar1_noise(view.error_rank.shape, view.fps, view.times.correlation, rng=view.random(ErrorStream.SCORE))
         smallness = -ndtri(np.clip(view.error_rank, 1e-9, 1 - 1e-9))
         correlation = np.minimum(self.error_correlation * view.parts["score_correlation"], 1)
@@ -187,6 +196,8 @@ class Misses:
             raise ValueError(f"detector.misses.lost_from: expected a number above 0, got {self.lost_from}")
 
     def apply(self, view: View) -> View:
+        from dmae.numerics.statistics import bursts, multiscale_noise
+
         missed = self._joints_and_limbs(view)
         persons = view.visibility.shape[:2]
         if self.neighbour_correlation:
@@ -231,6 +242,8 @@ class Misses:
         )
 
     def _joints_and_limbs(self, view: View) -> np.ndarray:
+        from dmae.numerics.statistics import bursts, multiscale_noise
+
         rng = view.random(ErrorStream.MISS)
         of_limbs = multiscale_noise((*view.visibility.shape[:2], len(_LIMBS)), view.fps, view.times.bursts, rng=rng)[
             ..., _LIMB
@@ -281,6 +294,8 @@ class Inversions:
             raise ValueError(f"detector.inversions.seconds: expected a time above 0 s, got {self.seconds}")
 
     def apply(self, view: View) -> View:
+        from dmae.numerics.statistics import ar1_noise, bursts, multiscale_noise
+
         for probability, limbs, stream in (
             (self.legs, _LEGS, ErrorStream.LEG_INVERSION),
             (self.arms, _ARMS, ErrorStream.ARM_INVERSION),

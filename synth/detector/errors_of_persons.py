@@ -1,4 +1,7 @@
-"""Errors of whole detections: times, swaps between people, merges, splits, ghosts, and lost frames."""
+"""Errors of whole detections: times, swaps between people, merges, splits, ghosts, and lost frames.
+
+The options are declared here, so that scipy is imported only where errors are applied.
+"""
 
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -7,7 +10,6 @@ import numpy as np
 
 from dmae.data.labels import JointError, Visibility
 from dmae.data.skeleton import BODY25
-from dmae.numerics.statistics import ar1_noise, beta_quantile, bursts, multiscale_noise
 from synth.detector.parts import LEG_KINDS, check_amounts, check_beta, check_probabilities, joint_groups, kind_of
 from synth.detector.view import ErrorStream, View, box, height
 
@@ -71,6 +73,8 @@ class Swaps:
         check_probabilities("swaps", self, ("probability",))
 
     def apply(self, view: View) -> View:
+        from dmae.numerics.statistics import bursts, multiscale_noise
+
         persons = view.true_xy.shape[1]
         if not self.probability or persons < 2:
             return view
@@ -113,6 +117,8 @@ class Merges:
         check_probabilities("merges", self, ("probability", "remainder"))
 
     def apply(self, view: View) -> View:
+        from dmae.numerics.statistics import bursts, multiscale_noise
+
         frames, persons = view.score.shape[:2]
         pairs = list(combinations(range(persons), 2))
         if not self.probability or not pairs:
@@ -172,6 +178,8 @@ class Splits:
         check_probabilities("splits", self, ("probability",))
 
     def apply(self, view: View) -> View:
+        from dmae.numerics.statistics import bursts, multiscale_noise
+
         if not self.probability:
             return view
         persons = view.score.shape[:2]
@@ -209,6 +217,8 @@ class Ghosts:
             raise ValueError(f"detector.ghosts.joints: expected a number above 0 and below 1, got {self.joints}")
 
     def apply(self, view: View) -> View:
+        from dmae.numerics.statistics import ar1_noise, beta_quantile, bursts, multiscale_noise
+
         rng = view.random(ErrorStream.GHOSTS)
         poses = view.xyz[np.isfinite(view.xyz).all((2, 3))]
         places = rng.poisson(self.count / _DUTY) if self.count and len(poses) else 0
@@ -249,6 +259,8 @@ class Drops:
         check_probabilities("drops", self, ("probability",))
 
     def apply(self, view: View) -> View:
+        from dmae.numerics.statistics import ar1_noise, bursts
+
         if not self.probability:
             return view
         noise = ar1_noise(view.shown.shape, view.fps, view.times.bursts[1], rng=view.random(ErrorStream.DROP))

@@ -10,11 +10,12 @@ from scipy.spatial.transform import Rotation
 from dmae.data.rng import Stream, generator
 from synth.interactions.registry import InteractionConfig, find_interaction
 from synth.interactions.script import Cast, Reach, Role, Script, poses_of, seated, wrapped
+from synth.motion.config import PROCEDURAL, MotionConfig
 from synth.motion.feet import fit_to_body, foot_contacts, lock_feet, step_along
 from synth.motion.geometry import about, reach_with_arm
 from synth.motion.motion import Motion
 from synth.motion.readers.takes import partner
-from synth.motion.source import PROCEDURAL, MotionConfig, cut, draw_takes, load_motion, takes
+from synth.motion.source import cut, draw_takes, load_motion, takes
 from synth.people.body import SEGMENTS, Body
 
 _PACE = (0.75, 1.3)
@@ -151,7 +152,6 @@ _PROCEDURAL_WALK = (0.65, 1.6)
 """Least and greatest speed of procedural walks for a role, m/s."""
 _UPRIGHT = 0.8
 """Least vertical component of the chest's axis for a trunk that can be combined with other legs."""
-_casting_HEAD, _casting_CHEST = (SEGMENTS.index(name) for name in ("head", "chest"))
 
 
 def draw_motions(
@@ -218,7 +218,7 @@ def cast_roles(script: Script, cast: Cast, config: MotionConfig, *, rng: np.rand
     poses = poses_of(cast.bodies, motions)
     for person, role in enumerate(script.roles):
         if role.gaze is not None:
-            motions[person] = look_at(motions[person], person, role.gaze, poses.origins[:, :, _casting_HEAD])
+            motions[person] = look_at(motions[person], person, role.gaze, poses.origins[:, :, _HEAD])
     for reach in script.reaches(poses):
         motions[reach.person] = reach_for(motions[reach.person], cast.bodies[reach.person], reach)
     return motions
@@ -279,7 +279,7 @@ def _draw(role: Role, body: Body, cast: Cast, config: MotionConfig, *, rng: np.r
     found = None
     for _ in range(_DRAWS):
         base = _at_size(config, body, **span)
-        if (base.rotations[:, _casting_CHEST, 2, 2] > _UPRIGHT).all():
+        if (base.rotations[:, _CHEST, 2, 2] > _UPRIGHT).all():
             found = base
             if not role.walks or _is_walk(base):
                 return base, True

@@ -409,7 +409,7 @@ def huddle(cast: Cast, *, rng: np.random.Generator) -> Script:
 _SIGN = {"l": 1.0, "r": -1.0}
 _APART, _NEAR = (1.6, 1.8), (1.06, 1.14)
 """Distances between the hips in circling, and when a blow of the left hand lands, as shares of an arm's length."""
-_BEHIND, _fighting_HIGH = 0.14, 0.10
+_BEHIND, _TO_FACE = 0.14, 0.10
 """Reduction of the distance for blows of the right hand, and for blows at the face, as shares of an arm's length."""
 _KNUCKLES = 0.028
 """Distance of a fist's knuckles beyond the point that a palm reaches, as a fraction of stature."""
@@ -448,7 +448,7 @@ def fight(cast: Cast, *, rng: np.random.Generator) -> Script:
     # The distance is least at each blow, within reach of the striking arm: the right shoulder is behind the left one.
     apart = np.full(len(seconds), far)
     for blow in blows:
-        near = (close - max(_BEHIND * (blow.side == "r"), _fighting_HIGH * (blow.aim == "face"))) * arms[blow.person]
+        near = (close - max(_BEHIND * (blow.side == "r"), _TO_FACE * (blow.aim == "face"))) * arms[blow.person]
         near = max(near, _LEAST)
         at_blow = np.minimum(1.1 * np.exp(-(((seconds - blow.at) / 0.3) ** 2)), 1)
         apart = np.minimum(apart, far - (far - near) * at_blow)

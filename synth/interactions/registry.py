@@ -16,13 +16,10 @@ NO_INTERACTION = "none"
 
 @dataclass(frozen=True)
 class Interaction(Entry):
-    """What several people do together.
-
-    Attributes:
-        persons: Least and greatest number of people.
-    """
+    """What several people do together."""
 
     persons: tuple[int, int] = field(kw_only=True)
+    """Least and greatest number of people."""
 
     def __post_init__(self):
         if not 1 <= self.persons[0] <= self.persons[1]:
@@ -35,15 +32,12 @@ find_interaction = interaction.find
 
 @dataclass(frozen=True)
 class InteractionConfig:
-    """Interaction of people, if any.
-
-    Attributes:
-        kind: Name of the interaction, or `<module>:<function>` of your own.
-        bystanders: Number of people who do not take part, each with an independent motion, added to `scene.persons`.
-    """
+    """Interaction of people, if any."""
 
     kind: str = NO_INTERACTION
+    """Name of the interaction, or `<module>:<function>` of your own."""
     bystanders: int = 0
+    """Number of people who do not take part, each with an independent motion, added to `scene.persons`."""
 
     def __post_init__(self):
         interaction.check(self.kind, NO_INTERACTION)

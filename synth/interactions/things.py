@@ -239,7 +239,7 @@ def _held(values: np.ndarray, moves: np.ndarray, seconds: np.ndarray) -> np.ndar
 
 _HAND = 0.012
 """Height of a resting palm above a board, m."""
-_at_furniture_LOW, _OUT = 0.15, (-0.1, 1.0, 0.35)
+_SHOULDER, _OUT = 0.15, (-0.1, 1.0, 0.35)
 """Height of shoulders above a table, m, below which elbows point outward, and that direction, clear of the edge."""
 
 
@@ -329,7 +329,7 @@ def table(cast: Cast, *, rng: np.random.Generator) -> Script:
                     lifted = np.array((*(0.06 * ahead + 0.05 * sign * left), 0.22)) + 0.04 * beat * (0, 0, 1)
                     palm = palm + share * lifted
                 shoulder = poses.origins[:, person, SEGMENTS.index(f"{side}_upper_arm"), 2].min()
-                elbow = {"elbow": _OUT} if shoulder < top + _at_furniture_LOW else {}
+                elbow = {"elbow": _OUT} if shoulder < top + _SHOULDER else {}
                 reaches.append(Reach(person, side, np.ones(len(seconds)), palm, normal, **elbow))
         return reaches
 

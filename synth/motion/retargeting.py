@@ -107,7 +107,7 @@ _JUMP, _ACCELERATION = 0.15, 400.0
 this distance, m, and by more than this acceleration explains, m/s^2; feet reach about 300 in kicks."""
 _LONGEST = 0.25
 """Longest fault that is bridged, s, as for gaps of recordings."""
-_FASTEST = 8.0
+_FASTEST_BRIDGED = 8.0
 """Greatest mean speed of a joint over a bridge, m/s; people do not move faster."""
 _FROZEN = 1e-6
 """Greatest change between frozen frames, m or per element of a rotation matrix; camera noise is larger."""
@@ -159,7 +159,7 @@ def repair(motion: Motion, path: Path) -> Motion:
     for before, after in faults:
         inside = slice(before + 1, after)
         speed = np.linalg.norm(joints[after] - joints[before], axis=1).max() * motion.fps / (after - before)
-        if after - before - 1 > _LONGEST * motion.fps or speed > _FASTEST:
+        if after - before - 1 > _LONGEST * motion.fps or speed > _FASTEST_BRIDGED:
             cuts.append((before, after))
         elif after - before > 1:
             root[inside], rotations[inside] = _bridge(motion, before, after)
@@ -256,7 +256,7 @@ ANKLE_OF_LEG = ANKLE_HEIGHT / LEG_LENGTH
 _FORWARD = np.array((1.0, 0, 0))
 _RATES = (5.0, 1000.0)
 """Least and greatest frame rate of recordings, frames per second."""
-_retargeting_FASTEST = 12.5
+_FASTEST = 12.5
 """Greatest speed of a runner, m/s: in Usain Bolt's record of 2009 the fastest 10 m took 0.81 s."""
 _LIMBS = {"upper_arm": "forearm", "forearm": "wrist", "hand": "knuckle", "thigh": "shin", "shin": "foot"}
 """For each limb segment, the joint at its end."""
@@ -456,7 +456,7 @@ def _check_speed(motion: Motion, path: Path) -> None:
         return
     speed = np.linalg.norm(motion.root[step:] - motion.root[:-step], axis=1) * motion.fps / step
     fastest = int(speed.argmax())
-    if not speed[fastest] < _retargeting_FASTEST:
+    if not speed[fastest] < _FASTEST:
         raise ValueError(
             f"{path}: expected people at no more than {_FASTEST} m/s, found {speed[fastest]:.3g} m/s in frames "
             f"{fastest + 1} to {fastest + step + 1} (mean {speed.mean():.3g}) at {motion.fps:.4g} a second: rate or "

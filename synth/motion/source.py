@@ -2,8 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from enum import Enum
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,10 +10,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.files.checks import check_numbers
+from synth.motion.config import (
+    PROCEDURAL,
+    RECORDED,
+    MotionConfig,
+    UpAxis,
+)
 from synth.motion.geometry import about
 from synth.motion.motion import Motion
-from synth.motion.procedural.gait import ProceduralConfig, make_motion
-from synth.motion.procedural.sequence import ACTIONS, SEATED, WEIGHTS, check_actions, make_sequence
+from synth.motion.procedural.gait import make_motion
+from synth.motion.procedural.sequence import SEATED, make_sequence
 from synth.motion.readers import ReadOptions, reader, reader_of
 from synth.motion.readers.dialects import read_mapping
 from synth.motion.readers.takes import find_takes
@@ -23,64 +28,6 @@ _TURN_TIME = 0.3
 """Time in which a take that is played back and forth comes to rest at its ends, s."""
 _FARTHEST = 10_000.0
 """Greatest coordinate of a take, m."""
-PROCEDURAL = "procedural"
-"""The kind of motion that is generated, not read from files."""
-RECORDED = "recorded"
-"""The kind of recorded motion of any format."""
-
-
-class UpAxis(Enum):
-    """Which axis of a recording's world points up."""
-
-    auto = "auto"
-    """As the format has it: y in BVH and AMC, z in AMASS's npz; in C3D as the file says."""
-    x = "x"
-    y = "y"
-    z = "z"
-
-
-@dataclass(frozen=True)
-class MotionConfig:
-    """Motion of one person.
-
-    Attributes:
-        kind: `procedural`; or the format of recordings, `recorded` for all formats, or `<module>:<function>`, a reader
-            of your own.
-        path: For recorded motion: a file; a folder with files of the format at any depth; or a list of takes,
-            `<name>.tsv`, as `synth takes` writes it. Takes of folders and lists that cannot be read are left out with a
-            warning.
-        sets: Sets of a list of takes that are used, such as [train]; all if empty.
-        fps: Frames per second of the recordings, if files state a wrong rate. Known wrong rates of takes of the CMU
-            database are corrected automatically.
-        unit: Metres per unit of length in the recordings, if the length of the legs does not determine it.
-        up: Axis of the recordings' world that points up.
-        mapping: YAML file of lines `their name: our name` for joints or markers with other names. Our names are those
-            of any known skeleton, or `pelvis spine chest head`, and `l_` and `r_` before `upper_arm forearm hand
-            knuckle thigh shin foot`.
-        actions: Actions of procedural people, performed one after another. If empty, people only walk or stand, as set
-            by `motion.procedural`; otherwise only its speed applies.
-        weights: Relative frequency of each action, 1 if it is not named.
-        procedural: Procedural people who only walk or stand.
-    """
-
-    kind: str = PROCEDURAL
-    path: str | None = None
-    sets: list[str] = field(default_factory=list)
-    fps: float | None = None
-    unit: float | None = None
-    up: UpAxis = UpAxis.auto
-    mapping: str | None = None
-    actions: list[str] = field(default_factory=lambda: list(ACTIONS))
-    weights: dict[str, float] = field(default_factory=lambda: dict(WEIGHTS))
-    procedural: ProceduralConfig = field(default_factory=ProceduralConfig)
-
-    def __post_init__(self):
-        reader.check(self.kind, PROCEDURAL, RECORDED)
-        check_actions(self.actions, self.weights)
-        for name in ("fps", "unit"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < float("inf"):
-                raise ValueError(f"motion.{name}: expected more than 0, got {value}")
 
 
 def load_motion(

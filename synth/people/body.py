@@ -18,6 +18,8 @@ PARENTS = (-1, 0, 1, 2, 2, 4, 5, 2, 7, 8, 0, 10, 11, 0, 13, 14)
 
 
 # Proportions of one person
+MOST_PERSONS = 30
+"""Greatest number of people in a scene: MuJoCo filters contacts by the bits of a signed 32-bit number, one a person."""
 SIDES = {"l": 1.0, "r": -1.0}
 """Sign of y on each side: left is +y."""
 
@@ -338,7 +340,7 @@ _SHELF14 = _LIMBS | {
     # 125 mm ahead of that and 145 mm above, on a body of 1.75 m.
     "top_head": _Landmark("head", "head", 0.0714, 0, 0.0829),
 }
-_landmarks_HEADS = ("bottom_head", "top_head")
+_HEAD_ENDS = ("bottom_head", "top_head")
 # As annotated in MPII, and therefore in BODY_25B and Halpe: the crown, and the point where the neck meets the head.
 _CROWN = {"head_top": _Landmark("head", "head", 0.005, 0, HEAD_HEIGHT)}
 # BlazePose's: corners of the eyes and of the mouth, and knuckles.
@@ -388,7 +390,7 @@ def landmarks(body: Body, skeleton: Skeleton = SKELETON) -> tuple[np.ndarray, np
         family, _, joint = name.rpartition(".")
         side, kind = side_and_name(joint)
         landmark = _PLACES.get(family or skeleton.name, _BODY25)[kind]
-        counted = middle - at["head"] if kind in _landmarks_HEADS else 0.0
+        counted = middle - at["head"] if kind in _HEAD_ENDS else 0.0
         places.append(place(landmark, side) + counted)
         segments.append(_sided(landmark.segment, side)[0])
         depth.append(_SKIN + landmark.radius * _size(body, landmark) * body.girth)

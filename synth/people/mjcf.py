@@ -90,10 +90,6 @@ def capsule_names() -> list[str]:
     return [f"{segment}/solid{i}" for segment in SEGMENTS for i in range(count[side_and_name(segment)[1]])]
 
 
-# The person in a scene
-MOST_PERSONS = 30
-"""Greatest number of people: contact filters are bits of a signed 32-bit number, one per person."""
-
 _CLOTH = 0.012
 """Distance from the solid parts at which contact begins, m."""
 _ARMS = ("forearm", "hand")

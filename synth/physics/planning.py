@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from synth.motion.config import PROCEDURAL
 from synth.motion.feet import foot_contacts, lock_feet, sole_points, weight_on_feet
 from synth.motion.motion import Motion, avoid_collisions
-from synth.motion.source import PROCEDURAL
 from synth.people.body import SEGMENTS, Body, segment_origins
 from synth.people.joint_limits import limit_joints
 from synth.scene.spec import PLAN_FPS, SceneSpec

@@ -7,10 +7,10 @@ import numpy as np
 from dmae.parallel import Backend
 from synth.detector.config import DetectorConfig
 from synth.interactions import InteractionConfig
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
+from synth.rigs.config import RigConfig
 from synth.rigs.placement import intrinsics
-from synth.rigs.rig import RigConfig
-from synth.scene.spec import SceneConfig
+from synth.scene.config import SceneConfig
 
 MOST_CAMERAS, MOST_PLACES = 32, 500
 """Greatest numbers of cameras and of places in a plan."""

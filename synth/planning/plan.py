@@ -30,7 +30,8 @@ from synth.detector.config import DetectorConfig
 from synth.planning.config import PlanConfig
 from synth.planning.places import CandidateCameras, aimed_cameras, find_places, given_cameras, stage_of
 from synth.planning.search import JointEvidence, RigPrediction, choose, gather, predict, rehearse, seconds_of_search
-from synth.rigs.rig import RigConfig, make_rig
+from synth.rigs.config import RigConfig
+from synth.rigs.rig import make_rig
 from synth.rooms.rays import cast_rays
 from synth.rooms.room import arena_file, compile_mjcf, load_room
 

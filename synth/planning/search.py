@@ -24,8 +24,8 @@ from synth.physics.body_state import moved_with
 from synth.physics.simulation import simulate
 from synth.planning.config import PlanConfig
 from synth.planning.places import CandidateCameras, stage_of
+from synth.rigs.config import MiscalibrationConfig
 from synth.rigs.placement import intrinsics, look_at, pose
-from synth.rigs.rig import MiscalibrationConfig
 from synth.rooms.room import arena_file
 from synth.scene.sampling import sample_scene
 from synth.scene.spec import SceneSpec

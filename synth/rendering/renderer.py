@@ -1,7 +1,6 @@
 """Render a scene: colour, depth, ids, body parts, normals, flow and amodal masks of persons."""
 
 from collections.abc import Callable, Iterator
-from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +24,7 @@ from dmae.data.images import (
 )
 from synth.people.body import SEGMENTS
 from synth.people.mjcf import Bending, geom_parts
+from synth.rendering.config import ImageQuality
 from synth.rendering.opengl import OpenGLPainter, find_backend
 from synth.rendering.raycasting import RayPainter
 from synth.rigs.lenses import ELSEWHERE, joined, pinholes, warps
@@ -138,15 +138,6 @@ class SurfaceFlow:
 
 
 # The renderer
-
-
-class ImageQuality(Enum):
-    """Quality of images, and their cost."""
-
-    draft = "draft"
-    """No shadows, jagged edges, coarse round shapes; one ray for four pixels where rays are cast."""
-    standard = "standard"
-    high = "high"
 
 
 # Shadow map size, samples per pixel, slices, stacks and quads of round shapes. The last number is for ray casting: the

@@ -1,12 +1,12 @@
 """Where cameras stand: listed, in a ring, on a dome, or at random."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from enum import Enum
+from dataclasses import replace
 
 import numpy as np
 
 from dmae.data.cameras import CameraRig
+from synth.rigs.config import CameraConfig, DomeConfig, Lens, RandomConfig, RingConfig, check_picture
 from synth.rigs.coverage import Stage, find_faults, views_of_cells
 from synth.rigs.lenses import joined
 
@@ -41,56 +41,7 @@ def pose(rotation: np.ndarray, centers: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def check_pairs(group: str, config, names: tuple[str, ...]) -> None:
-    """Raise ValueError if a field is not an ascending pair of numbers above 0; the message names the field."""
-    for name in names:
-        pair = getattr(config, name)
-        if len(pair) != 2 or not 0 < pair[0] <= pair[1] < np.inf:
-            raise ValueError(f"{group}.{name}: expected [least, greatest], more than 0, got {list(pair)}")
-
-
-def check_views(group: str, views: int) -> None:
-    """Raise ValueError if there is no camera."""
-    if views < 1:
-        raise ValueError(f"{group}.views: expected at least one camera, found {views}")
-
-
-def check_picture(group: str, focal: float, size: list[int]) -> None:
-    """Raise ValueError if these are not a focal length, px, and an image size, px; the message names the field."""
-    if not 0 < focal < np.inf:
-        raise ValueError(f"{group}.focal: expected more than 0 px, got {focal}")
-    if len(size) != 2 or min(size) < 1:
-        raise ValueError(f"{group}.size: expected [width, height], at least 1 px each, got {list(size)}")
-
-
 # Listed cameras
-
-
-@dataclass(frozen=True)
-class CameraConfig:
-    """One camera, by its matrices or by its position and target.
-
-    Attributes:
-        name: Name, unique in its rig.
-        size: Image width and height, px.
-        K: Intrinsic matrix: 9 numbers, row major, px; or give `focal`.
-        cam_from_world: Pose [R | t]: 12 numbers, row major, t in m; or give `position` and `target`.
-        dist: OpenCV distortion: 5 to 8 coefficients; for a fisheye its four, and zeros.
-        fisheye: Whether the lens follows OpenCV's fisheye model.
-        focal: Focal length, px; the principal point is the middle of the image.
-        position: Centre of an upright camera: x, y, z, m.
-        target: Point that the camera looks at: x, y, z, m.
-    """
-
-    name: str
-    size: list[int]
-    K: list[float] = field(default_factory=list)
-    cam_from_world: list[float] = field(default_factory=list)
-    dist: list[float] = field(default_factory=lambda: [0.0] * 5)
-    fisheye: bool = False
-    focal: float | None = None
-    position: list[float] = field(default_factory=list)
-    target: list[float] = field(default_factory=list)
 
 
 def listed_cameras(cameras: Sequence[CameraConfig], source: str) -> CameraRig:
@@ -153,62 +104,6 @@ _DISTANCE_FRACTIONS = np.linspace(0.95, 0.5, 10)
 """Fractions of the distance to the target that are tried if a camera is at an impossible place."""
 
 
-@dataclass(frozen=True)
-class RingConfig:
-    """Cameras evenly around the vertical through the origin, looking at it; the ring's phase is random.
-
-    Attributes:
-        views: Number of cameras.
-        radius: Least and greatest distance of a camera from the vertical, m.
-        height: Least and greatest height of a camera, m.
-        target_height: Height of the point that they look at, m.
-        focal: Focal length, px.
-        size: Image width and height, px.
-    """
-
-    views: int = 5
-    radius: list[float] = field(default_factory=lambda: [3.5, 4.5])
-    height: list[float] = field(default_factory=lambda: [1.0, 2.7])
-    target_height: float = 0.9
-    focal: float = 1080.0
-    size: list[int] = field(default_factory=lambda: [1032, 776])
-
-    def __post_init__(self):
-        check_views("rig.ring", self.views)
-        check_pairs("rig.ring", self, ("radius", "height"))
-        check_picture("rig.ring", self.focal, self.size)
-
-
-@dataclass(frozen=True)
-class DomeConfig:
-    """Cameras spread evenly over a band of a sphere, looking at its middle; nothing is random.
-
-    Attributes:
-        views: Number of cameras.
-        radius: Radius of the sphere, m.
-        elevation: Least and greatest angle of a camera above the horizontal through the middle, rad.
-        target_height: Height of the middle of the sphere, m.
-        focal: Focal length, px.
-        size: Image width and height, px.
-    """
-
-    views: int = 31
-    radius: float = 3.8
-    elevation: list[float] = field(default_factory=lambda: [0.02, 0.9])
-    target_height: float = 0.9
-    focal: float = 1000.0
-    size: list[int] = field(default_factory=lambda: [1280, 960])
-
-    def __post_init__(self):
-        check_views("rig.dome", self.views)
-        check_pairs("rig.dome", self, ("elevation",))
-        if not 0 < self.radius < np.inf:
-            raise ValueError(f"rig.dome.radius: expected more than 0 m, got {self.radius}")
-        if self.elevation[1] > np.pi / 2:
-            raise ValueError(f"rig.dome.elevation: expected at most a right angle, in rad, got {list(self.elevation)}")
-        check_picture("rig.dome", self.focal, self.size)
-
-
 def ring(config: RingConfig, stage: Stage, *, rng: np.random.Generator) -> CameraRig:
     """Return the cameras of a ring. A camera at an impossible place is moved nearer to its target."""
     angle = 2 * np.pi * (np.arange(config.views) + rng.uniform()) / config.views
@@ -252,56 +147,6 @@ def _around(name: str, config: RingConfig | DomeConfig, centers: np.ndarray, sta
 
 _DRAWS = 1000
 """Number of cameras that are drawn before the rig fails."""
-
-
-class Lens(Enum):
-    """Kind of lens."""
-
-    pinhole = "pinhole"
-    """No distortion."""
-    radial = "radial"
-    """Barrel distortion, radial and a little tangential."""
-    fisheye = "fisheye"
-
-
-@dataclass(frozen=True)
-class RandomConfig:
-    """Cameras anywhere around the middle, such that enough of them see every point of the people's area.
-
-    Pairs are the least and the greatest value that is drawn for each camera.
-
-    Attributes:
-        views: Number of cameras.
-        views_at_least: Number of cameras that have each point in their image, ignoring walls and people: all points
-            within `scene.radius` of the middle, from the floor to a height of 2 m.
-        radius: Distance of a camera from the vertical through the origin, m.
-        height: Height of a camera, m.
-        target_height: Height of the point on that vertical that it looks at, m.
-        focal: Focal length, px.
-        lenses: Kinds of lenses that are drawn from.
-        size: Image width and height, px.
-    """
-
-    views: int = 6
-    views_at_least: int = 3
-    radius: list[float] = field(default_factory=lambda: [3.0, 4.8])
-    height: list[float] = field(default_factory=lambda: [0.8, 2.8])
-    target_height: list[float] = field(default_factory=lambda: [0.7, 1.2])
-    focal: list[float] = field(default_factory=lambda: [450.0, 1000.0])
-    lenses: list[Lens] = field(default_factory=lambda: list(Lens))
-    size: list[int] = field(default_factory=lambda: [1032, 776])
-
-    def __post_init__(self):
-        check_views("rig.random", self.views)
-        check_pairs("rig.random", self, ("radius", "height", "target_height", "focal"))
-        check_picture("rig.random", self.focal[0], self.size)
-        if not 0 <= self.views_at_least <= self.views:
-            raise ValueError(
-                f"rig.random.views_at_least: expected 0 to rig.random.views, which is {self.views}; "
-                f"got {self.views_at_least}"
-            )
-        if not self.lenses:
-            raise ValueError(f"rig.random.lenses: expected at least one of {[lens.value for lens in Lens]}")
 
 
 def scatter(config: RandomConfig, stage: Stage, *, rng: np.random.Generator) -> CameraRig:

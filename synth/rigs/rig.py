@@ -1,27 +1,16 @@
 """The cameras of a clip: read from a file, listed, or placed; jittered, and miscalibrated."""
 
-from dataclasses import dataclass, field, replace
-from enum import Enum
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.data.cameras import CameraRig
 from dmae.formats.calibrations import LacksSize, read_calibration
-from dmae.formats.config import LengthUnit, UpDirection
 from synth.errors import FailedSimulation
+from synth.rigs.config import CameraPlacement, JitterConfig, MiscalibrationConfig, RigConfig
 from synth.rigs.coverage import Stage, area, check_rig, views_of_cells
-from synth.rigs.placement import (
-    CameraConfig,
-    DomeConfig,
-    RandomConfig,
-    RingConfig,
-    dome,
-    listed_cameras,
-    pose,
-    ring,
-    scatter,
-)
+from synth.rigs.placement import dome, listed_cameras, pose, ring, scatter
 
 
 def displace(rig: CameraRig, position: float, rotation: float, *, rng: np.random.Generator) -> CameraRig:
@@ -37,32 +26,7 @@ def displace(rig: CameraRig, position: float, rotation: float, *, rng: np.random
     return replace(rig, cam_from_world=pose(turned, rig.centers + position * shift))
 
 
-def check_deviations(group: str, config) -> None:
-    """Raise ValueError if a field is not a valid standard deviation; the message names the field."""
-    for name, value in vars(config).items():
-        if not 0 <= value < np.inf:
-            raise ValueError(f"{group}.{name}: expected a standard deviation, 0 or more, got {value}")
-
-
 # Jitter: cameras displaced in each clip
-
-
-@dataclass(frozen=True)
-class JitterConfig:
-    """Displacement of the cameras, as if held by hand, constant within a clip.
-
-    Drawn for each clip and camera, normally distributed; the values are standard deviations.
-
-    Attributes:
-        position: Along each axis, m.
-        rotation: About each axis, rad.
-    """
-
-    position: float = 0.0
-    rotation: float = 0.0
-
-    def __post_init__(self):
-        check_deviations("rig.jitter", self)
 
 
 def jitter(rig: CameraRig, config: JitterConfig, *, rng: np.random.Generator) -> CameraRig:
@@ -71,31 +35,6 @@ def jitter(rig: CameraRig, config: JitterConfig, *, rng: np.random.Generator) ->
 
 
 # Miscalibration: a calibration that differs from the true cameras
-
-
-@dataclass(frozen=True)
-class MiscalibrationConfig:
-    """Errors of the calibration that a clip stores as its rig.
-
-    Pictures and labels are those of the true cameras, which the clip stores as `true_rig`. Drawn for each clip and
-    camera, normally distributed; the values are standard deviations.
-
-    Attributes:
-        focal: Relative error of the focal length (of its logarithm).
-        principal_point: Along each axis, px.
-        distortion: Of k1, for both lens models.
-        rotation: About each axis of the camera, rad.
-        translation: Of the camera's centre along each axis, m.
-    """
-
-    focal: float = 0.0
-    principal_point: float = 0.0
-    distortion: float = 0.0
-    rotation: float = 0.0
-    translation: float = 0.0
-
-    def __post_init__(self):
-        check_deviations("rig.error", self)
 
 
 def miscalibrate(rig: CameraRig, config: MiscalibrationConfig, *, rng: np.random.Generator) -> CameraRig | None:
@@ -124,62 +63,6 @@ def calibration_error(true: CameraRig, reported: CameraRig, stage: Stage) -> lis
 # The rig
 
 _MIDDLE = Stage()
-
-
-class CameraPlacement(Enum):
-    """Placement of cameras that are neither listed nor read from a file."""
-
-    ring = "ring"
-    dome = "dome"
-    random = "random"
-
-
-@dataclass(frozen=True)
-class RigConfig:
-    """The cameras of a clip: those of a file, otherwise listed cameras, otherwise placed cameras.
-
-    Attributes:
-        name: Descriptive name of the rig.
-        path: Calibration file of any format of `dmae.formats.calibrations`.
-        size: Image width and height, px, for files that do not state them.
-        unit: Unit of lengths in the file; by default that of its format, like `up` and `inverse`.
-        up: Up direction of the file's world.
-        inverse: Whether poses in the file are world_from_cam.
-        origin: Point of the file's or the listed cameras' world around which the scene is built, m, z up.
-        cameras: Listed cameras.
-        placement: Placement that is used without a file or listed cameras.
-        ring: Cameras evenly around the middle.
-        dome: Cameras evenly on a band of a sphere.
-        random: Cameras at random places with random lenses.
-        jitter: Displacement of the true cameras.
-        error: Errors of the calibration.
-    """
-
-    name: str = "ring"
-    path: str = ""
-    size: list[int] = field(default_factory=list)
-    unit: LengthUnit | None = None
-    up: UpDirection | None = None
-    inverse: bool | None = None
-    origin: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    cameras: list[CameraConfig] = field(default_factory=list)
-    placement: CameraPlacement = CameraPlacement.ring
-    ring: RingConfig = field(default_factory=RingConfig)
-    dome: DomeConfig = field(default_factory=DomeConfig)
-    random: RandomConfig = field(default_factory=RandomConfig)
-    jitter: JitterConfig = field(default_factory=JitterConfig)
-    error: MiscalibrationConfig = field(default_factory=MiscalibrationConfig)
-
-    def __post_init__(self):
-        if len(self.origin) != 3 or not np.isfinite(self.origin).all():
-            raise ValueError(f"rig.origin: expected x, y, z in m, got {list(self.origin)}")
-        if self.size and (len(self.size) != 2 or min(self.size) < 1):
-            raise ValueError(f"rig.size: expected [width, height], at least 1 px each, got {list(self.size)}")
-
-    @property
-    def source(self) -> str:
-        """Name of the rig or its file, for messages."""
-        return f"rig {self.path or self.name!r}"
 
 
 def make_rig(config: RigConfig, *, rng: np.random.Generator, stage: Stage = _MIDDLE) -> CameraRig:

@@ -6,7 +6,6 @@ import re
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -17,6 +16,7 @@ import trimesh
 
 from dmae.files.contents import check_file, read_bytes
 from dmae.files.structured import parse_json
+from synth.rooms.config import MeshUp
 from synth.rooms.room import compile_mjcf, prop_file, read_mjcf
 
 _TALLEST = 2.2
@@ -152,15 +152,6 @@ _FARTHEST = 1e6
 """Greatest coordinate in the file, in any unit."""
 
 
-class MeshUp(Enum):
-    """The axis of a mesh file that points up."""
-
-    auto = "auto"
-    """y in .glb files, as their format defines it; z in other files."""
-    y = "y"
-    z = "z"
-
-
 class MeshPart(NamedTuple):
     """A connected part of a prop: vertices (N, 3) m, faces (M, 3), and its RGB colour 0..1 if the file gives one."""
 
@@ -294,27 +285,6 @@ def _colour(mesh: trimesh.Trimesh) -> tuple[float, float, float] | None:
 
 
 # Props of either kind
-
-
-@dataclass(frozen=True)
-class PropsConfig:
-    """Your own meshes, used instead of `scene.prop_kinds`.
-
-    Attributes:
-        path: A mesh file (.obj, .stl, .ply, .glb) or a folder of them; empty for none.
-        scale: Metres per unit of the files; 0.001 for files in millimetres.
-        up: The axis of the files that points up.
-    """
-
-    path: str = ""
-    scale: float = 1.0
-    up: MeshUp = MeshUp.auto
-
-    def __post_init__(self):
-        if not 0 < self.scale < np.inf:
-            raise ValueError(f"props.scale: expected metres per unit of the mesh files, more than 0, got {self.scale}")
-        if not self.path and (self.scale != 1.0 or self.up is not MeshUp.auto):
-            raise ValueError("props.scale and props.up say how meshes are read, but props.path names none")
 
 
 def prop_spec(kind: str, scale: float = 1.0, up: MeshUp = MeshUp.auto) -> mujoco.MjSpec:

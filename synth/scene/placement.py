@@ -12,7 +12,7 @@ from synth.interactions.script import STOOL, Load, Script
 from synth.motion.motion import Motion, avoid_collisions, redirected_path
 from synth.rooms.props import PlacedProp, PropSize, footprints, prop_size
 
-_DRAWS = 60
+_PROP_DRAWS = 60
 """Number of positions that are drawn for a prop before it is left out."""
 _GAP = (0.3, 0.05, 0.6)
 """Least distance of a prop from people's hips, from other objects, and from cameras, m."""
@@ -61,7 +61,7 @@ def place_props(
     props = []
     for _ in range(count):
         kind = str(rng.choice(names, p=weights))
-        for _ in range(_DRAWS):
+        for _ in range(_PROP_DRAWS):
             at, yaw = _between(walked, cameras, rng=rng) if len(cameras) else _anywhere(middle, radius, rng=rng)
             discs = placed_discs(kinds[kind].discs, at, yaw)
             gaps = [
@@ -98,7 +98,7 @@ def _between(walked: np.ndarray, cameras: np.ndarray, *, rng: np.random.Generato
 
 # People
 
-_placement_DRAWS = 60
+_DRAWS = 60
 """Placements drawn for a person before the clip fails."""
 _BEND_RATES = (0.0, 0.12, 0.25, 0.4, 0.6, 0.85, 1.15, 1.6, 2.2)
 """Rates at which a path may be bent, rad/s; the first rate that keeps the path within the radius is used."""
@@ -163,7 +163,7 @@ def place_persons(
     paths, stools = np.empty((len(motions[0]), 0, 2)) if others is None else others, np.empty((0, 3))
     for number, motion in enumerate(motions):
         best, least = None, np.inf
-        for attempt in range(_placement_DRAWS):
+        for attempt in range(_DRAWS):
             # Each failed draw widens the search, so later draws are farther from the middle.
             spread = gathering * (1 + attempt / 15)
             placed, path, outside = _draw(motion, meeting + rng.normal(0, spread, 2), middle, radius, rng=rng)
@@ -235,7 +235,7 @@ def place_script(
     reach = float(np.linalg.norm(paths, axis=1).max())
     walking = all(role.walks for role in script.roles)
     best, least = None, np.inf
-    for attempt in range(_placement_DRAWS):
+    for attempt in range(_DRAWS):
         at, yaw = rng.normal(middle, 0.25 * gathering * (1 + attempt / 10), 2), float(rng.uniform(-np.pi, np.pi))
         places = placed_discs(occupied, at, yaw)[:, :2]
         gap = np.linalg.norm(places[:, None] - obstacles[:, :2], axis=-1) - obstacles[:, 2] - occupied[:, 2:]

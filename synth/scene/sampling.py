@@ -10,25 +10,17 @@ from dmae.data.rng import Stream, generator
 from synth.interactions.casting import draw_motions
 from synth.interactions.registry import InteractionConfig
 from synth.interactions.script import STOOL, Script
+from synth.motion.config import MotionConfig
 from synth.motion.motion import Motion, redirect, redirected_path
-from synth.motion.source import MotionConfig
-from synth.people.body import ADULT_AGE, Body, sample_body
+from synth.people.body import ADULT_AGE, MOST_PERSONS, Body, sample_body
 from synth.people.clothing import PersonLooks, sample_hands, sample_looks
-from synth.people.mjcf import MOST_PERSONS
+from synth.rooms.config import PropsConfig
 from synth.rooms.decor import sample_decor, sample_tint
-from synth.rooms.props import PlacedProp, PropsConfig, PropSize, find_meshes, prop_size
+from synth.rooms.props import PlacedProp, PropSize, find_meshes, prop_size
 from synth.rooms.room import arena_file, room_name
+from synth.scene.config import SceneConfig
 from synth.scene.placement import Placement, place_persons, place_props, place_script, placed_discs, stool_discs
-from synth.scene.spec import (
-    PLAN_FPS,
-    USUAL_PERSONS,
-    Layout,
-    PersonSpec,
-    PropSpec,
-    SceneConfig,
-    SceneSpec,
-    planned_frames,
-)
+from synth.scene.spec import PLAN_FPS, USUAL_PERSONS, Layout, PersonSpec, PropSpec, SceneSpec, planned_frames
 
 _BYSTANDERS, _PLACES, _HANDS = 2, 3, 4
 """Numbers of the child streams for bystanders, their places, and hands; 0 and 1 draw textures and colours."""

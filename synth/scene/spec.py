@@ -3,19 +3,16 @@
 import json
 from dataclasses import asdict, dataclass, field
 
-import numpy as np
-
 from dmae.data.json_values import decode
 from dmae.files.checks import check_numbers, check_rate
 from dmae.files.structured import parse_json
 from synth.interactions.registry import InteractionConfig
 from synth.interactions.script import Load
-from synth.motion.source import MotionConfig
-from synth.people.body import Body
+from synth.motion.config import MotionConfig
+from synth.people.body import MOST_PERSONS, Body
 from synth.people.clothing import PersonLooks
-from synth.people.mjcf import MOST_PERSONS
+from synth.rooms.config import MeshUp
 from synth.rooms.decor import Colour, Decor
-from synth.rooms.props import MeshUp
 
 _MOST_FRAMES, _FARTHEST = 1_000_000, 1000.0
 """Greatest number of frames of a clip, and greatest distance of people and props from the middle, m."""
@@ -25,75 +22,6 @@ PLAN_FPS = 25.0
 """Frame rate at which motion is planned and checked, 1/s. It does not depend on the frame rate of the clip."""
 USUAL_PERSONS = (2, 4)
 """Least and greatest number of people if the configuration gives none."""
-_LONGEST, _FASTEST = 3600.0, 1000.0
-"""Longest clip, s, and highest frame rate, 1/s."""
-
-
-@dataclass(frozen=True)
-class SceneConfig:
-    """Distributions from which scenes are drawn. Pairs are the least and the greatest value.
-
-    Attributes:
-        arena: Room of `scenes/`, or path of an MJCF file.
-        persons: Number of people; with an interaction, of its participants. By default 2 to 4, within the numbers that
-            the interaction allows.
-        children: Share of children, 4 to 17 years old, among the people.
-        seconds: Length of a clip, s.
-        fps: Frames per second of a clip. The same seed gives the same motion at any rate.
-        middle: x, y of the point around which people and props are placed, m.
-        radius: Greatest distance of people's hips from the middle, m; motions that cannot be adapted may reach 0.3 m
-            farther.
-        gathering: Distance from the middle through which people pass at some time, m (standard deviation). With small
-            values people meet and hide each other.
-        clearance: Distance that people keep between their hips, m; one value per clip. Below 0.5 they touch.
-        props: Number of props, where there is space.
-        prop_kinds: Kinds of props: of `scenes/props/`, or paths of MJCF files.
-        randomize: Whether floor, walls, light and colours are random in each clip; otherwise those of the room.
-    """
-
-    arena: str = "studio"
-    persons: list[int] = field(default_factory=list)
-    children: float = 0.0
-    seconds: float = 5.0
-    fps: float = 25.0
-    middle: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    radius: float = 1.9
-    gathering: float = 0.5
-    clearance: list[float] = field(default_factory=lambda: [0.35, 0.65])
-    props: list[int] = field(default_factory=lambda: [0, 3])
-    prop_kinds: list[str] = field(default_factory=lambda: ["chair", "table", "screen", "plant", "crate", "drum"])
-    randomize: bool = True
-
-    def __post_init__(self):
-        for name, unit in (("persons", "people"), ("clearance", "m"), ("props", "props")):
-            pair = getattr(self, name)
-            if name == "persons" and not pair:
-                continue
-            if len(pair) != 2 or not 0 <= pair[0] <= pair[1] < np.inf:
-                raise ValueError(f"scene.{name}: expected [least, greatest] {unit}, not below 0, got {list(pair)}")
-        if self.persons and not 1 <= self.persons[0] <= self.persons[1] <= MOST_PERSONS:
-            raise ValueError(f"scene.persons: expected 1 to {MOST_PERSONS} people, got {list(self.persons)}")
-        for name, unit, most in (
-            ("seconds", "s", _LONGEST),
-            ("fps", "frames per second", _FASTEST),
-            ("radius", "m", 1000.0),
-            ("gathering", "m", 1000.0),
-        ):
-            if not 0 < getattr(self, name) <= most:
-                raise ValueError(
-                    f"scene.{name}: expected more than 0 and at most {most:g} {unit}, got {getattr(self, name)}"
-                )
-        if not 0 <= self.children <= 1:
-            raise ValueError(f"scene.children: expected a share from 0 to 1, got {self.children}")
-        if len(self.middle) != 2 or not np.isfinite(self.middle).all():
-            raise ValueError(f"scene.middle: expected x and y, m, got {list(self.middle)}")
-        if self.props[1] and not self.prop_kinds:
-            raise ValueError(f"scene.prop_kinds is empty, but scene.props asks for up to {self.props[1]}")
-
-    @property
-    def frames(self) -> int:
-        """The number of frames of a clip."""
-        return max(1, round(self.seconds * self.fps))
 
 
 def planned_frames(seconds: float) -> int:

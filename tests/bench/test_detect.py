@@ -8,7 +8,7 @@ import pytest
 
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.detector.simulated_detector import detect
-from synth.scene.spec import SceneConfig
+from synth.scene.config import SceneConfig
 from tests.support.detectors import PRESETS, preset
 from tests.support.timing import seconds
 

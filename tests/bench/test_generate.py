@@ -14,12 +14,13 @@ from dmae.data.images import KINDS
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.datasets.generate import generate
 from synth.errors import FailedSimulation
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.physics.simulation import simulate
+from synth.rendering.config import ImageQuality
 from synth.rendering.opengl import find_backend
-from synth.rendering.renderer import ImageQuality, Renderer, render_images
+from synth.rendering.renderer import Renderer, render_images
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
-from synth.scene.spec import SceneConfig
 from tests.support.scenes import RIG
 
 pytestmark = pytest.mark.bench

@@ -8,7 +8,7 @@ import pytest
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.datasets.occlusion import OcclusionConfig
 from synth.errors import FailedSimulation
-from synth.scene.spec import SceneConfig
+from synth.scene.config import SceneConfig
 
 pytestmark = pytest.mark.bench
 

@@ -10,12 +10,13 @@ from dmae.data.cameras import CameraRig
 from dmae.data.rng import Stream, generator
 from synth.errors import FailedSimulation
 from synth.labels.visibility import joint_visibility
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.physics import simulation
 from synth.physics.simulation import simulate
-from synth.rigs.rig import RigConfig, make_rig
+from synth.rigs.config import RigConfig
+from synth.rigs.rig import make_rig
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import SampledScene, sample_scene
-from synth.scene.spec import SceneConfig
 
 pytestmark = pytest.mark.bench
 

@@ -18,10 +18,9 @@ from dmae.progress import progress
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
 from synth.datasets.verify import verify
-from synth.rendering.renderer import ImageQuality
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig
-from synth.scene.spec import SceneConfig
+from synth.rendering.config import ImageQuality
+from synth.rigs.config import RigConfig, RingConfig
+from synth.scene.config import SceneConfig
 from tests.support.damages import OWN, flip_bit, structural
 
 

@@ -21,10 +21,10 @@ from dmae.formats.own import export_npz
 from dmae.formats.panoptic import write_poses as write_panoptic_poses
 from dmae.formats.writing import write_recording
 from synth.labels.physical_labels import save_physical_labels
+from synth.motion.config import MotionConfig
 from synth.motion.readers.npz import write_npz as write_smpl
-from synth.motion.source import MotionConfig
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
-from synth.scene.spec import SceneConfig
 from tests.support.animal_files import write_deeplabcut, write_movement, write_sleap
 from tests.support.calibrations import write as write_camera
 from tests.support.clips import full_clip, walkers

@@ -6,7 +6,8 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from dmae.data.cameras import CameraRig
-from synth.rigs.rig import RigConfig, make_rig
+from synth.rigs.config import RigConfig
+from synth.rigs.rig import make_rig
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "rig"
 PRESETS = sorted(path.stem for path in CONFIGS.glob("*.yaml"))

@@ -4,11 +4,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dmae.data.rng import Stream, generator
+from synth.motion.config import MotionConfig
 from synth.motion.motion import Motion
-from synth.motion.source import MotionConfig
 from synth.people.body import SEGMENTS, Body
 from synth.people.clothing import sample_looks
-from synth.rigs.rig import RigConfig, make_rig
+from synth.rigs.config import RigConfig
+from synth.rigs.rig import make_rig
 from synth.rooms.decor import Decor, Finish
 from synth.scene.spec import PersonSpec, SceneSpec
 

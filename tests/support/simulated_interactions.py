@@ -7,12 +7,13 @@ import mujoco
 import numpy as np
 
 from synth.interactions import InteractionConfig, find_interaction
+from synth.motion.config import MotionConfig
 from synth.motion.geometry import PALM
-from synth.motion.source import MotionConfig
 from synth.people.body import SKELETON
 from synth.physics.simulation import Simulation, simulate
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import SampledScene, sample_scene
-from synth.scene.spec import SceneConfig, SceneSpec
+from synth.scene.spec import SceneSpec
 from tests.support.scenes import RIG
 
 SCENE = SceneConfig(seconds=3.0, persons=[4, 4], props=[0, 0])

@@ -5,12 +5,13 @@ phase of the right leg.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from synth.motion.config import ProceduralConfig
 from synth.motion.geometry import about, smoothstep
 from synth.motion.motion import FloorPath, Motion
 from synth.motion.procedural.trajectory import (
@@ -290,37 +291,6 @@ def rolled(pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 # People who walk or stand throughout, and may gesture
-
-
-@dataclass(frozen=True)
-class ProceduralConfig:
-    """Motion of procedural people who walk or stand throughout. With `motion.actions`, only `speed` applies.
-
-    Attributes:
-        standing: Share, 0 to 1, of the people who stand; the others walk.
-        speed: m/s, least and greatest walking speed.
-        straight: Share, 0 to 1, of the walks that go straight ahead; half of the others are circles, half are winding.
-        radius: m, least and greatest radius of turns.
-        gesture: Share, 0 to 1, of the people who reach out or wave once.
-    """
-
-    standing: float = 0.25
-    speed: list[float] = field(default_factory=lambda: [1.0, 1.7])
-    straight: float = 0.25
-    radius: list[float] = field(default_factory=lambda: [1.5, 6.0])
-    gesture: float = 0.5
-
-    def __post_init__(self):
-        for name in ("standing", "straight", "gesture"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"motion.procedural.{name}: expected a share from 0 to 1, found {getattr(self, name)}")
-        # Beyond these bounds the published kinematics no longer hold, or feet cross on the inside of the turn.
-        for name, least, greatest in (("speed", 0.6, 1.7), ("radius", 1.0, np.inf)):
-            values = getattr(self, name)
-            if len(values) != 2 or not least <= values[0] <= values[1] <= greatest:
-                raise ValueError(
-                    f"motion.procedural.{name}: expected [least, greatest] within {least} to {greatest}, found {values}"
-                )
 
 
 @dataclass(frozen=True)

@@ -318,12 +318,7 @@ class TurnTo:
 
 # Agendas: the time and place of each action, with turns and walks between them
 
-_ON_THE_SPOT = {
-    "stand": stand, "reach": reach, "wave": wave, "bend": bend, "crouch": crouch, "lift": lift, "sit": sit,
-    "kick": kick, "punch": punch, "dance": dance,
-}  # fmt: skip
-ACTIONS = ("walk", "turn", *_ON_THE_SPOT)
-"""Names of all actions."""
+_ON_THE_SPOT = {each.__name__: each for each in (stand, reach, wave, bend, crouch, lift, sit, kick, punch, dance)}
 _ROOMY = {"crouch", "lift", "kick", "punch", "dance"}
 """Actions that need room around them, so that no seat may be near."""
 _ROOM = 1.3
@@ -524,29 +519,8 @@ def _walk(
 
 # The whole motion
 
-WEIGHTS = dict.fromkeys(ACTIONS, 1.0) | {
-    "walk": 28.0, "turn": 0.5, "crouch": 0.5, "kick": 4.0, "punch": 2.5, "dance": 6.0
-}  # fmt: skip
-"""Default relative frequency of each action. With it, people move about as much as in the CMU database."""
 SEATED = 0.64
 """Default hip height in sitting, as a fraction of the standing hip height: an average adult on a 0.45 m stool."""
-
-
-def check_actions(actions: Sequence[str], weights: Mapping[str, float]) -> None:
-    """Check that all names are actions and that actions can be drawn by these weights.
-
-    Raises:
-        ValueError: an action is unknown, a weight is negative, or no weight is above 0.
-    """
-    for what, names in (("actions", actions), ("weights", weights)):
-        unknown = ", ".join(repr(name) for name in names if name not in ACTIONS)
-        if unknown:
-            raise ValueError(f"motion.{what}: expected some of {', '.join(ACTIONS)}; found {unknown}")
-    for name, weight in weights.items():
-        if not 0 <= weight < np.inf:
-            raise ValueError(f"motion.weights.{name}: expected 0 or more, got {weight}")
-    if actions and not any(weights.get(name, 1) for name in actions):
-        raise ValueError(f"motion.weights: expected one above 0 among motion.actions, {list(actions)}; all are 0")
 
 
 def make_sequence(

@@ -8,10 +8,9 @@ import pytest
 from dmae.data.store import CHECKSUMS
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
-from synth.rendering.renderer import ImageQuality
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig
-from synth.scene.spec import SceneConfig
+from synth.rendering.config import ImageQuality
+from synth.rigs.config import RigConfig, RingConfig
+from synth.scene.config import SceneConfig
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,9 @@ from synth.datasets import forecast as module
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.forecast import Forecast, forecast, is_long
 from synth.datasets.generate import generate
-from synth.rendering.renderer import ImageQuality
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig
-from synth.scene.spec import SceneConfig
+from synth.rendering.config import ImageQuality
+from synth.rigs.config import RigConfig, RingConfig
+from synth.scene.config import SceneConfig
 from tests.support.commands import synth
 
 

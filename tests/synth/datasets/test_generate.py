@@ -21,12 +21,12 @@ from synth.detector.config import DetectorConfig
 from synth.detector.errors_of_joints import Misses
 from synth.detector.errors_of_persons import Ghosts
 from synth.errors import FailedSimulation
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.people.body import SEGMENTS
-from synth.rendering.renderer import ImageQuality
-from synth.rigs.placement import CameraConfig, RingConfig
-from synth.rigs.rig import JitterConfig, MiscalibrationConfig, RigConfig
-from synth.scene.spec import SceneConfig, SceneSpec
+from synth.rendering.config import ImageQuality
+from synth.rigs.config import CameraConfig, JitterConfig, MiscalibrationConfig, RigConfig, RingConfig
+from synth.scene.config import SceneConfig
+from synth.scene.spec import SceneSpec
 from tests.support.damages import files_of
 from tests.support.rigs import LEFT, PRESETS
 from tests.support.rigs import config as rig_config

@@ -13,8 +13,9 @@ from dmae.data.store import save_clip, write_manifest
 from synth.commands import compare_motion as command
 from synth.commands.compare_motion import CompareMotionCommand
 from synth.datasets.motion_comparison import ReadingConfig, Sample, Track, clip_tracks, compare, measure, take_tracks
+from synth.motion.config import ProceduralConfig
 from synth.motion.kinematics import QUANTITIES
-from synth.motion.procedural.gait import ProceduralConfig, make_motion
+from synth.motion.procedural.gait import make_motion
 from synth.people.body import SEGMENTS
 from synth.physics.body_state import reference_joints
 from tests.support.commands import synth

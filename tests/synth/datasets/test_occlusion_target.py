@@ -11,12 +11,13 @@ from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.datasets.generate import generate
 from synth.datasets.occlusion import OcclusionConfig, histogram, sample_hidden_scene, share, summary
 from synth.errors import FailedSimulation
-from synth.motion.source import MotionConfig
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig, make_rig
-from synth.rooms.props import PropsConfig
+from synth.motion.config import MotionConfig
+from synth.rigs.config import RigConfig, RingConfig
+from synth.rigs.rig import make_rig
+from synth.rooms.config import PropsConfig
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import lay_out, load_motions, sample_people, sample_scene
-from synth.scene.spec import Layout, SceneConfig
+from synth.scene.spec import Layout
 
 RING = RigConfig(ring=RingConfig(views=4))
 RIG = make_rig(RING, rng=generator(0, 0, Stream.CAMERAS))

@@ -16,10 +16,9 @@ from synth.datasets.physical_labels import add_labels, make_labels
 from synth.datasets.verify import verify
 from synth.labels.physical_labels import FILE, load_physical_labels
 from synth.labels.surfaces import NAMES
-from synth.rendering.renderer import ImageQuality
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig
-from synth.scene.spec import SceneConfig
+from synth.rendering.config import ImageQuality
+from synth.rigs.config import RigConfig, RingConfig
+from synth.scene.config import SceneConfig
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:no OpenGL")]
 

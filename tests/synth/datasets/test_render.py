@@ -16,10 +16,9 @@ from synth.datasets.verify import verify
 from synth.detector.config import DetectorConfig
 from synth.detector.errors_of_joints import Misses
 from synth.physics.body_state import FILE, load_state
-from synth.rendering.renderer import ImageQuality
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig
-from synth.scene.spec import SceneConfig
+from synth.rendering.config import ImageQuality
+from synth.rigs.config import RigConfig, RingConfig
+from synth.scene.config import SceneConfig
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:no OpenGL")]
 

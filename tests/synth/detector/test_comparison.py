@@ -18,7 +18,7 @@ from synth.detector.config import DetectorConfig
 from synth.detector.fitting import distance, fit, redetect
 from synth.detector.parts import PartConfig, PartsConfig
 from synth.detector.statistics import measure, measure_all, pool, read_recording
-from synth.scene.spec import SceneConfig
+from synth.scene.config import SceneConfig
 from tests.support.detectors import changed, preset
 from tests.support.rigs import config as rig_config
 

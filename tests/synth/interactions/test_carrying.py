@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from synth.interactions import InteractionConfig
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.physics.simulation import simulate
 from synth.scene.sampling import sample_scene
 from tests.support.scenes import RIG

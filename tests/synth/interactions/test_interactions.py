@@ -9,8 +9,9 @@ import pytest
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.errors import FailedSimulation
 from synth.interactions import NO_INTERACTION, InteractionConfig, find_interaction, interaction_choices
+from synth.motion.config import MotionConfig
 from synth.motion.readers.npz import write_npz
-from synth.motion.source import MotionConfig, read_take
+from synth.motion.source import read_take
 from synth.people.body import SKELETON
 from synth.physics.simulation import simulate
 from synth.scene.build import build_scene

@@ -5,10 +5,11 @@ import sys
 import pytest
 
 from synth.interactions import NO_INTERACTION, InteractionConfig, find_interaction, interaction, interaction_choices
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.physics.simulation import simulate
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import load_motions, sample_scene
-from synth.scene.spec import SceneConfig, SceneSpec
+from synth.scene.spec import SceneSpec
 from tests.support.commands import run_command
 from tests.support.scenes import RIG
 

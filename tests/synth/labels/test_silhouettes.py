@@ -13,14 +13,15 @@ from dmae.data.skeleton import BODY25
 from synth.errors import FailedSimulation
 from synth.labels.surfaces import agreement
 from synth.labels.visibility import _limbs, joint_visibility
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.people.body import SEGMENTS
 from synth.physics.simulation import simulate
 from synth.rendering import opengl
+from synth.rendering.config import ImageQuality
 from synth.rendering.opengl import find_backend
-from synth.rendering.renderer import ImageQuality, Renderer, render_images
+from synth.rendering.renderer import Renderer, render_images
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
-from synth.scene.spec import SceneConfig
 from tests.support.rigs import preset
 from tests.support.standing_people import looking_along_x, scene
 

@@ -8,7 +8,8 @@ from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from synth.labels.surfaces import NAMES, surface_agreement, surface_labels, surface_points
 from synth.people.body import SEGMENTS, Body
-from synth.rendering.renderer import ImageQuality, Renderer, render_images
+from synth.rendering.config import ImageQuality
+from synth.rendering.renderer import Renderer, render_images
 from synth.scene.build import build_scene
 from tests.support.rigs import preset
 from tests.support.scenes import BODY, RIG, scene
@@ -87,10 +88,10 @@ def test_visible_points_face_the_camera_and_hidden_ones_are_behind_something(sta
 @pytest.mark.slow
 def test_points_are_on_the_side_of_the_silhouette_that_their_visibility_says(painter, tmp_path):
     """Of points that are visible the id image shows their person, of hidden ones what hides them."""
-    from synth.motion.source import MotionConfig
+    from synth.motion.config import MotionConfig
     from synth.physics.simulation import simulate
+    from synth.scene.config import SceneConfig
     from synth.scene.sampling import sample_scene
-    from synth.scene.spec import SceneConfig
 
     rig = preset("shelf")
     config = SceneConfig(arena="office", persons=[4, 4], seconds=0.4, gathering=0.4)

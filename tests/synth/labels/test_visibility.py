@@ -9,8 +9,8 @@ from dmae.data.labels import Visibility
 from synth.labels.visibility import joint_visibility
 from synth.people.body import Body, body_at
 from synth.physics.simulation import simulate
-from synth.rigs.placement import RingConfig
-from synth.rigs.rig import RigConfig, make_rig
+from synth.rigs.config import RigConfig, RingConfig
+from synth.rigs.rig import make_rig
 from tests.support import scenes
 from tests.support.standing_people import DEPTH, POINTS, looking_along_x, scene
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmae.data.rng import Stream, generator
+from synth.motion.config import MotionConfig, ProceduralConfig
 from synth.motion.feet import fit_to_body
-from synth.motion.procedural.gait import ProceduralConfig
-from synth.motion.source import MotionConfig, load_motion
+from synth.motion.source import load_motion
 from synth.people.body import Body, segment_origins
 from synth.people.mjcf import capsules
 

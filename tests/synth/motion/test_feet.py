@@ -5,11 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dmae.data.rng import Stream, generator
+from synth.motion.config import MotionConfig, ProceduralConfig
 from synth.motion.feet import FEET, SOLE, fit_to_body, foot_contacts, lock_feet, sole_points, weight_on_feet
 from synth.motion.motion import redirect
-from synth.motion.procedural.gait import ProceduralConfig
 from synth.motion.procedural.trajectory import HEEL, STATURE, TIP
-from synth.motion.source import MotionConfig, cut, load_motion, read_take, takes
+from synth.motion.source import cut, load_motion, read_take, takes
 from synth.people.body import SEGMENTS, Body, segment_origins
 from tests.support.scenes import BODY, gliding
 

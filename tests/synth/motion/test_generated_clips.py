@@ -6,11 +6,11 @@ import pytest
 from dmae.data.store import load_clip, read_manifest
 from synth.datasets.clip import GenerateConfig
 from synth.datasets.generate import generate
-from synth.motion.procedural.gait import ProceduralConfig, make_motion
+from synth.motion.config import MotionConfig, ProceduralConfig
+from synth.motion.procedural.gait import make_motion
 from synth.motion.readers.npz import write_npz
-from synth.motion.source import MotionConfig
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import load_motions, sample_scene
-from synth.scene.spec import SceneConfig
 
 
 @pytest.fixture(params=["npz", "c3d"])

@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from dmae.data.skeleton import BODY25
 from dmae.numerics.paths import local_parabola
+from synth.motion.config import ProceduralConfig
 from synth.motion.kinematics import QUANTITIES, SMOOTHING, kinematics
-from synth.motion.procedural.gait import ProceduralConfig, make_motion
+from synth.motion.procedural.gait import make_motion
 from synth.people.body import SEGMENTS
 from synth.physics.body_state import reference_joints
 from tests.support.scenes import BODY, gliding

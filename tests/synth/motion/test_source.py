@@ -11,8 +11,9 @@ from omegaconf import OmegaConf
 from scipy.spatial.transform import Rotation
 
 from dmae.data.resources import resource_folder
+from synth.motion.config import MotionConfig
 from synth.motion.motion import Motion
-from synth.motion.source import MotionConfig, cut, load_motion, place, read_take, takes
+from synth.motion.source import cut, load_motion, place, read_take, takes
 from synth.people.body import SEGMENTS
 from tests.support.motion_files import amc, bvh
 

@@ -9,15 +9,16 @@ from hypothesis import strategies as st
 
 from dmae.data.skeleton import SKELETONS
 from synth.interactions import InteractionConfig, find_interaction, interaction_choices
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.people.body import SEGMENTS, SKELETON, Body, body_at, landmarks, sample_body, segment_origins
 from synth.people.clothing import HAIRSTYLES, Garment, PersonLooks, sample_looks
 from synth.people.mjcf import capsules
 from synth.people.surfaces import parts
 from synth.physics.simulation import Simulation, simulate
 from synth.scene import sampling as sample
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
-from synth.scene.spec import SceneConfig, SceneSpec
+from synth.scene.spec import SceneSpec
 from tests.support.scenes import RIG
 from tests.support.simulated_interactions import RECORDED, palms
 

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from synth.motion.procedural.gait import ProceduralConfig, make_motion
-from synth.motion.source import MotionConfig, read_take, takes
+from synth.motion.config import MotionConfig, ProceduralConfig
+from synth.motion.procedural.gait import make_motion
+from synth.motion.source import read_take, takes
 from synth.people.body import PARENTS, SEGMENTS
 from synth.people.joint_limits import GREATEST, LEAST, ORDER, WIDEST, limit_joints, swing_twist
 from synth.physics.controller import Controller, find_joints, make_reference

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from synth.motion.config import MotionConfig
 from synth.motion.feet import sole_points
 from synth.motion.geometry import about
-from synth.motion.source import MotionConfig
 from synth.people.body import SEGMENTS, Body
 from synth.physics.planning import leg_clearance, limb_points, plan_motions
 from synth.physics.simulation import simulate
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
-from synth.scene.spec import SceneConfig
 from tests.support.scenes import BODY, RIG, gliding, scene
 
 FPS = 25.0

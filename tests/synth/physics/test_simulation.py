@@ -9,12 +9,13 @@ from scipy.interpolate import CubicSpline
 
 from dmae.data.skeleton import SKELETONS
 from synth.errors import FailedSimulation
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.people.body import SEGMENTS, SKELETON, Body, landmarks
 from synth.physics.simulation import Contacts, Overlaps, assess, simulate
 from synth.scene.build import build_scene
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
-from synth.scene.spec import PropSpec, SceneConfig
+from synth.scene.spec import PropSpec
 from tests.support.scenes import BODY, RIG, gliding, scene
 
 OTHER = Body(1.65, 60, 1.0)

@@ -14,8 +14,9 @@ import pytest
 from dmae.data.cameras import CameraRig
 from dmae.data.labels import Visibility
 from synth.labels.visibility import joint_visibility
+from synth.rendering.config import ImageQuality
 from synth.rendering.opengl import find_backend
-from synth.rendering.renderer import ImageQuality, RenderedView, Renderer, render_images
+from synth.rendering.renderer import RenderedView, Renderer, render_images
 from synth.rigs.lenses import add_cameras
 from tests.support.rigs import PRESETS, distorted, preset, wide
 from tests.support.standing_people import looking_along_x, scene

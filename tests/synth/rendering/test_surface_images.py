@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from dmae.data.cameras import CameraRig
-from synth.rendering.renderer import ImageQuality, Renderer
+from synth.rendering.config import ImageQuality
+from synth.rendering.renderer import Renderer
 from synth.rigs.lenses import add_cameras
 from tests.support.rigs import distorted, preset
 from tests.support.standing_people import looking_along_x, scene

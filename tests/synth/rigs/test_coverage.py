@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from synth.errors import FailedSimulation
+from synth.rigs.config import CameraConfig, RigConfig
 from synth.rigs.coverage import Stage, area, check_outside, check_rig, find_faults, meeting_point, views_of_cells
-from synth.rigs.placement import CameraConfig
-from synth.rigs.rig import RigConfig, make_rig
+from synth.rigs.rig import make_rig
 from tests.support.rigs import points_in_area, preset
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from synth.errors import FailedSimulation
+from synth.rigs.config import CameraPlacement, DomeConfig, JitterConfig, Lens, RandomConfig, RigConfig, RingConfig
 from synth.rigs.coverage import Stage, find_faults
-from synth.rigs.placement import DomeConfig, Lens, RandomConfig, RingConfig
-from synth.rigs.rig import CameraPlacement, JitterConfig, RigConfig, make_rig
+from synth.rigs.rig import make_rig
 from synth.rooms.room import arena_file
 from tests.support.rigs import points_in_area
 

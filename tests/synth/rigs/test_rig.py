@@ -11,9 +11,9 @@ from dmae.data.cameras import CameraRig
 from dmae.formats.calibrations import calibration_format, read_calibration, write_calibration
 from dmae.formats.config import UpDirection
 from synth.errors import FailedSimulation
+from synth.rigs.config import CameraConfig, JitterConfig, MiscalibrationConfig, RigConfig
 from synth.rigs.coverage import Stage, area
-from synth.rigs.placement import CameraConfig
-from synth.rigs.rig import JitterConfig, MiscalibrationConfig, RigConfig, calibration_error, make_rig, miscalibrate
+from synth.rigs.rig import calibration_error, make_rig, miscalibrate
 from tests.support.rigs import AHEAD, LEFT, PRESETS, config, preset
 
 POINTS = area(Stage())[None]

@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from synth.motion.source import MotionConfig
+from synth.motion.config import MotionConfig
 from synth.rooms.decor import FINISHES, Decor, Light, decorate, sample_decor
 from synth.rooms.room import arena_file, room_choices
 from synth.scene.build import build_scene
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
-from synth.scene.spec import SceneConfig
 from synth.textures import paint
 from tests.support.scenes import BODY, RIG, scene
 

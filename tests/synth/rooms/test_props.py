@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from synth.motion.source import MotionConfig
-from synth.rooms.props import MeshUp, PropsConfig, find_meshes, load_mesh, prop_size, prop_spec
+from synth.motion.config import MotionConfig
+from synth.rooms.config import MeshUp, PropsConfig
+from synth.rooms.props import find_meshes, load_mesh, prop_size, prop_spec
 from synth.scene.build import build_scene
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import sample_scene
-from synth.scene.spec import PropSpec, SceneConfig, SceneSpec
+from synth.scene.spec import PropSpec, SceneSpec
 from tests.support.scenes import BODY, RIG, scene
 
 

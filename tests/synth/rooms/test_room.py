@@ -11,7 +11,7 @@ from dmae.cli import compose
 from synth.cli import SYNTH
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.rooms.room import arena_file, load_room, prop_file, room_choices, room_name, room_presets
-from synth.scene.spec import SceneConfig
+from synth.scene.config import SceneConfig
 from tests.support.commands import run_command
 
 LIGHT = '<light pos="0 0 3"/>'

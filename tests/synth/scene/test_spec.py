@@ -9,13 +9,13 @@ import pytest
 from dmae.data.json_values import decode
 from synth.interactions import InteractionConfig
 from synth.interactions.casting import draw_motions
-from synth.motion.procedural.gait import ProceduralConfig
-from synth.motion.source import MotionConfig, UpAxis
+from synth.motion.config import MotionConfig, ProceduralConfig, UpAxis
 from synth.people.body import SEGMENTS, body_at
 from synth.rooms.props import footprints
 from synth.rooms.room import arena_file, prop_file, room_choices
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import load_motions, sample_scene
-from synth.scene.spec import PropSpec, SceneConfig, SceneSpec
+from synth.scene.spec import PropSpec, SceneSpec
 
 MOTION = MotionConfig()
 SHORT = SceneConfig(seconds=1.0)

@@ -2,7 +2,7 @@
 
 from dmae.viewing.overlay import LayersConfig, Overlay, chosen_layers
 from synth.datasets.clip import GenerateConfig, generate_clip
-from synth.scene.spec import SceneConfig
+from synth.scene.config import SceneConfig
 from synth.viewing.rooms import draw_rooms
 
 

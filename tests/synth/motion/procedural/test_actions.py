@@ -5,13 +5,14 @@ import pytest
 
 from dmae.data.rng import generator
 from synth.interactions.script import seated
-from synth.motion.procedural.sequence import ACTIONS, SEATED, TurnTo, make_sequence, walk_to
+from synth.motion.config import ACTIONS, MotionConfig
+from synth.motion.procedural.sequence import SEATED, TurnTo, make_sequence, walk_to
 from synth.motion.procedural.trajectory import HIP_HEIGHT, STATURE, Stance
-from synth.motion.source import MotionConfig, load_motion
+from synth.motion.source import load_motion
 from synth.people.body import SEGMENTS, Body, segment_origins
 from synth.physics.simulation import simulate
+from synth.scene.config import SceneConfig
 from synth.scene.sampling import load_motions, sample_scene
-from synth.scene.spec import SceneConfig
 from tests.support.scenes import RIG
 from tests.support.stick_figure import elbows, joints, knees, soles
 

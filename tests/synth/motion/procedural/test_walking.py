@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from synth.motion.config import ProceduralConfig
 from synth.motion.motion import FloorPath
-from synth.motion.procedural.gait import ProceduralConfig, Walk, knee_angle, make_motion
+from synth.motion.procedural.gait import Walk, knee_angle, make_motion
 from synth.motion.procedural.trajectory import STRAIGHTEST
 from tests.support.stick_figure import elbows, knees, soles, thighs
 

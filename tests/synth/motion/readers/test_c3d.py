@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from synth.motion.config import UpAxis
 from synth.motion.readers.c3d import read_points
-from synth.motion.source import UpAxis, read_take
+from synth.motion.source import read_take
 from synth.people.body import SEGMENTS
 from tests.support.marker_files import as_dec, as_integers, c3d, t_pose
 from tests.support.stick_figure import elbows, joints, knees, soles

@@ -5,8 +5,9 @@ import re
 import numpy as np
 import pytest
 
+from synth.motion.config import MotionConfig, UpAxis
 from synth.motion.readers.dialects import DIALECTS
-from synth.motion.source import MotionConfig, UpAxis, load_motion, read_take
+from synth.motion.source import load_motion, read_take
 from synth.people.body import SEGMENTS
 from tests.support.motion_files import amc, bvh
 from tests.support.stick_figure import joints

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from synth.motion.config import ProceduralConfig, UpAxis
 from synth.motion.motion import Motion
-from synth.motion.procedural.gait import ProceduralConfig, make_motion
+from synth.motion.procedural.gait import make_motion
 from synth.motion.readers.npz import write_npz
-from synth.motion.source import UpAxis, place, read_take
+from synth.motion.source import place, read_take
 from synth.people.body import SEGMENTS
 from tests.support.stick_figure import joints, soles
 

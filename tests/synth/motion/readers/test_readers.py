@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 import synth
-from synth.motion.procedural.gait import ProceduralConfig, make_motion
+from synth.motion.config import MotionConfig, ProceduralConfig
+from synth.motion.procedural.gait import make_motion
 from synth.motion.readers import ReadOptions, reader, reader_of
 from synth.motion.readers.npz import write_npz
-from synth.motion.source import MotionConfig, load_motion, read_take, takes
+from synth.motion.source import load_motion, read_take, takes
 from synth.people.body import SEGMENTS
 from tests.support.marker_files import c3d, t_pose
 from tests.support.motion_files import amc, bvh

@@ -9,8 +9,9 @@ import pytest
 
 from dmae.files.contents import read_unpacked
 from synth.commands.takes import TakesCommand, run
+from synth.motion.config import MotionConfig
 from synth.motion.readers.takes import find_subject_leaks, find_takes, read_take_list
-from synth.motion.source import MotionConfig, load_motion, read_take
+from synth.motion.source import load_motion, read_take
 from tests.support.motion_files import amc, bvh
 
 

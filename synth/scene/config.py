@@ -1,0 +1,73 @@
+"""What a scene is drawn from: room, people, props, and the length of a clip."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from synth.people.body import MOST_PERSONS
+
+_LONGEST, _FASTEST = 3600.0, 1000.0
+"""Longest clip, s, and highest frame rate, 1/s."""
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """Distributions from which scenes are drawn. Pairs are the least and the greatest value."""
+
+    arena: str = "studio"
+    """Room of `scenes/`, or path of an MJCF file."""
+    persons: list[int] = field(default_factory=list)
+    """Number of people; with an interaction, of its participants. By default 2 to 4, within the numbers that the
+    interaction allows."""
+    children: float = 0.0
+    """Share of children, 4 to 17 years old, among the people."""
+    seconds: float = 5.0
+    """Length of a clip, s."""
+    fps: float = 25.0
+    """Frames per second of a clip. The same seed gives the same motion at any rate."""
+    middle: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    """x, y of the point around which people and props are placed, m."""
+    radius: float = 1.9
+    """Greatest distance of people's hips from the middle, m; motions that cannot be adapted may reach 0.3 m farther."""
+    gathering: float = 0.5
+    """Distance from the middle through which people pass at some time, m (standard deviation). With small values people
+    meet and hide each other."""
+    clearance: list[float] = field(default_factory=lambda: [0.35, 0.65])
+    """Distance that people keep between their hips, m; one value per clip. Below 0.5 they touch."""
+    props: list[int] = field(default_factory=lambda: [0, 3])
+    """Number of props, where there is space."""
+    prop_kinds: list[str] = field(default_factory=lambda: ["chair", "table", "screen", "plant", "crate", "drum"])
+    """Kinds of props: of `scenes/props/`, or paths of MJCF files."""
+    randomize: bool = True
+    """Whether floor, walls, light and colours are random in each clip; otherwise those of the room."""
+
+    def __post_init__(self):
+        for name, unit in (("persons", "people"), ("clearance", "m"), ("props", "props")):
+            pair = getattr(self, name)
+            if name == "persons" and not pair:
+                continue
+            if len(pair) != 2 or not 0 <= pair[0] <= pair[1] < np.inf:
+                raise ValueError(f"scene.{name}: expected [least, greatest] {unit}, not below 0, got {list(pair)}")
+        if self.persons and not 1 <= self.persons[0] <= self.persons[1] <= MOST_PERSONS:
+            raise ValueError(f"scene.persons: expected 1 to {MOST_PERSONS} people, got {list(self.persons)}")
+        for name, unit, most in (
+            ("seconds", "s", _LONGEST),
+            ("fps", "frames per second", _FASTEST),
+            ("radius", "m", 1000.0),
+            ("gathering", "m", 1000.0),
+        ):
+            if not 0 < getattr(self, name) <= most:
+                raise ValueError(
+                    f"scene.{name}: expected more than 0 and at most {most:g} {unit}, got {getattr(self, name)}"
+                )
+        if not 0 <= self.children <= 1:
+            raise ValueError(f"scene.children: expected a share from 0 to 1, got {self.children}")
+        if len(self.middle) != 2 or not np.isfinite(self.middle).all():
+            raise ValueError(f"scene.middle: expected x and y, m, got {list(self.middle)}")
+        if self.props[1] and not self.prop_kinds:
+            raise ValueError(f"scene.prop_kinds is empty, but scene.props asks for up to {self.props[1]}")
+
+    @property
+    def frames(self) -> int:
+        """The number of frames of a clip."""
+        return max(1, round(self.seconds * self.fps))
