@@ -9,7 +9,8 @@ from dmae.completion.weights import find_shipped
 from dmae.data.clip import Poses3D
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25
-from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
+from dmae.evaluation.config import GapConfig
+from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.metrics.position import GAPS
 from dmae.numerics.paths import gap_lengths
 from synth.interactions import InteractionConfig

@@ -6,9 +6,8 @@ from enum import StrEnum
 from dmae.completion.config import PaperSize
 from dmae.completion.methods import completion_method
 from dmae.evaluation.corruption.registry import corruption
-from dmae.evaluation.synthetic_gaps import GapConfig
-from dmae.formats.reading import DataConfig
-from dmae.metrics.pcp import protocol
+from dmae.formats.config import DataConfig
+from dmae.metrics.registry import protocol
 from dmae.parallel import Backend
 from dmae.reconstruction.config import CaptureConfig
 
@@ -31,6 +30,22 @@ class ReferencePoses(StrEnum):
     """The true poses of the clip."""
     capture = "capture"
     """Joints that all cameras together measured in three views or more: real gaps, and no annotation needed."""
+
+
+@dataclass(frozen=True)
+class GapConfig:
+    """Synthetic gaps: bursts in which a body part, or now and then a whole person, is hidden."""
+
+    bursts: float = 2.0
+    """1/s; bursts of each person."""
+    longest: int = 60
+    """Frames at 25/s; the longest burst. Lengths are log-uniform from 2."""
+    absence: int = 15
+    """Frames at 25/s; the longest burst in which a whole person is hidden."""
+
+    def __post_init__(self):
+        if self.bursts < 0 or self.longest < 2 or self.absence < 2:
+            raise ValueError(f"gaps: expected bursts >= 0, longest >= 2 and absence >= 2, found {self}")
 
 
 @dataclass(frozen=True)

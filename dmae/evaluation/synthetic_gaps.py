@@ -1,12 +1,11 @@
 """Cut synthetic gaps into true poses and add errors like those of capture, to test completion."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dmae.completion.config import MaskingConfig
 from dmae.completion.training_data import mask_bursts
 from dmae.data.clip import Poses3D
+from dmae.evaluation.config import GapConfig
 from dmae.numerics.paths import neighbours
 from dmae.numerics.statistics import ar1_filter
 
@@ -22,22 +21,6 @@ _OUTLIER_RATE = 0.1
 """Outliers per second and joint. Each lasts up to `_DRIFT_TIME` and has an offset of `_OUTLIER_SIZE`."""
 _OUTLIER_SIZE = (0.05, 0.5)
 """m; log-uniform between these."""
-
-
-@dataclass(frozen=True)
-class GapConfig:
-    """Synthetic gaps: bursts in which a body part, or now and then a whole person, is hidden."""
-
-    bursts: float = 2.0
-    """1/s; bursts of each person."""
-    longest: int = 60
-    """Frames at 25/s; the longest burst. Lengths are log-uniform from 2."""
-    absence: int = 15
-    """Frames at 25/s; the longest burst in which a whole person is hidden."""
-
-    def __post_init__(self):
-        if self.bursts < 0 or self.longest < 2 or self.absence < 2:
-            raise ValueError(f"gaps: expected bursts >= 0, longest >= 2 and absence >= 2, found {self}")
 
 
 def cut_gaps(truth: Poses3D, fps: float, config: GapConfig, *, rng: np.random.Generator) -> Poses3D:

@@ -1,16 +1,14 @@
 """PCP, the percentage of correct parts (limbs)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dmae.data.skeleton import SHELF14, Skeleton
 from dmae.metrics.comparison import Comparison, match, match_claimed, match_nearest, take_matched
 from dmae.metrics.position import percent
-from dmae.metrics.registry import metric
+from dmae.metrics.registry import Protocol, metric, protocol
 from dmae.numerics.statistics import mean_known
-from dmae.registry import Entry, Registry
 
 _SHELF_LIMBS = (
     "r_knee-r_ankle", "l_knee-l_ankle", "r_hip-r_knee", "l_hip-l_knee", "r_elbow-r_wrist", "l_elbow-l_wrist",
@@ -93,24 +91,6 @@ def _by_person(comparison: Comparison) -> np.ndarray:
 
 _UNGATED = 100.0
 """m; a gate that is larger than any distance between persons."""
-
-
-@dataclass(frozen=True)
-class Protocol(Entry):
-    """A protocol: its function assigns predictions to true persons, as `dmae.metrics.comparison.match` does.
-
-    Attributes:
-        missed_count: Whether limbs of a person without a prediction count as not correct.
-        at_half: Whether a limb with an error of exactly half its length is correct.
-        head: How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.recording`).
-    """
-
-    missed_count: bool = True
-    at_half: bool = True
-    head: str = "4da"
-
-
-protocol = Registry("protocol", Protocol, __package__)
 
 
 @protocol("strict")

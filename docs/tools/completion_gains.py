@@ -22,7 +22,8 @@ from dmae.data.clip import Poses3D
 from dmae.data.json_values import json_text
 from dmae.data.skeleton import BODY25
 from dmae.evaluation.benchmark.holes import PARTS, part_of
-from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
+from dmae.evaluation.config import GapConfig
+from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.metrics.position import GAPS, in_region
 from dmae.numerics.paths import gap_lengths
 from dmae.progress import progress

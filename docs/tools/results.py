@@ -168,7 +168,7 @@ def paper_table(name: str) -> str:
 
 def protocols() -> str:
     """Return a table of the PCP protocols with their rules."""
-    from dmae.metrics.pcp import protocol
+    from dmae.metrics.registry import protocol
 
     rows = [
         [f"`{name}`", rules.help, "counts as wrong" if rules.missed_count else "does not count",

@@ -48,8 +48,9 @@ from dmae.evaluation.paper_tables.recording import (
 )
 from dmae.evaluation.paper_tables.table import MeasuredRow, TableColumn, limb_table, mean_score, paper_table
 from dmae.evaluation.scores import figure_score, run_table, score, summary
-from dmae.metrics.pcp import better_limbs, correct_limbs, limb_names, protocol
+from dmae.metrics.pcp import better_limbs, correct_limbs, limb_names
 from dmae.metrics.position import PCK_THRESHOLD
+from dmae.metrics.registry import protocol
 from dmae.metrics.table import block_of, tally
 from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture

@@ -25,7 +25,8 @@ from dmae.evaluation.paper_tables.table import (
     paper_table,
 )
 from dmae.formats.reading import Clips, DataConfig, camera_subsets, load
-from dmae.metrics.pcp import correct_limbs, count_limbs, protocol
+from dmae.metrics.pcp import correct_limbs, count_limbs
+from dmae.metrics.registry import protocol
 from dmae.reconstruction.pipeline import capture
 
 

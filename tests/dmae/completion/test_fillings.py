@@ -21,7 +21,8 @@ from dmae.completion.fillings import (
 from dmae.completion.methods import METHODS, completion_method, find_method
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25, COCO17, SHELF14, get_skeleton
-from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
+from dmae.evaluation.config import GapConfig
+from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.numerics.filling import LONGEST_ABSENCE, LONGEST_HOLD, present, smooth
 from tests.support.circling_people import circling_people
 from tests.support.clips import t_pose, walkers

@@ -22,9 +22,8 @@ from dmae.data.clip import Source
 from dmae.data.conversion import convert
 from dmae.data.skeleton import BODY25, COCO17, HALPE26, SHELF14, Skeleton, fuse
 from dmae.data.store import load_clip, save_clip, write_atomic
-from dmae.evaluation.config import EvaluateConfig
+from dmae.evaluation.config import EvaluateConfig, GapConfig
 from dmae.evaluation.evaluate import evaluate
-from dmae.evaluation.synthetic_gaps import GapConfig
 from dmae.formats.reading import DataConfig
 from tests.support import scored_clips
 from tests.support.circling_people import circling_people, clip_of

@@ -8,9 +8,8 @@ import pytest
 from dmae.data.clip import Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
-from dmae.evaluation.config import EvaluateConfig, Input, ReferencePoses
+from dmae.evaluation.config import EvaluateConfig, GapConfig, Input, ReferencePoses
 from dmae.evaluation.evaluate import evaluate
-from dmae.evaluation.synthetic_gaps import GapConfig
 from dmae.formats.reading import DataConfig
 from dmae.metrics.score_tables import score_tables
 from dmae.reporting.figures import gaps_figure

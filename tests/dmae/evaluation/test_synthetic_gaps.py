@@ -5,7 +5,8 @@ import pytest
 
 from dmae.data.clip import Poses3D, Source
 from dmae.data.skeleton import BODY25
-from dmae.evaluation.synthetic_gaps import GapConfig, cut_gaps, perturb
+from dmae.evaluation.config import GapConfig
+from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.numerics.paths import gap_lengths, neighbours
 from tests.support.circling_people import circling_people
 from tests.support.clips import walkers

@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from dmae.data.skeleton import BODY25, SHELF14
 from dmae.metrics.comparison import match, take_matched
 from dmae.metrics.identity import identity_switches
-from dmae.metrics.pcp import better_limbs, correct_limbs, count_limbs, limb_ends, limb_names, protocol, published_pcp
+from dmae.metrics.pcp import better_limbs, correct_limbs, count_limbs, limb_ends, limb_names, published_pcp
 from dmae.metrics.position import mpjpe, pck, percent
+from dmae.metrics.registry import protocol
 from tests.support.clips import t_pose
 from tests.support.shelf_walkers import aside, people
 

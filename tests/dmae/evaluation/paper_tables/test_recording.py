@@ -15,7 +15,7 @@ from dmae.evaluation.paper_tables.learned import make_table
 from dmae.evaluation.paper_tables.recording import convert_with_head
 from dmae.evaluation.paper_tables.table import markdown, terminal_table
 from dmae.formats.reading import DataConfig
-from dmae.metrics.pcp import protocol
+from dmae.metrics.registry import protocol
 from tests.support import scored_clips
 from tests.support.clips import t_pose, walkers
 

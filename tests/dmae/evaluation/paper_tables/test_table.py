@@ -8,7 +8,7 @@ import pytest
 import dmae.evaluation.paper_tables.table as published
 from dmae.evaluation.config import NUMBERS
 from dmae.evaluation.paper_tables.table import published_rows
-from dmae.metrics.pcp import protocol
+from dmae.metrics.registry import protocol
 
 ROWS = tomllib.loads((Path(published.__file__).parent / "published.toml").read_text())["row"]
 KEYS = {
