@@ -13,9 +13,8 @@ from types import ModuleType
 
 from dmae.command_line import interruption
 from dmae.command_line.help import command_help, program_help
-from dmae.command_line.options import Group, Option, presets_of
+from dmae.command_line.options import Command, Group, Option, Program, presets_of
 from dmae.command_line.outputs import check_out, locked, record
-from dmae.command_line.programs import Command, Program
 from dmae.command_line.spelling import (
     PRESET_FLAGS,
     check,
@@ -123,7 +122,7 @@ def _copy_presets(command: Command, folders: list[Path], copy: Path) -> None:
 
 def _run_hydra(command: Command, arguments: list[str], interrupted: interruption.Interruption) -> None:
     """Hand a command to Hydra, which composes its configuration and runs it, for a sweep several times."""
-    module, configuration = command.imported()
+    module = command.module
     interrupted.check()
     import hydra
     from hydra.errors import HydraException
@@ -131,11 +130,11 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
     from omegaconf.errors import OmegaConfBaseException
 
     sys.argv = [str(command), *arguments]
-    _store(command, configuration)
+    _store(command)
 
     def application(config: DictConfig) -> None:
         try:
-            _apply(module, config, interrupted)
+            _apply(command, module, config, interrupted)
         except BrokenPipeError:
             raise
         except Exception as error:
@@ -163,7 +162,7 @@ def _run_hydra(command: Command, arguments: list[str], interrupted: interruption
             os.environ["HYDRA_FULL_ERROR"] = full
 
 
-def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -> None:
+def _apply(command: Command, module: ModuleType, config, interrupted: interruption.Interruption) -> None:
     """Run a command with a configuration as Hydra composed it, and record the configuration with the output."""
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
@@ -183,7 +182,7 @@ def _apply(module: ModuleType, config, interrupted: interruption.Interruption) -
     if given is not None and HydraConfig.get().mode == RunMode.MULTIRUN:
         given = HydraConfig.get().runtime.output_dir
     out = module.default_out(values) if given is None else Path(given)
-    check_out(out, module.WRITES)
+    check_out(out, command.writes)
     describe = getattr(module, "interrupted", None)
     interrupted.describe = lambda: describe(values, out) if describe else f"nothing was written to {out}; run it again"
     with locked(out, getattr(values, "first", None)):
@@ -214,7 +213,7 @@ def compose(command: Command, overrides: Sequence[str]) -> object:
     overrides = expand_names(options, expand_data(options, list(overrides)))
     check(options, overrides, [])
     overrides = expand_lists(options, overrides)
-    _store(command, command.imported()[1])
+    _store(command)
     try:
         with _config_folder(command) as folder, hydra.initialize_config_dir(folder, version_base="1.3"):
             return OmegaConf.to_object(hydra.compose(command.name, overrides=overrides))
@@ -239,13 +238,18 @@ def _config_folder(command: Command) -> Iterator[str]:
         yield copy
 
 
-def _store(command: Command, configuration: type) -> None:
-    """Give Hydra the schema of a command, and the presets that registries have."""
+def _store(command: Command) -> None:
+    """Give Hydra the configuration of a command, and the presets that registries have."""
     from hydra.core.config_store import ConfigStore
 
-    store = ConfigStore.instance()
-    store.store(name=f"{command.name}_schema", node=_schema(configuration))
-    options = command.options()
+    store, options = ConfigStore.instance(), command.options()
+    store.store(name=f"{command.name}_schema", node=_schema(command.configuration))
+    groups = [{group: preset} for group, preset in command.presets.items()]
+    node = {"defaults": [f"{command.name}_schema", "base", *groups, "_self_"]}
+    out = options.find("out")
+    if out is None or out.default is None:
+        node["hydra"] = {"sweep": {"dir": f"runs/{command.name}"}}
+    store.store(name=command.name, node=node)
     for group in {each.key for each in options.members} | command.registries.keys():
         # `data=...` and others are groups of presets for some commands, and plain paths for others.
         store.repo.pop(group, None)

@@ -1,4 +1,7 @@
-"""Tasks in several processes, here or on a cluster. Ctrl-C reaches the main process alone, which ends the others."""
+"""Tasks in several processes, here or on a cluster. Ctrl-C reaches the main process alone, which ends the others.
+
+Configurations name a `Backend`, so this module imports joblib only to run tasks.
+"""
 
 import os
 import signal
@@ -12,8 +15,6 @@ from enum import StrEnum
 from functools import cache
 from multiprocessing import resource_tracker
 from pathlib import Path
-
-from joblib import Parallel, cpu_count, delayed, effective_n_jobs
 
 from dmae.clusters import Cluster, connect, on_cluster
 from dmae.files.mapped import trim
@@ -73,6 +74,8 @@ def in_parallel(function: Callable, tasks: Iterable[tuple], workers: int, *, ord
 
 def process_count(workers: int) -> int:
     """Return how many tasks `in_parallel` runs at a time."""
+    from joblib import effective_n_jobs
+
     backend = backend_in_use()
     if backend == Backend.loky:
         return effective_n_jobs(workers)
@@ -80,6 +83,8 @@ def process_count(workers: int) -> int:
 
 
 def _cluster(backend: Backend, workers: int) -> Cluster:
+    from joblib import cpu_count
+
     # Processes and threads of the cluster never receive Ctrl-C.
     with _interrupts_blocked(True):
         return connect(backend, cpu_count() if workers < 1 else workers)
@@ -90,6 +95,8 @@ def _processes(cluster: Cluster, workers: int) -> int:
 
 
 def _on_this_machine(function: Callable, tasks: Iterable[tuple], workers: int, ordered: bool) -> Iterator:
+    from joblib import Parallel, delayed
+
     how = "generator" if ordered else "generator_unordered"
     with _interrupts_blocked(workers != 1):
         results = Parallel(n_jobs=workers, return_as=how)(

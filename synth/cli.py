@@ -1,7 +1,7 @@
 """The `synth` command."""
 
 from dmae.cli import run_program
-from dmae.command_line.programs import Program
+from dmae.command_line.options import Program
 from synth.commands import COMMANDS
 from synth.commands.presets import REGISTRIES
 

@@ -6,8 +6,7 @@ import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 
-from dmae.command_line.options import REQUIRED, Group, Option
-from dmae.command_line.programs import Command, Program
+from dmae.command_line.options import REQUIRED, Command, Group, Option, Program
 from dmae.command_line.spelling import required
 from dmae.command_line.suggestions import suggestion
 
@@ -50,10 +49,8 @@ def command_help(command: Command, options: Group, topic: str = "") -> str:
             names = [member.key for member in options.walk()]
             raise ValueError(f"--help {topic}: no such option; {suggestion(topic, names)}")
         return "\n".join(_topic(command, found))
-    own = command.configuration.module.name == command.module
-    meaning = options.meaning if own else f"{command.summary}."
     needed = "".join(f" {key}=..." for key in required(options))
-    lines = [f"usage: {command}{needed} [key=value ...]", "", *_documentation(meaning), ""]
+    lines = [f"usage: {command}{needed} [key=value ...]", "", *_documentation(options.meaning), ""]
     lines += _presets_and_options(command, options, whole=topic == "all")
     lines += [_heading("Examples"), *(f"  {example}" for example in command.examples)]
     lines += ["", _heading("Flags"), *(line for row in _FLAGS for line in _row(*row))]

@@ -1,19 +1,27 @@
-"""The options of a command: names, types, defaults, choices and meanings, from the source of its configuration."""
+"""Programs, their commands, and the options of a command, which are the fields of a frozen dataclass.
 
-import ast
+The dataclass is the only declaration of an option: Hydra composes it, Python constructs it, and help, messages and the
+reference page read it here, with the docstring below each field. Its module imports nothing heavy.
+"""
+
 import enum
 import importlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from functools import cache
 from pathlib import Path
+from types import ModuleType
+from typing import get_args, get_origin, get_type_hints
 
-from dmae.command_line.source import DataclassSource, Module, Unreadable
+from docstring_parser import parse_from_object
+
 from dmae.data.resources import resource_folder
 from dmae.registry import Registry
 
 REQUIRED = "???"
 """Default of an option that has to be given."""
-_TYPES = {"int": "whole number", "float": "number", "bool": "true or false", "str": "text"}
+_KINDS = {int: "whole number", float: "number", bool: "true or false", str: "text"}
 
 
 @dataclass(frozen=True)
@@ -21,13 +29,14 @@ class Option:
     """One `key=value`.
 
     Attributes:
-        key: With the groups that it is in, as users type it.
-        kind: Of its value, or of each where it is a list: "whole number", "number", "true or false", "text", "choice".
-        default: Its value if it is not given; `REQUIRED` where it must be; None for none.
+        key: With its groups, as users type it.
+        kind: Of its value, or of each entry of a list: "whole number", "number", "true or false", "text", "choice".
+        default: Its value if it is not given; `REQUIRED` where it must be.
         meaning: From the docstring.
         choices: All values that are allowed; none where any is.
         many: Whether it is a list.
         keyed: Whether it is a dictionary, and `key.anything=value` is allowed.
+        optional: Whether it can be `null`.
     """
 
     key: str
@@ -47,8 +56,8 @@ class Group:
     Attributes:
         key: With the groups that it is in; empty for a whole command.
         meaning: From the docstring.
-        members: In the order of the source.
-        presets: Names that `key=name` can be, with the help of their files; empty if there are none.
+        members: In the order of the dataclass.
+        presets: Names that `key=name` can be, with their help; empty if there are none.
         preset: The one that is used if none is given; `REQUIRED` where one must be.
     """
 
@@ -71,18 +80,13 @@ class Group:
 
 @dataclass(frozen=True)
 class Preset:
-    """An entry of a registry that `key=name` stands for.
-
-    Attributes:
-        meaning: One line of help.
-        values: Options of the group and their values.
-    """
+    """An entry of a registry that `key=name` stands for: one line of help, and options of the group with values."""
 
     meaning: str
     values: dict[str, object]
 
 
-Registries = dict[str, Callable[[], dict[str, Preset]]]
+Registries = Mapping[str, Callable[[], dict[str, Preset]]]
 """Functions that return the presets of groups by name, where a registry has them rather than files in `configs/`."""
 
 
@@ -91,124 +95,125 @@ def presets_of(registry: Registry, option: str) -> Callable[[], dict[str, Preset
     return lambda: {name: Preset(entry.help, {option: name}) for name, entry in registry.items()}
 
 
-def read_options(
-    configuration: DataclassSource, name: str, folders: tuple[Path, ...] = (), registries: Registries | None = None
-) -> Group:
-    """The options of a command.
+@dataclass(frozen=True)
+class Command:
+    """A sub-command, `dmae a-b` with `run(config, out)` in the module `dmae.commands.a_b`, which is imported to run it.
 
-    Args:
-        configuration: The source of its dataclass.
-        name: Of its file in `configs/`, which says what presets are used unless others are named.
-        folders: More folders of presets (`--config-dir`).
-        registries: More presets, by group.
+    The module may also have `default_out(config)`, and `interrupted(config, out)`, which says what is complete and how
+    to continue.
+
+    Attributes:
+        summary: What it does, in a line.
+        config: Home of the dataclass of its options, as "module:class".
+        examples: Command lines.
+        presets: Groups that have presets, and the preset of each that is used unless another is named; `REQUIRED` where
+            one must be named.
+        writes: "folder" or "file" as `out` is one; None where it has no `out`, or where that depends.
+        program: Name of the program.
+        name: As users type it.
+        registries: Presets that are no files, by group.
     """
-    places = (resource_folder("dmae", "configs"), *folders)
-    chosen = _chosen_presets(places[0] / f"{name}.yaml")
-    registered = {group: presets() for group, presets in (registries or {}).items() if group in chosen}
-    values: dict[str, object] = {}
-    for group, preset in chosen.items():
-        if preset in registered.get(group, {}):
-            values |= dict(_leaves(registered[group][preset].values, group))
-        file = places[0] / group / f"{preset}.yaml"
-        if file.is_file():
-            package = "" if "@package _global_" in file.read_text() else group
-            values |= dict(_leaves(_yaml(file), package))
-    return _with_presets(_group(configuration, "", values), chosen, places, registered)
+
+    summary: str
+    config: str
+    examples: tuple[str, ...]
+    presets: Mapping[str, str | None] = field(default_factory=dict)
+    writes: str | None = "folder"
+    program: str = ""
+    name: str = ""
+    registries: Registries = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.program} {self.name}"
+
+    @property
+    def configuration(self) -> type:
+        """The dataclass of its options."""
+        home, _, name = self.config.partition(":")
+        return getattr(importlib.import_module(home), name)
+
+    @property
+    def module(self) -> ModuleType:
+        return importlib.import_module(f"{self.program}.commands.{self.name.replace('-', '_')}")
+
+    def options(self, folders: tuple[Path, ...] = ()) -> Group:
+        """Its options, with the presets in further folders (`--config-dir`)."""
+        places = (resource_folder("dmae", "configs"), *folders)
+        registered = {group: self.registries[group]() for group in self.presets if group in self.registries}
+        values: dict[str, object] = {}
+        for group, preset in self.presets.items():
+            if preset in registered.get(group, {}):
+                values |= _leaves(registered[group][preset].values, group)
+            file = places[0] / group / f"{preset}.yaml"
+            if file.is_file():
+                values |= _leaves(_yaml(file), "" if "@package _global_" in file.read_text() else group)
+        options = _group(self.configuration, "", values)
+        members = []
+        for member in options.members:
+            if isinstance(member, Group) and member.key in self.presets:
+                files = {file.stem: file for place in places for file in sorted((place / member.key).glob("*.yaml"))}
+                presets = {name: preset.meaning for name, preset in registered.get(member.key, {}).items()}
+                presets |= {name: _comment(file) for name, file in files.items()}
+                member = replace(member, presets=presets, preset=self.presets[member.key])
+            members.append(member)
+        return replace(options, members=tuple(members))
 
 
-def _group(source: DataclassSource, key: str, values: dict[str, object]) -> Group:
+class Program:
+    """A program: its name, one sentence about it, its commands by name, and presets of groups from registries."""
+
+    def __init__(self, name: str, about: str, commands: Mapping[str, Command], registries: Registries | None = None):
+        self.name, self.about = name, about
+        self.commands = {
+            each: replace(command, program=name, name=each, registries=registries or {})
+            for each, command in commands.items()
+        }
+
+
+def _group(configuration: type, key: str, values: dict[str, object]) -> Group:
+    meanings, hints = _meanings(configuration), get_type_hints(configuration)
     members = []
-    for statement, meaning, module in source.fields():
-        name = f"{key}.{statement.target.id}".lstrip(".")
-        if name == "hydra":
-            continue
-        members.append(_member(statement, name, meaning, module, values))
-    return Group(key, source.documentation, tuple(members))
-
-
-def _member(
-    statement: ast.AnnAssign, key: str, meaning: str, module: Module, values: dict[str, object]
-) -> Option | Group:
-    annotation, many, keyed, optional = statement.annotation, False, False, False
-    if isinstance(annotation, ast.BinOp):  # X | None
-        annotation, optional = annotation.left, True
-    if isinstance(annotation, ast.Subscript):
-        many, keyed = annotation.value.id == "list", annotation.value.id == "dict"
-        annotation = annotation.slice.elts[-1] if keyed else annotation.slice
-    kind = _TYPES.get(annotation.id) if isinstance(annotation, ast.Name) else "text"
-    choices: tuple[str, ...] = ()
-    if kind is None:
-        value = _value(module, annotation)
-        if isinstance(value, DataclassSource):
-            if not (many or keyed):
-                group = _group(value, key, values)
-                return replace(group, meaning=meaning or group.meaning)
-            kind = "entry"
+    for each in fields(configuration):
+        name = f"{key}.{each.name}".lstrip(".")
+        if is_dataclass(hints[each.name]):
+            group = _group(hints[each.name], name, values)
+            members.append(replace(group, meaning=meanings.get(each.name, group.meaning)))
         else:
-            kind, choices = "choice", tuple(_names(value))
-            meaning = meaning or " ".join((value.__doc__ or "").split())
-    default, metadata = _default(statement.value, module)
-    if "choices" in metadata:
-        choices = tuple(_names(metadata["choices"]))
-    if key in values:
-        default = values[key]
-    return Option(key, kind, default, meaning, choices, many, keyed, optional)
+            members.append(_option(each, name, hints[each.name], meanings.get(each.name, ""), values))
+    return Group(key, _documentation(configuration), tuple(members))
 
 
-def _default(node: ast.expr | None, module: Module) -> tuple[object, dict]:
-    """The default value of a field, and its metadata."""
-    if node is None:
-        return REQUIRED, {}
-    if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "field"):
-        return _value(module, node), {}
-    given = {keyword.arg: keyword.value for keyword in node.keywords}
-    metadata = _value(module, given["metadata"]) if "metadata" in given else {}
-    if "default_factory" not in given:
-        return (_value(module, given["default"]) if "default" in given else REQUIRED), metadata
-    factory = given["default_factory"]
-    if isinstance(factory, ast.Lambda):
-        return _value(module, factory.body), metadata
-    return _value(module, ast.Call(factory, [], []), ast.unparse(factory)), metadata
+def _option(each, key: str, hint, meaning: str, values: dict[str, object]) -> Option:
+    inner = [part for part in get_args(hint) if part is not type(None)]
+    optional = type(None) in get_args(hint)
+    if optional:
+        hint = inner[0]
+        inner = get_args(hint)
+    many, keyed = get_origin(hint) is list, get_origin(hint) is dict
+    hint = inner[-1] if keyed else inner[0] if many else hint
+    kind, choices = _KINDS.get(hint, "entry" if is_dataclass(hint) else "text"), each.metadata.get("choices", ())
+    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+        kind, choices = "choice", choices or hint.__members__
+        meaning = meaning or " ".join((hint.__doc__ or "").split())
+    default = each.default if each.default is not MISSING else REQUIRED
+    default = default if each.default_factory is MISSING else each.default_factory()
+    return Option(key, kind, values.get(key, default), meaning, tuple(map(str, choices)), many, keyed, optional)
 
 
-def _value(module: Module, node: ast.expr, text: str | None = None):
-    """The value of an expression: from the source, or where that does not tell, from the module itself, imported."""
-    ast.fix_missing_locations(node)
-    try:
-        return module.evaluate(node)
-    except Unreadable:
-        imported = importlib.import_module(module.name)
-        return eval(compile(ast.Expression(node), module.name, "eval"), dict(vars(imported)))
+@cache
+def _meanings(configuration: type) -> dict[str, str]:
+    """The docstring of each field of a dataclass and of those that it extends."""
+    found = {}
+    for kind in reversed(configuration.__mro__):
+        if is_dataclass(kind):
+            documented = parse_from_object(kind).params
+            found |= {each.arg_name: " ".join(each.description.split()) for each in documented if each.description}
+    return found
 
 
-def _names(values) -> list[str]:
-    """The names of an enum's members, or of the entries of a registry."""
-    if isinstance(values, type) and issubclass(values, enum.Enum):
-        return list(values.__members__)
-    return [str(value) for value in values]
-
-
-def _chosen_presets(file: Path) -> dict[str, str]:
-    """The `defaults:` of a command's file: which preset of each group."""
-    if not file.is_file():
-        return {}
-    entries = [entry for entry in _yaml(file).get("defaults", []) if isinstance(entry, dict)]
-    return {key: value for entry in entries for key, value in entry.items() if not key.startswith("override ")}
-
-
-def _with_presets(
-    group: Group, chosen: dict[str, str], places: tuple[Path, ...], registered: dict[str, dict[str, Preset]]
-) -> Group:
-    """The options of a command, those groups that have presets with their names."""
-    members = []
-    for member in group.members:
-        if isinstance(member, Group) and member.key in chosen:
-            files = {file.stem: file for place in places for file in sorted((place / member.key).glob("*.yaml"))}
-            presets = {name: preset.meaning for name, preset in registered.get(member.key, {}).items()}
-            presets |= {name: _comment(file) for name, file in files.items()}
-            member = replace(member, presets=presets, preset=chosen[member.key])
-        members.append(member)
-    return replace(group, members=tuple(members))
+def _documentation(configuration: type) -> str:
+    """The docstring of a dataclass, up to its section of attributes."""
+    return (inspect.getdoc(configuration) or "").partition("\nAttributes:")[0].strip()
 
 
 def _comment(file: Path) -> str:
@@ -228,10 +233,10 @@ def _yaml(file: Path) -> dict:
     return yaml.load(file.read_text(), getattr(yaml, "CSafeLoader", yaml.SafeLoader)) or {}
 
 
-def _leaves(values: dict, prefix: str) -> Iterator[tuple[str, object]]:
+def _leaves(values: dict, prefix: str) -> dict[str, object]:
+    """Nested values, by dotted key."""
+    found = {}
     for key, value in values.items():
         name = f"{prefix}.{key}".lstrip(".")
-        if isinstance(value, dict):
-            yield from _leaves(value, name)
-        else:
-            yield name, value
+        found |= _leaves(value, name) if isinstance(value, dict) else {name: value}
+    return found

@@ -8,12 +8,6 @@ from dmae.evaluation.benchmark.run import benchmark
 from dmae.evaluation.config import BenchmarkConfig
 from dmae.reporting.tables import print_tables
 
-WRITES = "folder"
-EXAMPLES = (
-    "dmae benchmark methods=[linear,dmae,my_module:fill] workers=2 out=runs/benchmark",
-    "dmae benchmark methods=[runs/filled] against=runs/benchmark data_folder=runs/benchmark/data out=runs/mine",
-)
-
 
 def run(config: BenchmarkConfig, out: Path) -> None:
     scores = benchmark(replace(config, out=str(out)))

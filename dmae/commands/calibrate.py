@@ -1,36 +1,15 @@
 """`dmae calibrate`: refine a calibration by the people in a recording."""
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 
-from dmae.calibration.refinement import RefineConfig, Refined, refine
+from dmae.calibration.refinement import Refined, refine
+from dmae.commands.config import CalibrateCommand
 from dmae.files.contents import write_atomic
 from dmae.formats.pose2sim import write_cameras
-from dmae.formats.reading import DataConfig, is_data_set, load
+from dmae.formats.reading import is_data_set, load
 from dmae.reporting.tables import Table, print_tables
-
-WRITES = "file"
-EXAMPLES = (
-    "dmae calibrate data=pose2sim data.path=session/trial out=runs/rig.toml",
-    "dmae calibrate data=openpose data.path=session refine.cameras=[all] refine.focal=true out=runs/rig.toml",
-    "dmae calibrate data=pose2sim data.path=session/trial refine.extrinsics=false refine.level=true out=runs/rig.toml",
-    "dmae calibrate data=runs/data/000000 refine.offsets=true refine.drift=true out=runs/rig.toml",
-)
-
-
-@dataclass(frozen=True)
-class CalibrateCommand:
-    """Refine a calibration by the people in a recording.
-
-    Writes the cameras as TOML, which every command accepts as data.calibration, and the changes with their covariance
-    as JSON in the same folder.
-    """
-
-    data: DataConfig = field(default_factory=DataConfig)
-    refine: RefineConfig = field(default_factory=RefineConfig)
-    out: str = "runs/rig.toml"
-    """Calibration file to write."""
 
 
 def run(config: CalibrateCommand, out: Path) -> None:

@@ -3,11 +3,12 @@
 import sys
 import time
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from dmae.calibration.world import Floor, find_floor, place_clip, upright_world
+from dmae.commands.config import CaptureCommand
 from dmae.commands.data_sets import (
     ClipSet,
     describe_joints,
@@ -16,77 +17,26 @@ from dmae.commands.data_sets import (
     save_alone,
     settings_of,
 )
-from dmae.completion.methods import METHODS, completion_method
+from dmae.completion.methods import METHODS
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.report.findings import Groups, added_groups
 from dmae.evaluation.report.joints import BREAKDOWNS, Reprojection, reprojection, residual_tables
-from dmae.formats.config import DataConfig, clip_range
+from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips, is_data_set, load
 from dmae.numerics.filling import smooth
-from dmae.parallel import Backend, in_parallel, process_count, running_on
+from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import duration, progress
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.diagnosis import explain_capture
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import counted, print_tables
 
-WRITES = "folder"
-EXAMPLES = (
-    "dmae capture data=runs/data out=runs/captured",
-    "dmae capture data=runs/data first=100 clips=100 workers=-1 out=runs/captured",
-    "dmae capture data=shelf data.path=$DMAE_DATA/shelf out=runs/shelf",
-    "dmae capture data=openpose data.path=session data.fps=60 fill=linear smooth=0.1 out=runs/session",
-)
 _TRIED = 50
 """Frames of a clip that a forecast captures."""
 _FEW = 0.4
 """Share of the detected joints; where people explain fewer, something is wrong."""
-_FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
-
-
-@dataclass(frozen=True)
-class CaptureCommand:
-    """Turn the detections of several cameras into 3D poses, and print how far they reproject from the detections.
-
-    Exits with status 1 where no person is found, and prints what is left after each step and what to change.
-    """
-
-    data: DataConfig = field(default_factory=DataConfig)
-    capture: CaptureConfig = field(default_factory=CaptureConfig)
-    fill: str = field(default="none", metadata={"choices": _FILLS})
-    """How joints that no camera measured are filled, or module:function of your own; they are marked completed in
-    `source`."""
-    smooth: float = 0.0
-    """s; light smoothing after that (0.1 suits people; 0: none). What it moves is marked denoised."""
-    level: bool = False
-    """Turn the world so that z is up, and move its floor to z = 0, as feet and bodies show them: cameras, people and
-    truth together."""
-    draw: list[int] = field(default_factory=list)
-    """Capture each clip of a data set with cameras drawn at random, as many as one of these, and keep no others: to
-    learn what few cameras measure."""
-    seed: int = 0
-    """Seed of the cameras that are drawn."""
-    first: int = 0
-    """Number of the first clip of the data set, counted from 0."""
-    clips: int | None = None
-    """Number of clips; by default all from `first` on. Several machines can fill one folder, each with some clips."""
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
-    dry_run: bool = False
-    """Only print the number of clips and frames to capture, and the time and disk space that this takes, measured on
-    parts of some clips."""
-    out: str = "runs/capture"
-    """Folder of the captured clip; of a data set a folder for each clip is made in it."""
-
-    def __post_init__(self):
-        if not self.smooth >= 0:
-            raise ValueError(f"smooth={self.smooth:g}: expected seconds, 0 (no smoothing) or more")
-        if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
 
 
 def run(config: CaptureCommand, out: Path) -> None:

@@ -3,10 +3,11 @@
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from dmae.commands.config import CompleteCommand
 from dmae.commands.data_sets import ClipSet, describe_joints, finished, save_alone, settings_of
 from dmae.completion.complete import Completer, completers
 from dmae.data.clip import Clip
@@ -14,62 +15,15 @@ from dmae.data.skeleton import Skeleton
 from dmae.data.store import clip_folders, load_clip, save_clip
 from dmae.evaluation.review import ReviewVerdict, decided, load_decisions, with_decisions
 from dmae.files.checksums import checksum, refuse_damaged
-from dmae.online.completion import DELAY, complete_online
+from dmae.online.completion import complete_online
 from dmae.parallel import Backend, in_parallel, process_count, running_on
 from dmae.progress import duration, progress
 from dmae.reporting.tables import counted
 
-WRITES = "folder"
-EXAMPLES = (
-    "dmae complete clip=runs/captured out=runs/completed",
-    "dmae complete clip=runs/captured weights=runs/model out=runs/completed",
-    "dmae complete clip=runs/captured workers=-1 dry_run=true",
-    "dmae complete clip=runs/captured reject=false denoise=false smooth=0 out=runs/filled",
-    "dmae complete clip=runs/captured online=true delay=0.2 out=runs/online",
-)
 _TRIED = 200
 """Frames of a clip that a forecast completes."""
 CompleterFor = Callable[[Skeleton], Completer]
 """The completer of poses of a skeleton."""
-
-
-@dataclass(frozen=True)
-class CompleteCommand:
-    """Fill what no camera measured, marked as such."""
-
-    clip: str = "???"
-    """Folder of a captured clip, or of a data set of them."""
-    weights: str | None = None
-    """Folder that `dmae train` wrote; by default the weights that come with the package, for the skeleton of the
-    poses."""
-    denoise: bool | None = None
-    """Let the model also move joints that fewer than three views measured; they are then marked denoised. By default
-    true if the weights were trained for it."""
-    reject: bool = True
-    """Remove joints measured by two views if the frames around contradict them, and
-    complete them too."""
-    smooth: float = 0.1
-    """s; light smoothing after completion (0: none). Exact poses are not smoothed. Joints that it moves are marked
-    denoised."""
-    online: bool = False
-    """Complete as if cameras were running: each frame from the frames until `delay` after it."""
-    delay: float = DELAY
-    """s; delay of `online`."""
-    damaged: bool = False
-    """Complete a data set even if files are missing or were changed."""
-    workers: int = 1
-    """Processes, each with a clip at a time; -1 for one per core."""
-    backend: Backend = Backend.loky
-    """What runs the processes: this machine, or a cluster."""
-    dry_run: bool = False
-    """Only print the number of clips and frames to complete, and the time and disk space that this takes, measured on
-    parts of some clips."""
-    out: str = "runs/complete"
-    """Folder of the completed clip; of a data set a folder for each clip is made in it."""
-
-    def __post_init__(self):
-        if self.workers == 0:
-            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
 
 
 def run(config: CompleteCommand, out: Path) -> None:

@@ -1,32 +1,13 @@
 """`dmae convert`: a recording to another format, or to a clip."""
 
 from contextlib import nullcontext
-from dataclasses import dataclass, field
 from pathlib import Path
 
+from dmae.commands.config import ConvertCommand
 from dmae.commands.data_sets import ClipSet, each_clip, settings_of
-from dmae.formats.config import DataConfig
 from dmae.formats.reading import is_data_set
-from dmae.formats.registry import recording_writer
 from dmae.formats.writing import write_recording
 from dmae.reporting.tables import counted
-
-WRITES = "folder"
-EXAMPLES = (
-    "dmae convert data=pose2sim data.path=session/trial out=runs/session",
-    "dmae convert data=runs/data format=openpose out=runs/openpose",
-)
-
-
-@dataclass(frozen=True)
-class ConvertCommand:
-    """Turn a recording into another format, or into a clip."""
-
-    data: DataConfig = field(default_factory=DataConfig)
-    format: str = field(default="clip", metadata={"choices": recording_writer})
-    """Format to convert to."""
-    out: str = "???"
-    """Folder to write; for a data set, it contains a folder for each clip."""
 
 
 def run(config: ConvertCommand, out: Path) -> None:

@@ -1,23 +1,9 @@
 """`dmae demo`: the whole loop on simulated people, from an empty folder to a page."""
 
-from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 
 from dmae.command_line.steps import run_steps
-
-WRITES = "folder"
-EXAMPLES = ("dmae demo", "dmae demo size=full shelf=recordings/shelf workers=4")
-
-
-class DemoSize(StrEnum):
-    """How much is simulated and learned."""
-
-    small = "small"
-    """About a minute on two cores: enough to see every step work. The model is the shipped one, tuned for a moment."""
-    full = "full"
-    """Under five minutes on two cores: enough for a model that is better than interpolation on what it was made for."""
-
+from dmae.commands.config import DemoCommand, DemoSize
 
 _TRAINING_SET = {DemoSize.small: ("clips=3", "scene.seconds=2"), DemoSize.full: ("clips=40",)}
 _THREE_CAMERAS = ("rig=ring", "rig.ring.views=3", "scene.persons=[3,3]")
@@ -29,20 +15,6 @@ _LEARNING = {
     DemoSize.small: ("init=shipped", "learning.steps=20", "learning.epoch=20", "learning.batch=16"),
     DemoSize.full: ("max_minutes=2",),
 }
-
-
-@dataclass(frozen=True)
-class DemoCommand:
-    """Simulate people, detect, capture, train, complete, score and report. Every command is printed."""
-
-    size: DemoSize = DemoSize.small
-    """How much is simulated and learned."""
-    shelf: str | None = None
-    """Folder of the Shelf recording; with it the model is scored on real people as well."""
-    workers: int = 2
-    """Processes that simulate."""
-    out: str = "runs/demo"
-    """Folder of the results; the page is `report.html` in it."""
 
 
 def run(config: DemoCommand, out: Path) -> None:

@@ -2,9 +2,10 @@
 
 import shutil
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
+from dmae.commands.config import DetectCommand
 from dmae.commands.data_sets import ClipSet, finished, save_alone, settings_of
 from dmae.data.clip import Detections2D
 from dmae.data.resume import claim_folder
@@ -23,71 +24,11 @@ from dmae.detection.recording import (
     write_images,
     write_photographs,
 )
-from dmae.detection.registry import OutputConfig, PoseDetectorConfig
 from dmae.formats.calibrations import read_calibration
-from dmae.formats.config import LengthUnit, UpDirection
 from dmae.reporting.tables import counted
 
-WRITES = "folder"
-EXAMPLES = (
-    "dmae detect videos=session/videos calibration=session/calibration.toml out=runs/detected",
-    "dmae detect clip=runs/data out=runs/detected workers=2",
-    "dmae detect videos=session/videos output.format=coco out=runs/keypoints",
-    "dmae detect photos=photographs out=runs/keypoints",
-)
 _PIECES = "pieces"
 _CLAIM = "detect.json"
-
-
-@dataclass(frozen=True)
-class WorldConfig:
-    """Conventions that the calibration does not state; by default those of its format."""
-
-    unit: LengthUnit | None = None
-    """Unit of lengths."""
-    up: UpDirection | None = None
-    """Axis that points up."""
-    inverse: bool | None = None
-    """Whether extrinsics are world_from_cam."""
-
-
-@dataclass(frozen=True)
-class DetectCommand:
-    """Detect people in the videos of cameras, in the images of clips, or in photographs.
-
-    The same command continues an interrupted run.
-    """
-
-    videos: str | None = None
-    """Folder of a video, or a folder of pictures, for each camera, named as in the calibration."""
-    calibration: str | None = None
-    """Calibration file, or folder of them; without one, detections are written as files of 2D keypoints."""
-    clip: str | None = None
-    """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
-    photos: str | None = None
-    """Instead of videos: folder of photographs that do not belong together, of any sizes, or one of them. People are
-    written as files of 2D keypoints, and drawn over the photographs."""
-    detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
-    output: OutputConfig = field(default_factory=OutputConfig)
-    fps: float | None = None
-    """1/s; frame rate, by default that of the videos. Required for folders of pictures."""
-    offsets: list[int] | None = None
-    """Frames by which each camera started late, in the order of the calibration; by default read from the videos."""
-    world: WorldConfig = field(default_factory=WorldConfig)
-    workers: int = 1
-    """Processes; -1 for one per core."""
-    out: str = "runs/detect"
-    """Folder of the clip, or of the files of keypoints; for a data set, it contains a folder for each clip."""
-
-    def __post_init__(self):
-        if sum(given is not None for given in (self.videos, self.clip, self.photos)) != 1:
-            raise ValueError(
-                "expected videos=<folder of videos>, clip=<folder of a clip with images> or photos=<folder of "
-                "photographs>, one of them"
-            )
-        if self.videos is None and (self.calibration or self.fps or self.offsets):
-            held = "clip=... holds its" if self.clip is not None else "photos=... have no"
-            raise ValueError(f"{held} calibration, fps and offsets; leave them out")
 
 
 def run(config: DetectCommand, out: Path) -> None:

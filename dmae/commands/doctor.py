@@ -2,7 +2,7 @@
 
 import json
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
 
@@ -10,37 +10,18 @@ import numpy as np
 
 from dmae.calibration.doctor import Diagnosis, PairFit, diagnose
 from dmae.calibration.epipolar import Hypothesis, draw_arrows
+from dmae.commands.config import DoctorCommand
 from dmae.commands.data_sets import describe_sides, each_clip
 from dmae.data.clip import Clip
 from dmae.files.contents import write_atomic
 from dmae.formats.config import Convention
-from dmae.formats.reading import DataConfig, offsets_of_all, written_convention
+from dmae.formats.reading import offsets_of_all, written_convention
 from dmae.reconstruction.config import CaptureConfig
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import Table, print_tables
 
 _SIDES_FRAMES = 600
 """Frames, from the first on, in which exchanged sides are looked for."""
-WRITES = "folder"
-EXAMPLES = (
-    "dmae doctor data=pose2sim data.path=session/trial",
-    "dmae doctor data=openpose data.path=session data.fps=60 max_offset=100 out=runs/doctor",
-)
-
-
-@dataclass(frozen=True)
-class DoctorCommand:
-    """Find what is wrong with a calibration and its detections, and print how to correct it.
-
-    Exits with status 1 if anything is wrong. Writes `doctor.json`, `doctor.png`, and a picture of epipolar arrows for
-    each camera, `arrows_0.png` and so on.
-    """
-
-    data: DataConfig = field(default_factory=DataConfig)
-    max_offset: int = 50
-    """frames; the largest time offset between two cameras that is tested, in both directions."""
-    out: str = "runs/doctor"
-    """Folder of the results; for a data set, it contains a folder for each clip."""
 
 
 def run(config: DoctorCommand, out: Path) -> None:

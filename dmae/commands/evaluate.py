@@ -12,16 +12,6 @@ from dmae.files.contents import write_atomic
 from dmae.metrics.score_tables import score_tables
 from dmae.reporting.tables import print_tables
 
-WRITES = "folder"
-EXAMPLES = (
-    "dmae evaluate data=runs/test methods=[measured,linear,dmae] out=runs/scores",
-    "dmae evaluate data=runs/test methods=[linear,dmae] workers=-1 dry_run=true",
-    "dmae evaluate data=shelf data.path=$DMAE_DATA/shelf views=[5,4,3] out=runs/scores_shelf",
-    "dmae evaluate data=runs/test poses=predictions out=runs/scores_mine",
-    "dmae evaluate data=runs/test baseline=runs/scores out=runs/scores_now",
-)
-
-
 WORSE = 2
 """Exit status where a figure is worse than the baseline; errors have status 1, and so has what cannot be compared."""
 

@@ -2,48 +2,15 @@
 
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from pathlib import Path
 from socketserver import StreamRequestHandler, TCPServer
 
+from dmae.commands.config import LiveCommand
 from dmae.completion.complete import SMOOTHING, completers
 from dmae.data.skeleton import get_skeleton
 from dmae.formats.calibrations import read_calibration
 from dmae.online.capture import OnlineCapture
 from dmae.online.json_lines import LONGEST, answer_lines
-from dmae.reconstruction.config import CaptureConfig
-
-WRITES = None
-EXAMPLES = (
-    "dmae live calibration=rig.toml fps=25 < frames.jsonl > poses.jsonl",
-    "dmae live calibration=rig.toml fps=25 complete=true listen=127.0.0.1:5555",
-)
-
-
-@dataclass(frozen=True)
-class LiveCommand:
-    """Answer detections of frames with poses, as lines of JSON (see `dmae.online.json_lines` or the documentation).
-
-    Frames are read from standard input and answered on standard output, or on a socket with `listen`.
-    """
-
-    calibration: str = "???"
-    """Calibration file of any supported format, or its folder."""
-    fps: float = "???"
-    """1/s; rate at which frames arrive."""
-    skeleton: str = "body25"
-    """Skeleton of the detections."""
-    capture: CaptureConfig = field(default_factory=CaptureConfig)
-    complete: bool = False
-    """Also complete the joints that no camera measured; this adds to the delay."""
-    weights: str | None = None
-    """Folder that `dmae train` wrote; by default the weights that come with the package."""
-    look_ahead: float | None = None
-    """s; longest time that any step waits for later frames. Less than the 0.4 of capture and the 0.28 of completion
-    reduces accuracy; by default the time that they use."""
-    listen: str | None = None
-    """host:port to listen on, for one program at a time; each connection starts a new capture. By default standard
-    input."""
 
 
 def run(config: LiveCommand, out: None) -> None:

@@ -1,55 +1,10 @@
 """`dmae pretrain`: a model for your own cameras, detector and motion."""
 
 import shlex
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from dmae.command_line.steps import run_steps
-
-WRITES = "folder"
-EXAMPLES = (
-    "dmae pretrain out=runs/own",
-    "dmae pretrain motion=mocap rig=session/calibration detector=hrnet_like clips=200 out=runs/own",
-    "dmae pretrain motion=runs/takes.tsv rig=ring views=[2,3,4] steps=20000 workers=4 out=runs/own",
-)
-
-
-@dataclass(frozen=True)
-class PretrainCommand:
-    """Simulate people with your motion, cameras and detector, and train on them.
-
-    Trains a model that `dmae train init=<model>` can then fine-tune on recordings: simulates, captures, trains,
-    calibrates uncertainty on held-back subjects, scores on others, and writes the card. Every step is a command that is
-    printed. The same command continues an interrupted run.
-    """
-
-    motion: str | None = None
-    """Folder of motion files, or a list of takes that `synth takes` wrote; by default people move procedurally."""
-    rig: str = "random"
-    """Calibration, a file or folder of any known format; or a preset of rigs."""
-    detector: str = "shelf_openpose"
-    """Preset of the simulated detector, or the YAML file of a preset that `synth fit-detector` wrote."""
-    clips: int = 60
-    """Clips of 12 s to train on; a quarter of this number is used for calibration, and a quarter for scores."""
-    seconds: float = 12.0
-    """s; length of a clip."""
-    views: list[int] = field(default_factory=lambda: [2, 3, 4, 5])
-    """Numbers of cameras that capture people, drawn for each clip."""
-    steps: int = 6000
-    """Steps of training. No step is limited by time: the same command makes the same weights on one machine."""
-    workers: int = 1
-    """Processes that simulate."""
-    seed: int = 0
-    """Seed of all steps."""
-    out: str = "runs/pretrain"
-    """Folder of the data sets, of the model (`model`) and of its scores."""
-
-    def __post_init__(self):
-        for name, least in (("clips", 2), ("steps", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name}: expected at least {least}, found {getattr(self, name)}")
-        if not self.views or min(self.views) < 2:
-            raise ValueError(f"views={self.views}: expected numbers of cameras, 2 or more")
+from dmae.commands.config import PretrainCommand
 
 
 def run(config: PretrainCommand, out: Path) -> None:

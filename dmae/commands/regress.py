@@ -3,46 +3,13 @@
 import inspect
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
+from dmae.commands.config import RegressCommand
 from dmae.plugins import load_function
 from dmae.regression.pack import cases
-from dmae.regression.verdicts import PURPOSES, REASONS, SECONDS, Verdict, check, text
+from dmae.regression.verdicts import PURPOSES, REASONS, Verdict, check, text
 from dmae.reporting.tables import Table, print_tables
-
-WRITES = None
-EXAMPLES = (
-    "dmae regress solver=dmae.regression.solvers:ours",
-    "dmae regress solver=my_module:triangulate skip=[] report=runs/regress.html",
-)
-
-
-@dataclass(frozen=True)
-class RegressCommand:
-    """Check any triangulation against a fixed set of cases. Exits with status 1 if a bound is broken.
-
-    The solver is a plain function of keyword arrays (numpy is sufficient):
-
-        def solver(*, K, dist, cam_from_world, size, xy, confidence): return xyz
-
-        K (V, 3, 3) px; dist (V, 5) or (V, 8), OpenCV's k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole;
-        cam_from_world (V, 4, 4), OpenCV cameras (x right, y down, z forward), m; size (V, 2) width, height;
-        xy (n, V, 2) pixels as detected, distorted, NaN where a view has none, (0, 0) the centre of the first pixel;
-        confidence (n, V) in [0, 1], NaN where a view is not used; xyz (n, 3) m, NaN where the solver refuses. Rows are
-        independent.
-
-    To start from: dmae.regression.solvers:ours, :dlt, :opencv. In pytest: the fixture check_triangulation.
-    """
-
-    solver: str = "???"
-    """package.module:function; the current folder is searched first."""
-    skip: list[str] = field(default_factory=list)
-    """Names of cases to skip."""
-    seconds: float = SECONDS
-    """s; time limit for one case."""
-    report: str | None = None
-    """An HTML page to write."""
 
 
 def run(config: RegressCommand, out: Path | None) -> None:

@@ -1,31 +1,11 @@
 """`dmae report`: what a clip or a data set is worth, with a player, and scores, as one page."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
 
-from dmae.evaluation.report.page import TITLE, read_scores, write_clips_report
+from dmae.commands.config import ReportCommand
+from dmae.evaluation.report.page import read_scores, write_clips_report
 from dmae.formats.config import DataConfig
 from dmae.formats.reading import load
-
-WRITES = "file"
-EXAMPLES = (
-    "dmae report clip=runs/completed",
-    "dmae report scores=[runs/scores,runs/scores_shelf] clip=runs/completed out=runs/report.html",
-)
-
-
-@dataclass(frozen=True)
-class ReportCommand:
-    """Make one page with a player for clips, and with scores: an HTML file that loads no other files."""
-
-    title: str = TITLE
-    """Heading of the page."""
-    scores: list[str] = field(default_factory=list)
-    """Folders that `dmae evaluate` wrote."""
-    clip: str | None = None
-    """Folder of a clip, captured and completed or not yet, or of a data set of them."""
-    out: str | None = None
-    """File of the page; by default `report.html` in the folder of the clip, or else of the first scores."""
 
 
 def default_out(config: ReportCommand) -> Path:

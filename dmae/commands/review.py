@@ -3,9 +3,9 @@
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
+from dmae.commands.config import ReviewCommand
 from dmae.data.store import load_clip
 from dmae.evaluation.review import (
     DECISIONS,
@@ -21,33 +21,8 @@ from dmae.evaluation.review import (
 )
 from dmae.files.contents import write_atomic
 
-WRITES = "file"
-EXAMPLES = (
-    "dmae review clip=runs/completed",
-    "dmae review clip=runs/completed blank=[1,4] hand_back=[2] accept=[3]",
-)
 _SHOWN = 20
 _COLUMNS = ("entry", "person", "joint", "first", "last", "worst", "doubt_mm", "reason", "source", "views")
-
-
-@dataclass(frozen=True)
-class ReviewCommand:
-    """Rank the joints of a clip by their possible error; accept, blank or hand back entries of the ranking.
-
-    Decisions are written to `decisions.json` in the folder of the clip. `dmae export` leaves out blanked and
-    handed-back joints; `dmae complete` fills handed-back joints again. The next ranking contains the remaining joints.
-    """
-
-    clip: str = "???"
-    """Folder of a captured or completed clip."""
-    accept: list[int] = field(default_factory=list)
-    """Entries of the last ranking that are correct."""
-    blank: list[int] = field(default_factory=list)
-    """Entries that are wrong, to be left out."""
-    hand_back: list[int] = field(default_factory=list)
-    """Entries that are wrong, to be completed."""
-    out: str | None = None
-    """CSV file of the ranking; by default `<clip>_review.csv`, in the folder that the clip is in."""
 
 
 def default_out(config: ReviewCommand) -> Path:

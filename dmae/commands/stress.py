@@ -9,13 +9,6 @@ from dmae.formats.reading import load
 from dmae.progress import duration
 from dmae.reporting.tables import print_tables
 
-WRITES = "folder"
-EXAMPLES = (
-    "dmae stress data=runs/test out=runs/stress workers=2",
-    "dmae stress data=runs/test axes=[objects,jitter] levels.jitter=[1,2,4] methods=[linear,dmae] out=runs/stress",
-    "dmae stress data=shelf data.path=$DMAE_DATA/shelf size=full workers=-1 out=runs/stress_shelf",
-)
-
 
 def run(config: StressConfig, out: Path) -> None:
     clips = load(config.data)

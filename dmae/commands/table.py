@@ -9,13 +9,6 @@ from dmae.evaluation.paper_tables.table import markdown, terminal_table
 from dmae.files.contents import write_atomic
 from dmae.reporting.tables import print_tables
 
-WRITES = "folder"
-EXAMPLES = (
-    "dmae table number=1 data=shelf data.path=$DMAE_DATA/shelf out=runs/table",
-    "dmae table number=2 data=shelf data.path=$DMAE_DATA/shelf protocol=4da size=small out=runs/table",
-    "dmae table number=3 data=runs/interactions/0 extra_data=[runs/interactions/1,runs/interactions/2] out=runs/table",
-)
-
 
 def run(config: TableConfig, out: Path) -> None:
     table = make_table(config, out)

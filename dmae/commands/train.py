@@ -12,13 +12,6 @@ from dmae.data.clip import Clip
 from dmae.files.checksums import refuse_damaged
 from dmae.formats.reading import Clips, DataConfig, load
 
-WRITES = "folder"
-EXAMPLES = (
-    "dmae train data=runs/captured out=runs/model max_minutes=5",
-    "dmae train data=runs/captured validation_data=[runs/held_back] learning.steps=20000 out=runs/model",
-    "dmae train -m data=runs/clips model=paper model.codes.no_joint=true,false out=runs/ablation",
-)
-
 
 def run(config: TrainConfig, out: Path) -> None:
     paths = (config.extra_data, config.validation_data)

@@ -1,49 +1,12 @@
 """`dmae train-paper`: the network of the paper alone, by its own recipe."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
-from dmae.completion.config import SIZES, PaperSize
+from dmae.commands.config import TrainPaperCommand
+from dmae.completion.config import SIZES
 from dmae.formats.reading import DataConfig, load
 from dmae.progress import progress
-from dmae.reconstruction.config import CaptureConfig
-
-WRITES = "folder"
-EXAMPLES = (
-    "dmae train-paper data=runs/clips out=runs/paper",
-    "dmae train-paper data=runs/annotated init=runs/paper views=[5,4,3] out=runs/paper_tuned",
-    "dmae train-paper data=runs/clips size=full out=runs/paper_full",
-)
-
-
-@dataclass(frozen=True)
-class TrainPaperCommand:
-    """Train the paper's network with the paper's training: on true poses, or from `init` on annotations.
-
-    None of this package's own predictors, features or blending is used."""
-
-    data: DataConfig = field(default_factory=DataConfig)
-    extra_data: list[str] = field(default_factory=list)
-    """Folders of further data sets to pretrain on."""
-    init: str | None = None
-    """Folder of a pretrained network, to fine-tune it on annotations of Shelf's joints."""
-    views: list[int] = field(default_factory=list)
-    """In fine-tuning, the clip is captured by all subsets with these numbers of cameras; by default by all cameras."""
-    capture: CaptureConfig = field(default_factory=CaptureConfig)
-    size: PaperSize = PaperSize.small
-    """Small enough for a CPU, or as in the paper, for a GPU."""
-    steps: int = 0
-    """Batches of pretraining; 0: those of the size."""
-    tuning_epochs: int = 0
-    """Passes over the windows in fine-tuning; 0: those of the size."""
-    batch: int = 32
-    """Windows in a batch."""
-    lr: float | None = None
-    """Greatest learning rate; by default that of the size."""
-    seed: int = 0
-    """Seed of weights, masks and batches."""
-    out: str = "runs/paper"
-    """Folder of the network and its checkpoint."""
 
 
 def run(config: TrainPaperCommand, out: Path) -> None:

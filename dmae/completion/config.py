@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from dmae.files.checks import check_rate
-from dmae.formats.reading import DataConfig
+from dmae.formats.config import DataConfig
 from dmae.reconstruction.config import CaptureConfig
 
 FEATURES = {
@@ -420,3 +420,7 @@ SMALL = PaperConfig(
 )
 """What a CPU trains in minutes: a quarter of the channels, a third of the layers."""
 SIZES = {PaperSize.full: FULL, PaperSize.small: SMALL}
+
+
+DELAY = 0.28
+"""s; half a window of the default model."""

@@ -1,4 +1,4 @@
-"""Options of evaluation: `dmae evaluate`, `dmae stress`, `dmae benchmark` and `dmae table`."""
+"""Options of what scores: `dmae evaluate`, `stress`, `benchmark` and `table`. Imports nothing heavy."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -10,6 +10,22 @@ from dmae.formats.config import DataConfig
 from dmae.metrics.registry import protocol
 from dmae.parallel import Backend
 from dmae.reconstruction.config import CaptureConfig
+
+
+@dataclass(frozen=True)
+class GapConfig:
+    """Synthetic gaps: bursts in which a body part, or now and then a whole person, is hidden."""
+
+    bursts: float = 2.0
+    """1/s; bursts of each person."""
+    longest: int = 60
+    """Frames at 25/s; the longest burst. Lengths are log-uniform from 2."""
+    absence: int = 15
+    """Frames at 25/s; the longest burst in which a whole person is hidden."""
+
+    def __post_init__(self):
+        if self.bursts < 0 or self.longest < 2 or self.absence < 2:
+            raise ValueError(f"gaps: expected bursts >= 0, longest >= 2 and absence >= 2, found {self}")
 
 
 class Input(StrEnum):
@@ -259,3 +275,6 @@ class TableConfig:
             raise ValueError(
                 "table 5 counts joints, not limbs, and trains its own networks; leave out protocol and weights"
             )
+
+
+TITLE = "Multi-view motion: measured and completed"

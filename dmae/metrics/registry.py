@@ -71,3 +71,21 @@ protocol = Registry("protocol", Protocol, __package__)
 def metrics() -> list[Metric]:
     """Return all metrics in their order."""
     return sorted(metric.values(), key=lambda each: (each.order, each.name))
+
+
+@dataclass(frozen=True)
+class Protocol(Entry):
+    """A protocol: its function assigns predictions to true persons, as `dmae.metrics.comparison.match` does.
+
+    Attributes:
+        missed_count: Whether limbs of a person without a prediction count as not correct.
+        at_half: Whether a limb with an error of exactly half its length is correct.
+        head: How the ends of the annotated head are placed (`dmae.evaluation.paper_tables.recording`).
+    """
+
+    missed_count: bool = True
+    at_half: bool = True
+    head: str = "4da"
+
+
+protocol = Registry("protocol", Protocol, __package__)

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmae.completion.config import DELAY
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.conversion import resized_poses, resized_rig
 from dmae.data.skeleton import Skeleton
-from dmae.online.completion import DELAY, TURN, FinishedFrame, OnlineCompleter, split_frames
+from dmae.online.completion import TURN, FinishedFrame, OnlineCompleter, split_frames
 from dmae.reconstruction.body_size import resized_config
 from dmae.reconstruction.config import CaptureConfig, SubjectConfig
 from dmae.reconstruction.evidence import Evidence

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dmae.completion.config import DELAY
 from dmae.completion.methods import completion_method
 from dmae.data.clip import Poses3D, Source
 from dmae.numerics.filling import LONGEST_ABSENCE, smooth
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 
 BATCH = 0.2
 """s of frames that are completed together."""
-DELAY = 0.28
-"""s; half a window of the default model."""
 TURN = 0.48
 """s in which each person is completed once while cameras run, in steps, so that frames take about the same time."""
 _GROUPS = 2

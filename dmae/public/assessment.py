@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from dmae.evaluation.gates import Gate
     from dmae.regression.verdicts import Verdict
-    from dmae.viewing.overlay import LayersConfig
+    from dmae.viewing.config import LayersConfig
 
 
 @checked
@@ -182,10 +182,9 @@ def benchmark(
         >>> scores["completion"]["linear"]["summary"]["filled"]
         100.0
     """
-    from dmae.evaluation.benchmark.clips import BenchmarkSize
     from dmae.evaluation.benchmark.page import write_scores
-    from dmae.evaluation.benchmark.run import BenchmarkConfig
     from dmae.evaluation.benchmark.run import benchmark as run
+    from dmae.evaluation.config import BenchmarkConfig, BenchmarkSize
 
     if size not in [*BenchmarkSize]:
         raise ValueError(f"size={size}: expected one of {', '.join(BenchmarkSize)}")

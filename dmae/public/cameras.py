@@ -8,8 +8,9 @@ from dmae.data.clip import Clip
 from dmae.public.arguments import checked
 
 if TYPE_CHECKING:
+    from dmae.calibration.config import RefineConfig
     from dmae.calibration.doctor import Diagnosis
-    from dmae.calibration.refinement import RefineConfig, Refined
+    from dmae.calibration.refinement import Refined
 
 
 @checked
@@ -43,7 +44,7 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
 
     Args:
         clip: F frames of V cameras; only cameras and detections are read.
-        refine: What may change (`dmae.calibration.refinement.RefineConfig`); by default the extrinsics of
+        refine: What may change (`dmae.calibration.config.RefineConfig`); by default the extrinsics of
             the cameras that clearly differ from their calibration.
 
     Returns:

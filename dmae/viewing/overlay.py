@@ -26,6 +26,7 @@ from dmae.viewing.canvas import (
     font,
     person_colour,
 )
+from dmae.viewing.config import LayersConfig
 
 COLOURS = {
     Visibility.VISIBLE: (52, 211, 123),
@@ -81,21 +82,6 @@ DETECTED = (250, 226, 130)
 """Colour of detections, which are not yet assigned to persons."""
 TRUE = INK
 """Colour of true joints if there are poses."""
-
-
-@dataclass(frozen=True)
-class LayersConfig:
-    """Layers that are drawn, if the clip has them."""
-
-    detections: bool | None = None
-    """2D detections, crosses; by default if there are no occlusion labels."""
-    measured: bool = True
-    """Measured joints, discs in the colour of their person."""
-    completed: bool = True
-    """Completed joints, red squares: no camera measured them."""
-    truth: bool | None = None
-    """True joints: white rings if there are poses, otherwise in the colours of their occluders; by default if there are
-    no poses."""
 
 
 @dataclass(frozen=True)

@@ -1,46 +1,20 @@
 """Draw clips: the code that `dmae show` and `synth show` share."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from importlib import util
 from pathlib import Path
 
 import numpy as np
 
 from dmae.data.clip import Clip
-from dmae.formats.config import DataConfig
 from dmae.formats.reading import is_data_set, load
-from dmae.viewing.overlay import LayersConfig, chosen_layers
+from dmae.viewing.config import LayersConfig, ShowConfig
+from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import has_images, write_overlay_video, write_sheet
 
 Rooms = Callable[[Clip], Sequence[np.ndarray]]
 """Function that draws the room of a clip and returns an image (H, W, 3) uint8 for each view."""
-_LEAST = {"frames": 1, "width": 160}
-
-
-@dataclass(frozen=True)
-class ShowConfig:
-    """Draw recorded, simulated, captured or completed clips: `sheet.png`, `clip.mp4` and a recording for Rerun."""
-
-    data: DataConfig = field(default_factory=DataConfig)
-    out: str = "runs/show"
-    """Folder of the pictures; of a data set each clip has a folder in it."""
-    frames: int = 4
-    """Number of frames on the sheet, evenly spread over the clip."""
-    views: list[str] = field(default_factory=list)
-    """Names of the cameras; none for all."""
-    width: int = 480
-    """px; width of a view."""
-    layers: LayersConfig = field(default_factory=LayersConfig)
-    video: bool = True
-    """Whether to write `clip.mp4`, all views of all frames."""
-    rerun: bool = False
-    """Whether to write `clip.rrd` for the Rerun viewer, which `pip install 'dmae-synth[viz]'` adds."""
-
-    def __post_init__(self):
-        for name, least in _LEAST.items():
-            if getattr(self, name) < least:
-                raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
 
 
 def show(config: ShowConfig, out: Path, rooms: Rooms | None = None) -> None:

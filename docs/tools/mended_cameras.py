@@ -32,8 +32,8 @@ from scipy.stats import chi2, norm
 
 import dmae
 from dmae.calibration.adjustment_problem import CENTRE, OFFSET, ROTATION, Calibration
+from dmae.calibration.config import RefineConfig
 from dmae.calibration.faults import Fault
-from dmae.calibration.refinement import RefineConfig
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip
 from dmae.evaluation.report.joints import reprojection

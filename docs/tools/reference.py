@@ -3,8 +3,7 @@
 import inspect
 
 from dmae.cli import DMAE
-from dmae.command_line.options import REQUIRED, Group, Option
-from dmae.command_line.programs import Command, Program
+from dmae.command_line.options import REQUIRED, Command, Group, Option, Program
 from dmae.evaluation.corruption.registry import corruptions
 from synth.cli import SYNTH
 

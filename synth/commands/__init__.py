@@ -1,20 +1,149 @@
-"""The sub-commands of `synth`, one module each: its configuration, its examples, and `run(config, out)`."""
+"""What can be run? The commands of `synth`, in the order of the help."""
+
+from dmae.command_line.options import REQUIRED, Command
 
 COMMANDS = {
-    "generate": "Simulate clips with exact truth",
-    "show": "Draw clips in their rooms as contact sheet, video and Rerun recording",
-    "render": "Render clips again, as other images or from other cameras",
-    "label": "Add contacts, forces and points on surfaces to clips",
-    "verify": "Check that clips are complete and correct",
-    "split": "Divide clips for training and testing, without leaks",
-    "stats": "Describe a data set: a page with a figure",
-    "realism": "Measure what a real detector finds in rendered images",
-    "export": "Write a data set in the layout of another program",
-    "compare": "Compare the detections of a recording and of its simulation",
-    "plan": "Plan how many cameras to mount, and where",
-    "takes": "List takes of recorded motion, and divide them by subject",
-    "compare-motion": "Compare recorded with generated motion",
-    "fit-detector": "Fit a detector's preset to a recording",
-    "detector-errors": "Measure errors of a detector, by cause of occlusion",
+    "generate": Command(
+        "Simulate clips with exact truth",
+        "synth.datasets.clip:GenerateConfig",
+        (
+            "synth generate out=runs/data clips=8 seed=7 workers=2",
+            "synth generate scene=living_room rig=dome images=rgb quality=draft scene.seconds=3 out=runs/seen",
+            "synth generate first=200 clips=100 workers=-1 out=runs/data",
+            "synth generate clips=200 images=[rgb,depth,ids] workers=4 dry_run=true out=runs/large",
+            "synth generate motion=bvh motion.path=takes occlusion.target=[0.2,0.4] out=runs/hidden",
+        ),
+        {
+            "motion": "procedural",
+            "interaction": "none",
+            "scene": "office",
+            "rig": "shelf",
+            "detector": "shelf_openpose",
+        },
+    ),
+    "show": Command(
+        "Draw clips in their rooms as contact sheet, video and Rerun recording",
+        "dmae.viewing.config:ShowConfig",
+        (
+            "synth show data=runs/data/000000 out=runs/show",
+            "synth show data=runs/data/000000 frames=8 views=[0,2] width=640 rerun=true",
+        ),
+        {"data": REQUIRED},
+    ),
+    "render": Command(
+        "Render clips again, as other images or from other cameras",
+        "synth.datasets.render:RenderConfig",
+        (
+            "synth render data=runs/data images=[rgb,depth] quality=high out=runs/high",
+            "synth render data=runs/data rig=ring rig.ring.views=8 images=rgb rgb=jpeg out=runs/ring",
+        ),
+        {"rig": None},
+    ),
+    "label": Command(
+        "Add contacts, forces and points on surfaces to clips",
+        "synth.commands.label:LabelCommand",
+        (
+            "synth label data=runs/data",
+            "synth label data=runs/data labels=[contacts,forces] workers=2",
+        ),
+        writes=None,
+    ),
+    "verify": Command(
+        "Check that clips are complete and correct",
+        "synth.commands.verify:VerifyCommand",
+        (
+            "synth verify data=runs/data",
+            "synth verify data=runs/data fast=true out=runs/verify.json",
+        ),
+        writes="file",
+    ),
+    "split": Command(
+        "Divide clips for training and testing, without leaks",
+        "synth.commands.split:SplitCommand",
+        (
+            "synth split data=runs/data by=person train=0.8 validation=0.1 test=0.1 out=runs/splits.json",
+            "synth split data=runs/data by=rig check=runs/splits.json",
+        ),
+        writes="file",
+    ),
+    "stats": Command(
+        "Describe a data set: a page with a figure",
+        "synth.commands.stats:StatsCommand",
+        (
+            "synth stats data=runs/data",
+            "synth stats data=runs/hug extra_data=[runs/fight,runs/dance] out=runs/card",
+        ),
+    ),
+    "realism": Command(
+        "Measure what a real detector finds in rendered images",
+        "synth.commands.realism:RealismCommand",
+        (
+            "synth realism data=runs/data",
+            "synth realism data=runs/office extra_data=[runs/market] every=5 workers=2 out=runs/realism",
+        ),
+    ),
+    "export": Command(
+        "Write a data set in the layout of another program",
+        "synth.commands.export:ExportDataCommand",
+        (
+            "synth export data=runs/data format=coco out=runs/coco",
+            "synth export data=runs/data format=yolo splits=runs/splits.json every=5 workers=4 out=runs/yolo",
+            "synth export data=runs/data format=huggingface skeleton=body25 pictures=png out=runs/hub",
+        ),
+    ),
+    "compare": Command(
+        "Compare the detections of a recording and of its simulation",
+        "synth.commands.compare:CompareCommand",
+        (
+            "synth compare real=$DMAE_DATA/shelf sim=runs/twin out=runs/compare",
+            "synth compare real=recording sim=runs/data frames=[0,500] limits.miss=0.05 workers=2",
+        ),
+    ),
+    "plan": Command(
+        "Plan how many cameras to mount, and where",
+        "synth.planning.config:PlanConfig",
+        (
+            "synth plan arena=room.xml cameras=[4,8] persons=[1,4] out=runs/plan",
+            "synth plan arena=room.xml mount.walls=[2.2,2.6] mount.ceiling=false lens.view_deg=[60,90] workers=2",
+            "synth plan scene=office rig=shelf cameras=[3,5] dry_run=true",
+        ),
+        {"motion": "procedural", "interaction": "none", "scene": "office", "rig": None, "detector": "shelf_openpose"},
+    ),
+    "takes": Command(
+        "List takes of recorded motion, and divide them by subject",
+        "synth.commands.takes:TakesCommand",
+        (
+            "synth takes path=mocap train=0.8 validation=0.1 test=0.1 out=runs/takes.tsv",
+            "synth takes path=runs/takes.tsv out=runs/checked.tsv",
+            "synth generate motion=recorded motion.path=runs/takes.tsv motion.sets=[train] out=runs/train",
+        ),
+        writes="file",
+    ),
+    "compare-motion": Command(
+        "Compare recorded with generated motion",
+        "synth.commands.compare_motion:CompareMotionCommand",
+        (
+            "synth compare-motion real=takes sim=runs/data out=runs/compare_motion",
+            "synth compare-motion real=takes sim=runs/data takes=[kick*,punch*] longest=5",
+        ),
+    ),
+    "fit-detector": Command(
+        "Fit a detector's preset to a recording",
+        "synth.commands.fit_detector:FitDetectorCommand",
+        (
+            "synth fit-detector detections=$DMAE_DATA/shelf scene=shelf_twin name=mine out=runs/detector",
+            "synth generate --config-dir=runs/detector detector=mine out=runs/data",
+            "synth fit-detector detections=runs/detected truth=annotated detector=hrnet_like name=mine "
+            "out=runs/detector",
+        ),
+        {"motion": "procedural", "interaction": "none", "scene": "office", "detector": "shelf_openpose"},
+    ),
+    "detector-errors": Command(
+        "Measure errors of a detector, by cause of occlusion",
+        "synth.commands.detector_errors:DetectorErrorsCommand",
+        (
+            "synth detector-errors data=runs/detected",
+            "synth detector-errors data=runs/detected simulated=[blazepose,shelf_openpose] out=runs/errors",
+        ),
+    ),
 }
-"""Each sub-command and its description, in the order of the help. `synth a-b` is the module `synth.commands.a_b`."""

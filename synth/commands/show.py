@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from dmae.viewing.show import ShowConfig, show
+from dmae.viewing.config import ShowConfig
+from dmae.viewing.show import show
 from synth.viewing.rooms import draw_rooms
 
 WRITES = "folder"

@@ -15,7 +15,8 @@ from dmae.files.contents import write_atomic
 from dmae.formats.pose2sim import write_cameras
 from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.tables import Table
-from dmae.viewing.overlay import LayersConfig, chosen_layers
+from dmae.viewing.config import LayersConfig
+from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import write_sheet
 from synth.planning.plan import FIGURES, CameraPlan, Expected, PlannedRig, check_numbers
 from synth.planning.search import Rehearsal, rehearse

@@ -8,7 +8,8 @@ import numpy as np
 
 from dmae.data.clip import Clip
 from dmae.public.arguments import checked
-from dmae.viewing.overlay import LayersConfig, chosen_layers
+from dmae.viewing.config import LayersConfig
+from dmae.viewing.overlay import chosen_layers
 from dmae.viewing.sheet import has_images, write_sheet
 from dmae.viewing.show import of_views, show_clip
 from synth.viewing.rooms import draw_rooms

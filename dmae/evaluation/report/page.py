@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dmae.data.clip import Clip, Source
+from dmae.evaluation.config import TITLE
 from dmae.evaluation.report.findings import (
     BY_CAUSE,
     BY_GAP,
@@ -32,7 +33,6 @@ from dmae.reporting.page import CaptionedFigure, Section, write_report
 from dmae.reporting.player import Played, player_data, window
 from dmae.reporting.tables import Choices, Moment, Table
 
-TITLE = "Multi-view motion: measured and completed"
 MOST_CLIPS = 6
 """Greatest number of clips in the player."""
 MOST_FRAMES = 4500

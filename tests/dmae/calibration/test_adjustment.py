@@ -18,9 +18,10 @@ from dmae.calibration.adjustment_problem import (
     Q,
 )
 from dmae.calibration.bundle_adjustment import adjust
+from dmae.calibration.config import RefineConfig
 from dmae.calibration.examination import Kind, examine
 from dmae.calibration.matching import initial_rig, match_tracks
-from dmae.calibration.refinement import RefineConfig, refine
+from dmae.calibration.refinement import refine
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from tests.support.circling_people import circling_people

@@ -18,7 +18,7 @@ from dmae.calibration.epipolar import Hypothesis, pairs_to_compare
 from dmae.calibration.examination import examined
 from dmae.calibration.faults import Correction, Fault, rescale
 from dmae.commands import doctor as command
-from dmae.commands.doctor import DoctorCommand
+from dmae.commands.config import DoctorCommand
 from dmae.data.clip import Clip
 from dmae.data.store import save_clip
 from dmae.formats.config import Convention, LengthUnit, UpDirection

@@ -3,13 +3,15 @@
 import os
 import subprocess
 import sys
+from dataclasses import dataclass, field
 
 import pytest
+from omegaconf import MISSING as REQUIRED_BY_HYDRA
 
-from dmae.command_line.programs import Program
+from dmae.command_line.options import REQUIRED, Command, Option
 from tests.support.commands import COMMANDS, command_line, run_command
 
-HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf", "cv2", "scipy", "numpy", "matplotlib"}
+HEAVY = {"torch", "lightning", "mujoco", "hydra", "omegaconf", "cv2", "scipy", "numba", "joblib", "matplotlib"}
 
 
 @pytest.mark.parametrize("program", ["dmae", "synth"])
@@ -94,7 +96,7 @@ def test_every_example_is_a_valid_command_line():
             check(options, expand_data(options, [*filter(None, [given]), *overrides]), flags)
 
 
-@pytest.mark.parametrize("arguments", [("dmae", "--help"), ("synth", "generate", "--help"), ("dmae", "train", "-h")])
+@pytest.mark.parametrize("arguments", [("dmae", "--help"), ("synth", "--help"), ("dmae", "train", "-h")])
 def test_help_loads_nothing_heavy_and_is_quick(tmp_path, arguments):
     program = arguments[0]
     code = (
@@ -112,12 +114,56 @@ def _seconds_of_children() -> float:
     return spent.children_user + spent.children_system
 
 
-def test_a_command_without_presets_has_a_program_of_its_own():
-    program = Program("dmae", "About.", {"compare-motion": "Summary"})
-    assert program.commands["compare-motion"].module == "dmae.commands.compare_motion"
-
-
 def test_help_cut_short_by_a_pipe_is_no_error(tmp_path):
     line = " ".join(f"'{part}'" for part in command_line("synth", "generate", "--help", "all"))
     done = subprocess.run(f"{line} | head -1", shell=True, cwd=tmp_path, capture_output=True, text=True)
     assert done.stdout.startswith("usage: synth generate") and done.stderr == ""
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=str)
+def test_every_option_is_explained(command):
+    options = command.options()
+    assert options.meaning
+    assert [member.key for member in options.walk() if not member.meaning] == []
+
+
+@dataclass(frozen=True)
+class Base:
+    """What is inherited."""
+
+    length: float | None = None
+    """m; below
+    the field."""
+
+
+@dataclass(frozen=True)
+class Mine(Base):
+    """A meaning.
+
+    Attributes:
+        names: In the docstring.
+    """
+
+    names: list[str] = field(default_factory=lambda: ["a"], metadata={"choices": ("a", "b")})
+    levels: dict[str, list[float]] = field(default_factory=dict)
+    base: Base = field(default_factory=Base)
+    """Nested."""
+
+
+def test_options_are_the_fields_of_a_dataclass():
+    found = Command("", f"{__name__}:Mine", ()).options()
+    assert found.meaning == "A meaning."
+    assert [(each.key, each.meaning) for each in found.walk()] == [
+        ("length", "m; below the field."),
+        ("names", "In the docstring."),
+        ("levels", ""),
+        ("base", "Nested."),
+        ("base.length", "m; below the field."),
+    ]
+    assert found.find("length") == Option("length", "number", None, "m; below the field.", optional=True)
+    assert found.find("names") == Option("names", "text", ["a"], "In the docstring.", ("a", "b"), many=True)
+    assert found.find("levels").keyed
+
+
+def test_required_is_what_hydra_calls_missing():
+    assert REQUIRED == REQUIRED_BY_HYDRA

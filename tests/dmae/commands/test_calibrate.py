@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from dmae.calibration.adjustment_problem import CENTRE, Calibration, Q
-from dmae.calibration.refinement import RefineConfig
+from dmae.calibration.config import RefineConfig
 from dmae.commands import calibrate as command
-from dmae.commands.calibrate import CalibrateCommand
+from dmae.commands.config import CalibrateCommand
 from dmae.data.store import save_clip
 from dmae.formats.calibrations import read_calibration
 from dmae.formats.reading import DataConfig

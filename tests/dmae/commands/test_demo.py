@@ -7,7 +7,7 @@ import pytest
 from dmae.cli import DMAE
 from dmae.command_line.spelling import check, expand_data
 from dmae.commands import demo
-from dmae.commands.demo import DemoCommand, DemoSize
+from dmae.commands.config import DemoCommand, DemoSize
 from synth.cli import SYNTH
 
 

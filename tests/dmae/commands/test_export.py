@@ -11,8 +11,7 @@ from pycocotools.coco import COCO
 
 from dmae.commands import convert as convert_command
 from dmae.commands import export as export_command
-from dmae.commands.convert import ConvertCommand
-from dmae.commands.export import ExportCommand
+from dmae.commands.config import ConvertCommand, ExportCommand
 from dmae.data.cameras import CameraRig
 from dmae.data.clip import Clip, Poses3D, Source
 from dmae.data.conversion import convert

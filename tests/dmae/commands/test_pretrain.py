@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from dmae.cli import DMAE, compose
-from dmae.commands.pretrain import PretrainCommand, _steps
+from dmae.commands.config import PretrainCommand
+from dmae.commands.pretrain import _steps
 from tests.support.commands import run_command
 from tests.support.motion_files import bvh
 

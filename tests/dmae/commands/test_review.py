@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from dmae.commands import complete, export, review
-from dmae.commands.complete import CompleteCommand
-from dmae.commands.export import ExportCommand
-from dmae.commands.review import ReviewCommand
+from dmae.commands.config import CompleteCommand, ExportCommand, ReviewCommand
 from dmae.data.clip import Source
 from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.review import DECISIONS, load_decisions

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dmae.commands import complete as command
-from dmae.commands.complete import CompleteCommand
+from dmae.commands.config import CompleteCommand
 from dmae.completion import complete as complete_module
 from dmae.completion.complete import SMOOTHING, in_pieces, load_completer
 from dmae.completion.config import (

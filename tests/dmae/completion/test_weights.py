@@ -12,8 +12,7 @@ import yaml
 from safetensors.torch import save
 
 from dmae.commands import card, complete
-from dmae.commands.card import CardCommand
-from dmae.commands.complete import CompleteCommand
+from dmae.commands.config import CardCommand, CompleteCommand
 from dmae.completion import weights
 from dmae.completion.complete import SMOOTHING, completers
 from dmae.completion.uncertainty import CLASSES

@@ -7,7 +7,7 @@ import pytest
 
 import dmae
 from dmae.commands import complete as complete_command
-from dmae.commands.complete import CompleteCommand
+from dmae.commands.config import CompleteCommand
 from dmae.completion.methods import find_method
 from dmae.data.store import load_clip, save_clip
 from dmae.evaluation.config import EvaluateConfig, Input

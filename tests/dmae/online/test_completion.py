@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dmae.commands import complete as command
-from dmae.commands.complete import CompleteCommand
+from dmae.commands.config import CompleteCommand
 from dmae.completion.uncertainty import CLASSES
 from dmae.completion.weights import save_model
 from dmae.data.clip import Poses3D, Source

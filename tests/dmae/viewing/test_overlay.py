@@ -10,12 +10,12 @@ from dmae.data.clip import Source
 from dmae.data.labels import Visibility
 from dmae.data.skeleton import BODY25
 from dmae.viewing.canvas import RED, person_colour
+from dmae.viewing.config import LayersConfig
 from dmae.viewing.overlay import (
     COLOURS,
     DETECTED,
     MEANINGS,
     TRUE,
-    LayersConfig,
     Overlay,
     chosen_layers,
     first_joints,

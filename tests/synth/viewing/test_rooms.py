@@ -1,6 +1,7 @@
 """A simulated clip records where it was made, and so its room can be drawn without images."""
 
-from dmae.viewing.overlay import LayersConfig, Overlay, chosen_layers
+from dmae.viewing.config import LayersConfig
+from dmae.viewing.overlay import Overlay, chosen_layers
 from synth.datasets.clip import GenerateConfig, generate_clip
 from synth.scene.config import SceneConfig
 from synth.viewing.rooms import draw_rooms

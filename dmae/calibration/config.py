@@ -1,0 +1,52 @@
+"""Options of the refinement of a calibration."""
+
+from dataclasses import dataclass, field
+
+AUTO = "auto"
+"""The cameras that differ from their calibration."""
+
+
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class RefineConfig:
+    """Parameters that are calibrated."""
+
+    cameras: list[str] = field(default_factory=lambda: [AUTO])
+    """Names of the cameras that may change; `auto`: those that clearly differ from their calibration; `all`."""
+    known: bool = True
+    """Whether extrinsics are roughly right. Otherwise they are estimated from intrinsics only, which requires frames in
+    which two cameras see one person; the world is then level."""
+    extrinsics: bool = True
+    """Refine the positions and directions of these cameras."""
+    focal: bool = False
+    """Refine their focal lengths; fx / fy does not change."""
+    distortion: bool = False
+    """Refine k1."""
+    offsets: bool = False
+    """Refine the time offset of each camera, to a fraction of a frame."""
+    drift: bool = False
+    """Refine the drift of that offset."""
+    bones: bool = True
+    """Expect bones of constant length."""
+    bodies: int = 1000
+    """Largest number of bodies (a person in a frame) that are compared."""
+    stature: float | None = None
+    """m; scale the world so that the people have this mean stature."""
+    level: bool = False
+    """Turn the world so that z is up, by the feet and bodies of people, and move the floor to z = 0. With
+    extrinsics=false nothing else changes."""
+
+    def __post_init__(self):
+        if self.bodies < 20:
+            raise ValueError(f"bodies={self.bodies}: expected 20 or more")
+        if self.stature is not None and not 0.5 <= self.stature <= 2.5:
+            raise ValueError(f"stature={self.stature:g}: expected metres, 0.5 to 2.5")
+        if not self.frees_cameras and not self.level and self.stature is None:
+            raise ValueError("nothing to refine: set extrinsics, focal, distortion, offsets, drift, stature or level")
+
+    @property
+    def frees_cameras(self) -> bool:
+        """True if any parameter of a camera may change, apart from the choice of the world."""
+        return any((self.extrinsics, self.focal, self.distortion, self.offsets, self.drift))

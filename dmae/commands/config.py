@@ -1,0 +1,435 @@
+"""Options of the commands that have more than those of their verb. Imports nothing heavy, so that help is quick."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from dmae.calibration.config import RefineConfig
+from dmae.completion.config import DELAY, PaperSize
+from dmae.completion.methods import completion_method
+from dmae.detection.registry import OutputConfig, PoseDetectorConfig
+from dmae.evaluation.config import TITLE
+from dmae.formats.config import DataConfig, LengthUnit, UpDirection
+from dmae.formats.registry import pose_writer, recording_writer
+from dmae.parallel import Backend
+from dmae.reconstruction.config import CaptureConfig
+
+_FILLS = ("none", *(name for name, method in completion_method.items() if not method.learned and name != "measured"))
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """Conventions that the calibration does not state; by default those of its format."""
+
+    unit: LengthUnit | None = None
+    """Unit of lengths."""
+    up: UpDirection | None = None
+    """Axis that points up."""
+    inverse: bool | None = None
+    """Whether extrinsics are world_from_cam."""
+
+
+class DemoSize(StrEnum):
+    """How much is simulated and learned."""
+
+    small = "small"
+    """About a minute on two cores: enough to see every step work. The model is the shipped one, tuned for a moment."""
+    full = "full"
+    """Under five minutes on two cores: enough for a model that is better than interpolation on what it was made for."""
+
+
+@dataclass(frozen=True)
+class RunCommand:
+    """Turn videos of calibrated cameras into people in 3D: detect, capture, complete, report, export.
+
+    The same command continues an interrupted run.
+    """
+
+    videos: str | None = None
+    """Folder of a video, or a folder of pictures, for each camera, named as in the calibration."""
+    calibration: str | None = None
+    """Calibration file, or folder of them."""
+    clip: str | None = None
+    """Instead of videos: folder of a clip with colour images, or of a data set of them."""
+    detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    weights: str | None = None
+    """Folder that `dmae train` wrote; by default the weights that come with the package."""
+    fps: float | None = None
+    """1/s; frame rate, by default that of the videos. Required for folders of pictures."""
+    offsets: list[int] | None = None
+    """Frames by which each camera started late, in the order of the calibration; by default read from the videos."""
+    world: WorldConfig = field(default_factory=WorldConfig)
+    export: list[str] = field(default_factory=lambda: ["trc"], metadata={"choices": pose_writer})
+    """Formats of the poses that are written in addition to the report."""
+    workers: int = 1
+    """Processes that detect; -1 for one per core."""
+    out: str = "runs/run"
+    """Folder: `detected`, `captured` and `completed` clips, `report.html`, and `poses` in each format."""
+
+    def __post_init__(self):
+        if self.videos is not None and self.calibration is None:
+            raise ValueError(
+                "expected calibration=<file>: without it people are found in 2D only; use dmae detect for that"
+            )
+
+
+@dataclass(frozen=True)
+class DetectCommand:
+    """Detect people in the videos of cameras, in the images of clips, or in photographs.
+
+    The same command continues an interrupted run.
+    """
+
+    videos: str | None = None
+    """Folder of a video, or a folder of pictures, for each camera, named as in the calibration."""
+    calibration: str | None = None
+    """Calibration file, or folder of them; without one, detections are written as files of 2D keypoints."""
+    clip: str | None = None
+    """Instead of videos: folder of a clip with colour images, or of a data set of them; truth and labels are kept."""
+    photos: str | None = None
+    """Instead of videos: folder of photographs that do not belong together, of any sizes, or one of them. People are
+    written as files of 2D keypoints, and drawn over the photographs."""
+    detector: PoseDetectorConfig = field(default_factory=PoseDetectorConfig)
+    output: OutputConfig = field(default_factory=OutputConfig)
+    fps: float | None = None
+    """1/s; frame rate, by default that of the videos. Required for folders of pictures."""
+    offsets: list[int] | None = None
+    """Frames by which each camera started late, in the order of the calibration; by default read from the videos."""
+    world: WorldConfig = field(default_factory=WorldConfig)
+    workers: int = 1
+    """Processes; -1 for one per core."""
+    out: str = "runs/detect"
+    """Folder of the clip, or of the files of keypoints; for a data set, it contains a folder for each clip."""
+
+    def __post_init__(self):
+        if sum(given is not None for given in (self.videos, self.clip, self.photos)) != 1:
+            raise ValueError(
+                "expected videos=<folder of videos>, clip=<folder of a clip with images> or photos=<folder of "
+                "photographs>, one of them"
+            )
+        if self.videos is None and (self.calibration or self.fps or self.offsets):
+            held = "clip=... holds its" if self.clip is not None else "photos=... have no"
+            raise ValueError(f"{held} calibration, fps and offsets; leave them out")
+
+
+@dataclass(frozen=True)
+class CaptureCommand:
+    """Turn the detections of several cameras into 3D poses, and print how far they reproject from the detections.
+
+    Exits with status 1 where no person is found, and prints what is left after each step and what to change.
+    """
+
+    data: DataConfig = field(default_factory=DataConfig)
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    fill: str = field(default="none", metadata={"choices": _FILLS})
+    """How joints that no camera measured are filled, or module:function of your own; they are marked completed in
+    `source`."""
+    smooth: float = 0.0
+    """s; light smoothing after that (0.1 suits people; 0: none). What it moves is marked denoised."""
+    level: bool = False
+    """Turn the world so that z is up, and move its floor to z = 0, as feet and bodies show them: cameras, people and
+    truth together."""
+    draw: list[int] = field(default_factory=list)
+    """Capture each clip of a data set with cameras drawn at random, as many as one of these, and keep no others: to
+    learn what few cameras measure."""
+    seed: int = 0
+    """Seed of the cameras that are drawn."""
+    first: int = 0
+    """Number of the first clip of the data set, counted from 0."""
+    clips: int | None = None
+    """Number of clips; by default all from `first` on. Several machines can fill one folder, each with some clips."""
+    workers: int = 1
+    """Processes; -1 for one per core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    dry_run: bool = False
+    """Only print the number of clips and frames to capture, and the time and disk space that this takes, measured on
+    parts of some clips."""
+    out: str = "runs/capture"
+    """Folder of the captured clip; of a data set a folder for each clip is made in it."""
+
+    def __post_init__(self):
+        if not self.smooth >= 0:
+            raise ValueError(f"smooth={self.smooth:g}: expected seconds, 0 (no smoothing) or more")
+        if self.workers == 0:
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+
+
+@dataclass(frozen=True)
+class CompleteCommand:
+    """Fill what no camera measured, marked as such."""
+
+    clip: str = "???"
+    """Folder of a captured clip, or of a data set of them."""
+    weights: str | None = None
+    """Folder that `dmae train` wrote; by default the weights that come with the package, for the skeleton of the
+    poses."""
+    denoise: bool | None = None
+    """Let the model also move joints that fewer than three views measured; they are then marked denoised. By default
+    true if the weights were trained for it."""
+    reject: bool = True
+    """Remove joints measured by two views if the frames around contradict them, and
+    complete them too."""
+    smooth: float = 0.1
+    """s; light smoothing after completion (0: none). Exact poses are not smoothed. Joints that it moves are marked
+    denoised."""
+    online: bool = False
+    """Complete as if cameras were running: each frame from the frames until `delay` after it."""
+    delay: float = DELAY
+    """s; delay of `online`."""
+    damaged: bool = False
+    """Complete a data set even if files are missing or were changed."""
+    workers: int = 1
+    """Processes, each with a clip at a time; -1 for one per core."""
+    backend: Backend = Backend.loky
+    """What runs the processes: this machine, or a cluster."""
+    dry_run: bool = False
+    """Only print the number of clips and frames to complete, and the time and disk space that this takes, measured on
+    parts of some clips."""
+    out: str = "runs/complete"
+    """Folder of the completed clip; of a data set a folder for each clip is made in it."""
+
+    def __post_init__(self):
+        if self.workers == 0:
+            raise ValueError("workers: expected a number of processes, or -1 for one per core; got 0")
+
+
+@dataclass(frozen=True)
+class ReportCommand:
+    """Make one page with a player for clips, and with scores: an HTML file that loads no other files."""
+
+    title: str = TITLE
+    """Heading of the page."""
+    scores: list[str] = field(default_factory=list)
+    """Folders that `dmae evaluate` wrote."""
+    clip: str | None = None
+    """Folder of a clip, captured and completed or not yet, or of a data set of them."""
+    out: str | None = None
+    """File of the page; by default `report.html` in the folder of the clip, or else of the first scores."""
+
+
+@dataclass(frozen=True)
+class ReviewCommand:
+    """Rank the joints of a clip by their possible error; accept, blank or hand back entries of the ranking.
+
+    Decisions are written to `decisions.json` in the folder of the clip. `dmae export` leaves out blanked and
+    handed-back joints; `dmae complete` fills handed-back joints again. The next ranking contains the remaining joints.
+    """
+
+    clip: str = "???"
+    """Folder of a captured or completed clip."""
+    accept: list[int] = field(default_factory=list)
+    """Entries of the last ranking that are correct."""
+    blank: list[int] = field(default_factory=list)
+    """Entries that are wrong, to be left out."""
+    hand_back: list[int] = field(default_factory=list)
+    """Entries that are wrong, to be completed."""
+    out: str | None = None
+    """CSV file of the ranking; by default `<clip>_review.csv`, in the folder that the clip is in."""
+
+
+@dataclass(frozen=True)
+class LiveCommand:
+    """Answer detections of frames with poses, as lines of JSON (see `dmae.online.json_lines` or the documentation).
+
+    Frames are read from standard input and answered on standard output, or on a socket with `listen`.
+    """
+
+    calibration: str = "???"
+    """Calibration file of any supported format, or its folder."""
+    fps: float = "???"
+    """1/s; rate at which frames arrive."""
+    skeleton: str = "body25"
+    """Skeleton of the detections."""
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    complete: bool = False
+    """Also complete the joints that no camera measured; this adds to the delay."""
+    weights: str | None = None
+    """Folder that `dmae train` wrote; by default the weights that come with the package."""
+    look_ahead: float | None = None
+    """s; longest time that any step waits for later frames. Less than the 0.4 of capture and the 0.28 of completion
+    reduces accuracy; by default the time that they use."""
+    listen: str | None = None
+    """host:port to listen on, for one program at a time; each connection starts a new capture. By default standard
+    input."""
+
+
+@dataclass(frozen=True)
+class ExportCommand:
+    """Write poses to a file that other programs read."""
+
+    clip: str = "???"
+    """Folder of a clip; its captured or completed poses are exported, its truth where it has none. What
+    `dmae review` blanked or handed back is left out."""
+    format: str = field(default="npz", metadata={"choices": pose_writer})
+    """Format of the file."""
+    skeleton: str | None = None
+    """Skeleton of the file; by default the one the poses are in, and of two fused the first, except for npz."""
+    unit: LengthUnit = LengthUnit.m
+    """Unit of lengths in a TRC."""
+    keep_mm: float | None = None
+    """mm; leave out joints that are likely farther than this from the truth, by the uncertainty that they state, and
+    completed ones that state none. By default all joints are written."""
+    out: str = "???"
+    """File to write, by default with the suffix of the format; for panoptic and openpose a folder."""
+
+
+@dataclass(frozen=True)
+class ConvertCommand:
+    """Turn a recording into another format, or into a clip."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    format: str = field(default="clip", metadata={"choices": recording_writer})
+    """Format to convert to."""
+    out: str = "???"
+    """Folder to write; for a data set, it contains a folder for each clip."""
+
+
+@dataclass(frozen=True)
+class DoctorCommand:
+    """Find what is wrong with a calibration and its detections, and print how to correct it.
+
+    Exits with status 1 if anything is wrong. Writes `doctor.json`, `doctor.png`, and a picture of epipolar arrows for
+    each camera, `arrows_0.png` and so on.
+    """
+
+    data: DataConfig = field(default_factory=DataConfig)
+    max_offset: int = 50
+    """frames; the largest time offset between two cameras that is tested, in both directions."""
+    out: str = "runs/doctor"
+    """Folder of the results; for a data set, it contains a folder for each clip."""
+
+
+@dataclass(frozen=True)
+class CalibrateCommand:
+    """Refine a calibration by the people in a recording.
+
+    Writes the cameras as TOML, which every command accepts as data.calibration, and the changes with their covariance
+    as JSON in the same folder.
+    """
+
+    data: DataConfig = field(default_factory=DataConfig)
+    refine: RefineConfig = field(default_factory=RefineConfig)
+    out: str = "runs/rig.toml"
+    """Calibration file to write."""
+
+
+@dataclass(frozen=True)
+class PretrainCommand:
+    """Simulate people with your motion, cameras and detector, and train on them.
+
+    Trains a model that `dmae train init=<model>` can then fine-tune on recordings: simulates, captures, trains,
+    calibrates uncertainty on held-back subjects, scores on others, and writes the card. Every step is a command that is
+    printed. The same command continues an interrupted run.
+    """
+
+    motion: str | None = None
+    """Folder of motion files, or a list of takes that `synth takes` wrote; by default people move procedurally."""
+    rig: str = "random"
+    """Calibration, a file or folder of any known format; or a preset of rigs."""
+    detector: str = "shelf_openpose"
+    """Preset of the simulated detector, or the YAML file of a preset that `synth fit-detector` wrote."""
+    clips: int = 60
+    """Clips of 12 s to train on; a quarter of this number is used for calibration, and a quarter for scores."""
+    seconds: float = 12.0
+    """s; length of a clip."""
+    views: list[int] = field(default_factory=lambda: [2, 3, 4, 5])
+    """Numbers of cameras that capture people, drawn for each clip."""
+    steps: int = 6000
+    """Steps of training. No step is limited by time: the same command makes the same weights on one machine."""
+    workers: int = 1
+    """Processes that simulate."""
+    seed: int = 0
+    """Seed of all steps."""
+    out: str = "runs/pretrain"
+    """Folder of the data sets, of the model (`model`) and of its scores."""
+
+    def __post_init__(self):
+        for name, least in (("clips", 2), ("steps", 1), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name}: expected at least {least}, found {getattr(self, name)}")
+        if not self.views or min(self.views) < 2:
+            raise ValueError(f"views={self.views}: expected numbers of cameras, 2 or more")
+
+
+@dataclass(frozen=True)
+class TrainPaperCommand:
+    """Train the paper's network with the paper's training: on true poses, or from `init` on annotations.
+
+    None of this package's own predictors, features or blending is used."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    extra_data: list[str] = field(default_factory=list)
+    """Folders of further data sets to pretrain on."""
+    init: str | None = None
+    """Folder of a pretrained network, to fine-tune it on annotations of Shelf's joints."""
+    views: list[int] = field(default_factory=list)
+    """In fine-tuning, the clip is captured by all subsets with these numbers of cameras; by default by all cameras."""
+    capture: CaptureConfig = field(default_factory=CaptureConfig)
+    size: PaperSize = PaperSize.small
+    """Small enough for a CPU, or as in the paper, for a GPU."""
+    steps: int = 0
+    """Batches of pretraining; 0: those of the size."""
+    tuning_epochs: int = 0
+    """Passes over the windows in fine-tuning; 0: those of the size."""
+    batch: int = 32
+    """Windows in a batch."""
+    lr: float | None = None
+    """Greatest learning rate; by default that of the size."""
+    seed: int = 0
+    """Seed of weights, masks and batches."""
+    out: str = "runs/paper"
+    """Folder of the network and its checkpoint."""
+
+
+@dataclass(frozen=True)
+class DemoCommand:
+    """Simulate people, detect, capture, train, complete, score and report. Every command is printed."""
+
+    size: DemoSize = DemoSize.small
+    """How much is simulated and learned."""
+    shelf: str | None = None
+    """Folder of the Shelf recording; with it the model is scored on real people as well."""
+    workers: int = 2
+    """Processes that simulate."""
+    out: str = "runs/demo"
+    """Folder of the results; the page is `report.html` in it."""
+
+
+@dataclass(frozen=True)
+class CardCommand:
+    """Describe trained weights: training data and scores. Writes `MODEL_CARD.md` to their folder."""
+
+    weights: str = "???"
+    """Folder that `dmae train` wrote; the card is written there."""
+    scores: list[str] = field(default_factory=list)
+    """Folders that `dmae evaluate` wrote with these weights."""
+    command: str = "???"
+    """Command line that makes these weights, data included."""
+
+
+@dataclass(frozen=True)
+class RegressCommand:
+    """Check any triangulation against a fixed set of cases. Exits with status 1 if a bound is broken.
+
+    The solver is a plain function of keyword arrays (numpy is sufficient):
+
+        def solver(*, K, dist, cam_from_world, size, xy, confidence): return xyz
+
+        K (V, 3, 3) px; dist (V, 5) or (V, 8), OpenCV's k1 k2 p1 p2 k3 [k4 k5 k6], zeros for a pinhole;
+        cam_from_world (V, 4, 4), OpenCV cameras (x right, y down, z forward), m; size (V, 2) width, height;
+        xy (n, V, 2) pixels as detected, distorted, NaN where a view has none, (0, 0) the centre of the first pixel;
+        confidence (n, V) in [0, 1], NaN where a view is not used; xyz (n, 3) m, NaN where the solver refuses. Rows are
+        independent.
+
+    To start from: dmae.regression.solvers:ours, :dlt, :opencv. In pytest: the fixture check_triangulation.
+    """
+
+    solver: str = "???"
+    """package.module:function; the current folder is searched first."""
+    skip: list[str] = field(default_factory=list)
+    """Names of cases to skip."""
+    seconds: float = 30.0
+    """s; time limit for one case."""
+    report: str | None = None
+    """An HTML page to write."""

@@ -1,0 +1,48 @@
+"""Options of pictures and videos of clips."""
+
+from dataclasses import dataclass, field
+
+from dmae.formats.config import DataConfig
+
+
+@dataclass(frozen=True)
+class LayersConfig:
+    """Layers that are drawn, if the clip has them."""
+
+    detections: bool | None = None
+    """2D detections, crosses; by default if there are no occlusion labels."""
+    measured: bool = True
+    """Measured joints, discs in the colour of their person."""
+    completed: bool = True
+    """Completed joints, red squares: no camera measured them."""
+    truth: bool | None = None
+    """True joints: white rings if there are poses, otherwise in the colours of their occluders; by default if there are
+    no poses."""
+
+
+_LEAST = {"frames": 1, "width": 160}
+
+
+@dataclass(frozen=True)
+class ShowConfig:
+    """Draw recorded, simulated, captured or completed clips: `sheet.png`, `clip.mp4` and a recording for Rerun."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    out: str = "runs/show"
+    """Folder of the pictures; of a data set each clip has a folder in it."""
+    frames: int = 4
+    """Number of frames on the sheet, evenly spread over the clip."""
+    views: list[str] = field(default_factory=list)
+    """Names of the cameras; none for all."""
+    width: int = 480
+    """px; width of a view."""
+    layers: LayersConfig = field(default_factory=LayersConfig)
+    video: bool = True
+    """Whether to write `clip.mp4`, all views of all frames."""
+    rerun: bool = False
+    """Whether to write `clip.rrd` for the Rerun viewer, which `pip install 'dmae-synth[viz]'` adds."""
+
+    def __post_init__(self):
+        for name, least in _LEAST.items():
+            if getattr(self, name) < least:
+                raise ValueError(f"{name}: expected {least} or more, got {getattr(self, name)}")
