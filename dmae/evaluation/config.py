@@ -49,22 +49,6 @@ class ReferencePoses(StrEnum):
 
 
 @dataclass(frozen=True)
-class GapConfig:
-    """Synthetic gaps: bursts in which a body part, or now and then a whole person, is hidden."""
-
-    bursts: float = 2.0
-    """1/s; bursts of each person."""
-    longest: int = 60
-    """Frames at 25/s; the longest burst. Lengths are log-uniform from 2."""
-    absence: int = 15
-    """Frames at 25/s; the longest burst in which a whole person is hidden."""
-
-    def __post_init__(self):
-        if self.bursts < 0 or self.longest < 2 or self.absence < 2:
-            raise ValueError(f"gaps: expected bursts >= 0, longest >= 2 and absence >= 2, found {self}")
-
-
-@dataclass(frozen=True)
 class EvaluateConfig:
     """Score methods of completion over clips and subsets of cameras."""
 

@@ -10,10 +10,15 @@ gaps filled (`dmae.evaluation.corruption.corrupt.people_of`); capture never read
 draws the same random numbers at every level, so that a level also hides the joints that lower levels hide.
 """
 
-from dataclasses import dataclass, field
+from __future__ import annotations
 
-from dmae.data.clip import Clip
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
 from dmae.registry import Entry, Registry
+
+if TYPE_CHECKING:
+    from dmae.data.clip import Clip  # it loads OpenCV, which help does not need
 
 
 @dataclass(frozen=True)
