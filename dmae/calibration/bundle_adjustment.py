@@ -3,7 +3,8 @@
 Levenberg-Marquardt on robust reprojection errors and bone lengths. The bodies are eliminated from the normal equations
 (Schur complement; Triggs et al., Bundle adjustment - a modern synthesis, 2000). The cost of a step then depends mostly
 on the number of cameras, and the covariance of the cameras is a by-product. `scipy.optimize.least_squares` has no such
-elimination: with the sparse Jacobian it takes tens of times as long.
+elimination: with the sparse Jacobian and `lsmr` it takes four times as long for 1000 bodies in eight cameras, stops
+centimetres away in directions that only priors hold, and the covariance needs the elimination anyway.
 
 M bodies, V views, J joints, Q parameters per view.
 """

@@ -19,6 +19,7 @@ from dmae.reconstruction.evidence import Evidence
 from dmae.reconstruction.people import false_positives, inside_volume, merge, same_person, well_measured
 from dmae.reconstruction.pipeline import MeasuredJoints, measure
 from dmae.reconstruction.pruning import LONGEST_JUMP
+from dmae.reconstruction.reassignment import LONGEST_GAP
 from dmae.reconstruction.tracking import TrackedFrame, Tracker, Tracks
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ class OnlineCapture:
         self._tracker = Tracker(skeleton, fps, config)
         self._batch = max(round(BATCH * fps), 1)
         self._jump = ceil(LONGEST_JUMP * fps) if config.prune else 0
-        gap = config.reassignment.max_gap_s if config.reassignment.distance_m > 0 else 0
+        gap = LONGEST_GAP if config.reassignment.distance_m > 0 else 0
         ahead = max(ceil(max(gap, config.tracking.min_duration_s) * fps), self._jump)
         if look_ahead is not None:
             ahead = min(ahead, int(look_ahead * fps))

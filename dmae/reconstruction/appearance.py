@@ -15,6 +15,8 @@ _PATCH_SHARE = 0.25
 """Half the side of the patch as a share of the torso's extent: arms and background stay outside."""
 _MIN_HALF_SIDE = 2.0
 """px; half the side of the smallest patch."""
+_OTHER_CLOTHES = 30.0
+"""CIELAB units; clothes that differ by this are of two people."""
 _SAMPLED_FRAMES = 8
 """Number of frames of a track, evenly spread, from which its colour is taken."""
 
@@ -80,12 +82,11 @@ def _boxes(torso: np.ndarray) -> np.ndarray:
         return np.stack([np.floor(middle - half), np.ceil(middle + half) + 1], -2)
 
 
-def appearance_differs(clip: Clip, assigned: np.ndarray, min_difference: float) -> np.ndarray:
+def appearance_differs(clip: Clip, assigned: np.ndarray) -> np.ndarray:
     """Find the tracks with clothes of different colours, medians over some frames and all views.
 
     Args:
         assigned: (F, P, V, J) detections assigned to the tracks, or `NONE`.
-        min_difference: Smallest difference of two colours, CIELAB units.
 
     Returns:
         (P, P) True where two tracks differ; False where a colour is unknown.
@@ -107,4 +108,4 @@ def appearance_differs(clip: Clip, assigned: np.ndarray, min_difference: float) 
             samples[person].append(colours[view, whole[frame, person, view]])
     known = [rows[~np.isnan(rows).any(-1)] for rows in map(np.concatenate, samples)]
     typical = np.array([np.median(rows, 0) if len(rows) else np.full(3, np.nan) for rows in known])
-    return np.linalg.norm(typical[:, None] - typical[None], axis=-1) >= min_difference
+    return np.linalg.norm(typical[:, None] - typical[None], axis=-1) >= _OTHER_CLOTHES

@@ -14,6 +14,8 @@ from dmae.reconstruction.config import AssociationConfig
 
 NONE = -1
 """Index of no track or detection."""
+_COLOUR_DIFFERENCE = 20.0
+"""CIELAB units; colour difference of clothes at which their affinity is 1/2."""
 _PARTNERS = 16
 """Largest number of detections of another view that are compared further with a detection, by highest affinity."""
 _ASSIGNED = 100
@@ -107,7 +109,7 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
     affinities = np.zeros(partners.shape, np.float32)
     detections = (view, candidates.centers, candidates.rays, candidates.weights, candidates.colours)
     weight = 0 if np.isnan(candidates.colours).all() else config.colour_weight
-    lengths = np.array([config.ray_distance_m, config.colour_difference, weight], np.float32)
+    lengths = np.array([config.ray_distance_m, _COLOUR_DIFFERENCE, weight], np.float32)
     least = np.float32(config.min_affinity)
     find_partners(*detections, *lengths, least, partners, affinities)
     first, second, found = _pairs(view, partners, affinities)

@@ -56,15 +56,13 @@ class AssociationConfig:
     """Joints with rays that are compared between views."""
     ray_distance_m: float = 0.1
     """Distance between two rays at which their affinity is 1/2, m."""
-    colour_difference: float = 20.0
-    """Colour difference of clothes at which their affinity is 1/2, CIELAB units."""
     colour_weight: float = 0.3
     """Weight of clothes in the affinity of two detections, 0 to 1; only for clips with images, 0 does not read them."""
     min_affinity: float = 0.5
     """Smallest affinity of detections of one person, 0 to 1."""
 
     def __post_init__(self):
-        _check_positive("association", self, "ray_distance_m", "colour_difference")
+        _check_positive("association", self, "ray_distance_m")
 
 
 @dataclass(frozen=True)
@@ -73,16 +71,12 @@ class TrackingConfig:
 
     birth_joints: int = 4
     """Number of joints on which two views or more must agree for a new track."""
-    confirmation_s: float = 0.2
-    """Measured time after which a track is confirmed, s; confirmed tracks take detections first."""
     velocity_gain: float = 0.3
     """Share of each step that is added to the velocity for the next prediction; 0 predicts no motion."""
     coasting_s: float = 0.5
     """Longest time for which a track is predicted without being measured, s."""
     reentry_s: float = 2.0
     """Longest absence after which a person of the same build who re-enters nearby keeps the track, s."""
-    reentry_colour_difference: float = 30.0
-    """Colour difference of clothes from which on a re-entry is another person, CIELAB units; needs images."""
     min_duration_s: float = 0.3
     """Shortest time for which a person is measured with `birth_joints`, s; shorter tracks are false positives."""
     max_by_chance: float | None = 0.1
@@ -102,8 +96,6 @@ class ReassignmentConfig:
     """Largest distance of a detection from the path, m; 0 turns the second pass off."""
     th_p: float = 0.1
     """Smallest confidence of a 2D joint in the second pass; lower than `capture.th_p`, as its place is known."""
-    max_gap_s: float = 0.4
-    """Longest gap over which the path is interpolated, s."""
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ def _capture(clip: Clip, config: CaptureConfig) -> Poses3D:
     tracks = track(clip, config)
     differs = None
     if has_appearance(clip, config):
-        differs = partial(appearance_differs, clip, tracks.assigned, tracking.reentry_colour_difference)
+        differs = partial(appearance_differs, clip, tracks.assigned)
     tracks = merge(tracks, same_person(tracks.xyz, skeleton, fps, tracking.reentry_s, differs))
     tracks = inside_volume(tracks, config.volume)
     measured = well_measured(tracks, tracking.births(len(skeleton))).sum(0)
@@ -84,7 +84,7 @@ def _measured_people(clip: Clip, tracks: Tracks, config: CaptureConfig) -> Poses
     skeleton, fps, reassignment = clip.detections.skeleton, clip.fps, config.reassignment
     (frames, persons, views, joints), sides = tracks.assigned.shape, Sides.of(skeleton)
     th_p = reassignment.th_p if reassignment.distance_m > 0 else config.th_p
-    paths = expected_paths(tracks.xyz, skeleton, fps, reassignment.max_gap_s)
+    paths = expected_paths(tracks.xyz, skeleton, fps)
     blocks = evidence_blocks(clip, persons)
 
     # If there is a single block, its evidence is computed only once.
@@ -206,7 +206,7 @@ def measure(
     """
     config, first_pass = evidence.config, tracks.assigned[window]
     assigned, sides = first_pass, Sides.of(skeleton)
-    paths = expected_paths(tracks.xyz, skeleton, fps, config.reassignment.max_gap_s)[window]
+    paths = expected_paths(tracks.xyz, skeleton, fps)[window]
     wrong = find_exchanged(evidence, slice(0, len(assigned)), assigned, paths, sides)
     evidence = exchange(evidence, 0, *wrong, sides)
     if config.reassignment.distance_m > 0:

@@ -18,20 +18,22 @@ from dmae.reconstruction.evidence import Evidence, project
 from dmae.reconstruction.pruning import prune
 from dmae.reconstruction.triangulation import Points
 
+LONGEST_GAP = 0.4
+"""s; longest gap of a joint over which its path is interpolated."""
 
-def expected_paths(xyz: np.ndarray, skeleton: Skeleton, fps: float, max_gap_s: float) -> np.ndarray:
+
+def expected_paths(xyz: np.ndarray, skeleton: Skeleton, fps: float) -> np.ndarray:
     """Return the expected places of joints, (F, P, J, 3) m: pruned, with straight lines through short gaps.
 
     Args:
         xyz: (F, P, J, 3) m, NaN where absent.
-        max_gap_s: Longest gap that is bridged, s.
     """
     pruned = prune(xyz, skeleton, fps)
     # The paths are changed in place, as they are independent of each other.
     paths = pruned.reshape(len(pruned), prod(pruned.shape[1:-1]), 3)
     for columns, known in column_blocks(paths):
         before, after = neighbours(~np.isnan(known[..., 0]))
-        bridged = (before >= 0) & (after < len(known)) & (after - before <= int(max_gap_s * fps))
+        bridged = (before >= 0) & (after < len(known)) & (after - before <= int(LONGEST_GAP * fps))
         expected = np.where(bridged[..., None], linear(known), np.nan)
         for part in frame_blocks(paths):
             paths[part, columns] = expected[part]

@@ -179,6 +179,8 @@ class TrackState:
         )
 
 
+_CONFIRMATION_S = 0.2
+"""s; measured time after which a track is confirmed. Confirmed tracks take detections first."""
 _MIN_JOINTS = 3
 """Smallest number of joints of a measured person, and of a detection that is compared."""
 _LONGEST_BONE = 0.8
@@ -305,7 +307,7 @@ def _propagate(
         exchanged = evidence.distances(here, state.xyz[None][:, :, mirror], unit)[0]
         distance = nearer_side(distance, exchanged, sides)
     closeness = confidence[:, None] * np.maximum(1 - distance / config.th_d, -1)
-    owner, primary = propagate(closeness, state.age > config.tracking.confirmation_s)
+    owner, primary = propagate(closeness, state.age > _CONFIRMATION_S)
     assigned = np.empty((*primary.shape, confidence.shape[-1]), np.int64)
     assign_joints(primary, owner, present, closeness, assigned)
     return assigned.swapaxes(0, 1), owner
