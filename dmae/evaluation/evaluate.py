@@ -1,8 +1,13 @@
-"""Trials: poses with gaps, the same poses filled by methods, and their truth."""
+"""Score methods of completion over clips and subsets of cameras.
+
+A trial is poses with gaps and their truth: captured with some of the cameras, or true poses with synthetic gaps.
+`filled_trials` has each method fill them, and `evaluate` scores what comes out.
+"""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +26,13 @@ from dmae.evaluation.synthetic_gaps import cut_gaps, perturb
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips, camera_subsets, load
 from dmae.metrics.comparison import GATE, match, take_matched
-from dmae.parallel import Backend, in_parallel, process_count, running_on
+from dmae.parallel import in_parallel, process_count, running_on
 from dmae.progress import duration, progress
 from dmae.reconstruction.pipeline import capture
 from dmae.reporting.tables import counted
 
+Methods = dict[str, Callable[[Poses3D, float], Poses3D]]
+"""Functions that fill poses, by name."""
 HANDED_IN = "poses"
 """Method name of poses made elsewhere in the results."""
 
@@ -56,7 +63,7 @@ class Trial:
 def filled_trials(
     clips: Sequence[Clip],
     config: EvaluateConfig,
-    methods: dict[str, Callable[[Poses3D, float], Poses3D]],
+    methods: Methods,
     to_skeleton: Callable[[Poses3D, Skeleton], Poses3D] = convert,
     shown: bool = True,
 ) -> Iterator[tuple[Trial, dict[str, Poses3D]]]:
@@ -142,22 +149,17 @@ def _compared_truth(clip: Clip, config: EvaluateConfig) -> Poses3D:
 def _captured_trials(clip: Clip, config: EvaluateConfig) -> Iterator[Trial]:
     actors = None
     if config.reference == ReferencePoses.capture:
-        _check_fewer_views(clip, config)
+        if not config.views or max(config.views) >= len(clip.rig):
+            raise ValueError(
+                f"reference=capture compares fewer cameras with all {len(clip.rig)} of clip {clip.id!r}; "
+                f"expected views=[{len(clip.rig) - 1}] or less, found {list(config.views)}"
+            )
         truth = measured_by_all(clip, config.capture)
     else:
         truth, actors = _compared_truth(clip, config), scored_actors(clip)
     for cameras in camera_subsets(clip, config.views):
         captured = capture(clip.select(views=cameras), config.capture)
         yield Trial(clip, cameras, captured, truth, actors)
-
-
-def _check_fewer_views(clip: Clip, config: EvaluateConfig) -> None:
-    """Raise ValueError unless all requested numbers of cameras are smaller than the number of cameras of the clip."""
-    if not config.views or max(config.views) >= len(clip.rig):
-        raise ValueError(
-            f"reference=capture compares fewer cameras with all {len(clip.rig)} of clip {clip.id!r}; "
-            f"expected views=[{len(clip.rig) - 1}] or less, found {list(config.views)}"
-        )
 
 
 def filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
@@ -174,10 +176,6 @@ def filled_by_all(filled: list[Poses3D], trial: Trial) -> np.ndarray:
     return common
 
 
-# Score methods of completion over clips and subsets of cameras.
-
-Methods = dict[str, Callable[[Poses3D, float], Poses3D]]
-"""Functions that fill poses, by name."""
 _TRIED = 50
 """Number of frames of a clip that a forecast scores."""
 
@@ -204,9 +202,10 @@ def evaluate(config: EvaluateConfig) -> dict:
             options exclude each other, or poses made elsewhere do not fit their clip.
         FileNotFoundError: the poses made elsewhere do not exist.
     """
-    methods, clips = _methods(config), _clips(config)
-    alone = config.workers == 1 and config.backend == Backend.loky
-    tasks = ((config, clips.part(range(n, n + 1)), methods if alone else None, len(clips) == 1) for n in clips.numbers)
+    _loaded.cache_clear()
+    _loaded(tuple(config.methods), config.weights, config.poses)
+    clips = _clips(config)
+    tasks = ((config, clips.part(range(n, n + 1)), len(clips) == 1) for n in clips.numbers)
     runs: dict[tuple[str, int], list[dict]] = {}
     scored: dict[str, dict] = {}
     with running_on(config.backend):
@@ -238,10 +237,11 @@ class _Scored:
     entries: list[tuple[tuple[str, int], dict]]
 
 
-def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], methods: Methods | None, shown: bool) -> _Scored:
-    """Return the scores of the single clip in `clips`. If `methods` is None, load them once per process."""
+def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> _Scored:
+    """Return the scores of the single clip in `clips`."""
     entries, facts = [], None
-    for trial, filled in filled_trials(clips, config, _loaded(config) if methods is None else methods, shown=shown):
+    methods = _loaded(tuple(config.methods), config.weights, config.poses)
+    for trial, filled in filled_trials(clips, config, methods, shown=shown):
         facts = facts or scored_clip(trial.clip)
         compared = filled_by_all([poses for name, poses in filled.items() if name != "measured"], trial)
         for name, poses in filled.items():
@@ -255,7 +255,9 @@ def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], methods: Methods 
 
 def forecast(config: EvaluateConfig) -> str:
     """Return an estimate of the time that `evaluate` takes, from short pieces of some clips. Raises as `evaluate`."""
-    methods, clips = _methods(config), _clips(config)
+    _loaded.cache_clear()
+    _loaded(tuple(config.methods), config.weights, config.poses)
+    clips = _clips(config)
     chosen = sorted({0, len(clips) // 2, len(clips) - 1})
     seconds, frames, lengths = 0.0, 0, []
     for index in chosen:
@@ -264,7 +266,7 @@ def forecast(config: EvaluateConfig) -> str:
         piece = clip if config.poses else clip.select(frames=range(min(_TRIED, len(clip))))
         one = clips.part(range(clips.numbers[index], clips.numbers[index] + 1)) if config.poses else [piece]
         start = time.perf_counter()
-        _score_clip(config, one, methods, False)
+        _score_clip(config, one, False)
         seconds += time.perf_counter() - start
         frames += len(piece)
         lengths.append(len(clip))
@@ -281,29 +283,22 @@ def _clips(config: EvaluateConfig) -> Clips:
     return clips.part(clip_range(len(clips), config.first, config.clips))
 
 
-def _methods(config: EvaluateConfig) -> Methods:
-    return {} if config.poses else load_methods(config)
+@lru_cache(1)
+def _loaded(names: tuple[str, ...], weights: str | None, poses: str | None) -> Methods:
+    """Return the methods of a configuration, which each process loads once; none if poses made elsewhere are scored."""
+    return {} if poses else load_methods(names, weights)
 
 
-_in_this_process: dict[tuple, Methods] = {}
-"""The methods that this process has loaded."""
+def load_methods(names: Sequence[str], weights: str | None = None) -> Methods:
+    """Return the functions of methods, by name.
 
-
-def _loaded(config: EvaluateConfig) -> Methods:
-    key = (*config.methods, config.weights, config.poses)
-    if key not in _in_this_process:
-        _in_this_process.clear()
-        _in_this_process[key] = _methods(config)
-    return _in_this_process[key]
-
-
-def load_methods(config: EvaluateConfig) -> Methods:
-    """Return the functions of the methods, by name.
+    Args:
+        names: Completion methods, or `module:function`.
+        weights: Folder of the weights of learned methods; by default those that come with the package.
 
     Raises:
-        ValueError: the configuration has no methods, or a method is unknown.
+        ValueError: there are no methods, or one is unknown.
     """
-    if not config.methods:
+    if not names:
         raise ValueError(f"methods=[]: expected some of {[*completion_method]}")
-    weights = Path(config.weights) if config.weights else None
-    return {name: find_method(name).load(weights) for name in config.methods}
+    return {name: find_method(name).load(Path(weights) if weights else None) for name in names}

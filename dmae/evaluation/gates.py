@@ -109,8 +109,6 @@ def _text(value) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-# Gates: check whether scores are worse than a baseline by more than the variation over time explains.
-
 _SMALLEST = 0.05
 """% or mm. Smaller changes are not printed; another processor can cause them."""
 _JUDGED = {

@@ -1,4 +1,4 @@
-"""Matching: the assignment of predictions to true persons."""
+"""A prediction and its truth, matched person by person: the input of every metric."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,8 +81,6 @@ def take_matched(array: np.ndarray, matches: np.ndarray, missing=np.nan) -> np.n
     taken[frame, person] = array[frame, matches[frame, person]]
     return taken
 
-
-# A prediction and the truth: the input of every metric.
 
 GAP_RATE = 25.0
 """Frames/s in which lengths of gaps are stated, for clips of any frame rate."""

@@ -1,4 +1,9 @@
-"""PCP, the percentage of correct parts (limbs)."""
+"""PCP, the percentage of correct parts (limbs), strict and by the protocols of published evaluations.
+
+A protocol says how predictions are assigned to true persons, what counts as missed, and how a head is placed. This
+project reports `strict`. The others are taken from the code of their authors and serve only for comparison with
+published rows: none of them penalises a false positive person.
+"""
 
 from collections.abc import Sequence
 
@@ -83,11 +88,6 @@ def _by_person(comparison: Comparison) -> np.ndarray:
     """(T,) %."""
     return percent(*correct_limbs(comparison.matched, comparison.truth.xyz, comparison.skeleton), (0, 2))
 
-
-# Protocols of PCP: how predictions are assigned to true persons, what counts as missed, and how a head is placed.
-#
-# This project reports `strict`. The other protocols are those of published evaluations, taken from the code of their
-# authors. They serve only for comparison with published rows: none of them penalises a false positive person.
 
 _UNGATED = 100.0
 """m; a gate that is larger than any distance between persons."""

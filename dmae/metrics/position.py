@@ -1,4 +1,4 @@
-"""Percentages of what is known, and the sources of joints as percentages."""
+"""Metrics of joints: shares by source, PCK, position errors, and how well stated covariances predict them."""
 
 import numpy as np
 from scipy.stats import rankdata
@@ -36,8 +36,6 @@ def _shares(comparison: Comparison) -> dict[str, float]:
     """True joints that are absent, measured, denoised, completed, %."""
     return source_shares(comparison.source, comparison.known)
 
-
-# PCK, the percentage of correct keypoints (joints).
 
 PCK_THRESHOLD = 0.2
 """m. The 0.2 of PCK@0.2 is in metres in multi-person capture, not in torso sizes as in single images. It applies to
@@ -93,8 +91,6 @@ def _pck(comparison: Comparison) -> dict[str, float]:
     threshold = comparison.scale * PCK_THRESHOLD
     return pck(comparison.pred.xyz, comparison.truth.xyz, comparison.matches, threshold)
 
-
-# Metrics of stated covariances: how often their regions contain the truth, and how well they rank errors.
 
 REGION_PROBABILITY = 0.9
 """Probability of the regions by which stated covariances are judged."""
@@ -162,8 +158,6 @@ def _ranking(comparison: Comparison) -> dict[str, float]:
     counted = comparison.hidden & ~np.isnan(error) & ~np.isnan(stated)
     return rank_scores(error[counted], stated[counted])
 
-
-# MPJPE, the mean per-joint position error: of all joints, by their source, and by the length of gaps.
 
 GAPS = ((1, 5), (6, 15), (16, 40), (41, None))
 """Classes of gaps: the shortest and the longest gap of each class, in frames at 25 frames/s."""

@@ -1,4 +1,7 @@
-"""Causes of holes: the reason why cameras did not see a joint for some time."""
+"""Holes: the joints on which methods are scored, by cause, length and body part, and the sums of errors in them.
+
+A hole is a run of frames in which a joint was not measured, or not seen. No method can change the holes.
+"""
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -86,8 +89,6 @@ def causes(occlusion: OcclusionLabels, hidden: np.ndarray) -> np.ndarray:
     found[hidden] = of_gap[gap]
     return np.moveaxis(found, -1, 0)
 
-
-# Holes: the joints on which methods are scored, with length, cause and body part. No method can change them.
 
 PARTS = {
     "head": ("nose", "eye", "eye_inner", "eye_outer", "ear", "mouth", "head", "head_top", "top_head", "bottom_head"),
@@ -193,8 +194,6 @@ def _bridged(matches: np.ndarray) -> np.ndarray:
     taken = (bridged[:, :, None] == matches[:, None]).any(-1)
     return np.where((matches < 0) & taken, -1, bridged)
 
-
-# Cells: sums of the errors of one clip, by cause, length of the hole and body part.
 
 AXES = {
     "cause": [cause.name for cause in Cause],

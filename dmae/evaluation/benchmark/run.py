@@ -1,4 +1,8 @@
-"""Hand-ins of a benchmark: methods by name, functions of your own, or folders of poses made elsewhere."""
+"""A benchmark from hand-ins to scores: make the clips, score every hand-in, compare with earlier scores.
+
+A hand-in is a method by name, a function of your own, or a folder of poses made elsewhere. Its scores on a clip are
+sums by cause, length and body part of the holes; `completion_summary` and `capture_summary` divide them over all clips.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -255,9 +259,6 @@ def _rounded(value: float, digits: int = 2) -> float | None:
     return None if np.isnan(value) else round(float(value), digits)
 
 
-# Differences between the hand-ins of two runs of a benchmark, with intervals over clips.
-
-
 def check_same(earlier: dict, benchmark: str, size: str) -> None:
     """Check that earlier scores are scores of this benchmark and size.
 
@@ -318,9 +319,6 @@ def _check_holes(cells: dict[str, dict], earlier: dict[str, dict]) -> None:
                 f"against: clip {name} has {now} holes, then it had {then}, or others as many. The captured poses "
                 "differ, as of another version of capture or another processor; score the earlier method again"
             )
-
-
-# Run a benchmark: generate its clips, score the hand-ins, and compare them with earlier scores.
 
 
 def benchmark(config: BenchmarkConfig, methods: Sequence[Callable] = (), captures: Sequence[Callable] = ()) -> dict:

@@ -1,4 +1,4 @@
-"""Table 5: ablation of the codes of joint and time, in the paper's network and with its masks."""
+"""Tables for which models are trained: people who interact (3), pose fusion (4), the codes of joint and time (5)."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -28,7 +28,7 @@ from dmae.completion.weights import find_shipped, load_model
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.skeleton import BODY25, SHELF14
-from dmae.evaluation.config import EvaluateConfig, TableConfig, TableSize
+from dmae.evaluation.config import TableConfig, TableSize
 from dmae.evaluation.evaluate import load_methods
 from dmae.evaluation.paper_tables.recording import (
     AGAINST,
@@ -54,6 +54,8 @@ from dmae.metrics.registry import protocol
 from dmae.metrics.table import block_of, tally
 from dmae.progress import progress
 from dmae.reconstruction.pipeline import capture
+
+# Table 5: the codes of joint and time, in the network of the paper and with its masks.
 
 BOTH, INTERPOLATED = "both codes", "interpolation through the same masks"
 VARIANTS = {
@@ -181,7 +183,7 @@ def interaction_table(config: TableConfig, out: Path) -> dict:
     """
     learned, scored = halves(config.data, config.extra_data)
     check_truth(scored[0], config.number)
-    methods = load_methods(EvaluateConfig(methods=list(METHODS[config.size]), weights=config.weights))
+    methods = load_methods(METHODS[config.size], config.weights)
     for name, weights in _transfer_models(config, learned, out).items():
         methods[name] = load_completer(weights)
     runs: dict[str, list[dict]] = {name: [] for name in methods}
@@ -268,7 +270,7 @@ def fusion_table(config: TableConfig, out: Path) -> dict:
     apart = min(_APART, used)
     scored = clip.select(frames=slice(used + apart, None))
     check_truth(scored, config.number)
-    methods = load_methods(EvaluateConfig(methods=["linear", "dmae"], weights=config.weights))
+    methods = load_methods(["linear", "dmae"], config.weights)
     for name, weights in _fusion_models(config, clip.select(frames=slice(0, used)), out).items():
         methods[name] = load_completer(weights)
     rules = protocol["hkbu"]
@@ -340,8 +342,6 @@ def _fusion_clips(config: TableConfig) -> Iterator[Clip]:
     for clip in progress(load_sets(config.extra_data), "capturing"):
         yield clip if clip.poses else replace(clip, poses=capture(clip, config.capture))
 
-
-# Make a table of the paper.
 
 _MAKERS = {1: actor_table, 2: camera_table, 3: interaction_table, 4: fusion_table, 5: codes_table}
 

@@ -1,4 +1,9 @@
-"""The clips of several data sets as one sequence. Each clip is read when it is accessed."""
+"""Tables of one recording: PCP of each actor (1), and by number of cameras (2), with the paper's own network.
+
+The ends of Shelf's annotated head, which no detector finds, are placed by the formulas of published evaluations. Each
+formula has constants that were tuned on that recording; `dmae.data.conversion.convert` uses that of Zhang et al. 2020,
+here `4da`.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -90,11 +95,6 @@ def check_truth(clip: Clip, number: int) -> None:
         )
 
 
-# Where published evaluations place the ends of the annotated head of Shelf, which no detector finds.
-#
-# Each formula has constants that were tuned on that recording. `dmae.data.conversion.convert` uses the formula
-# of Zhang et al. 2020, here `4da`.
-
 _LANDMARKS = ("nose", "l_ear", "r_ear", "l_shoulder", "r_shoulder")
 _TOP_OF_NOSE = np.array([0.75, 0.75, 1.5])
 """The top of the head from the middle of the shoulders, as multiples of the nose's offset from there."""
@@ -129,8 +129,6 @@ def convert_with_head(poses: Poses3D, target: Skeleton, head: str) -> Poses3D:
     source[:, :, placed] = np.where(np.isnan(ends).any(-1), Source.ABSENT, weakest)
     return replace(converted, xyz=xyz, source=source)
 
-
-# The paper's own network in tables 1 and 2: pretrained on simulated people, then tuned on annotations.
 
 PRETRAINED, TUNED = "the paper's network, without fine-tuning", "the paper's network, final"
 MISSING = "there are no simulated clips to train on: give extra_data=[...]"
@@ -176,8 +174,6 @@ def _captured(config: TableConfig, clip: Clip, wanted: PaperConfig):
         part = replace(part, poses=capture(part, config.capture))
         yield pose_pair(part, get_skeleton(SKELETON), wanted.network.fps)
 
-
-# Tables of one recording: PCP of each actor (1), and by number of cameras (2).
 
 METHODS = {
     TableSize.small: ("measured", "linear", "dmae"),
@@ -304,7 +300,7 @@ def annotated_frames(trial: Trial) -> list[int]:
 def _measure(config: TableConfig, views: list[int], out: Path) -> tuple[Clip, dict[str, pd.DataFrame], list[int]]:
     """Return the scored clip, the score table of each method, and the annotated frames of each actor."""
     clip = load_recording(config)
-    methods = load_methods(EvaluateConfig(methods=list(METHODS[config.size]), weights=config.weights))
+    methods = load_methods(METHODS[config.size], config.weights)
     if config.extra_data:
         used = min(TUNED_FRAMES, len(clip) // 4)
         methods |= paper_network(config, clip.select(frames=slice(0, used)), out)

@@ -1,5 +1,7 @@
-"""Published rows: figures of others, each with its source and its protocol, from `published.toml` in the same
-folder."""
+"""A table of the paper: published rows, rows measured here, and how far each is from one of them; as JSON and as text.
+
+Cells of measured rows are scores of limb tables (`limb_table`).
+"""
 
 import tomllib
 from collections.abc import Sequence
@@ -75,8 +77,6 @@ def mean_score(table: pd.DataFrame, scale: float = 100.0) -> Score:
     """Return the mean over persons, then clips, then subsets of cameras of a score table; by default in %."""
     return score_of(table, "cameras", "clip", "person", scale=scale)
 
-
-# A table as JSON: columns, published rows, rows measured here, and how far each is from one of them.
 
 _SMALL = (
     "size=small: fewer methods and short trainings; rows of models trained for this table are below what they can do."
@@ -222,9 +222,6 @@ def _cell(cell: Score | float | None) -> dict[str, float | None]:
 def _rounded(*numbers: float) -> dict[str, float | None]:
     found = (None if np.isnan(number) else round(number, 3) for number in numbers)
     return dict(zip(("value", "low", "high"), found, strict=True))
-
-
-# A table of the paper as text: for the terminal, and as Markdown with its notes.
 
 
 def terminal_table(table: dict) -> Table:

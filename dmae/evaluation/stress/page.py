@@ -1,4 +1,4 @@
-"""Results of a stress matrix, in words and tables."""
+"""The results of a stress matrix in words, tables and curves, and the page that shows them."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -138,8 +138,6 @@ def _listed(names: Sequence[str], most: int = 8) -> str:
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
-# Degradation curves: the scores of each method along an axis, with bands of 95 % and names at the ends of lines.
-
 _COLOURS = ("#000000", "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2", "#777777")
 """Colours of Okabe and Ito, which colour-blind readers can distinguish. Yellow is hard to see on white; grey replaces
 it."""
@@ -206,8 +204,6 @@ def _apart(heights: list[float]) -> np.ndarray:
     least = _APART * np.arange(len(heights))
     return np.clip(isotonic_regression(np.array(heights) - least).x, 0, 1 - least[-1]) + least
 
-
-# The page of a stress matrix: the results in words, then tables and curves.
 
 _MEASURED = (
     "Strict PCP, one-to-one matching within 0.5 m. Hidden joints are the joints that the capture of the method did "
