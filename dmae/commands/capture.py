@@ -21,8 +21,7 @@ from dmae.completion.methods import METHODS
 from dmae.data.clip import Clip
 from dmae.data.rng import Stream, generator
 from dmae.data.store import load_clip, save_clip
-from dmae.evaluation.report.findings import Groups, added_groups
-from dmae.evaluation.report.joints import BREAKDOWNS, Reprojection, reprojection, residual_tables
+from dmae.evaluation.report.joints import BREAKDOWNS, Groups, Reprojection, added_groups, reprojection, residual_tables
 from dmae.formats.config import clip_range
 from dmae.formats.reading import Clips, is_data_set, load
 from dmae.numerics.filling import smooth

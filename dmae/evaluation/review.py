@@ -1,4 +1,4 @@
-"""Decisions of a reviewer on joints of a clip: accepted, blanked, or handed back to completion."""
+"""Review of captured poses: signs of errors, a ranking of doubtful joints, and decisions of a reviewer on them."""
 
 import hashlib
 import json
@@ -138,7 +138,7 @@ def _index(poses: Poses3D, decision: Decision) -> tuple[slice, int, int]:
     return slice(decision.first, decision.last + 1), decision.person, poses.skeleton.joints.index(decision.joint)
 
 
-# Signs that a joint is off. Each is a distance in metres, and none needs the truth.
+# Signs that a joint is off, distances in metres; none needs the truth
 
 _UNKNOWN = 0.2
 """m; the error that is assumed for people if none is stated."""
@@ -216,7 +216,7 @@ def _residual(clip: Clip) -> np.ndarray:
     return found
 
 
-# Rank the joints of a clip that may be off, so that a person can review them.
+# The ranking of joints that may be off
 
 _SECONDS = 0.2
 """s; length of an entry."""
@@ -294,7 +294,7 @@ def rank_doubts(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
     return sorted(doubts, key=lambda doubt: -doubt.doubt)
 
 
-# Check, with known truth, how well the ranking of doubtful joints finds the wrong ones.
+# How well the ranking finds the wrong joints, where the truth is known
 
 OFF = 100.0
 """mm; a joint is off if it is farther than this from the truth."""

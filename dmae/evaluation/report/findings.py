@@ -1,9 +1,7 @@
-"""The worst moments of a clip: the largest errors, missed persons, and the fewest measured joints."""
+"""What a report finds in one clip: counts, errors by group, uncertainty, reprojection, moments, doubtful joints."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import reduce
 
 import numpy as np
 from scipy.stats import chi2
@@ -11,15 +9,38 @@ from scipy.stats import chi2
 from dmae.calibration.world import Floor, find_floor
 from dmae.data.clip import Clip, Source
 from dmae.data.labels import Visibility
-from dmae.evaluation.report.joints import JointGroup, Joints, Reprojection, added, joints_of, reprojection, tally
+from dmae.evaluation.report.joints import Groups, JointGroup, Joints, Reprojection, joints_of, reprojection, tally
 from dmae.evaluation.review import Doubt, checksum, rank_doubts
 from dmae.metrics.position import GAPS
 from dmae.numerics.statistics import mean_known
 
+BY_GAP, BY_JOINT, BY_CAUSE = "length of the gap", "joint", "cause of occlusion"
+BY_SEEING, BY_MEASURING = "cameras that see the joint", "cameras that measured the joint"
+_CAUSES = {
+    Visibility.HIDDEN_BY_PERSON: "hidden by another person",
+    Visibility.HIDDEN_BY_OBJECT: "hidden by an object",
+    Visibility.HIDDEN_BY_SELF: "hidden by the own body",
+    Visibility.OUTSIDE_IMAGE: "outside the image",
+    Visibility.BEHIND_CAMERA: "behind the camera",
+}
+PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
+"""Stated probabilities of the confidence regions; scores name 0.9."""
+_DOUBTS = 40
+"""Number of doubtful joints that the page lists for a clip."""
 _OF_A_KIND = 6
 """Greatest number of moments of each kind."""
 _MOST_JOINTS = 0.3
 """A frame is a moment if at least this share of a person's joints is not measured."""
+
+
+class State(StrEnum):
+    """Processing state of a clip."""
+
+    empty = "no frames"
+    not_captured = "not captured"
+    no_person = "no person found"
+    captured = "captured"
+    completed = "completed"
 
 
 @dataclass(frozen=True)
@@ -43,199 +64,6 @@ class WorstMoment:
     amount: str
 
 
-def worst_moments(clip: Clip, joints: Joints, reprojected: Reprojection) -> list[WorstMoment]:
-    """Return at most six moments of each kind, the worst first, at least a second apart for one person."""
-    apart = max(1, round(clip.fps))
-    found = []
-    if joints.comparison is not None:
-        found += _largest_errors(joints, apart)
-        found += _missed_people(clip, joints)
-    found += _least_measured(clip, apart)
-    found += _largest_residuals(clip, reprojected, apart)
-    return found
-
-
-def _largest_errors(joints: Joints, apart: int) -> list[WorstMoment]:
-    error = np.where(joints.counted, joints.error, np.nan)
-    joint = np.where(np.isnan(error), -1, error).argmax(-1)
-    largest = np.take_along_axis(error, joint[..., None], -1)[..., 0]
-    moments = []
-    for frame, number in peaks(largest, _OF_A_KIND, apart):
-        at, size = joint[frame, number], float(largest[frame, number])
-        what = f"{joints.skeleton.joints[at]}, {Source(joints.source[frame, number, at]).name.lower()}"
-        moments.append(WorstMoment(frame, int(joints.person[frame, number]), "error", what, size, f"{size:.0f} mm"))
-    return moments
-
-
-def _missed_people(clip: Clip, joints: Joints) -> list[WorstMoment]:
-    missed = joints.counted.any(-1) & (joints.person < 0)
-    runs = sorted(((end - start, start, number) for number, start, end in runs_of(missed)), reverse=True)
-    return [
-        WorstMoment(start, None, "missed", f"true person {number}", length / clip.fps, f"{length / clip.fps:.2f} s")
-        for length, start, number in runs[:_OF_A_KIND]
-    ]
-
-
-def _least_measured(clip: Clip, apart: int) -> list[WorstMoment]:
-    there = (clip.poses.source != Source.ABSENT).any(-1)
-    number = len(clip.poses.skeleton)
-    lacking = np.where(there, number - clip.poses.measured.sum(-1), 0).astype(float)
-    lacking[lacking < max(1, _MOST_JOINTS * number)] = np.nan
-    moments = []
-    for frame, person in peaks(lacking, _OF_A_KIND, apart):
-        size = int(lacking[frame, person])
-        completed = int((clip.poses.source[frame, person] == Source.COMPLETED).sum())
-        counts = {"completed": completed, "missing": size - completed}
-        what = ", ".join(f"{word} {count}" for word, count in counts.items() if count)
-        moments.append(WorstMoment(frame, person, "not measured", what, size, f"{size} of {number} joints"))
-    return moments
-
-
-def _largest_residuals(clip: Clip, reprojected: Reprojection, apart: int) -> list[WorstMoment]:
-    moments = []
-    for frame, person in peaks(reprojected.worst, _OF_A_KIND, apart):
-        view, joint = reprojected.where[frame, person]
-        what = f"{clip.detections.skeleton.joints[joint]}, camera {clip.rig.names[view]}"
-        size = float(reprojected.worst[frame, person])
-        moments.append(WorstMoment(frame, person, "reprojection", what, size, f"{size:.0f} px"))
-    return moments
-
-
-def peaks(values: np.ndarray, number: int, apart: int) -> list[tuple[int, int]]:
-    """Return frame and column of the largest values (F, N), the largest first, `apart` frames apart in a column."""
-    left = np.where(np.isfinite(values), values, -np.inf)
-    found = []
-    while len(found) < number and left.size and left.max() > -np.inf:
-        frame, column = (int(i) for i in np.unravel_index(left.argmax(), left.shape))
-        found.append((frame, column))
-        left[max(0, frame - apart) : frame + apart + 1, column] = -np.inf
-    return found
-
-
-def runs_of(flags: np.ndarray) -> list[tuple[int, int, int]]:
-    """Return column, first frame and the frame after the last of each run of True in (F, N)."""
-    edges = np.diff(np.pad(flags.astype(np.int8), ((1, 1), (0, 0))), axis=0)
-    columns, starts = np.nonzero(edges.T == 1)
-    _, ends = np.nonzero(edges.T == -1)
-    return list(zip(columns.tolist(), starts.tolist(), ends.tolist(), strict=True))
-
-
-# Errors by length of gap, joint, cause of occlusion, and number of cameras that see the joint.
-
-BY_SOURCE, BY_GAP, BY_JOINT, BY_CAUSE = "source", "length of the gap", "joint", "cause of occlusion"
-BY_SEEING, BY_MEASURING = "cameras that see the joint", "cameras that measured the joint"
-
-_CAUSES = {
-    Visibility.HIDDEN_BY_PERSON: "hidden by another person",
-    Visibility.HIDDEN_BY_OBJECT: "hidden by an object",
-    Visibility.HIDDEN_BY_SELF: "hidden by the own body",
-    Visibility.OUTSIDE_IMAGE: "outside the image",
-    Visibility.BEHIND_CAMERA: "behind the camera",
-}
-
-
-def breakdowns(clip: Clip, joints: Joints) -> dict[str, dict[str, JointGroup]]:
-    """Return the tally of each group of each breakdown; groups without joints are left out."""
-    names = joints.skeleton.joints
-    groups = {
-        BY_GAP: _by_gap(joints),
-        BY_JOINT: {name: np.arange(len(names)) == joint for joint, name in enumerate(names)},
-    }
-    visibility = _visibility(clip, joints)
-    if visibility is None:
-        groups[BY_MEASURING] = {_cameras(n): joints.views == n for n in range(int(joints.views.max(initial=0)) + 1)}
-    else:
-        seeing = (visibility == Visibility.VISIBLE).sum(1)
-        groups[BY_SEEING] = {_cameras(n): seeing == n for n in range(len(clip.rig) + 1)}
-        groups[BY_CAUSE] = _by_cause(visibility)
-    found = {}
-    for breakdown, parts in groups.items():
-        tallies = {name: tally(joints.error[chosen], joints.source[chosen]) for name, chosen in _counted(joints, parts)}
-        found[breakdown] = {name: each for name, each in tallies.items() if each.joints}
-    return found
-
-
-def _counted(joints: Joints, parts: dict[str, np.ndarray]):
-    return ((name, joints.counted & chosen) for name, chosen in parts.items())
-
-
-def _cameras(number: int) -> str:
-    return "none" if number == 0 else str(number)
-
-
-def _by_gap(joints: Joints) -> dict[str, np.ndarray]:
-    missed = joints.person[..., None] < 0
-    parts = {"measured": (joints.gap == 0) & ~missed}
-    for low, high in GAPS:
-        name = f"{low}–{high} frames" if high else f"over {low - 1} frames"
-        parts[name] = (joints.gap >= low) & (joints.gap <= (high or np.inf)) & ~missed
-    return parts | {"whole person missed": np.broadcast_to(missed, joints.gap.shape)}
-
-
-def _visibility(clip: Clip, joints: Joints) -> np.ndarray | None:
-    """Return the visibility (F, V, N, J) of the joints that are compared; None where it is not labelled."""
-    if clip.occlusion is None or joints.comparison is None:
-        return None
-    names, skeleton = clip.truth.skeleton.joints, joints.skeleton
-    if skeleton.name != clip.truth.skeleton.name:
-        names = [name.removeprefix(f"{skeleton.name}.") for name in names]
-    index = [names.index(name) for name in skeleton.joints]
-    return clip.occlusion.visibility[..., index]
-
-
-def _by_cause(visibility: np.ndarray) -> dict[str, np.ndarray]:
-    """Group joints by the most frequent reason why cameras do not see them. In a tie, use the first of `_CAUSES`."""
-    counts = np.stack([(visibility == cause).sum(1) for cause in _CAUSES])
-    main = np.where(counts.any(0), counts.argmax(0), -1)
-    parts = {"seen by every camera": main == -1}
-    return parts | {f"mostly {name}": main == i for i, name in enumerate(_CAUSES.values())}
-
-
-# Calibration of uncertainty: how often the truth is in regions of a stated probability.
-
-PROBABILITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
-"""Of the regions; that of 0.9 is the one that scores name."""
-
-
-def counts_in_regions(joints: Joints) -> dict[str, np.ndarray]:
-    """Return the number of joints in each region, for measured and for completed joints with covariance and truth.
-
-    Returns:
-        Counts (1 + number of `PROBABILITIES`,) by name; the first is the number of joints. Empty without truth.
-    """
-    if joints.comparison is None:
-        return {}
-    error = (joints.comparison.matched - joints.comparison.truth.xyz).astype(np.float64)
-    cov = joints.comparison.cov
-    known = np.isfinite(error).all(-1) & np.isfinite(cov).all((-1, -2)) & joints.counted
-    known[known] = np.linalg.det(cov[known].astype(np.float64)) > 0
-    e = error[known]
-    squared = (e * np.linalg.solve(cov[known].astype(np.float64), e[..., None])[..., 0]).sum(-1)
-    limits = chi2.ppf(PROBABILITIES, 3)
-    completed = joints.source[known] == Source.COMPLETED
-    return {
-        name: np.array([len(part), *(int((part <= limit).sum()) for limit in limits)])
-        for name, part in (("measured joints", squared[~completed]), ("completed joints", squared[completed]))
-        if len(part)
-    }
-
-
-# Findings of the report in one clip.
-
-_DOUBTS = 40
-"""Number of doubtful joints that the page lists for a clip."""
-
-
-class State(StrEnum):
-    """Processing state of a clip."""
-
-    empty = "no frames"
-    not_captured = "not captured"
-    no_person = "no person found"
-    captured = "captured"
-    completed = "completed"
-
-
 @dataclass(frozen=True)
 class Findings:
     """Counts, errors and moments of one clip.
@@ -250,10 +78,10 @@ class Findings:
         sources: Number of joints of each `Source`, over the captured people in the frames in which they are present.
         has_truth: Whether the clip is compared with a truth.
         has_images: Whether the clip refers to images.
-        against_truth: Tallies of the errors, mm, of "all", "measured" and "completed" joints.
-        breakdowns: Tallies by breakdown and group: of errors in mm with truth, only of counts without truth.
-        regions: Counts of joints in confidence regions of stated probability.
-        residuals: Tallies of reprojection errors of measured joints, px, by breakdown and group.
+        against_truth: "all", "measured" and "completed" joints with their errors, mm.
+        breakdowns: Joints by gap, joint, cause and number of cameras, with their errors, mm, if there is a truth.
+        regions: Counts of joints in confidence regions of stated probability, see `counts_in_regions`.
+        residuals: Measured joints by camera, person and joint, with their reprojection errors, px.
         residuals_completed: The same for completed joints.
         moments: The worst moments.
         error: (F,) mean error of each frame, mm; None without truth.
@@ -272,10 +100,10 @@ class Findings:
     has_truth: bool = False
     has_images: bool = False
     against_truth: dict[str, JointGroup] = field(default_factory=dict)
-    breakdowns: dict[str, dict[str, JointGroup]] = field(default_factory=dict)
+    breakdowns: Groups = field(default_factory=dict)
     regions: dict[str, np.ndarray] = field(default_factory=dict)
-    residuals: dict[str, dict[str, JointGroup]] = field(default_factory=dict)
-    residuals_completed: dict[str, dict[str, JointGroup]] = field(default_factory=dict)
+    residuals: Groups = field(default_factory=dict)
+    residuals_completed: Groups = field(default_factory=dict)
     moments: list[WorstMoment] = field(default_factory=list)
     error: np.ndarray | None = None
     doubts: list[Doubt] = field(default_factory=list)
@@ -302,15 +130,20 @@ def examine(clip: Clip) -> Findings:
     }
     if state in (State.empty, State.not_captured, State.no_person):
         return Findings(**facts)
-    joints = joints_of(clip)
-    reprojected = reprojection(clip)
+    joints, reprojected = joints_of(clip), reprojection(clip)
     there = (clip.poses.source != Source.ABSENT).any(-1)
     error = np.where(joints.counted, joints.error, np.nan)
+    against_truth = {}
+    if facts["has_truth"]:
+        completed = joints.source == Source.COMPLETED
+        measured = (joints.source == Source.MEASURED) | (joints.source == Source.DENOISED)
+        kinds = {"all": joints.counted, "measured": joints.counted & measured, "completed": joints.counted & completed}
+        against_truth = {name: tally(error[kind], joints.source[kind]) for name, kind in kinds.items()}
     return Findings(
         **facts,
         people=int(there.any(0).sum()),
         sources={kind: int((clip.poses.source[there] == kind).sum()) for kind in Source},
-        against_truth=_against_truth(error, joints.source, joints.counted) if facts["has_truth"] else {},
+        against_truth=against_truth,
         breakdowns=breakdowns(clip, joints),
         regions=counts_in_regions(joints),
         residuals=reprojected.measured,
@@ -334,38 +167,119 @@ def state_of(clip: Clip) -> State:
     return State.completed if (clip.poses.source == Source.COMPLETED).any() else State.captured
 
 
-def _against_truth(error: np.ndarray, source: np.ndarray, counted: np.ndarray) -> dict[str, JointGroup]:
-    completed = source == Source.COMPLETED
-    measured = (source == Source.MEASURED) | (source == Source.DENOISED)
-    chosen = {"all": counted, "measured": counted & measured, "completed": counted & completed}
-    return {name: tally(error[part], source[part]) for name, part in chosen.items()}
+# Errors by length of gap, joint, cause of occlusion and number of cameras
 
 
-# Pool the findings of several clips: counts are added, moments and people stay with their clips.
+def breakdowns(clip: Clip, joints: Joints) -> Groups:
+    """Return the joints that count, by breakdown and group; groups without joints are left out."""
+    missed = joints.person[..., None] < 0
+    gaps = {"measured": (joints.gap == 0) & ~missed}
+    for low, high in GAPS:
+        name = f"{low}–{high} frames" if high else f"over {low - 1} frames"
+        gaps[name] = (joints.gap >= low) & (joints.gap <= (high or np.inf)) & ~missed
+    gaps["whole person missed"] = np.broadcast_to(missed, joints.gap.shape)
+    names = joints.skeleton.joints
+    found = {BY_GAP: gaps, BY_JOINT: {name: np.arange(len(names)) == joint for joint, name in enumerate(names)}}
+    if clip.occlusion is None or joints.comparison is None:
+        found[BY_MEASURING] = _by_number(joints.views, int(joints.views.max(initial=0)))
+    else:
+        labelled = clip.truth.skeleton
+        part = "" if joints.skeleton.name == labelled.name else f"{joints.skeleton.name}."
+        visibility = clip.occlusion.visibility[..., labelled.index(*(part + name for name in names))]
+        found[BY_SEEING] = _by_number((visibility == Visibility.VISIBLE).sum(1), len(clip.rig))
+        # The cause is the most frequent reason why cameras do not see a joint; in a tie, the first of `_CAUSES`.
+        counts = np.stack([(visibility == cause).sum(1) for cause in _CAUSES])
+        main = np.where(counts.any(0), counts.argmax(0), -1)
+        found[BY_CAUSE] = {"seen by every camera": main == -1}
+        found[BY_CAUSE] |= {f"mostly {name}": main == i for i, name in enumerate(_CAUSES.values())}
+    tallies: Groups = {}
+    for breakdown, groups in found.items():
+        chosen = {name: joints.counted & group for name, group in groups.items()}
+        tallies[breakdown] = {
+            name: tally(joints.error[group], joints.source[group]) for name, group in chosen.items() if group.any()
+        }
+    return tallies
 
-Groups = dict[str, dict[str, JointGroup]]
-"""Tallies by breakdown and group."""
+
+def _by_number(cameras: np.ndarray, most: int) -> dict[str, np.ndarray]:
+    return {str(number or "none"): cameras == number for number in range(most + 1)}
 
 
-def pooled_groups(findings: Sequence[Findings], name: str) -> Groups:
-    """Return the tallies of a field of `Findings` ("breakdowns", "residuals", ...), added up over clips."""
-    return reduce(added_groups, (getattr(each, name) for each in findings), {})
+def counts_in_regions(joints: Joints) -> dict[str, np.ndarray]:
+    """Return the number of joints in each region, for measured and for completed joints with covariance and truth.
+
+    Returns:
+        Counts (1 + number of `PROBABILITIES`,) by name; the first is the number of joints. Empty without truth.
+    """
+    if joints.comparison is None:
+        return {}
+    error = (joints.comparison.matched - joints.comparison.truth.xyz).astype(np.float64)
+    cov = joints.comparison.cov
+    known = np.isfinite(error).all(-1) & np.isfinite(cov).all((-1, -2)) & joints.counted
+    known[known] = np.linalg.det(cov[known].astype(np.float64)) > 0
+    e = error[known]
+    squared = (e * np.linalg.solve(cov[known].astype(np.float64), e[..., None])[..., 0]).sum(-1)
+    limits = chi2.ppf(PROBABILITIES, 3)
+    completed = joints.source[known] == Source.COMPLETED
+    return {
+        name: np.array([len(part), *(int((part <= limit).sum()) for limit in limits)])
+        for name, part in (("measured joints", squared[~completed]), ("completed joints", squared[completed]))
+        if len(part)
+    }
 
 
-def pooled_truth(findings: Sequence[Findings]) -> dict[str, JointGroup]:
-    """Return the tallies against the truth, added up over the clips that have one."""
-    return reduce(added, (each.against_truth for each in findings), {})
+# Worst moments
 
 
-def pooled_regions(findings: Sequence[Findings]) -> dict[str, np.ndarray]:
-    """Return the counts in regions of stated probability, added up over clips."""
-    total: dict[str, np.ndarray] = {}
-    for each in findings:
-        for name, counts in each.regions.items():
-            total[name] = total.get(name, 0) + counts
-    return total
+def worst_moments(clip: Clip, joints: Joints, reprojected: Reprojection) -> list[WorstMoment]:
+    """Return at most six moments of each kind, the worst first, at least a second apart for one person."""
+    apart = max(1, round(clip.fps))
+    found = []
+    if joints.comparison is not None:
+        error = np.where(joints.counted, joints.error, np.nan)
+        joint = np.where(np.isnan(error), -1, error).argmax(-1)
+        largest = np.take_along_axis(error, joint[..., None], -1)[..., 0]
+        for frame, number in peaks(largest, _OF_A_KIND, apart):
+            at, size = joint[frame, number], float(largest[frame, number])
+            what = f"{joints.skeleton.joints[at]}, {Source(joints.source[frame, number, at]).name.lower()}"
+            found.append(WorstMoment(frame, int(joints.person[frame, number]), "error", what, size, f"{size:.0f} mm"))
+        missed = joints.counted.any(-1) & (joints.person < 0)
+        runs = sorted(((end - start, start, number) for number, start, end in runs_of(missed)), reverse=True)
+        for length, start, number in runs[:_OF_A_KIND]:
+            seconds = length / clip.fps
+            found.append(WorstMoment(start, None, "missed", f"true person {number}", seconds, f"{seconds:.2f} s"))
+    there = (clip.poses.source != Source.ABSENT).any(-1)
+    count = len(clip.poses.skeleton)
+    lacking = np.where(there, count - clip.poses.measured.sum(-1), 0).astype(float)
+    lacking[lacking < max(1, _MOST_JOINTS * count)] = np.nan
+    for frame, person in peaks(lacking, _OF_A_KIND, apart):
+        size = int(lacking[frame, person])
+        completed = int((clip.poses.source[frame, person] == Source.COMPLETED).sum())
+        counts = {"completed": completed, "missing": size - completed}
+        what = ", ".join(f"{word} {number}" for word, number in counts.items() if number)
+        found.append(WorstMoment(frame, person, "not measured", what, size, f"{size} of {count} joints"))
+    for frame, person in peaks(reprojected.worst, _OF_A_KIND, apart):
+        view, at = reprojected.where[frame, person]
+        size = float(reprojected.worst[frame, person])
+        what = f"{clip.detections.skeleton.joints[at]}, camera {clip.rig.names[view]}"
+        found.append(WorstMoment(frame, person, "reprojection", what, size, f"{size:.0f} px"))
+    return found
 
 
-def added_groups(first: Groups, second: Groups) -> Groups:
-    """Return the tallies of two sets of clips as one."""
-    return {name: added(first.get(name, {}), second.get(name, {})) for name in {**first, **second}}
+def peaks(values: np.ndarray, number: int, apart: int) -> list[tuple[int, int]]:
+    """Return frame and column of the largest values (F, N), the largest first, `apart` frames apart in a column."""
+    left = np.where(np.isfinite(values), values, -np.inf)
+    found = []
+    while len(found) < number and left.size and left.max() > -np.inf:
+        frame, column = (int(i) for i in np.unravel_index(left.argmax(), left.shape))
+        found.append((frame, column))
+        left[max(0, frame - apart) : frame + apart + 1, column] = -np.inf
+    return found
+
+
+def runs_of(flags: np.ndarray) -> list[tuple[int, int, int]]:
+    """Return column, first frame and the frame after the last of each run of True in (F, N)."""
+    edges = np.diff(np.pad(flags.astype(np.int8), ((1, 1), (0, 0))), axis=0)
+    columns, starts = np.nonzero(edges.T == 1)
+    _, ends = np.nonzero(edges.T == -1)
+    return list(zip(columns.tolist(), starts.tolist(), ends.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Counts and errors of a group of joints, which add up over clips without keeping their joints."""
+"""The joints that a report counts, in groups that add up over clips; and how far they reproject from detections."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,14 +39,7 @@ class JointGroup:
     histogram: np.ndarray
 
     def __add__(self, other: "JointGroup") -> "JointGroup":
-        return JointGroup(
-            self.joints + other.joints,
-            self.completed + other.completed,
-            self.missing + other.missing,
-            self.compared + other.compared,
-            self.total + other.total,
-            self.histogram + other.histogram,
-        )
+        return JointGroup(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
 
     @property
     def mean(self) -> float | None:
@@ -81,15 +74,26 @@ def tally(error: np.ndarray, source: np.ndarray) -> JointGroup:
     )
 
 
-def added(first: dict[str, JointGroup], second: dict[str, JointGroup]) -> dict[str, JointGroup]:
-    """Return two sets of groups as one; groups of the same name add up."""
-    return {
-        name: first[name] + second[name] if name in first and name in second else (first.get(name) or second[name])
-        for name in [*first, *(name for name in second if name not in first)]
-    }
+Groups = dict[str, dict[str, JointGroup]]
+"""Groups of joints by breakdown ("camera", "joint", ...) and name."""
 
 
-# The joints that a report counts: those of the true people or, without truth, those of the captured people.
+def added(*parts: dict) -> dict:
+    """Return groups of several clips or frames as one dictionary; what has the same name adds up."""
+    total = {}
+    for part in parts:
+        for name, each in part.items():
+            total[name] = total[name] + each if name in total else each
+    return total
+
+
+def added_groups(*parts: Groups) -> Groups:
+    """Return the groups of several clips or frames, by breakdown, as one dictionary."""
+    names = dict.fromkeys(name for part in parts for name in part)
+    return {name: added(*(part.get(name, {}) for part in parts)) for name in names}
+
+
+# Joints of the true people or, without truth, of the captured people
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +134,8 @@ def joints_of(clip: Clip) -> Joints:
         there = np.broadcast_to((poses.source != Source.ABSENT).any(-1, keepdims=True), poses.source.shape)
         person = np.broadcast_to(np.arange(poses.xyz.shape[1]), poses.xyz.shape[:2])
         return Joints(poses.skeleton, there, poses.source, poses.views, gap, person)
-    truth = true_poses(clip, poses.skeleton)
+    parts = clip.truth.skeleton.parts
+    truth = convert(clip.truth, next((part for part in parts if part.name == poses.skeleton.name), parts[-1]))
     poses = convert(poses, truth.skeleton)
     captured = poses.without(poses.source == Source.COMPLETED)
     comparison = Comparison(poses, captured, truth, tuple(range(truth.xyz.shape[1])), fps=clip.fps)
@@ -145,13 +150,7 @@ def joints_of(clip: Clip) -> Joints:
     )
 
 
-def true_poses(clip: Clip, wanted: Skeleton) -> Poses3D:
-    """Return the truth on a skeleton if it has that one as a part, else on its last part."""
-    parts = clip.truth.skeleton.parts
-    return convert(clip.truth, next((part for part in parts if part.name == wanted.name), parts[-1]))
-
-
-# Reprojection errors: the distance between each joint, projected into each camera, and its detection there.
+# Distances between joints, projected into cameras, and their detections
 
 GATE_M = 0.4
 """m, at the median depth of the people in a camera, for bodies of a person's size. A detection with a larger mean
@@ -164,14 +163,14 @@ class Reprojection:
     """Reprojection errors, px, of joints that were measured and of those that were completed.
 
     Attributes:
-        measured: Tallies by breakdown ("camera", "person", "joint", and "all") and group.
+        measured: By "camera", "person", "joint" and "all".
         completed: The same for completed joints.
         worst: (F, P) largest error of a measured joint of each person in any camera; NaN where there is none.
         where: (F, P, 2) indices of its camera and joint.
     """
 
-    measured: dict[str, dict[str, JointGroup]]
-    completed: dict[str, dict[str, JointGroup]]
+    measured: Groups
+    completed: Groups
     worst: np.ndarray
     where: np.ndarray
 
@@ -181,17 +180,29 @@ def reprojection(clip: Clip) -> Reprojection:
     poses = convert(clip.poses, clip.detections.skeleton)
     poses = poses.without(np.isinf(poses.xyz).any(-1))
     frames, persons, joints = poses.source.shape
-    measured: dict[str, dict[str, JointGroup]] = {}
-    completed: dict[str, dict[str, JointGroup]] = {}
+    measured: Groups = {}
+    completed: Groups = {}
     worst, where = np.full((frames, persons), np.nan), np.zeros((frames, persons, 2), int)
+    cuts = {
+        "camera": {name: np.s_[:, view] for view, name in enumerate(clip.rig.names)},
+        "person": {f"person {person}": np.s_[:, :, person] for person in range(persons)},
+        "joint": {name: np.s_[..., joint] for joint, name in enumerate(poses.skeleton.joints)},
+        "all": {"all": np.s_[:]},
+    }
+
+    def groups(error: np.ndarray, source: np.ndarray) -> Groups:
+        return {
+            name: {group: tally(error[cut], source[cut]) for group, cut in parts.items()}
+            for name, parts in cuts.items()
+        }
+
     for start in in_steps(range(0, frames if persons else 0, _CHUNK)):
         part = slice(start, start + _CHUNK)
         error = reprojection_errors(clip.select(frames=part), poses.select(part))
         source = np.broadcast_to(poses.source[part][:, None], error.shape)
         is_completed = source == Source.COMPLETED
-        for kept, into in ((~is_completed, measured), (is_completed, completed)):
-            for name, groups in _groups(clip, poses, np.where(kept, error, np.nan), source).items():
-                into[name] = added(into.get(name, {}), groups)
+        measured = added_groups(measured, groups(np.where(is_completed, np.nan, error), source))
+        completed = added_groups(completed, groups(np.where(is_completed, error, np.nan), source))
         flat = np.where(is_completed, np.nan, error).transpose(0, 2, 1, 3).reshape(len(error), persons, -1)
         largest = np.where(np.isnan(flat), -1, flat).argmax(-1)
         worst[part] = np.take_along_axis(flat, largest[..., None], -1)[..., 0]
@@ -214,33 +225,13 @@ def reprojection_errors(clip: Clip, poses: Poses3D) -> np.ndarray:
     return errors
 
 
-def _groups(clip: Clip, poses: Poses3D, error: np.ndarray, source: np.ndarray) -> dict[str, dict[str, JointGroup]]:
-    _, views, persons, joints = error.shape
-    cuts = {
-        "camera": {clip.rig.names[view]: np.s_[:, view] for view in range(views)},
-        "person": {f"person {person}": np.s_[:, :, person] for person in range(persons)},
-        "joint": {poses.skeleton.joints[joint]: np.s_[..., joint] for joint in range(joints)},
-        "all": {"all": np.s_[:]},
-    }
-    return {
-        name: {group: tally(error[cut], source[cut]) for group, cut in parts.items()} for name, parts in cuts.items()
-    }
-
-
-# Tables of reprojection errors by camera, person and joint.
-
-Groups = dict[str, dict[str, JointGroup]]
-"""Tallies by breakdown and group."""
 BREAKDOWNS = ("camera", "person", "joint")
 
 
 def residual_tables(measured: Groups, completed: Groups, names: Sequence[str] = BREAKDOWNS) -> list[Table]:
-    """Return a table for each breakdown: of joints with a detection, how far they reproject from it, px.
+    """Return a table for each breakdown: how far joints with a detection reproject from it, px.
 
-    Args:
-        measured, completed: Errors of measured and of completed joints, as in `Reprojection`. Columns of completed
-            joints are left out where there are none.
-        names: Breakdowns.
+    Columns of completed joints are left out where there are none.
     """
     some_completed = any(each.compared for groups in completed.values() for each in groups.values())
     tables = []
@@ -249,9 +240,9 @@ def residual_tables(measured: Groups, completed: Groups, names: Sequence[str] = 
         for group, each in measured[name].items():
             other = completed.get(name, {}).get(group)
             if each.compared or (other and other.compared):
-                row = (group, f"{each.compared:,}", *(_pixels(part) for part in (each.mean, each.quantile(0.5),
-                       each.quantile(0.9))))  # fmt: skip
-                more = (f"{other.compared:,}" if other else "0", _pixels(other and other.mean))
+                figures = (each.mean, each.quantile(0.5), each.quantile(0.9))
+                row = (group, f"{each.compared:,}", *(text(figure, 1) for figure in figures))
+                more = (f"{other.compared:,}" if other else "0", text(other and other.mean, 1))
                 rows.append(row + more if some_completed else row)
         header = (name, "measured", "mean px", "median px", "90 % under")
         if some_completed:
@@ -261,5 +252,6 @@ def residual_tables(measured: Groups, completed: Groups, names: Sequence[str] = 
     return tables
 
 
-def _pixels(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"
+def text(value: float | None, digits: int = 0) -> str:
+    """Return a number as text, "-" if it is not known."""
+    return "-" if value is None else f"{value:.{digits}f}"

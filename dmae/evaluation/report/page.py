@@ -1,4 +1,4 @@
-"""The page of one or more clips and of scores."""
+"""The report: one page of clips, captured or not, and of scores; in words, with a player, tables and figures."""
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -17,13 +17,9 @@ from dmae.evaluation.report.findings import (
     PROBABILITIES,
     Findings,
     State,
-    WorstMoment,
     examine,
-    pooled_groups,
-    pooled_regions,
-    pooled_truth,
 )
-from dmae.evaluation.report.joints import JointGroup, residual_tables
+from dmae.evaluation.report.joints import JointGroup, added, added_groups, residual_tables, text
 from dmae.evaluation.review import DECISIONS, FORMAT, ReviewVerdict
 from dmae.files.structured import read_json
 from dmae.metrics.score_tables import score_tables
@@ -37,6 +33,14 @@ MOST_CLIPS = 6
 """Greatest number of clips in the player."""
 MOST_FRAMES = 4500
 """Frames of all clips in the player together: three minutes at 25 frames/s."""
+_KINDS = {
+    "error": "Largest errors of a joint",
+    "missed": "True people without a captured one",
+    "not measured": "Frames with the fewest measured joints of a person",
+    "reprojection": "Measured joints farthest from their detection",
+}
+_MOST_MOMENTS = 8
+"""Rows of each table of moments."""
 
 
 def write_clips_report(
@@ -113,21 +117,15 @@ def _played(clip: Clip, findings: Findings, cut: slice) -> Played:
     return Played(clip.select(frames=cut), cut.start, error, tuple(notes))
 
 
-# The report in words: its subject and its main figures.
+# In words
 
 
 def summary(findings: Sequence[Findings]) -> list[str]:
     """Return the paragraphs under the title."""
-    return [
-        " ".join(sentences)
-        for sentences in (
-            [*_subject(findings), *_states(findings)],
-            _sources(findings),
-            [*_errors(findings), *_uncertainty(findings), *_residuals(findings), *_floor(findings)],
-            _pictures(findings),
-        )
-        if sentences
-    ]
+    images = not findings or any(each.has_images for each in findings)
+    pictures = [] if images else ["There are no pictures, so the camera's view has a plain background."]
+    paragraphs = ([*_subject(findings), *_states(findings)], _sources(findings), _errors(findings), pictures)
+    return [" ".join(sentences) for sentences in paragraphs if sentences]
 
 
 def _subject(findings: Sequence[Findings]) -> list[str]:
@@ -148,22 +146,21 @@ def _subject(findings: Sequence[Findings]) -> list[str]:
 
 
 def _states(findings: Sequence[Findings]) -> list[str]:
-    one = len(findings) == 1
     found = []
-    for state, words in (
-        (State.empty, "no frames, so there is nothing to show"),
+    for state, one, several, words in (
+        (State.empty, "has", "have", "no frames, so there is nothing to show"),
         (
             State.not_captured,
+            "is",
+            "are",
             "not captured yet: run dmae capture. The player shows detections, and truth where there is one",
         ),
-        (State.no_person, "captured, but capture found no person"),
+        (State.no_person, "is", "are", "captured, but capture found no person"),
     ):
-        clips = [each for each in findings if each.state == state]
+        clips = sum(each.state == state for each in findings)
         if clips:
-            verb = "has" if state == State.empty else "is"
-            verb = verb if one or len(clips) == 1 else {"has": "have", "is": "are"}[verb]
-            subject = "It" if one else number(len(clips), "clip")
-            found.append(f"{subject} {verb} {words}.")
+            subject = "It" if len(findings) == 1 else number(clips, "clip")
+            found.append(f"{subject} {one if clips == 1 else several} {words}.")
     return found
 
 
@@ -173,74 +170,57 @@ def _sources(findings: Sequence[Findings]) -> list[str]:
     if not total:
         return []
     measured = counts[Source.MEASURED] + counts[Source.DENOISED]
-    text = [f"Of {total:,} joints of captured people, cameras measured {share(measured, total)}."]
-    if counts[Source.COMPLETED]:
-        text.append(f"{_first(counts[Source.COMPLETED], total)} are completed: no camera measured them.")
-    else:
-        text.append("No joint is completed.")
-    if counts[Source.ABSENT]:
-        text.append(f"{_first(counts[Source.ABSENT], total)} are missing.")
-    if counts[Source.DENOISED]:
-        text.append(f"{_first(counts[Source.DENOISED], total)} were measured, then moved by denoising or smoothing.")
-    return text
+    said = [f"Of {total:,} joints of captured people, cameras measured {share(measured, total)}."]
+    if not counts[Source.COMPLETED]:
+        said.append("No joint is completed.")
+    for source, words in (
+        (Source.COMPLETED, "are completed: no camera measured them"),
+        (Source.ABSENT, "are missing"),
+        (Source.DENOISED, "were measured, then moved by denoising or smoothing"),
+    ):
+        if counts[source]:
+            said.append(f"{share(counts[source], total).capitalize()} {words}.")
+    return said
 
 
 def _errors(findings: Sequence[Findings]) -> list[str]:
-    truth = pooled_truth(findings)
+    """Return sentences on errors against the truth, uncertainty, reprojection and the floor."""
+    said, truth = [], added(*(each.against_truth for each in findings))
     if not truth:
         captured = any(each.sources for each in findings)
-        return ["There is no truth to compare with, so no error is stated."] if captured else []
-    everything = truth["all"]
-    if everything.mean is None:
-        return ["No captured person matches a true one, so there is no error to state."]
-    parts = [
-        f"{name} joints {truth[name].mean:.0f}\N{NO-BREAK SPACE}mm"
-        for name in ("measured", "completed")
-        if truth[name].compared
-    ]
-    text = [f"Against the truth the mean error is {everything.mean:.0f}\N{NO-BREAK SPACE}mm ({', '.join(parts)})."]
-    absent = everything.joints - everything.compared
-    if absent:
-        text.append(f"{_first(absent, everything.joints)} of the true joints were not found.")
-    return text
-
-
-def _uncertainty(findings: Sequence[Findings]) -> list[str]:
-    regions = pooled_regions(findings)
+        said += ["There is no truth to compare with, so no error is stated."] if captured else []
+    elif truth["all"].mean is None:
+        said.append("No captured person matches a true one, so there is no error to state.")
+    else:
+        everything = truth["all"]
+        parts = [
+            f"{name} joints {truth[name].mean:.0f}\N{NO-BREAK SPACE}mm"
+            for name in ("measured", "completed")
+            if truth[name].compared
+        ]
+        said.append(
+            f"Against the truth the mean error is {everything.mean:.0f}\N{NO-BREAK SPACE}mm ({', '.join(parts)})."
+        )
+        if absent := everything.joints - everything.compared:
+            said.append(f"{share(absent, everything.joints).capitalize()} of the true joints were not found.")
     at = 1 + PROBABILITIES.index(0.9)
-    parts = [f"{share(counts[at], counts[0])} of the {name}" for name, counts in regions.items()]
-    if not parts:
-        return []
-    sentence = f"{' and '.join(parts)} lie within their stated 90\N{NO-BREAK SPACE}% regions."
-    return [sentence[0].upper() + sentence[1:]]
-
-
-def _residuals(findings: Sequence[Findings]) -> list[str]:
-    overall: JointGroup | None = pooled_groups(findings, "residuals").get("all", {}).get("all")
-    if overall is None or overall.mean is None:
-        return []
-    return [f"Measured joints reproject {overall.mean:.1f}\N{NO-BREAK SPACE}px from their detections on average."]
-
-
-def _floor(findings: Sequence[Findings]) -> list[str]:
-    floors = [each.floor for each in findings if each.floor is not None]
-    return [f"Estimated from feet and bodies: {floors[0].describe()}."] if len(floors) == len(findings) == 1 else []
-
-
-def _pictures(findings: Sequence[Findings]) -> list[str]:
-    if not findings or any(each.has_images for each in findings):
-        return []
-    return ["There are no pictures, so the camera's view has a plain background."]
+    regions = added(*(each.regions for each in findings))
+    if within := " and ".join(f"{share(counts[at], counts[0])} of the {name}" for name, counts in regions.items()):
+        within = within[0].upper() + within[1:]
+        said.append(f"{within} lie within their stated 90\N{NO-BREAK SPACE}% regions.")
+    residual = added_groups(*(each.residuals for each in findings)).get("all", {}).get("all")
+    if residual is not None and residual.mean is not None:
+        said.append(
+            f"Measured joints reproject {residual.mean:.1f}\N{NO-BREAK SPACE}px from their detections on average."
+        )
+    if len(findings) == 1 and findings[0].floor is not None:
+        said.append(f"Estimated from feet and bodies: {findings[0].floor.describe()}.")
+    return said
 
 
 def number(count: int, one: str, several: str | None = None) -> str:
     """Return a count with its noun, as "1 frame" or "1,200 frames"."""
     return f"{count:,} {one if count == 1 else several or one + 's'}"
-
-
-def _first(part: int, total: int) -> str:
-    """Return a share as the first word of a sentence."""
-    return share(part, total).capitalize()
 
 
 def share(part: int, total: int) -> str:
@@ -253,16 +233,7 @@ def share(part: int, total: int) -> str:
     return f"{percent:.1f}\N{NO-BREAK SPACE}%"
 
 
-# The sections of the report: worst moments, errors by group, uncertainty, reprojection, and the clips.
-
-_KINDS = {
-    "error": "Largest errors of a joint",
-    "missed": "True people without a captured one",
-    "not measured": "Frames with the fewest measured joints of a person",
-    "reprojection": "Measured joints farthest from their detection",
-}
-_MOST_MOMENTS = 8
-"""Rows of each table of moments."""
+# Sections
 
 
 def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list[Section]:
@@ -303,94 +274,79 @@ def clips_section(findings: Sequence[Findings], played: Collection[str]) -> list
 
 
 def moments_section(findings: Sequence[Findings], played: dict[str, range]) -> list[Section]:
-    """Return the worst moments of the clips in the player.
-
-    Args:
-        findings: Findings of all clips.
-        played: Clips in the player, with their frames in it.
-    """
+    """Return the worst moments of the clips in the player; `played` are their frames in it."""
     shown = [(each, moment) for each in findings if each.id in played for moment in each.moments]
+    several = len(played) > 1
+    header = (*(("clip",) if several else ()), "frame", "amount", "person", "what", "at s")
     tables = []
     for kind, caption in _KINDS.items():
         found = sorted(((e, m) for e, m in shown if m.kind == kind), key=lambda pair: -pair[1].size)[:_MOST_MOMENTS]
+        rows, places = [], []
+        for each, moment in found:
+            person = "-" if moment.person is None else str(moment.person)
+            row = (str(moment.frame), moment.amount, person, moment.what, f"{moment.frame / each.fps:.2f}")
+            rows.append((each.id, *row) if several else row)
+            inside = moment.frame in played[each.id]
+            places.append(Moment(each.id, moment.frame, moment.person) if inside else None)
         if found:
-            tables.append(_moments_table(caption, found, played))
+            tables.append(Table(caption, header, rows, moments=places))
     return [Section("Worst moments", "Choose one to see it in the player.", tables)] if tables else []
-
-
-def _moments_table(caption: str, found: Sequence[tuple[Findings, WorstMoment]], played: dict[str, range]) -> Table:
-    several = len(played) > 1
-    rows, places = [], []
-    for each, moment in found:
-        person = "-" if moment.person is None else str(moment.person)
-        seconds = f"{moment.frame / each.fps:.2f}"
-        rows.append((*((each.id,) if several else ()), str(moment.frame), moment.amount, person, moment.what, seconds))
-        inside = moment.frame in played[each.id]
-        places.append(Moment(each.id, moment.frame, moment.person) if inside else None)
-    header = (*(("clip",) if several else ()), "frame", "amount", "person", "what", "at s")
-    return Table(caption, header, rows, moments=places)
 
 
 def doubts_section(findings: Sequence[Findings], played: dict[str, range]) -> list[Section]:
     """Return the joints of the clips in the player that are most likely to be off, so that a reader can review them."""
-    tables = [_doubts_table(each, played[each.id]) for each in findings if each.id in played and each.doubts]
-    text = (
+    tables = []
+    for found in (each for each in findings if each.id in played and each.doubts):
+        rows, places, choices = [], [], []
+        for entry, doubt in enumerate(found.doubts, 1):
+            size, source = f"{1000 * doubt.doubt:.0f}", doubt.source.name.lower()
+            cells = (entry, doubt.person, doubt.joint, doubt.worst, size, doubt.reason, source, doubt.views)
+            rows.append(tuple(map(str, cells)))
+            inside = doubt.worst in played[found.id]
+            places.append(Moment(found.id, doubt.worst, doubt.person) if inside else None)
+            choices.append({"person": doubt.person, "joint": doubt.joint, "first": doubt.first, "last": doubt.last})
+        header = ("entry", "person", "joint", "frame", "doubt mm", "largest sign", "source", "cameras")
+        file = {"format": FORMAT, "poses": found.poses_checksum}
+        decisions = Choices(DECISIONS, [*ReviewVerdict], choices, file)
+        caption = f"Doubtful joints of {found.id}"
+        tables.append(Table(caption, header, rows, bars=(4,), moments=places, choices=decisions))
+    words = (
         "The joints that are most likely wrong, by signs that need no truth: stated error, bones that change their "
         "length, jumps, distance from detections. Choose one to see it in the player, and decide: accept, blank, or "
         "hand back to completion. Put the saved file into the folder of the clip: dmae export and dmae complete "
         "follow it."
     )
-    return [Section("Doubtful joints", text, tables)] if tables else []
-
-
-def _doubts_table(found: Findings, played: range) -> Table:
-    rows, places, choices = [], [], []
-    for entry, doubt in enumerate(found.doubts, 1):
-        inside = doubt.worst in played
-        rows.append(
-            (str(entry), str(doubt.person), doubt.joint, f"{doubt.worst}", f"{1000 * doubt.doubt:.0f}", doubt.reason,
-             doubt.source.name.lower(), str(doubt.views))
-        )  # fmt: skip
-        places.append(Moment(found.id, doubt.worst, doubt.person) if inside else None)
-        choices.append({"person": doubt.person, "joint": doubt.joint, "first": doubt.first, "last": doubt.last})
-    return Table(
-        f"Doubtful joints of {found.id}",
-        ("entry", "person", "joint", "frame", "doubt mm", "largest sign", "source", "cameras"),
-        rows,
-        bars=(4,),
-        moments=places,
-        choices=Choices(DECISIONS, [*ReviewVerdict], choices, {"format": FORMAT, "poses": found.poses_checksum}),
-    )
+    return [Section("Doubtful joints", words, tables)] if tables else []
 
 
 def breakdown_sections(findings: Sequence[Findings]) -> list[Section]:
     """Return errors, or counts where there is no truth, by gap, joint, cause of occlusion and number of cameras."""
-    groups = pooled_groups(findings, "breakdowns")
+    groups = added_groups(*(each.breakdowns for each in findings))
     if not groups:
         return []
-    truth = pooled_truth(findings)
+    truth = added(*(each.against_truth for each in findings))
     known = bool(truth)
     names = [name for name in (BY_GAP, BY_CAUSE, BY_SEEING, BY_MEASURING, BY_JOINT) if name in groups]
     tables = [_breakdown_table(name, groups[name], known) for name in names]
-    text = (
+    words = (
         "Every true joint is counted once: measured, completed or not found. Lengths of gaps are in frames at 25/s."
         if known
         else "There is no truth, so these are counts of the joints of captured people. Gaps are in frames at 25/s."
     )
     if BY_CAUSE in groups:
-        text += " The cause is the most frequent reason for which cameras do not see the joint."
+        words += " The cause is the most frequent reason for which cameras do not see the joint."
     figures = []
     if known:
         figures = [
             CaptionedFigure("Error by length of the gap: mean and 90 % quantile.", _gap_figure(groups[BY_GAP])),
             CaptionedFigure("Share of joints within an error, measured and completed ones.", _error_figure(truth)),
         ]
-    return [Section("Errors" if known else "What was not measured", text, tables, figures)]
+    return [Section("Errors" if known else "What was not measured", words, tables, figures)]
 
 
 def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
     """Return how often the truth is in regions of stated probability; nothing if no uncertainty is stated."""
-    regions = pooled_regions(findings)
+    regions = added(*(each.regions for each in findings))
     if not regions:
         return []
     rows = [
@@ -399,16 +355,17 @@ def uncertainty_section(findings: Sequence[Findings]) -> list[Section]:
     ]
     counted = " and ".join(f"{int(counts[0]):,} {name}" for name, counts in regions.items())
     table = Table("Truth found in the region, %, by its stated probability", ("stated %", *regions), rows)
-    text = (
+    words = (
         f"{counted} have a stated uncertainty and a truth. Above the diagonal it is too cautious, below overconfident."
     )
     caption = "Stated against measured probability; on the diagonal the uncertainty is correct."
-    return [Section("Is the uncertainty right?", text, [table], [CaptionedFigure(caption, _regions_figure(regions))])]
+    return [Section("Is the uncertainty right?", words, [table], [CaptionedFigure(caption, _regions_figure(regions))])]
 
 
 def residuals_section(findings: Sequence[Findings]) -> list[Section]:
     """Return reprojection errors by camera, joint and, for a single clip, person."""
-    measured, completed = (pooled_groups(findings, name) for name in ("residuals", "residuals_completed"))
+    measured = added_groups(*(each.residuals for each in findings))
+    completed = added_groups(*(each.residuals_completed for each in findings))
     names = ("camera", "person", "joint") if len(findings) == 1 else ("camera", "joint")
     tables = residual_tables(measured, completed, names)
     if not tables:
@@ -483,12 +440,7 @@ def _finished(figure: Figure) -> Figure:
     return figure
 
 
-def text(value: float | None, digits: int = 0) -> str:
-    """Return a number as text, "-" if it is not known."""
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-# Scores as a section of a report.
+# Scores
 
 
 def read_scores(path: Path) -> dict:

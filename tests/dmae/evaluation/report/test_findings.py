@@ -17,10 +17,9 @@ from dmae.evaluation.report.findings import (
     State,
     examine,
     peaks,
-    pooled_groups,
-    pooled_truth,
     runs_of,
 )
+from dmae.evaluation.report.joints import added, added_groups
 from dmae.evaluation.report.page import share, summary
 from tests.support.clips import walkers
 from tests.support.reported_clips import ERROR_M, completed_clip
@@ -142,8 +141,8 @@ def test_peaks_are_apart_and_runs_have_ends():
 
 
 def test_clips_add_up(clip, found):
-    assert pooled_truth([found, found])["completed"].joints == 40
-    groups = pooled_groups([found, found], "breakdowns")
+    assert added(found.against_truth, found.against_truth)["completed"].joints == 40
+    groups = added_groups(found.breakdowns, found.breakdowns)
     assert groups[BY_GAP]["6–15 frames"].mean == pytest.approx(100, abs=1e-3)
     assert groups[BY_GAP]["6–15 frames"].joints == 40
 
