@@ -3,7 +3,7 @@
 import hashlib
 import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,22 +26,9 @@ from dmae.reconstruction.pipeline import capture
 
 PIECE = 240
 """Number of images that are processed together. The results of a piece do not depend on other pieces."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """What a detector found in the N images of a camera.
-
-    Attributes:
-        people: For each image (D, J, 3): x, y px and confidence; NaN where absent. None for one that cannot be read.
-    """
-
-    people: list[np.ndarray | None]
-
-    @property
-    def unreadable(self) -> list[int]:
-        """Numbers of the images that cannot be read."""
-        return [number for number, people in enumerate(self.people) if people is None]
+Pictures = list[np.ndarray | None]
+"""What a detector found in the images of a camera: people (D, J, 3) of each, x, y px and confidence, NaN where absent;
+None for an image that cannot be read."""
 
 
 def make_detector(config: PoseDetectorConfig) -> PictureDetector:
@@ -61,7 +48,7 @@ def make_detector(config: PoseDetectorConfig) -> PictureDetector:
 
 def detect_people(
     cameras: Sequence[CameraPictures], config: PoseDetectorConfig, pieces: Path, workers: int = 1
-) -> dict[str, Found]:
+) -> dict[str, Pictures]:
     """Run a detector over all images of some cameras.
 
     Args:
@@ -71,7 +58,7 @@ def detect_people(
         workers: Processes; -1 for one per core.
 
     Returns:
-        By name of the camera, what was found.
+        What was found, by name of the camera.
 
     Raises:
         ValueError: the detector cannot be made, or its results are not people.
@@ -88,25 +75,27 @@ def detect_people(
         done = in_parallel(_detect_piece, waiting, min(workers, len(waiting)), ordered=False)
         for _ in progress(done, "detecting people", len(waiting)):
             pass
-    found: dict[str, Found] = {camera.name: Found([]) for camera in cameras}
+    found: dict[str, Pictures] = {camera.name: [] for camera in cameras}
     for camera, *_, file in tasks:
-        found[camera.name].people.extend(read_piece(file))
+        found[camera.name].extend(read_piece(file))
     return found
 
 
-def to_detections(found: Sequence[Found], frames: Sequence[np.ndarray], count: int, skeleton: Skeleton) -> Detections2D:
+def to_detections(
+    found: Sequence[Pictures], frames: Sequence[np.ndarray], count: int, skeleton: Skeleton
+) -> Detections2D:
     """Return what was found in V cameras as detections of F frames.
 
     Args:
-        found: For each camera.
+        found: Of each camera.
         frames: For each camera (N,) the frame of each image; -1 for an image that is not used.
         count: F.
         skeleton: J joints.
     """
-    most = max((len(people) for camera in found for people in camera.people if people is not None), default=0)
+    most = max((len(people) for camera in found for people in camera if people is not None), default=0)
     values = np.full((count, len(found), most, len(skeleton), 3), np.nan, np.float32)
     for view, (camera, places) in enumerate(zip(found, frames, strict=True)):
-        for frame, people in zip(places, camera.people, strict=True):
+        for frame, people in zip(places, camera, strict=True):
             if frame >= 0 and people is not None:
                 values[frame, view, : len(people)] = people
     absent = np.isnan(values).any(-1)
@@ -165,7 +154,7 @@ relative to the radius of the body in the image."""
 
 
 def compare_views(
-    found: Sequence[Found],
+    found: Sequence[Pictures],
     cameras: Sequence[CameraPictures],
     rig: CameraRig,
     detections: Detections2D,
@@ -175,7 +164,7 @@ def compare_views(
     config: PoseDetectorConfig,
     pieces: Path,
     workers: int = 1,
-) -> list[Found]:
+) -> list[Pictures]:
     """Return what a detector found in V cameras, corrected with the help of the other cameras.
 
     People are captured from the detections. Detections that are parts of them are removed. Where a person projects into
@@ -183,7 +172,7 @@ def compare_views(
     agrees with the projection. An added detection is measured in its image like all others.
 
     Args:
-        found: For each camera.
+        found: Of each camera.
         cameras: With the images, in the order of the rig.
         detections: (F, V, D, J) what was found, in the pixels of the calibration.
         frames: For each camera (N,) the frame of each image; -1 for an image that is not used.
@@ -198,7 +187,11 @@ def compare_views(
     poses = capture(Clip("detected", fps, rig, detections), CaptureConfig())
     parts = parts_of_people(poses, rig, detections)
     found = [
-        _without(each, places, parts[:, view]) for view, (each, places) in enumerate(zip(found, frames, strict=True))
+        [
+            people if people is None or frame < 0 else people[~parts[frame, view, : len(people)]]
+            for people, frame in zip(each, places, strict=True)
+        ]
+        for view, (each, places) in enumerate(zip(found, frames, strict=True))
     ]
     if not hasattr(make_detector(config), "find_at"):
         return found
@@ -211,12 +204,12 @@ def compare_views(
         expected = {
             number: fitting.from_calibration(missed[frame, view])
             for number, frame in enumerate(places.tolist())
-            if (frame, view) in missed and found[view].people[number] is not None
+            if (frame, view) in missed and found[view][number] is not None
         }
         for start in range(0, len(camera), PIECE):
             wanted = {number: expected[number] for number in range(start, start + PIECE) if number in expected}
             if wanted:
-                known = {number: found[view].people[number] for number in wanted}
+                known = {number: found[view][number] for number in wanted}
                 # The places depend on the calibration: pieces of an interrupted run with another one are not taken.
                 places_of = hashlib.sha256(b"".join(each.tobytes() for each in wanted.values())).hexdigest()[:16]
                 file = pieces / f"again_{view:03d}_{start:08d}_{places_of}.npz"
@@ -225,21 +218,10 @@ def compare_views(
     done = in_parallel(_search_piece, waiting, max(1, min(workers, len(waiting))), ordered=False)
     for _ in progress(done, "searching people that other cameras see", len(waiting)):
         pass
-    people = [list(each.people) for each in found]
     for view, (*_, wanted, known, file) in tasks:
         for number, added in zip(wanted, read_piece(file), strict=True):
-            people[view][number] = np.concatenate([known[number], added])
-    return [Found(each) for each in people]
-
-
-def _without(found: Found, frames: np.ndarray, parts: np.ndarray) -> Found:
-    """Return what a camera found without parts of people, (F, D) True."""
-    return Found(
-        [
-            people if people is None or frame < 0 else people[~parts[frame, : len(people)]]
-            for people, frame in zip(found.people, frames, strict=True)
-        ]
-    )
+            found[view][number] = np.concatenate([known[number], added])
+    return found
 
 
 def _agrees(person: np.ndarray, expected: np.ndarray, skeleton: Skeleton) -> bool:

@@ -1,4 +1,4 @@
-"""A recording made of videos: cameras matched, sizes fitted, images aligned, people detected, a clip made."""
+"""What `dmae detect` makes of videos, of the images of a clip and of photographs: clips, and files of 2D keypoints."""
 
 import json
 import os
@@ -27,7 +27,7 @@ from dmae.detection.pictures import (
     pictures_in,
     read_files,
 )
-from dmae.detection.pipeline import Found, compare_views, detect_people, make_detector, to_detections
+from dmae.detection.pipeline import Pictures, compare_views, detect_people, make_detector, to_detections
 from dmae.detection.registry import FlatFormat, OutputConfig, PoseDetectorConfig
 from dmae.files.checks import PICTURES, child
 from dmae.files.contents import write_atomic
@@ -118,20 +118,7 @@ def detect_recording(
     Raises:
         ValueError: as `detect_people`, or there is no such skeleton.
     """
-    target, own = output_skeleton(skeleton), make_detector(config).skeleton
-    found = detect_people(recording.cameras, config, pieces, workers)
-    notes = _notes(found, "picture")
-    fitted = _calibrated([found[camera.name] for camera in recording.cameras], recording.fittings)
-    frames, count = recording.alignment.frames, recording.alignment.count
-    detections = to_detections(fitted, frames, count, own)
-    if recording.rig is not None:
-        first = [found[camera.name] for camera in recording.cameras]
-        more = compare_views(
-            first, recording.cameras, recording.rig, detections, frames, recording.fittings, recording.alignment.fps,
-            config, pieces, workers,
-        )  # fmt: skip
-        detections = to_detections(_calibrated(more, recording.fittings), frames, count, own)
-    return convert_detections(detections, target or own), notes
+    return _detected(recording, config, pieces, skeleton, workers, "picture")
 
 
 def detect_clip(
@@ -147,21 +134,56 @@ def detect_clip(
     """
     if clip.images is None or "rgb" not in clip.images.kinds:
         raise ValueError(f"clip {clip.id!r} has no colour images; make it with images=rgb")
-    target, own = output_skeleton(skeleton), make_detector(config).skeleton
     cameras = {camera.name: camera for camera in cameras_of(clip.images, clip.rig.size)}
-    found = detect_people(tuple(cameras.values()), config, pieces, workers)
-    first, frames = [found[name] for name in clip.rig.names], [np.arange(len(clip))] * len(clip.rig)
-    more = compare_views(
-        first, [cameras[name] for name in clip.rig.names], clip.rig, to_detections(first, frames, len(clip), own),
-        frames, [Fitting()] * len(clip.rig), clip.fps, config, pieces, workers,
-    )  # fmt: skip
-    detections = to_detections(more, frames, len(clip), own)
-    provenance = clip.provenance | {
-        "detector": config.name,
-        "notes": [*clip.provenance.get("notes", ()), *_notes(found)],
-    }
-    converted = convert_detections(detections, target or own)
-    return replace(clip, detections=converted, poses=None, detection_labels=None, provenance=provenance)
+    frames = (np.arange(len(clip)),) * len(clip.rig)
+    recording = Recording(
+        tuple(cameras[name] for name in clip.rig.names),
+        Alignment(clip.fps, frames, len(clip), ()),
+        clip.rig,
+        (Fitting(),) * len(clip.rig),
+        (),
+    )
+    detections, notes = _detected(recording, config, pieces, skeleton, workers, "frame")
+    notes = [*clip.provenance.get("notes", ()), *notes]
+    provenance = clip.provenance | {"detector": config.name, "notes": notes}
+    return replace(clip, detections=detections, poses=None, detection_labels=None, provenance=provenance)
+
+
+def _detected(
+    recording: Recording, config: PoseDetectorConfig, pieces: Path, skeleton: str | None, workers: int, image: str
+) -> tuple[Detections2D, tuple[str, ...]]:
+    """As `detect_recording`; notes call each image `image`."""
+    target, own = output_skeleton(skeleton), make_detector(config).skeleton
+    cameras, fittings, alignment = recording.cameras, recording.fittings, recording.alignment
+    found = detect_people(cameras, config, pieces, workers)
+    notes = []
+    for name, people in found.items():
+        if lost := [number for number, each in enumerate(people) if each is None]:
+            listed = ", ".join(map(str, lost[:_LISTED])) + (", ..." if len(lost) > _LISTED else "")
+            notes.append(f"{name}: {len(lost)} of {len(people)} {image}s cannot be read ({listed})")
+        if not any(each is not None and len(each) for each in people):
+            notes.append(f"{name}: no people detected")
+
+    def detections(found: Sequence[Pictures]) -> Detections2D:
+        """Return detections in the pixels of the calibration."""
+        fitted = [
+            [
+                None if each is None else np.concatenate([fitting.to_calibration(each[..., :2]), each[..., 2:]], -1)
+                for each in people
+            ]
+            for people, fitting in zip(found, fittings, strict=True)
+        ]
+        return to_detections(fitted, alignment.frames, alignment.count, own)
+
+    views = [found[camera.name] for camera in cameras]
+    seen = detections(views)
+    if recording.rig is not None:
+        frames = alignment.frames
+        views = compare_views(
+            views, cameras, recording.rig, seen, frames, fittings, alignment.fps, config, pieces, workers
+        )
+        seen = detections(views)
+    return convert_detections(seen, target or own), tuple(notes)
 
 
 def make_clip(name: str, recording: Recording, detections: Detections2D, notes: Sequence[str], detector: str) -> Clip:
@@ -244,18 +266,6 @@ def _resized(fitting: Fitting, size: tuple[int, int], picture: np.ndarray | None
     return cv2.warpAffine(picture, affine, even, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
 
 
-def _calibrated(found: Sequence[Found], fittings: Sequence[Fitting]) -> list[Found]:
-    """Return what was found in the images of cameras in the pixels of the calibration."""
-
-    def fitted(people: np.ndarray, fitting: Fitting) -> np.ndarray:
-        return np.concatenate([fitting.to_calibration(people[..., :2]), people[..., 2:]], -1)
-
-    return [
-        Found([None if people is None else fitted(people, fitting) for people in camera.people])
-        for camera, fitting in zip(found, fittings, strict=True)
-    ]
-
-
 def output_skeleton(skeleton: str | None) -> Skeleton | None:
     """Return the skeleton of that name; None for that of the detector.
 
@@ -270,19 +280,7 @@ def output_skeleton(skeleton: str | None) -> Skeleton | None:
         raise ValueError(f"output.skeleton={skeleton}: {error.args[0]}") from None
 
 
-def _notes(found: dict[str, Found], what: str = "frame") -> tuple[str, ...]:
-    """Say which images cannot be read, and which cameras see no people."""
-    notes = []
-    for name, camera in found.items():
-        if lost := camera.unreadable:
-            listed = ", ".join(map(str, lost[:_LISTED])) + (", ..." if len(lost) > _LISTED else "")
-            notes.append(f"{name}: {len(lost)} of {len(camera.people)} {what}s cannot be read ({listed})")
-        if not any(people is not None and len(people) for people in camera.people):
-            notes.append(f"{name}: no people detected")
-    return tuple(notes)
-
-
-# Output of detections: their skeleton, with or without images; 2D keypoints for cameras without a calibration.
+# Files of 2D keypoints, for cameras without a calibration
 
 
 def write_flat(recording: Recording, detections: Detections2D, config: OutputConfig, out: Path) -> None:
@@ -347,11 +345,11 @@ def coco(detections: Detections2D, entries: Sequence[tuple[int, int, str, tuple[
     return {"images": images, "annotations": annotations, "categories": [category]}
 
 
-# Photographs that do not belong together: people are detected in each by itself, and written as 2D keypoints.
+# Photographs that do not belong together: people are detected in each by itself
 
 KEYPOINTS, DRAWN = "keypoints.json", "drawn"
 """COCO's file of all photographs; folder of the photographs with the people drawn over them."""
-_photographs_LISTED = 5
+_NAMED = 5
 _THIN = 400
 """Pixels of the longer side of a photograph for each pixel of the width of a line."""
 _QUALITY = 90
@@ -415,8 +413,8 @@ def detect_photographs(
     found = detect_people(photographs.cameras, replace(config, search_every=1), pieces, workers)
     each = [found[camera.name] for camera in photographs.cameras]
     detections = to_detections(each, [np.zeros(1, int)] * len(each), 1, own)
-    unreadable = [name for name, one in found.items() if one.unreadable]
-    empty = [name for name, one in found.items() if not one.unreadable and not len(one.people[0])]
+    unreadable = [name for name, (people,) in found.items() if people is None]
+    empty = [name for name, (people,) in found.items() if people is not None and not len(people)]
     notes = [f"no people detected in {_listed(empty)}"] if empty else []
     notes += [f"left out, cannot be read: {_listed(unreadable)}"] if unreadable else []
     return convert_detections(detections, target or own), tuple(notes)
@@ -465,5 +463,5 @@ def _draw(path: Path, detections: Detections2D, number: int, to: Path) -> None:
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _LISTED} others" if len(names) > _photographs_LISTED else ""
+    more = f" and {len(names) - _LISTED} others" if len(names) > _NAMED else ""
     return f"{counted(len(names), 'photograph')}: {', '.join(names[:_LISTED])}{more}"

@@ -1,4 +1,4 @@
-"""Candidates: regions of an image that may show a person. BlazePose's first network finds them in windows."""
+"""BlazePose: people are searched in windows of an image, then followed in regions of their own."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -191,7 +191,7 @@ def _is_cut(region: Region, window: Region, width: int, height: int) -> bool:
     return bool((low < start).any() or (high > start + window.side).any())
 
 
-# A person that is expected at a place in an image, as other cameras see it.
+# A person that is expected at a place, because other cameras see it there
 
 _HIPS, _SHOULDERS = BLAZEPOSE33.index("l_hip", "r_hip"), BLAZEPOSE33.index("l_shoulder", "r_shoulder")
 _LARGER = 1.05
@@ -200,8 +200,8 @@ top of the head, which is not a joint."""
 _SIDES = (1.0, 1.15, 1.3, 0.87)
 """Sides of the regions that are tried, relative to the region of the expected joints. Which region the network needs
 depends on hair, clothes and what else is near."""
-_CLEAR = 0.3
-"""Smallest mean confidence of the joints."""
+_CLEAR_THERE = 0.3
+"""Smallest mean confidence of the joints of a person that is expected at a place."""
 _NEAR, _OTHER = 0.12, 0.15
 """Largest median distance of the joints from the expected places, and smallest one from those of another person,
 relative to the radius. In rendered views, 391 results were this near; their largest median error was 0.11 of the
@@ -240,7 +240,7 @@ def find_expected(
             if (
                 apart < nearest
                 and person.presence >= min_presence
-                and clearness(person) >= _CLEAR
+                and clearness(person) >= _CLEAR_THERE
                 and all(_apart(person.xy, xy) > _OTHER * radius for xy in known)
             ):
                 best, nearest = person, apart
@@ -263,7 +263,7 @@ def _painted(xy: np.ndarray) -> Person:
     return Person(np.where(np.isnan(xy), np.nanmean(xy, 0), xy), nothing, nothing, 1.0, None)
 
 
-# The people in the images of one camera: searched in windows, then followed in regions of their own.
+# The people in the images of one camera
 
 _PASSES = 3
 """Passes of the second network on a new person, each on the region that the previous pass found."""
@@ -277,7 +277,7 @@ overlap or leave the image: with it, windows found 93 % of the people in full vi
 mistaken for people. With this agreement the figures are 93 % and 3."""
 _FAINT = 0.3
 """Smallest presence in a pass if the passes agree."""
-_people_CLEAR = 0.42
+_CLEAR = 0.42
 """Smallest mean confidence of the joints of a person."""
 _SHIFTS = (-0.4, 0.4)
 """Offsets of the searches next to a region that contains parts of two people, relative to its radius."""
@@ -408,7 +408,7 @@ class PeopleDetector:
             if jumped or (self._number + number) % _CHECKED == 0 or person.presence < self._config.min_presence:
                 again = self._person(pyramid, person.region)
                 limit = _STRAYED if person.presence >= self._config.min_presence else _STEADY
-                if disagreement(person, again) > limit or clearness(person) < _people_CLEAR:
+                if disagreement(person, again) > limit or clearness(person) < _CLEAR:
                     lost.append(before.person.region)
                     continue
             if clearness(person) < before.usual - _DROP:
@@ -498,7 +498,7 @@ class PeopleDetector:
             most = max(most, person.presence)
             if before is not None and disagreement(before, person) < _SETTLED:
                 there = person.presence >= self._config.min_presence or most >= _FAINT
-                return person if there and clearness(person) >= _people_CLEAR else None
+                return person if there and clearness(person) >= _CLEAR else None
             region = person.region
         return None
 
@@ -508,7 +508,7 @@ class PeopleDetector:
             return None
         again = self._person(pyramid, found.region)
         sure = min(found.presence, again.presence) >= self._config.min_presence and again.region is not None
-        return again if sure and disagreement(found, again) < _STEADY and clearness(again) >= _people_CLEAR else None
+        return again if sure and disagreement(found, again) < _STEADY and clearness(again) >= _CLEAR else None
 
 
 def _known(person: Person, others: Sequence[Person]) -> bool:
@@ -518,9 +518,6 @@ def _known(person: Person, others: Sequence[Person]) -> bool:
 def _around(region: Region, share: float) -> Region:
     side = share * region.side
     return Region.upright(*(region.centre - side / 2), side)
-
-
-# BlazePose: people are searched in windows, then followed from image to image in regions of their own.
 
 
 @pose_detector("blazepose")

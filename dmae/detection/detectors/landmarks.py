@@ -1,8 +1,8 @@
-"""The two networks of BlazePose, run by LiteRT on one thread."""
+"""One person in a region of an image: BlazePose's networks, its 33 joints, and how far they can be trusted."""
 
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
@@ -12,9 +12,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.optimize import minimize
 
-from dmae.data.clip import Clip
 from dmae.data.skeleton import BLAZEPOSE33
 from dmae.files.structured import read_json
 from dmae.numerics.body import distance_to_bones
@@ -75,7 +73,7 @@ def _quiet() -> Iterator[None]:
         os.close(nowhere)
 
 
-# Regions of an image: rotated squares around a person, and how they are cut out of the image.
+# Regions of an image: rotated squares around a person
 
 _MARGIN = 1.125
 """Side of a region, relative to the circle around the body. MediaPipe uses 1.25. In rendered views of people with
@@ -161,7 +159,7 @@ def pyramid_of(picture: np.ndarray) -> list[np.ndarray]:
     return levels
 
 
-# Landmarks: the 33 joints of the person in a region, by BlazePose's second network.
+# The 33 joints of the person in a region, by BlazePose's second network
 
 _HIP, _TOP = 33, 34
 """Landmarks that are not joints: the middle of the hips, and a point on the circle around the body."""
@@ -272,8 +270,7 @@ def painted_over(pixels: np.ndarray, region: Region, people: Sequence[Person]) -
     return np.where(mask[..., None] > 0, around.clip(0, 255).astype(np.uint8), pixels)
 
 
-# Correction of shoulders and hips to the places of other detectors: BlazePose's landmarks are lower, and its hips
-# closer together.
+# Shoulders and hips as other detectors place them: BlazePose's are lower, and its hips closer together
 
 _SHOULDERS_UP, _HIPS_UP, _HIPS_OUT = 0.02, 0.05, 0.02
 """Shifts along the torso, relative to its length, and of each hip away from the other, relative to their distance.
@@ -292,17 +289,8 @@ def corrected_torso(xy: np.ndarray) -> np.ndarray:
     return moved
 
 
-# Confidence: the probability that a joint was found near its true place, fitted on clips with images and truth.
+# Confidence: the probability that a joint was found near its true place (`docs/tools/fit_confidence.py` fits it)
 
-NEAR = 0.05
-"""Largest distance, as a share of the height of the body, at which a joint counts as near its true place."""
-_STATURE = 1.7
-"""m; assumed height of a body, which converts pixels at its depth into a share of the height."""
-_PASSES = 2
-_PENALTY = 1.0
-"""Penalty on the squared weights of the scores. It prevents extreme weights for rare joints."""
-_MATCHED = 0.15
-"""Largest mean distance of a detection from the true joints, m/m; one with a greater distance is another person."""
 GROUPS = {
     "face": ("nose", "eye", "eye_inner", "eye_outer", "mouth"),
     "ear": ("ear",),
@@ -319,7 +307,7 @@ GROUPS = {
 
 def confidence(person: Person) -> np.ndarray:
     """Return (33,) probabilities that joints are within 5 % of the height of the body from their true places."""
-    logits = (_weights() * _features(person)).sum(-1)
+    logits = (_weights() * features(person)).sum(-1)
     return 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
 
 
@@ -328,36 +316,13 @@ def clearness(person: Person) -> float:
     return float(confidence(person).mean())
 
 
-def fit_confidence(clips: Iterable[Clip], every: int = 4) -> dict[str, dict]:
-    """Fit the confidence of each group of joints by logistic regression.
-
-    Regions are those of the true people, so that hidden people count as well.
-
-    Args:
-        clips: With colour images and truth in `body25+shelf14`.
-        every: Step from one used frame to the next.
-
-    Returns:
-        By group: `weights` of 1, of the logit of visibility and of that of being inside the image; `number` of
-        joints; `near`, the share of joints that are near their true places. `confidence.json` has the same content.
-    """
-    features, near = zip(*(each for clip in clips for each in _samples(clip, every)), strict=True)
-    features, near = np.array(features), np.array(near)
-    fitted = {}
-    for group, index in _members().items():
-        x, y = features[:, index].reshape(-1, 3), near[:, index].ravel()
-        x, y = x[~np.isnan(y)], y[~np.isnan(y)]
-        fitted[group] = {"weights": np.round(_logistic(x, y), 4).tolist(), "number": len(y), "near": round(y.mean(), 4)}
-    return fitted
-
-
-def _features(person: Person) -> np.ndarray:
+def features(person: Person) -> np.ndarray:
     """Return (33, 3) features: 1 and the two logits, clipped where larger values add no information."""
     logits = np.clip(np.stack([person.visibility, person.inside], -1), -8, 8)
     return np.concatenate([np.ones((len(logits), 1)), logits], -1)
 
 
-def _members() -> dict[str, list[int]]:
+def members() -> dict[str, list[int]]:
     kinds = [joint.removeprefix("l_").removeprefix("r_") for joint in BLAZEPOSE33.joints]
     return {group: [i for i, kind in enumerate(kinds) if kind in names] for group, names in GROUPS.items()}
 
@@ -366,60 +331,12 @@ def _members() -> dict[str, list[int]]:
 def _weights() -> np.ndarray:
     """Return the (33, 3) weights of the features."""
     fitted, weights = read_json(MODELS / "confidence.json"), np.empty((len(BLAZEPOSE33), 3))
-    for group, index in _members().items():
+    for group, index in members().items():
         weights[index] = fitted[group]["weights"]
     return weights
 
 
-def _samples(clip: Clip, every: int) -> Iterable[tuple[np.ndarray, np.ndarray]]:
-    """Yield for each person features (33, 3), and (33,) whether joints are near their true places, NaN if unknown."""
-    network, rig, skeleton = Network("pose_landmark_full"), clip.true_rig or clip.rig, clip.truth.skeleton
-    known = [i for i, joint in enumerate(BLAZEPOSE33.joints) if f"body25.{joint}" in skeleton.joints]
-    xy, depth = rig.project(clip.truth.xyz[:, :, skeleton.index(*(f"body25.{BLAZEPOSE33.joints[i]}" for i in known))])
-    focal = rig.focal
-    inside = rig.inside(xy)
-    for frame in range(0, len(clip), every):
-        for view, name in enumerate(rig.names):
-            pyramid = pyramid_of(np.ascontiguousarray(clip.images.at("rgb", name, frame)))
-            for person in range(xy.shape[2]):
-                true = xy[frame, view, person]
-                if inside[frame, view, person].mean() < 0.5:
-                    continue
-                found = _found(network, pyramid, true, known)
-                height = _STATURE * focal[view] / depth[frame, view, person]
-                if found is None:
-                    continue
-                distance = np.linalg.norm(found.xy[known] - true, axis=-1) / height
-                if not np.nanmean(distance) < _MATCHED:
-                    continue
-                near = np.full(len(BLAZEPOSE33), np.nan)
-                near[known] = np.where(np.isnan(distance), np.nan, distance < NEAR)
-                yield _features(found), near
-
-
-def _found(network: Network, pyramid: list[np.ndarray], true: np.ndarray, known: list[int]) -> Person | None:
-    at = {BLAZEPOSE33.joints[i]: place + 0.5 for i, place in zip(known, true, strict=True)}
-    hip, shoulder = ((at[f"l_{part}"] + at[f"r_{part}"]) / 2 for part in ("hip", "shoulder"))
-    up = (shoulder - hip) / max(np.hypot(*(shoulder - hip)), 1e-6)
-    region = Region.around(hip, hip + 1.1 * np.nanmax(np.linalg.norm(true + 0.5 - hip, axis=-1)) * up)
-    person = None
-    for _ in range(_PASSES):
-        if region is None:
-            return None
-        person = find_person(network, pyramid, region)
-        region = person.region
-    return person if person.presence >= 0.5 else None
-
-
-def _logistic(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    def loss(weights: np.ndarray) -> float:
-        logits = x @ weights
-        return float(np.logaddexp(0, logits).sum() - (y * logits).sum() + _PENALTY * (weights[1:] ** 2).sum())
-
-    return minimize(loss, np.zeros(x.shape[1]), method="L-BFGS-B", bounds=[(None, None), (0, None), (0, None)]).x
-
-
-# Parts of bodies that are mistaken for people: limbs, and heads with a body that is too small.
+# Parts of bodies that are mistaken for people: limbs, and heads with a body that is too small
 
 _SAME_HEAD, _SMALLER = 0.25, 0.75
 """Distance of two heads that are one, and size of a torso that is part of another body, relative to its torso."""

@@ -10,7 +10,7 @@ import pytest
 from dmae.data.clip import Clip, Detections2D
 from dmae.data.skeleton import BODY25
 from dmae.detection.pictures import CameraPictures, Fitting, find_cameras
-from dmae.detection.pipeline import Found, compare_views
+from dmae.detection.pipeline import Pictures, compare_views
 from dmae.detection.registry import PoseDetectorConfig
 from tests.support.detected_people import FPS, detected_clip, standing, with_body
 
@@ -70,12 +70,12 @@ def cameras(tmp_path: Path, clip: Clip) -> list[CameraPictures]:
     return list(find_cameras(tmp_path / "videos"))
 
 
-def found_in(clip: Clip) -> list[Found]:
+def found_in(clip: Clip) -> list[Pictures]:
     rows = np.concatenate([clip.detections.xy, clip.detections.score[..., None]], -1)
-    return [Found([each[np.isfinite(each).any((-1, -2))] for each in rows[:, view]]) for view in range(len(clip.rig))]
+    return [[each[np.isfinite(each).any((-1, -2))] for each in rows[:, view]] for view in range(len(clip.rig))]
 
 
-def search(clip: Clip, cameras, pieces: Path, config: PoseDetectorConfig = CONFIG, **options) -> list[Found]:
+def search(clip: Clip, cameras, pieces: Path, config: PoseDetectorConfig = CONFIG, **options) -> list[Pictures]:
     frames, fittings = [np.arange(FRAMES)] * len(clip.rig), options.get("fittings", [Fitting()] * len(clip.rig))
     workers = options.get("workers", 1)
     return compare_views(
@@ -93,15 +93,15 @@ def with_part(clip: Clip) -> Clip:
 
 @pytest.mark.parametrize("config", [CONFIG, PoseDetectorConfig(name=f"{__name__}:does_not_look")])
 def test_parts_of_people_are_removed(clip, cameras, tmp_path, config):
-    assert [len(people) for people in found_in(with_part(clip))[1].people] == [3] * FRAMES
+    assert [len(people) for people in found_in(with_part(clip))[1]] == [3] * FRAMES
     found = search(with_part(clip), cameras, tmp_path / "pieces", config)
     for before, after in zip(found_in(clip)[1:], found[1:], strict=True):
-        np.testing.assert_array_equal(np.stack(before.people), np.stack(after.people))
+        np.testing.assert_array_equal(np.stack(before), np.stack(after))
 
 
 def test_without_the_option_parts_stay(clip, cameras, tmp_path):
     found = search(with_part(clip), cameras, tmp_path / "pieces", replace(CONFIG, across_views=False))
-    assert [len(people) for people in found[1].people] == [3] * FRAMES
+    assert [len(people) for people in found[1]] == [3] * FRAMES
 
 
 def test_two_processes_find_what_one_finds(clip, cameras, tmp_path):
@@ -111,32 +111,32 @@ def test_two_processes_find_what_one_finds(clip, cameras, tmp_path):
     one, two = (search(clip, cameras, tmp_path / str(workers), workers=workers) for workers in (1, 2))
     assert len(list((tmp_path / "2").iterdir())) == 2
     for first, second in zip(one, two, strict=True):
-        for a, b in zip(first.people, second.people, strict=True):
+        for a, b in zip(first, second, strict=True):
             np.testing.assert_array_equal(a, b)
 
 
 def test_what_the_detector_finds_there_is_added(clip, cameras, tmp_path):
     found = search(clip, cameras, tmp_path / "pieces")
-    assert [len(people) for people in found[0].people] == [2] * FRAMES
+    assert [len(people) for people in found[0]] == [2] * FRAMES
     projected, _ = clip.rig.project(clip.truth.xyz)
-    added = found[0].people[MISSED[0]][-1]
+    added = found[0][MISSED[0]][-1]
     np.testing.assert_allclose(added[:, :2], projected[MISSED[0], 0, 0] + [1, 0], atol=8)
     assert (added[:, 2] == np.float32(0.8)).all()
     for before, after in zip(found_in(clip)[1:], found[1:], strict=True):
-        np.testing.assert_array_equal(np.stack(before.people), np.stack(after.people))
+        np.testing.assert_array_equal(np.stack(before), np.stack(after))
 
 
 def test_places_are_in_the_pixels_of_the_image(clip, cameras, tmp_path):
     half = [Fitting(0.5)] * len(clip.rig)
     found = search(clip, cameras, tmp_path / "pieces", fittings=half)
     whole = search(clip, cameras, tmp_path / "others")
-    small, large = (each[0].people[MISSED[0]][-1, :, :2] - [1, 0] for each in (found, whole))
+    small, large = (each[0][MISSED[0]][-1, :, :2] - [1, 0] for each in (found, whole))
     np.testing.assert_allclose(half[0].to_calibration(small), large, atol=1e-3)
 
 
 def test_people_elsewhere_are_not_added(clip, cameras, tmp_path):
     found = search(clip, cameras, tmp_path / "pieces", PoseDetectorConfig(name=f"{__name__}:looks_elsewhere"))
-    assert [len(people) for people in found[0].people].count(1) == len(MISSED)
+    assert [len(people) for people in found[0]].count(1) == len(MISSED)
 
 
 def test_pieces_of_another_calibration_are_not_taken(clip, cameras, tmp_path):
@@ -144,7 +144,7 @@ def test_pieces_of_another_calibration_are_not_taken(clip, cameras, tmp_path):
     moved = clip.rig.cam_from_world.copy()
     moved[0, 0, 3] += 0.1
     other = search(replace(clip, rig=replace(clip.rig, cam_from_world=moved)), cameras, tmp_path / "pieces")
-    before, after = (each[0].people[MISSED[0]][-1, :, 0] for each in (first, other))
+    before, after = (each[0][MISSED[0]][-1, :, 0] for each in (first, other))
     assert abs(before - after).min() > 5
 
 
@@ -155,7 +155,7 @@ def test_finished_pieces_are_not_searched_again(clip, cameras, tmp_path):
     again = search(clip, cameras, tmp_path / "pieces")
     assert piece.stat().st_mtime_ns == before
     for one, other in zip(first, again, strict=True):
-        np.testing.assert_array_equal(np.stack(one.people[:10]), np.stack(other.people[:10]))
+        np.testing.assert_array_equal(np.stack(one[:10]), np.stack(other[:10]))
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_finished_pieces_are_not_searched_again(clip, cameras, tmp_path):
 )
 def test_without_the_option_or_the_method_nothing_is_searched(clip, cameras, tmp_path, config):
     found = search(clip, cameras, tmp_path / "pieces", config)
-    assert [len(people) for people in found[0].people].count(1) == len(MISSED)
+    assert [len(people) for people in found[0]].count(1) == len(MISSED)
     assert not (tmp_path / "pieces").exists()
 
 
@@ -171,4 +171,4 @@ def test_one_view_captures_nobody_and_misses_nobody(clip):
     detections = Detections2D(BODY25, clip.detections.xy[:, :1], clip.detections.score[:, :1])
     assert compare_views(
         found_in(clip)[:1], [], clip.rig[[0]], detections, [np.arange(FRAMES)], [Fitting()], FPS, CONFIG, Path()
-    )[0].people
+    )[0]

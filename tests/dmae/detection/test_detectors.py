@@ -164,7 +164,7 @@ def test_people_found_late_are_added_to_the_picture_that_they_are_in(tmp_path: P
     (pictures / "2.png").write_bytes(b"unreadable")
     (camera,) = find_cameras(tmp_path / "videos")
     found = detect_people([camera], PoseDetectorConfig(name=f"{__name__}:late_detector"), tmp_path / "pieces")
-    people = found["cam"].people
+    people = found["cam"]
     assert people[2] is None
     assert [each[:, 0, 0].tolist() for each in people if each is not None] == [[0, 2], [0, 3], [0]]
 
@@ -179,7 +179,7 @@ def test_pieces_are_kept_and_not_done_again(tmp_path: Path):
     before = piece.stat().st_mtime_ns
     again = detect_people(short, config, tmp_path)
     assert piece.stat().st_mtime_ns == before
-    np.testing.assert_array_equal(found["cam03"].people[1], again["cam03"].people[1])
+    np.testing.assert_array_equal(found["cam03"][1], again["cam03"][1])
     detections = to_detections([found["cam03"]], [np.array([0, 2])], 3, BLAZEPOSE33)
     assert detections.xy.shape[:3] == (3, 1, 1) and not detections.observed[1].any()
     converted = convert_detections(detections, BODY25)
