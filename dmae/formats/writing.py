@@ -10,7 +10,6 @@ from dmae.files.checks import child
 from dmae.files.contents import check_vacant
 from dmae.formats.config import LengthUnit
 from dmae.formats.registry import PoseWriter, pose_writer, recording_writer
-from dmae.numerics.statistics import without_unlikely
 
 _SUFFIXES = {"coco": ".json", "movement": ".nc"}
 """Suffixes of files by format, where the suffix differs from the name of the format."""
@@ -70,7 +69,11 @@ def write_poses(
     poses = exported_poses(clip)
     if poses is None:
         raise ValueError(f"clip {clip.id!r} has neither poses nor truth to export; run dmae capture on it first")
-    kept = without_unlikely(poses, keep_mm)
+    kept = poses
+    if keep_mm is not None:
+        from dmae.numerics.statistics import without_unlikely  # it loads Numba, which other exports do not need
+
+        kept = without_unlikely(poses, keep_mm)
     written = convert(kept, _skeleton(writer, poses, skeleton))
     options = {}
     if "unit" in writer.options:

@@ -18,13 +18,11 @@ from dmae.data.images import (
 from dmae.data.resume import claim_folder
 from dmae.data.skeleton import get_skeleton
 from dmae.data.store import load_clip
-from dmae.evaluation.benchmark.page import write_scores
 from dmae.evaluation.report.page import read_scores
 from dmae.evaluation.review import load_decisions
 from dmae.files.contents import read_text
-from dmae.formats.calibrations import calibration_format, read_calibration, write_calibration
-from dmae.formats.own import read_npz, write_clip
-from dmae.formats.panoptic import write_poses
+from dmae.formats.calibrations import calibration_format, read_calibration
+from dmae.formats.own import read_npz
 from dmae.formats.poses import read_poses
 from dmae.formats.reading import DataConfig, load
 from dmae.formats.registry import reader as recording_reader
@@ -42,10 +40,13 @@ from synth.scene.spec import SceneSpec
 from tests.fuzz.own_files import OWN_FILES
 from tests.fuzz.reader import Reader, repair_sums
 from tests.fuzz.seed_files import (
+    FPS,
     TAKES,
     WRITE_RECORDING,
     spec,
+    write_calibration,
     write_checkpoint,
+    write_clip,
     write_compressed,
     write_data_set,
     write_decisions,
@@ -53,13 +54,14 @@ from tests.fuzz.seed_files import (
     write_motion,
     write_physics,
     write_pose2sim_video,
+    write_poses,
     write_presets,
     write_room,
+    write_scores,
     write_weights,
 )
 from tests.fuzz.seed_pictures import write_colours, write_pictures
 from tests.support.animal_files import SPIDER, write_deeplabcut, write_dogs_nc
-from tests.support.animals import FPS
 from tests.support.calibrations import TEXTS
 from tests.support.clips import walkers
 from tests.support.tracked_recordings import write_mmpose
