@@ -1,4 +1,4 @@
-"""Arrays in NumPy's files, `.npy` and `.npz`, without pickle: sizes are checked before anything is allocated."""
+"""Arrays in `.npy`, `.npz` and safetensors files: sizes are checked before memory is taken, and nothing is run."""
 
 import hashlib
 import io
@@ -108,8 +108,6 @@ def _array(data: bytes, *, pickled: bool = False):
         raise ValueError(f"it states an array of {dtype} and shape {shape}, and holds {len(content)} bytes")
     return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran else "C").copy(order="K")
 
-
-# Named arrays in one safetensors file, read and written without loading all of it into memory.
 
 _TYPES = {
     "F64": np.float64, "F32": np.float32, "F16": np.float16, "I64": np.int64, "I32": np.int32, "I16": np.int16,

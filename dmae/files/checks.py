@@ -1,4 +1,4 @@
-"""File names from the names of cameras, clips and presets in untrusted files: none leads out of its folder."""
+"""Checks of what files state: names that lead out of their folder, and numbers that no lens, room or clock exceeds."""
 
 import re
 import unicodedata
@@ -53,8 +53,6 @@ def _wrong(name: str) -> str | None:
         return f"it is longer than {_LONGEST} bytes"
     return None
 
-
-# Checks of numbers from files against limits that no real lens, room or clock exceeds.
 
 MOST_PIXELS, MOST_METRES, MOST_SCORE, MOST_VARIANCE = 1e7, 1e7, 1e6, 1e30
 """Largest coordinate, px and m, largest confidence, and largest covariance, m^2."""

@@ -17,8 +17,8 @@ MOST_DEPTH = 32
 """Largest depth of nested containers."""
 _MOST_STACK = 100_000
 _EXPANSION, _LEAST_LIMIT = 20, 1_000_000
-"""Values that a file may contain, with repeated containers counted each time: this number per byte, at
-least."""
+"""Values that a file may contain, with repeated containers counted each time: the first number per byte, or the
+second if that is more."""
 _MOST_EMPTY = 100_000
 """Largest length of an axis of an array if another axis has length zero."""
 _MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
@@ -233,6 +233,9 @@ def _dictionary(items: list) -> dict:
         # Larger integers can be chosen to have the same hash, which makes dictionaries slow.
         if not (isinstance(key, str | bytes) or (isinstance(key, int | np.integer) and abs(int(key)) < 1 << 60)):
             raise ValueError(f"it holds a dictionary with a key of type {type(key).__name__}")
+    for key, value in zip(keys, values, strict=True):
+        if isinstance(value, np.ndarray) and value.dtype.hasobject:
+            raise ValueError(f"it holds a dictionary with an array of objects as {key!r:.40}, expected numbers")
     return dict(zip(keys, values, strict=True))
 
 

@@ -1,4 +1,7 @@
-"""Read pictures after checking their size, which is in the first bytes, before a decoder allocates memory."""
+"""Pictures and videos, whose size is checked before a decoder allocates memory.
+
+Videos that refer to other files are not decoded.
+"""
 
 import os
 import struct
@@ -124,9 +127,6 @@ def _opened(path: Path) -> Iterator[Image.Image]:
         raise ValueError(f"{path}: expected a PNG, JPEG, BMP, WebP or TIFF picture") from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise ValueError(f"{path}: this picture cannot be used, {error}") from None
-
-
-# Videos. Those with more pixels than a picture may have, or that refer to other files, are not decoded.
 
 
 def open_video(path: Path):

@@ -1,4 +1,7 @@
-"""Joint rotations relative to a rest pose: the representation of motion in animation programs.
+"""BVH, Biovision's text format of joint angles: y up, facing z in the rest pose, one file per person.
+
+A BVH cannot state that a joint is absent or was not measured. A table next to each file states it
+(`dmae.formats.poses`).
 
 Joints are a tree of nodes with fixed offsets from their parents. A node with several children has the rotation that
 brings its children nearest to their measured positions (Kabsch 1976). A node with one child has the rotation of its
@@ -183,11 +186,6 @@ def _kabsch(offsets: np.ndarray, found: np.ndarray) -> np.ndarray:
     left[..., -1] *= sign[..., None]
     return left @ right
 
-
-# BVH, Biovision's text format of joint angles: y up, facing z in the rest pose, one file per person.
-#
-# A BVH cannot state that a joint is absent or was not measured. A table next to each file states it
-# (`dmae.formats.poses`).
 
 Y_UP = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 """Rotation from our world to a world with y up. A person that faces x in our world faces z there."""

@@ -1,8 +1,9 @@
-"""The registry of calibration formats. A format is a function with the decorator `calibration_format`.
+"""Calibration files of any format: found, recognised, read and written.
 
-The function takes a path, and an image size for cameras without one. It returns a `CameraRig` in the convention of the
-file. The first line of its docstring describes the file and names the programs that write it; error messages show this
-line. Listing the formats imports their modules, because the settings of a format contain functions.
+A format is a function with the decorator `calibration_format`, in the module of its program. It takes a path, and an
+image size for cameras without one, and returns a `CameraRig` in the convention of the file. The first line of its
+docstring describes the file and names the programs that write it; error messages show this line. Listing the formats
+imports their modules, because the settings of a format contain functions.
 """
 
 from collections.abc import Callable, Iterable
@@ -43,8 +44,6 @@ class CalibrationFormat(Entry):
 
 calibration_format = Registry("calibration_format", CalibrationFormat, __package__)
 
-
-# Read the numbers of each camera in a calibration file, with errors that name file, camera and key.
 
 # CameraRig accepts the same rounding of published rotations. The error raised here names the key.
 _ROUNDING = 1e-3
@@ -228,9 +227,6 @@ def orthonormal(rig: CameraRig) -> tuple[np.ndarray, np.ndarray]:
     """
     R = Rotation.from_matrix(rig.cam_from_world[:, :3, :3]).as_matrix()
     return R, -np.einsum("vij,vj->vi", R, rig.centers)
-
-
-# Find, recognise, read and write calibration files of any format.
 
 
 @dataclass(frozen=True)

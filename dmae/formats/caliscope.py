@@ -1,5 +1,7 @@
-"""Calibration of Caliscope: TOML with one table per camera in `cameras`; in older projects, tables `cam_0`, `cam_1`
-and so on."""
+"""Caliscope: recordings of a project, with the points of a tracker in one CSV file for all cameras.
+
+Its calibration is TOML with one table per camera in `cameras`; in older projects, tables `cam_0`, `cam_1` and so on.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -105,8 +107,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     entries = (CameraTable(path, name, table) for name, table in _tables(read_toml(path)).items())
     return make_rig(path, (_camera(entry) for entry in entries if entry.values.get("ignore") is not True), size)
 
-
-# Caliscope: recordings of a project, with the points of a tracker in one CSV file for all cameras.
 
 _TRACKERS = {"HALPE26": HALPE26, "COCO_WHOLEBODY": COCO17, "HOLISTIC": BLAZEPOSE33, "POSE": BLAZEPOSE33}
 """Skeletons by a part of the name of the tracker. Points of hands and face have larger numbers than body points."""

@@ -1,4 +1,4 @@
-"""Names of joints in COCO's categories, and the skeletons with these joints."""
+"""COCO keypoints: images and annotations of all cameras in one JSON file, or one JSON file per camera."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -69,9 +69,6 @@ def recognise_skeleton(path: Path, names: list[str] | None, joints: int | None) 
             "data.skeleton=... names the one to take them for"
         )
     return BY_COUNT[joints]
-
-
-# Entries of a COCO file: images, annotations and categories.
 
 
 def image_entry(picture: Picture, number: int, file_name: str) -> dict:
@@ -171,8 +168,6 @@ def _pieces(
     yield from iter(partial(annotations.read, 1 << 20), b"")
     yield f'], "categories": {json.dumps([category_entry(skeleton)])}}}'.encode()
 
-
-# COCO keypoints: images and annotations of all cameras in one JSON file, or one JSON file per camera.
 
 KEYPOINTS = "keypoints.json"
 HIDDEN_SCORE = 0.5

@@ -1,4 +1,7 @@
-"""Conventions of calibration files: unit, up axis and direction of extrinsics, and conversion to our convention."""
+"""The recording to read, and the conventions of its calibration: unit, up axis and direction of extrinsics.
+
+Commands list these options in their help, so this module imports nothing heavy.
+"""
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -10,9 +13,6 @@ from dmae.formats.registry import reader
 
 if TYPE_CHECKING:
     from dmae.data.cameras import CameraRig
-
-
-# The help of commands lists units and axes, and must not import heavy modules.
 
 
 class UpDirection(StrEnum):
@@ -85,9 +85,6 @@ class Convention:
 
 OURS = Convention()
 """Metres, z up, cam_from_world."""
-
-
-# Options of a recording: its path, and the values that its files do not state.
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,7 @@
-"""Calibration of EasyMocap: `intri.yml` and `extri.yml`, in the YAML dialect of OpenCV's FileStorage."""
+"""EasyMocap: one JSON file of detections per view and frame.
+
+Its calibration is `intri.yml` and `extri.yml`, in the YAML dialect of OpenCV's FileStorage.
+"""
 
 import json
 import re
@@ -162,8 +165,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
         raise ValueError(f"{folder / EXTRINSICS}: expected names to be a list of cameras, found {names!r:.60}")
     return make_rig(folder, (_camera(folder, str(name), intrinsics, extrinsics) for name in names), size)
 
-
-# EasyMocap's detections: one JSON file per view and frame.
 
 ANNOTATIONS = "annots"
 

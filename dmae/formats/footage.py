@@ -1,4 +1,4 @@
-"""Frame rates of videos."""
+"""Videos and pictures of a recording, one file or folder per camera, as the images of its clip."""
 
 import re
 from dataclasses import replace
@@ -23,8 +23,6 @@ def video_rate(folder: Path) -> float | None:
             return check_rate(f"{path}: frame rate", float(rate))
     return None
 
-
-# Use videos, one per camera, as the images of a clip.
 
 _ENDINGS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 
@@ -77,9 +75,6 @@ def with_videos(clip: Clip, folder: Path) -> Clip:
     )
     provenance = clip.provenance | {"notes": [*clip.provenance.get("notes", ()), *notes]}
     return replace(clip, images=images, provenance=provenance)
-
-
-# Use folders of image files, one folder per camera, as the images of a clip.
 
 
 def with_pictures(clip: Clip, folder: Path) -> Clip:

@@ -1,4 +1,4 @@
-"""Labels of the joints in each view of a clip: position, visibility and occluder."""
+"""The pictures of a clip, one per camera and frame, with the labels of the persons in each."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -96,8 +96,6 @@ def _converted_causes(
     return cause, np.where(least > 0, np.take_along_axis(occluder, joint, -1), -1).astype(np.int16)
 
 
-# Masks of persons as COCO's run lengths, and boxes.
-
 Box = tuple[float, float, float, float]
 """x and y of the upper left corner, width, height, px."""
 
@@ -142,8 +140,6 @@ def joints_box(xy: np.ndarray, labelled: np.ndarray) -> Box | None:
     low, high = points.min(0), points.max(0)
     return (*low.tolist(), *(high - low).round(3).tolist())
 
-
-# The pictures of a clip, one per camera and frame, with the labels of the persons in each.
 
 SHOWN = ("rgb", "ids", "amodal")
 """Kinds of images that pictures, and the labels of their persons, are made from."""

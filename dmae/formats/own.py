@@ -1,6 +1,6 @@
-"""Poses as a NumPy archive, which `numpy.load` reads without pickle.
+"""Our own formats: clip folders (`dmae.data.store`), and poses as a NumPy archive that needs no pickle.
 
-For F frames, P persons and J joints it contains:
+For F frames, P persons and J joints the archive contains:
 
 | Array | Shape and type | What it is |
 |---|---|---|
@@ -111,9 +111,6 @@ def _skeleton(path: Path, name: str, joints: tuple[str, ...]) -> Skeleton:
             f"{path}: expected the joints of {skeleton.name}, {list(skeleton.joints)}, found {list(joints)}"
         )
     return skeleton
-
-
-# The project's own clips, see `dmae.data.store`.
 
 
 @reader("clip", signs=[["clip.json"], ["manifest.jsonl"]], data_set=True)

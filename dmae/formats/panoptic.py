@@ -1,4 +1,4 @@
-"""Calibration of CMU Panoptic Studio: JSON, up to 521 cameras."""
+"""CMU Panoptic Studio: calibration of up to 521 cameras, 3D poses in a JSON file per frame, detections by OpenPose."""
 
 import json
 import re
@@ -104,8 +104,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
         raise ValueError(f"{path}: expected an object with a list of cameras, found {content!r:.60}")
     return make_rig(path, (_camera(path, number, values) for number, values in enumerate(cameras)), size)
 
-
-# CMU Panoptic Studio: 3D poses, one JSON file per frame, with detections by OpenPose.
 
 POSES = "hdPose3d_stage1_coco19"
 _SCENE = "body3DScene_"

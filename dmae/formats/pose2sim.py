@@ -1,4 +1,4 @@
-"""Calibration of Pose2Sim and anipose: TOML with one table per camera."""
+"""Pose2Sim: a trial of a session, with its Config.toml files and its calibration, TOML with one table per camera."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -105,8 +105,6 @@ def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
     tables = {name: table for name, table in read_toml(path).items() if name != _METADATA}
     return make_rig(path, (_camera(CameraTable(path, name, table)) for name, table in tables.items()), size)
 
-
-# Pose2Sim: a trial of a session, with the settings of its Config.toml files.
 
 _LEVELS = 3
 """Number of folders that can contain a Config.toml: the trial, the participant above it, the session above both."""

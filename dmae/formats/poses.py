@@ -1,4 +1,7 @@
-"""Read pose files, of this package or of other programs, in any format with a pose reader."""
+"""What formats of poses share: the reading of any of them, and tables of what a format cannot store.
+
+The tables next to a pose file have the source and the covariance of each joint.
+"""
 
 import re
 from collections.abc import Sequence
@@ -102,8 +105,6 @@ def _expected() -> str:
     return " or ".join(each.file or f"a folder of {each.signs[0]}" for each in pose_reader.values())
 
 
-# Tables of the source and the covariance of each joint, for formats that cannot store them.
-
 _AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 _ROWS, _COLUMNS = np.triu_indices(3)
 
@@ -190,8 +191,6 @@ def person_paths(path: Path, persons: int) -> list[Path]:
         return [path]
     return [path.with_name(f"{path.stem}_P{person + 1}{path.suffix}") for person in range(persons)]
 
-
-# Covariances of projected joints, px^2: the uncertainty of poses for files that contain pixel coordinates.
 
 _STEP_M = 1e-4
 

@@ -1,4 +1,7 @@
-"""Match the cameras of detections to calibrated cameras, by name, number or order."""
+"""What readers of recordings share: detections by camera and frame, their cameras, and their confidences.
+
+A reader returns `NumberedDetections`. `with_cameras` adds the calibration and makes a clip.
+"""
 
 import re
 from collections.abc import Sequence
@@ -95,9 +98,6 @@ def frame_number(path: Path, stem: str) -> int:
     return number
 
 
-# Check confidences of detected joints: 0 means that a joint is absent, and impossible confidences are counted.
-
-
 @dataclass
 class Confidences:
     """Makes joints without a positive confidence absent, and counts joints with an impossible confidence.
@@ -136,8 +136,6 @@ class Confidences:
         )
         return (f"{joints} treated as absent, first in {self.first}",)
 
-
-# Detections of several cameras by camera name and frame number, and their conversion to a clip.
 
 _MAX_SPAN = 20
 """Largest number of frames between the first and last number of a recording, per frame with a file.

@@ -1,4 +1,4 @@
-"""The Shelf recording in the text format of the 4DAssociation release."""
+"""The Shelf recording in the text format of the 4DAssociation release, and its calibration, JSON."""
 
 import json
 from collections.abc import Sequence
@@ -24,6 +24,53 @@ FLOOR_M = -0.08
 _BODY25_TYPE = 4
 _TRUTH_JOINTS = 15
 _ACTORS = 4
+
+
+def _camera(entry: CameraTable) -> ParsedCamera:
+    pose = entry.numbers("RT", 12).reshape(3, 4)
+    R = entry.rotation("RT", pose[:, :3])
+    return ParsedCamera(entry.camera, entry.intrinsics("K"), np.zeros(5), R, pose[:, 3], entry.size("imgSize"))
+
+
+def write_cameras(rig: CameraRig, path: Path) -> None:
+    """Write cameras to a file.
+
+    Raises:
+        ValueError: the format cannot store a lens.
+    """
+    require("a 4DAssociation calibration", rig, coefficients=0)
+    cameras = {
+        name: {
+            "K": rig.K[view].ravel().tolist(),
+            "RT": rig.cam_from_world[view, :3].ravel().tolist(),
+            "imgSize": rig.size[view].tolist(),
+        }
+        for view, name in enumerate(rig.names)
+    }
+    write_atomic(path, json.dumps(cameras, indent=1))
+
+
+def _matches(content: object) -> bool:
+    cameras = content.values() if isinstance(content, dict) else ()
+    return any({"RT", "imgSize"} & set(camera) for camera in cameras if isinstance(camera, dict))
+
+
+@calibration_format(
+    "shelf", syntax="json", matches=_matches, write=write_cameras, files=("*alib*.json", "*alib*/*.json")
+)
+def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
+    """JSON cameras with K, RT, imgSize (4DAssociation).
+
+    Return the cameras of the file: cam_from_world, m.
+
+    Raises:
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is malformed; the message names camera and key.
+    """
+    cameras = read_json(path)
+    if not isinstance(cameras, dict) or not cameras:
+        raise ValueError(f"{path}: expected an object of cameras, found {cameras!r:.60}")
+    return make_rig(path, (_camera(CameraTable(path, name, values)) for name, values in cameras.items()), size)
 
 
 @reader("shelf", signs=[["calibration.json", "detection/*.txt"]])
@@ -181,8 +228,6 @@ def _read_truth(path: Path, frames: int) -> Poses3D:
     return Poses3D(SHELF14, xyz)
 
 
-# Assemble 2D skeletons from joint candidates and part affinities.
-
 BODY25_LINKS = (
     (1, 8), (9, 10), (10, 11), (8, 9), (8, 12), (12, 13), (13, 14), (1, 2), (2, 3), (3, 4), (2, 17), (1, 5), (5, 6),
     (6, 7), (5, 18), (1, 0), (0, 15), (0, 16), (15, 17), (16, 18), (14, 19), (19, 20), (14, 21), (11, 22), (22, 23),
@@ -251,53 +296,3 @@ def _strong_links(first: np.ndarray, affinities: Sequence[np.ndarray], links: Se
     side_a, side_b = np.asarray(links)[link].T
     row, column = np.divmod(strong - offsets[link], (first[side_b + 1] - first[side_b]))
     return zip((first[side_a] + row).tolist(), (first[side_b] + column).tolist(), strict=True)
-
-
-# Calibration of the Shelf recording in the 4DAssociation release: JSON.
-
-
-def _camera(entry: CameraTable) -> ParsedCamera:
-    pose = entry.numbers("RT", 12).reshape(3, 4)
-    R = entry.rotation("RT", pose[:, :3])
-    return ParsedCamera(entry.camera, entry.intrinsics("K"), np.zeros(5), R, pose[:, 3], entry.size("imgSize"))
-
-
-def write_cameras(rig: CameraRig, path: Path) -> None:
-    """Write cameras to a file.
-
-    Raises:
-        ValueError: the format cannot store a lens.
-    """
-    require("a 4DAssociation calibration", rig, coefficients=0)
-    cameras = {
-        name: {
-            "K": rig.K[view].ravel().tolist(),
-            "RT": rig.cam_from_world[view, :3].ravel().tolist(),
-            "imgSize": rig.size[view].tolist(),
-        }
-        for view, name in enumerate(rig.names)
-    }
-    write_atomic(path, json.dumps(cameras, indent=1))
-
-
-def _matches(content: object) -> bool:
-    cameras = content.values() if isinstance(content, dict) else ()
-    return any({"RT", "imgSize"} & set(camera) for camera in cameras if isinstance(camera, dict))
-
-
-@calibration_format(
-    "shelf", syntax="json", matches=_matches, write=write_cameras, files=("*alib*.json", "*alib*/*.json")
-)
-def read_cameras(path: Path, size: tuple[int, int] | None = None) -> CameraRig:
-    """JSON cameras with K, RT, imgSize (4DAssociation).
-
-    Return the cameras of the file: cam_from_world, m.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        ValueError: the file is malformed; the message names camera and key.
-    """
-    cameras = read_json(path)
-    if not isinstance(cameras, dict) or not cameras:
-        raise ValueError(f"{path}: expected an object of cameras, found {cameras!r:.60}")
-    return make_rig(path, (_camera(CameraTable(path, name, values)) for name, values in cameras.items()), size)

@@ -1,4 +1,4 @@
-"""Determine which of several skeletons with the same number of joints detections have, from the lengths of bones."""
+"""The skeleton of detections, by the names of their joints or by the lengths of their bones."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -85,8 +85,6 @@ def _mean_bone(skeleton: Skeleton, xy: np.ndarray) -> np.ndarray:
     mean = np.where(bones, length, 0).sum(1) / np.maximum(bones.sum(1), 1)
     return np.where(enough, mean / np.maximum(extent, 1e-9), np.nan)
 
-
-# Skeleton and detections of files that contain the names of joints, with or without bones.
 
 _REFUSED = re.compile(r"[+./\\\t,]")
 _SIDES = {"l": "r", "left": "right", "L": "R", "Left": "Right", "LEFT": "RIGHT"}

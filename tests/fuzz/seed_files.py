@@ -212,7 +212,9 @@ PRESETS = {
     "scene": "arena: studio\npersons: [2, 4]\nseconds: 12.04\nmiddle: [0.6, -0.2]\n",
     "rig": "name: mine\ncameras:\n  - {name: a, size: [64, 48], focal: 50, position: [4, 0, 2], target: [0, 0, 1]}\n",
     "motion": "kind: procedural\nweights: {kick: 3}\n",
-    "detector": "# A detector.\ndefaults: [clean, _self_]\nname: mine\nnoise: {minimum: 2.0, bias: 0.4}\nghosts: {count: 0.5}\n",
+    "detector": (
+        "# A detector.\ndefaults: [clean, _self_]\nname: mine\nnoise: {minimum: 2.0, bias: 0.4}\nghosts: {count: 0.5}\n"
+    ),
 }
 
 

@@ -1,4 +1,4 @@
-"""Dialects: the joint names and the rest pose of each family of motion files."""
+"""Dialects: the joint names and the rest pose of each family of motion files, and files that map names to ours."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -230,8 +230,6 @@ def at_rest(recording: SkeletonRecording, joint: dict[str, int]) -> tuple[Skelet
     )
     return turned, replace(OWN, rest=rest), turn
 
-
-# Mapping files, which rename the joints and markers of a recording.
 
 _MOST_BYTES = 1 << 20
 

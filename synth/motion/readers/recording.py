@@ -1,4 +1,4 @@
-"""Lines and numbers of text files, with errors that give the line."""
+"""What readers share: lines and numbers of text files, gaps in recordings, and the motion of a recorded skeleton."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -65,8 +65,6 @@ def numbers(path: Path, line: int, words: list[str], expected: int) -> list[floa
     return values
 
 
-# Gaps in recordings: short gaps are interpolated, long gaps are cut out.
-
 _LONGEST = 0.25
 """Longest gap that is interpolated, s; for the wrist of a walking person the error is about 2 cm."""
 
@@ -111,9 +109,6 @@ def fill_gaps(values: np.ndarray, names: list[str], fps: float, path: Path) -> t
     if end - first < len(values):
         notes.append(f"frames {first + 1}-{end} of {len(values)}")
     return filled[first:end], tuple(notes)
-
-
-# The motion of a recorded skeleton, with the joints, the unit and the axes of its file.
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Facts about takes of the CMU motion capture database that their files do not state."""
+"""Takes of motion in files, in folders and in lists, and what the files of the CMU database do not state."""
 
 import csv
 import re
@@ -61,8 +61,6 @@ def subject_and_trial(stem: str) -> tuple[int, int]:
     match = re.match(r"(?:cmu_)?(\d+)_(\d+)", stem)
     return (int(match[1]), int(match[2])) if match else (0, 0)
 
-
-# Find takes in files, in folders, and in lists of takes with their subjects and sets.
 
 LIST = ".tsv"
 """Extension of lists of takes: tab-separated tables with the columns `file`, `subject`, `set`, and any others."""

@@ -108,6 +108,7 @@ HARM = {
     "text that states more bytes": b"\x80\x04\x8d" + struct.pack("<Q", 2**62) + b"a.",
     "integer that states more bytes": b"\x80\x04\x8b" + struct.pack("<i", 2**31 - 1) + b"a.",
     "keys of the same hash": b"\x80\x04}(" + b"".join(map(key_and_none, range(1, 200))) + b"u.",
+    "dictionary of objects": pickle.dumps({"keypoints": np.array([[1.0, 2.0]], object)}, 2),
     "nothing": b"",
     "no end": b"]",
     "two values": b"]].",
@@ -132,7 +133,7 @@ def test_what_it_asks_for_is_named(tmp_path, name):
 
 
 def test_a_pickle_changed_anywhere_is_read_or_refused():
-    value = [{"id": 1, "K": np.eye(3), "T": [1.5, np.float64(2)], "place": np.array([[1], {}], object)}] * 3
+    value = [{"id": 1, "K": np.eye(3), "T": [1.5, np.float64(2)], "place": [[1], {}]}, np.array([[1], {}], object)] * 3
     rng = np.random.default_rng(0)
     for protocol in (0, 2, 4):
         data = pickle.dumps(value, protocol)
