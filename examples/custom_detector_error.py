@@ -28,8 +28,9 @@ def sun_glare(view: View, *, rng: np.random.Generator) -> View:
 def main(out: Path) -> None:
     figure = Figure(figsize=(7, 2.6), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
-    for axes, errors in zip(panels, ("", "custom_detector_error:sun_glare"), strict=True):
-        clip = next(synth.generate("scene.seconds=4", f"detector.custom=[{errors}]", clips=1, seed=3))
+    for axes, errors in zip(panels, ([], ["custom_detector_error:sun_glare"]), strict=True):
+        detector = synth.preset("detector", "shelf_openpose", custom=errors)
+        clip = next(synth.generate(clips=1, seconds=4, detector=detector, seed=3))
         detected = np.isfinite(clip.detections.score).any(-1).sum(-1)  # (F, V)
         scores = dmae.evaluate(clip, dmae.capture(clip))
         absent = scores["shares"]["absent"]

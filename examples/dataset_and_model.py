@@ -19,7 +19,7 @@ out.mkdir(parents=True, exist_ok=True)
 steps = int(sys.argv[2]) if len(sys.argv) > 2 else 200
 
 # Simulated people with exact truth. Capturing them with three cameras gives the gaps and errors of real capture.
-clips = list(synth.generate("scene.seconds=3", clips=10, seed=1, scene="office"))
+clips = list(synth.generate(seconds=3, clips=10, seed=1, scene="office"))
 clips = [clip.select(views=[0, 1, 3]) for clip in clips]
 clips = [replace(clip, poses=dmae.capture(clip)) for clip in clips]
 hidden = sum((clip.poses.source == dmae.Source.ABSENT).mean() for clip in clips) / len(clips)
@@ -29,7 +29,7 @@ folder = tempfile.mkdtemp(prefix="model_")
 dmae.train(clips, folder, f"learning.steps={steps}", f"learning.epoch={min(steps, 200)}")
 
 # A clip of another seed: no camera, person or motion of it was in the training.
-test = next(synth.generate("scene.seconds=4", clips=1, seed=2, scene="office")).select(views=[0, 1, 3])
+test = next(synth.generate(seconds=4, clips=1, seed=2, scene="office")).select(views=[0, 1, 3])
 methods = {
     "measured": dmae.capture(test),
     "linear": dmae.capture(test, fill="linear"),

@@ -15,7 +15,7 @@ import synth
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/examples")
 out.mkdir(parents=True, exist_ok=True)
-clip = next(synth.generate("scene.seconds=4", clips=1, seed=2)).select(views=[0, 1, 3])
+clip = next(synth.generate(seconds=4, clips=1, seed=2)).select(views=[0, 1, 3])
 skeleton, found = clip.detections.skeleton, clip.detections
 
 complete = dmae.completer(skeleton)

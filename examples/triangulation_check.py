@@ -31,7 +31,7 @@ def test_triangulation(check_triangulation):
 
 
 def main(out: Path) -> None:
-    from dmae.regression.verdicts import check
+    from dmae.regression import check
 
     verdicts = check(solve)
     passed = [verdict.case.name for verdict in verdicts if verdict.passed]

@@ -13,35 +13,75 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from dmae.public.recordings import load_dataset as load_dataset
-    from synth.public.comparison import compare as compare
-    from synth.public.comparison import compare_motion as compare_motion
-    from synth.public.comparison import fit_detector as fit_detector
-    from synth.public.generation import export as export
-    from synth.public.generation import generate as generate
-    from synth.public.generation import split as split
-    from synth.public.generation import stats as stats
-    from synth.public.generation import takes as takes
-    from synth.public.generation import verify as verify
-    from synth.public.labels import body_state as body_state
-    from synth.public.labels import label as label
-    from synth.public.labels import physical_labels as physical_labels
-    from synth.public.pictures import contact_sheet as contact_sheet
-    from synth.public.pictures import show as show
-    from synth.public.planning import plan as plan
-    from synth.public.realism import detector_errors as detector_errors
-    from synth.public.realism import realism as realism
-    from synth.public.rendering import forecast as forecast
-    from synth.public.rendering import render as render
+    from synth.datasets.clip import GenerateConfig as GenerateConfig
+    from synth.datasets.occlusion import OcclusionConfig as OcclusionConfig
+    from synth.datasets.render import RenderConfig as RenderConfig
+    from synth.detector.config import DetectorConfig as DetectorConfig
+    from synth.interactions import InteractionConfig as InteractionConfig
+    from synth.motion.config import MotionConfig as MotionConfig
+    from synth.planning.config import LensConfig as LensConfig
+    from synth.planning.config import MountConfig as MountConfig
+    from synth.planning.config import PlanConfig as PlanConfig
+    from synth.planning.config import SearchConfig as SearchConfig
+    from synth.rigs.config import RigConfig as RigConfig
+    from synth.rigs.config import RingConfig as RingConfig
+    from synth.rooms.config import PropsConfig as PropsConfig
+    from synth.scene.config import SceneConfig as SceneConfig
+    from synth.verbs import body_state as body_state
+    from synth.verbs import compare as compare
+    from synth.verbs import compare_motion as compare_motion
+    from synth.verbs import contact_sheet as contact_sheet
+    from synth.verbs import detector_errors as detector_errors
+    from synth.verbs import export as export
+    from synth.verbs import fit_detector as fit_detector
+    from synth.verbs import forecast as forecast
+    from synth.verbs import generate as generate
+    from synth.verbs import label as label
+    from synth.verbs import physical_labels as physical_labels
+    from synth.verbs import plan as plan
+    from synth.verbs import preset as preset
+    from synth.verbs import realism as realism
+    from synth.verbs import render as render
+    from synth.verbs import show as show
+    from synth.verbs import split as split
+    from synth.verbs import stats as stats
+    from synth.verbs import takes as takes
+    from synth.verbs import verify as verify
 
 _HOMES = {
     "dmae.public.recordings": ["load_dataset"],
-    "synth.public.comparison": ["compare", "compare_motion", "fit_detector"],
-    "synth.public.generation": ["export", "generate", "split", "stats", "takes", "verify"],
-    "synth.public.labels": ["body_state", "label", "physical_labels"],
-    "synth.public.pictures": ["contact_sheet", "show"],
-    "synth.public.planning": ["plan"],
-    "synth.public.realism": ["detector_errors", "realism"],
-    "synth.public.rendering": ["forecast", "render"],
+    "synth.datasets.clip": ["GenerateConfig"],
+    "synth.datasets.occlusion": ["OcclusionConfig"],
+    "synth.datasets.render": ["RenderConfig"],
+    "synth.detector.config": ["DetectorConfig"],
+    "synth.interactions": ["InteractionConfig"],
+    "synth.motion.config": ["MotionConfig"],
+    "synth.planning.config": ["LensConfig", "MountConfig", "PlanConfig", "SearchConfig"],
+    "synth.rigs.config": ["RigConfig", "RingConfig"],
+    "synth.rooms.config": ["PropsConfig"],
+    "synth.scene.config": ["SceneConfig"],
+    "synth.verbs": [
+        "body_state",
+        "compare",
+        "compare_motion",
+        "contact_sheet",
+        "detector_errors",
+        "export",
+        "fit_detector",
+        "forecast",
+        "generate",
+        "label",
+        "physical_labels",
+        "plan",
+        "preset",
+        "realism",
+        "render",
+        "show",
+        "split",
+        "stats",
+        "takes",
+        "verify",
+    ],
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

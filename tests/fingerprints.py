@@ -22,7 +22,7 @@ people and cameras do not."""
 
 def measure() -> dict[str, float | list[float]]:
     """Return the figures, by name."""
-    clip = next(synth.generate("scene.seconds=1", "scene.persons=[2,2]", clips=1, scene="office", seed=3))
+    clip = next(synth.generate(seconds=1, persons=[2, 2], clips=1, scene="office", seed=3))
     poses = dmae.capture(clip)
     scores = dmae.evaluate(clip, poses)
     visibility = clip.occlusion.visibility

@@ -43,7 +43,7 @@ LAYERS = (
     ("dmae.public",),
     ("synth.commands",),
     ("synth.cli",),
-    ("synth.public",),
+    ("synth.verbs",),
     ("dmae.__main__", "synth.__main__"),
 )
 """Rooms, lowest first. A room imports from rooms of lower layers; those of the lowest layer may import each other."""

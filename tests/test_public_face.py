@@ -16,7 +16,7 @@ from dmae.formats.reading import recognise
 
 VERBS = sorted(
     (module.__name__, name)
-    for module, home in ((dmae, "dmae.public"), (synth, "synth.public"))
+    for module, home in ((dmae, "dmae.public"), (synth, "synth.verbs"))
     for name in module.__all__
     if getattr(module, name).__module__.startswith(home)
 )
@@ -69,25 +69,37 @@ def test_parameters_of_a_verb_are_documented(package: str, name: str):
         assert parameter in documented, f"{package}.{name} does not document {parameter}"
 
 
-def test_options_of_generate_default_to_those_of_the_command():
+def test_generate_answers_a_mistyped_option():
+    with pytest.raises(TypeError, match=r"generate: no option worker; did you mean workers\?"):
+        synth.generate(worker=2)
+    with pytest.raises(TypeError, match=r"generate: config: expected a synth.GenerateConfig, found 'scene.seconds=2'"):
+        synth.generate("scene.seconds=2")
+    with pytest.raises(ValueError, match=r"quality='drft': expected one of draft, standard"):
+        synth.generate(quality="drft")
+    with pytest.raises(ValueError, match=r"did you mean office\?"):
+        synth.generate(scene="ofice")
+
+
+def test_a_configuration_and_its_changes_are_the_options_of_the_command():
     from dmae.cli import compose
     from synth.cli import SYNTH
+    from synth.verbs import _configured
 
-    named = inspect.signature(synth.generate).parameters.values()
-    given = [f"{p.name}={p.default}" for p in named if p.default not in (inspect.Parameter.empty, None)]
-    generate = SYNTH.commands["generate"]
-    assert compose(generate, given) == compose(generate, [])
-
-
-def test_generate_answers_a_mistyped_option():
-    with pytest.raises(ValueError, match="secnds"):
-        synth.generate("scene.secnds=2")
+    command = SYNTH.commands["generate"]
+    assert _configured("generate", None, {}) == compose(command, [])
+    changed = _configured("generate", None, {"seconds": 2, "rig": "ring", "clips": 3, "quality": "draft"})
+    assert changed == compose(command, ["scene.seconds=2", "rig=ring", "clips=3", "quality=draft"])
+    config = synth.GenerateConfig(scene=synth.SceneConfig(seconds=4))
+    assert _configured("generate", config, {"scene": "office"}).scene == compose(command, []).scene
+    assert _configured("generate", config, {"seconds": 1, "clips": 2}) == replace(
+        config, scene=synth.SceneConfig(seconds=1), clips=2
+    )
 
 
 def test_generate_in_memory_makes_the_clips_of_the_command(tmp_path: Path):
     options = {"clips": 2, "seed": 3, "scene": "studio"}
-    in_memory = list(synth.generate("scene.seconds=0.4", **options))
-    from_disk = list(synth.generate("scene.seconds=0.4", **options, out=tmp_path / "set"))
+    in_memory = list(synth.generate(seconds=0.4, **options))
+    from_disk = list(synth.generate(seconds=0.4, **options, out=tmp_path / "set"))
     for one, other in zip(in_memory, from_disk, strict=True):
         np.testing.assert_array_equal(one.truth.xyz, other.truth.xyz)
         np.testing.assert_array_equal(one.detections.xy, other.detections.xy)
@@ -95,7 +107,7 @@ def test_generate_in_memory_makes_the_clips_of_the_command(tmp_path: Path):
 
 def test_triangulate_takes_pixels_as_detected():
     """Lens distortion is removed inside."""
-    rig = next(synth.generate("scene.seconds=0.4", clips=1)).rig
+    rig = next(synth.generate(seconds=0.4, clips=1)).rig
     bent = dmae.CameraRig(rig.names, rig.K, rig.dist + [0.1, -0.05, 0.001, 0, 0], rig.cam_from_world, rig.size)
     xyz = np.random.default_rng(0).uniform((-1, -1, 0), (1, 1, 2), (20, 3))
     points = dmae.triangulate(bent, bent.project(xyz)[0], np.ones((20, len(rig))))
@@ -103,7 +115,7 @@ def test_triangulate_takes_pixels_as_detected():
 
 
 def test_capture_takes_the_presets_of_the_command():
-    clip = next(synth.generate("scene.seconds=0.4", clips=1))
+    clip = next(synth.generate(seconds=0.4, clips=1))
     named, tight = dmae.capture(clip, "default"), dmae.capture(clip, "tight")
     np.testing.assert_array_equal(named.xyz, dmae.capture(clip).xyz)
     assert (tight.views <= len(clip.rig)).all()
@@ -112,7 +124,7 @@ def test_capture_takes_the_presets_of_the_command():
 
 
 def test_evaluate_without_poses_says_what_to_do():
-    clip = next(synth.generate("scene.seconds=0.4", clips=1))
+    clip = next(synth.generate(seconds=0.4, clips=1))
     with pytest.raises(ValueError, match=r"has no poses; run dmae\.capture"):
         dmae.evaluate(clip)
 

@@ -324,7 +324,7 @@ class PretrainCommand:
     """
 
     motion: str | None = None
-    """Folder of motion files, or a list of takes that `synth takes` wrote; by default people move procedurally."""
+    """Folder of motion files, or a list of takes that `synth split` wrote; by default people move procedurally."""
     rig: str = "random"
     """Calibration, a file or folder of any known format; or a preset of rigs."""
     detector: str = "shelf_openpose"

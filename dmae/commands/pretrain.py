@@ -31,7 +31,7 @@ def _steps(config: PretrainCommand, out: Path) -> list[list[str]]:
         if motion.is_dir():
             takes = out / "takes.tsv"
             shares = ["train=0.7", "validation=0.15", "test=0.15", f"seed={config.seed}"]
-            steps.append(["synth", "takes", f"path={motion}", *shares, f"out={takes}"])
+            steps.append(["synth", "split", f"data={motion}", *shares, f"out={takes}"])
         sets = {name: ["motion=recorded", f"motion.path={takes}", f"motion.sets=[{name}]"] for name in sets}
     rig = [f"rig={config.rig}"]
     if Path(config.rig).exists():

@@ -38,7 +38,7 @@ def evaluate(clip: Clip, poses: Poses3D | None = None, *, skeleton: str | None =
             have none of its joints.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> scores = dmae.evaluate(clip, dmae.capture(clip))
         >>> bool(scores["pcp"] > 50)
         True
@@ -72,7 +72,7 @@ def compare_scores(baseline: dict | str | Path, scores: dict | str | Path, *, ch
         ValueError: the scores belong to other clips, options or skeletons, or to a version that stored no sums by time.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> dmae.save(clip, "walk")
         >>> from dmae.evaluation.config import EvaluateConfig
         >>> from dmae.evaluation.evaluate import evaluate
@@ -104,7 +104,7 @@ def draw(clip: Clip, poses: Poses3D | None = None, frame: int | None = None) -> 
         ValueError: there are no poses to draw.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> dmae.draw(clip, dmae.capture(clip), frame=10).savefig("frame.png")
         >>> Path("frame.png").stat().st_size > 10_000
         True
@@ -134,7 +134,7 @@ def report(
         title: Heading of the page.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> dmae.report(replace(clip, poses=dmae.capture(clip)), "report.html")
         >>> "Worst moments" in Path("report.html").read_text()
         True
@@ -258,7 +258,7 @@ def show(
         ValueError: there is no such camera, or Rerun is not installed.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> completed = dmae.complete(dmae.capture(clip), clip.fps)
         >>> files = dmae.show(replace(clip, poses=completed), "pictures", frames=1, width=240)
         >>> [file.name for file in files]

@@ -29,7 +29,7 @@ def doctor(clip: Clip, *, max_offset: int = 50) -> Diagnosis:
         ValueError: `max_offset` is negative.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> dmae.doctor(clip).findings
         ()
     """
@@ -54,7 +54,7 @@ def calibrate(clip: Clip, refine: RefineConfig | None = None) -> Refined:
         ValueError: there are too few cameras or people, or `refine` names a camera that does not exist.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=3", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=3, clips=1, seed=7))
         >>> refined = dmae.calibrate(clip)
         >>> refined.rig.names == clip.rig.names
         True

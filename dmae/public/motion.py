@@ -44,7 +44,7 @@ def capture(
         KeyError: there is no such method.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> poses = dmae.capture(clip)
         >>> poses.xyz.shape == (len(clip), *poses.xyz.shape[1:])
         True
@@ -97,7 +97,7 @@ def complete(
         ValueError: the skeletons have no joint in common, fps is not positive, or `smooth` is negative.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> captured = dmae.capture(clip)
         >>> full = dmae.complete(captured, fps=clip.fps)
         >>> bool((full.source == dmae.Source.ABSENT).sum() < (captured.source == dmae.Source.ABSENT).sum())
@@ -139,7 +139,7 @@ def completer(
 
     Examples:
         >>> complete = dmae.completer(dmae.get_skeleton("body25"))
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> complete(dmae.capture(clip), clip.fps).skeleton.name
         'body25'
     """
@@ -178,7 +178,7 @@ def train(
             option is unknown.
 
     Examples:
-        >>> clips = list(synth.generate("scene.seconds=1", clips=2, seed=7))
+        >>> clips = list(synth.generate(seconds=1, clips=2, seed=7))
         >>> folder = dmae.train(clips, "model", "learning.steps=2", "learning.epoch=2")
         >>> captured = dmae.capture(clips[0])
         >>> dmae.complete(captured, clips[0].fps, weights=folder).xyz.shape == captured.xyz.shape
@@ -205,7 +205,7 @@ def card(weights: str | Path, *, command: str, scores: Iterable[str | Path] = ()
         ValueError: scores belong to other weights.
 
     Examples:
-        >>> clips = list(synth.generate("scene.seconds=1", clips=2, seed=7))
+        >>> clips = list(synth.generate(seconds=1, clips=2, seed=7))
         >>> folder = dmae.train(clips, "model", "learning.steps=2", "learning.epoch=2")
         >>> print(dmae.card(folder, command="python train.py").splitlines()[0])
         # D-MAE for body25
@@ -232,7 +232,7 @@ def triangulate(rig: CameraRig, xy: np.ndarray, confidence: np.ndarray) -> Point
         ValueError: the arrays do not fit the rig.
 
     Examples:
-        >>> rig = next(synth.generate("scene.seconds=1", clips=1, seed=7)).rig
+        >>> rig = next(synth.generate(seconds=1, clips=1, seed=7)).rig
         >>> xy, _ = rig.project(np.array([[0.3, 0.2, 1.1]]))
         >>> points = dmae.triangulate(rig, xy, np.ones((1, len(rig))))
         >>> points.xyz.round(4)

@@ -44,7 +44,7 @@ def read(path: str | Path, fps: float | None = None, format: str | None = None, 
             clips (use `load_dataset`).
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> dmae.save(clip, "walk")
         >>> dmae.read("walk", cameras=[0, 2]).rig.names
         ('0', '2')
@@ -89,8 +89,8 @@ def detect(
         ValueError: a video cannot be read, has no calibration, or is of another size; the clip has no colour images.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=0.2", clips=1, seed=7, out="walks"))
-        >>> seen = next(synth.render("walks", "quality=draft", "images=[rgb]", out="seen"))
+        >>> clip = next(synth.generate(seconds=0.2, clips=1, seed=7, out="walks"))
+        >>> seen = next(synth.render("walks", quality="draft", images=["rgb"], out="seen"))
         >>> found = dmae.detect(seen, skeleton="body25")
         >>> found.detections.xy.shape[:2] == (len(seen), len(seen.rig))
         True
@@ -124,7 +124,7 @@ def read_poses(path: str | Path) -> PoseFile:
         ValueError: the format is not recognised, or the file is malformed.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> dmae.export(clip, "poses.npz", poses=dmae.capture(clip))
         >>> read = dmae.read_poses("poses.npz")
         >>> read.fps, read.poses.skeleton.name
@@ -144,7 +144,7 @@ def load(folder: str | Path) -> Clip:
         ValueError: a file is malformed, damaged, or of another format version.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> dmae.save(clip, "walk")
         >>> np.array_equal(dmae.load("walk").truth.xyz, clip.truth.xyz)
         True
@@ -161,7 +161,7 @@ def save(clip: Clip, folder: str | Path) -> None:
         folder: A clip that is already in it is replaced.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> dmae.save(clip, "walk")
         >>> sorted(path.name for path in Path("walk").iterdir())
         ['arrays.safetensors', 'clip.json']
@@ -179,7 +179,7 @@ def load_dataset(path: str | Path) -> Sequence[Clip]:
         FileNotFoundError: there is no clip and no data set at the path.
 
     Examples:
-        >>> for clip in synth.generate("scene.seconds=1", clips=2, seed=7, out="walks"): pass
+        >>> for clip in synth.generate(seconds=1, clips=2, seed=7, out="walks"): pass
         >>> clips = dmae.load_dataset("walks")
         >>> len(clips), clips[1].id
         (2, '000001')
@@ -216,7 +216,7 @@ def export(
             `keep_mm` is not a positive number.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> dmae.export(clip, "poses.npz", poses=dmae.capture(clip), skeleton="shelf14")
         >>> np.load("poses.npz")["joints"].shape[-2:]
         (14, 3)
@@ -238,7 +238,7 @@ def convert(clip: Clip, out: str | Path, format: str = "clip") -> None:
         ValueError: there is no such format, the folder is not empty, or the format cannot represent the cameras.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> dmae.convert(clip, "walk", "openpose")
         >>> dmae.read("walk", fps=25).rig.names == clip.rig.names
         True

@@ -30,7 +30,7 @@ def review(clip: Clip, decisions: Sequence[Decision] = ()) -> list[Doubt]:
         ValueError: the clip has no poses.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> clip = replace(clip, poses=dmae.capture(clip))
         >>> first, *others = dmae.review(clip)
         >>> first.doubt >= others[0].doubt
@@ -56,7 +56,7 @@ def decide(clip: Clip, decisions: Sequence[Decision], folder: str | Path | None 
         ValueError: a decision names a person, joint or frame that the poses do not have, or there are no poses.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> clip = replace(clip, poses=dmae.capture(clip))
         >>> first = dmae.review(clip)[0]
         >>> kept = dmae.decide(clip, [first.decision("blank")])

@@ -28,7 +28,7 @@ def corrupt(clip: Clip, levels: Mapping[str, float], *, seed: int = 0) -> Clip:
         ValueError: there is no such corruption or level, or the clip has too few cameras or people for it.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> fewer = dmae.corrupt(clip, {"objects": 40, "cameras": 2})
         >>> len(fewer.rig) == len(clip.rig) - 2
         True
@@ -56,7 +56,7 @@ def stress(clips: Sequence[Clip], out: str | Path | None = None, *overrides: str
         ValueError: clips do not allow a requested axis, or an option is unknown.
 
     Examples:
-        >>> clip = next(synth.generate("scene.seconds=1", clips=1, seed=7))
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
         >>> result = dmae.stress([clip], None, "axes=[cameras]", "pairs=[]", "methods=[linear]")
         >>> [point["level"] for point in result["axes"][0]["methods"]["linear"]["points"]]
         [0.0, 1.0, 2.0, 3.0]

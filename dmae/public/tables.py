@@ -22,7 +22,7 @@ def table(number: int, data: str | Path, out: str | Path, *overrides: str) -> di
         ValueError: the data does not fit the table, `out` contains models of other data, or an option is unknown.
 
     Examples:
-        >>> for clip in synth.generate("scene.seconds=1", clips=1, seed=7, out="walks"): pass
+        >>> for clip in synth.generate(seconds=1, clips=1, seed=7, out="walks"): pass
         >>> made = dmae.table(2, "walks/000000", "table", "size=small")
         >>> sorted({row["origin"] for row in made["rows"]})
         ['measured here', 'not measured', 'published']

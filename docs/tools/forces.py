@@ -29,15 +29,12 @@ from synth.labels.surfaces import surface_agreement
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docs/results/forces.json"
 SEED = 7
-INTERACTIONS = ("scene.seconds=6", "rig=ring", "rig.ring.views=2")
-OFFICE = (
-    "scene=office",
-    "scene.seconds=1",
-    "scene.persons=[4,5]",
-    "scene.gathering=0.3",
-    "images=ids",
-    "quality=draft",
-)
+INTERACTIONS = {"seconds": 6, "rig": synth.RigConfig(ring=synth.RingConfig(views=2))}
+OFFICE = {
+    "scene": synth.preset("scene", "office", seconds=1, persons=[4, 5], gathering=0.3),
+    "images": ["ids"],
+    "quality": "draft",
+}
 FORCE_COLUMNS = [
     "interaction", "clips", "residual force, % of the weight: median", "95 % below",
     "residual moment, mm of the weight: median", "95 % below", "rests",
@@ -66,7 +63,7 @@ def main(clips: int, keep: str | None) -> None:
 
 def _forces(kind: str, clips: int, out: Path) -> list[str]:
     """Generate clips of an interaction, label them, and return a row of the table."""
-    list(synth.generate(*INTERACTIONS, clips=clips, seed=SEED, interaction=kind, out=out))
+    list(synth.generate(**INTERACTIONS, clips=clips, seed=SEED, interaction=kind, out=out))
     synth.label(out, ["forces"])
     found = [_measured(folder) for folder in clip_folders(out)]
     residual, moment, rests = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -84,11 +81,11 @@ def _forces(kind: str, clips: int, out: Path) -> list[str]:
 def _cost() -> list[list[str]]:
     """Return a row each for the cost of generation and of labels: four people in 100 frames and 4 views."""
     with tempfile.TemporaryDirectory() as folder:
-        options = ("scene.seconds=4", "scene.persons=[4,4]", "rig=ring", "rig.ring.views=4")
+        options = {"seconds": 4, "persons": [4, 4], "rig": synth.RigConfig(ring=synth.RingConfig(views=4))}
         # The first clip also includes one-time costs.
-        list(synth.generate("scene.seconds=0.2", clips=1, seed=SEED, out=Path(folder, "warm")))
+        list(synth.generate(seconds=0.2, clips=1, seed=SEED, out=Path(folder, "warm")))
         synth.label(Path(folder, "warm"))
-        work = {"generation": lambda: list(synth.generate(*options, clips=1, seed=SEED, out=Path(folder, "clip")))}
+        work = {"generation": lambda: list(synth.generate(**options, clips=1, seed=SEED, out=Path(folder, "clip")))}
         for labels in (["contacts", "forces"], ["surface"]):
             work[" and ".join(labels)] = lambda labels=labels: synth.label(Path(folder, "clip"), labels)
         rows, before = [], 0
@@ -111,7 +108,7 @@ def _seconds(work) -> float:
 
 def _surface(out: Path) -> list[list[str]]:
     """Compare surface points with id images. Return a row for each kind of visibility."""
-    list(synth.generate(*OFFICE, clips=2, seed=SEED, out=out))
+    list(synth.generate(**OFFICE, clips=2, seed=SEED, out=out))
     synth.label(out, ["surface"])
     found = [surface_agreement(load_clip(each), synth.physical_labels(each).surface) for each in clip_folders(out)]
     compared, agreeing = (sum(part) for part in zip(*found, strict=True))

@@ -29,7 +29,9 @@ from synth.recognition.realism import NEAR, UNOBSTRUCTED, sightings
 RESULT = Path(__file__).parents[1] / "results/found_people.json"
 _SEEDS = (6007, 7411, 8123)
 """Seeds that were not used in development. Seeds 72, 172, 901, 1733, 2210, 3407 and 5021 were used."""
-_OPTIONS = ("clips=6", "scene=shelf_twin", "scene.persons=[3,3]", "scene.seconds=1.2", "images=[rgb]", "rgb=jpeg")
+_OPTIONS = {
+    "clips": 6, "scene": "shelf_twin", "persons": [3, 3], "seconds": 1.2, "images": ["rgb"], "rgb": "jpeg",
+}  # fmt: skip
 _LEAST_PX = 40
 _TORSO = {"shoulders": ("l_shoulder", "r_shoulder"), "hips": ("l_hip", "r_hip")}
 """Joints for which the median offset from the true joints is recorded, along the torso and relative to its length."""
@@ -44,7 +46,7 @@ def views(seed: int, made: str | None = None) -> dict:
     counts = dict.fromkeys(("pictures", "people", "found", "ghosts", "joints", "near", "detections"), 0)
     seconds, above = 0.0, {name: [] for name in _TORSO}
     with TemporaryDirectory() as folder:
-        clips = dmae.load_dataset(f"{made}/{seed}") if made else synth.generate(*_OPTIONS, seed=seed, out=folder)
+        clips = dmae.load_dataset(f"{made}/{seed}") if made else synth.generate(**_OPTIONS, seed=seed, out=folder)
         for clip in clips:
             start = time.process_time()
             found = dmae.detect(clip, skeleton="body25")

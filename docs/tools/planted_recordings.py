@@ -31,7 +31,7 @@ KEPT = ROOT / "runs/planted"
 POSE2SIM = "pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"
 SHELF, TRIAL = 0, 1
 """Numbers of the real recordings; generated ones follow."""
-RIGS = ["rig=ring rig.ring.views=4", "rig=ring rig.ring.views=6", "rig=studio5", "rig=random", "rig=shelf"]
+RIGS = [*(synth.RigConfig(ring=synth.RingConfig(views=views)) for views in (4, 6)), "studio5", "random", "shelf"]
 DETECTORS = ["shelf_openpose", "hrnet_like", "posefix", "clean"]
 MINUTES = 100
 """Generated recordings from this number on last a minute and show three people; the others last 12 s."""
@@ -47,9 +47,10 @@ def sound_clip(number: int) -> Clip:
         return load(DataConfig(name="pose2sim", path=str(data / POSE2SIM)))[0]
     kept = KEPT / "clips" / str(number)
     if not (kept / "clip.json").exists():
-        length = "scene.seconds=60 scene.persons=[3,3]" if number >= MINUTES else "scene.seconds=12 scene.persons=[2,3]"
-        options = f"{RIGS[number % len(RIGS)]} detector={detector(number)} {length}"
-        dmae.save(next(iter(synth.generate(*options.split(), clips=1, seed=900 + number))), kept)
+        seconds, persons = (60, [3, 3]) if number >= MINUTES else (12, [2, 3])
+        options = {"rig": RIGS[number % len(RIGS)], "detector": detector(number)}
+        clips = synth.generate(clips=1, seconds=seconds, persons=persons, seed=900 + number, **options)
+        dmae.save(next(clips), kept)
     return dmae.load(kept)
 
 

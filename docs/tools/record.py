@@ -133,7 +133,7 @@ RECORDED = {
     ),
     "motion": (
         "synth generate clips=16 seed=1 rig=ring rig.ring.views=2 out=made && "
-        "synth compare-motion real=$DMAE_DATA/cmu sim=made",
+        "synth compare by=motion real=$DMAE_DATA/cmu sim=made",
         "5 minutes",
     ),
     "realism": (

@@ -109,7 +109,7 @@ def contacts_table(name: str) -> str:
 
 
 def motion_table(names: dict[str, str]) -> str:
-    """Return a table of comparisons by `synth compare-motion`: distances of generated from recorded motion."""
+    """Return a table of comparisons by `synth compare by=motion`: distances of generated from recorded motion."""
     rows = []
     for name, words in names.items():
         ratios = [each["wasserstein"] / each["halves_wasserstein"] for each in load(name)["differences"]]

@@ -58,11 +58,13 @@ COMMANDS = {
         writes="file",
     ),
     "split": Command(
-        "Divide clips for training and testing, without leaks",
+        "Divide clips or takes for training and testing, without leaks",
         "synth.commands.split:SplitCommand",
         (
             "synth split data=runs/data by=person train=0.8 validation=0.1 test=0.1 out=runs/splits.json",
             "synth split data=runs/data by=rig check=runs/splits.json",
+            "synth split data=mocap train=0.8 validation=0.1 test=0.1 out=runs/takes.tsv",
+            "synth generate motion=recorded motion.path=runs/takes.tsv motion.sets=[train] out=runs/train",
         ),
         writes="file",
     ),
@@ -92,11 +94,12 @@ COMMANDS = {
         ),
     ),
     "compare": Command(
-        "Compare the detections of a recording and of its simulation",
+        "Compare simulated clips with recordings: detections or motion",
         "synth.commands.compare:CompareCommand",
         (
             "synth compare real=$DMAE_DATA/shelf sim=runs/twin out=runs/compare",
             "synth compare real=recording sim=runs/data frames=[0,500] limits.miss=0.05 workers=2",
+            "synth compare by=motion real=takes sim=runs/data takes=[kick*,punch*] longest=5",
         ),
     ),
     "plan": Command(
@@ -108,24 +111,6 @@ COMMANDS = {
             "synth plan scene=office rig=shelf cameras=[3,5] dry_run=true",
         ),
         {"motion": "procedural", "interaction": "none", "scene": "office", "rig": None, "detector": "shelf_openpose"},
-    ),
-    "takes": Command(
-        "List takes of recorded motion, and divide them by subject",
-        "synth.commands.takes:TakesCommand",
-        (
-            "synth takes path=mocap train=0.8 validation=0.1 test=0.1 out=runs/takes.tsv",
-            "synth takes path=runs/takes.tsv out=runs/checked.tsv",
-            "synth generate motion=recorded motion.path=runs/takes.tsv motion.sets=[train] out=runs/train",
-        ),
-        writes="file",
-    ),
-    "compare-motion": Command(
-        "Compare recorded with generated motion",
-        "synth.commands.compare_motion:CompareMotionCommand",
-        (
-            "synth compare-motion real=takes sim=runs/data out=runs/compare_motion",
-            "synth compare-motion real=takes sim=runs/data takes=[kick*,punch*] longest=5",
-        ),
     ),
     "fit-detector": Command(
         "Fit a detector's preset to a recording",

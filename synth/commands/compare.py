@@ -1,55 +1,112 @@
-"""`synth compare`: compare the detections of a recording with those of its simulation."""
+"""`synth compare`: compare simulated clips with recordings, by their detections or by their motion."""
 
+import io
+import json
 import sys
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from pathlib import Path
 
+from dmae.data.rng import Stream, generator
+from dmae.data.store import MANIFEST
+from dmae.files.contents import write_atomic
 from dmae.formats.reading import DataConfig, load
 from dmae.parallel import Backend, running_on
 from dmae.reporting.tables import print_tables
-from synth.detector.comparison import Limits, compare, table, write_page
+from synth.datasets import motion_comparison as motion
+from synth.datasets.motion_comparison import MIN_SECONDS, ReadingConfig
+from synth.detector import comparison as detections
+from synth.detector.comparison import Limits
 from synth.detector.statistics import measure, measure_all, read_recording
 
-WRITES = "folder"
-EXAMPLES = (
-    "synth compare real=$DMAE_DATA/shelf sim=runs/twin out=runs/compare",
-    "synth compare real=recording sim=runs/data frames=[0,500] limits.miss=0.05 workers=2",
-)
+
+class CompareBy(Enum):
+    """What of clips is compared."""
+
+    detections = "detections"
+    """How a detector errs: `compare.html`. Exits with status 1 if a limit is exceeded."""
+    motion = "motion"
+    """How people move: `motion.html`, `motion.png` and `motion.json`."""
 
 
 @dataclass(frozen=True)
 class CompareCommand:
-    """Compare the detections of a recording and of its simulation. Exits with status 1 if a limit is exceeded."""
+    """Compare simulated clips with recordings: the detections of a recording with those of its simulation, or the
+    motion of recorded people with that of generated people."""
 
+    by: CompareBy = CompareBy.detections
+    """What is compared."""
     real: str = "???"
-    """Folder of the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files."""
+    """For detections, the recording: a clip, which `dmae convert` makes from any format, or Shelf's text files. For
+    motion a take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder with takes at any depth; or a clip or data set of
+    clips: the captured poses of each clip, or its truth if nothing was captured."""
     sim: str = "???"
     """Folder of the simulated clips."""
     frames: list[int] | None = None
-    """First frame of the recording, and the one after the last; by default all."""
+    """Detections: first frame of the recording, and the one after the last; by default all."""
     limits: Limits = field(default_factory=Limits)
+    takes: list[str] = field(default_factory=lambda: ["*"])
+    """Motion: only takes with a file name (without suffix) that matches one of these; `*` and `?` are wildcards."""
+    longest: float = 10.0
+    """Motion: longest part of a take, or of a person of a clip, that is used, s."""
+    motion: ReadingConfig = field(default_factory=ReadingConfig)
     workers: int = 1
     """Processes; -1 for one per core."""
     backend: Backend = Backend.loky
     """What runs the processes: this machine, or a cluster."""
     out: str = "runs/compare"
-    """Folder of the page, `compare.html`."""
+    """Folder of the page."""
+
+    def __post_init__(self):
+        if not self.longest >= MIN_SECONDS:
+            raise ValueError(f"longest={self.longest}: expected {MIN_SECONDS} s or more")
 
 
 def run(config: CompareCommand, out: Path) -> None:
-    """Print the comparison and write its page. Exit with status 1 if a limit is exceeded.
+    """Print the comparison and write its page.
 
     Raises:
-        ValueError: no person can be measured in the recording or in the simulation, or their skeletons differ.
+        FileNotFoundError, ValueError: there is nothing to measure, or skeletons differ; the message says where.
     """
+    (_compare_motion if config.by is CompareBy.motion else _compare_detections)(config, out)
+
+
+def _compare_detections(config: CompareCommand, out: Path) -> None:
+    """Compare detections. Exit with status 1 if a limit is exceeded."""
     real = measure(read_recording(Path(config.real), config.frames))
     clips = load(DataConfig("clip", config.sim))
     with running_on(config.backend):
         sim = replace(measure_all(clips, len(clips), config.workers), name=Path(config.sim).name)
-    rows = compare(real, sim, config.limits)
-    print_tables([table(rows)])
-    write_page(out / "compare.html", real, sim, rows)
+    rows = detections.compare(real, sim, config.limits)
+    print_tables([detections.table(rows)])
+    detections.write_page(out / "compare.html", real, sim, rows)
     print(out / "compare.html")
     exceeded = [row.what for row in rows if row.exceeded]
     if exceeded:
         sys.exit(f"{len(exceeded)} limits are exceeded: {', '.join(exceeded)}")
+
+
+def _compare_motion(config: CompareCommand, out: Path) -> None:
+    path, left_out = Path(config.real), []
+    if not path.exists():
+        raise FileNotFoundError(f"real={path}: no such file or folder")
+    simulated = motion.clip_tracks(Path(config.sim), captured=False)
+    if (path / "clip.json").is_file() or (path / MANIFEST).is_file():
+        recorded = motion.clip_tracks(path, captured=True)
+    else:
+        recorded, left_out = motion.take_tracks(path, simulated[0].fps, config.takes, config.motion)
+    motion.same_rate(recorded, simulated, config.real, config.sim)
+    short = [track for track in recorded + simulated if track.seconds < MIN_SECONDS]
+    left_out += [f"{track.name}, of {track.seconds:.2f} s" for track in short]
+    real, sim = (motion.measure(tracks, config.longest) for tracks in (recorded, simulated))
+    differences = motion.compare(real, sim, rng=generator(0, 0, Stream.VALIDATION))
+    figure, image = motion.draw(real, sim, differences), io.BytesIO()
+    figure.savefig(image, format="png", dpi=110)
+    write_atomic(out / "motion.png", image.getvalue())
+    write_atomic(out / "motion.json", json.dumps(motion.numbers(real, sim, differences, left_out), indent=1))
+    motion.write_page(out / "motion.html", real, sim, differences, figure, left_out)
+    print_tables([motion.table(differences)])
+    for line in left_out:
+        print(f"left out: {line}")
+    print(motion.largest_differences(differences))
+    print(out / "motion.html")

@@ -1,69 +1,108 @@
-"""`synth split`: divide clips for training and testing, without leaks."""
+"""`synth split`: divide clips, or takes of recorded motion, for training and testing, without leaks."""
 
 import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from dmae.data.store import clip_folders
+from dmae.data.store import MANIFEST, clip_folders
 from dmae.files.contents import write_atomic
 from dmae.reporting.tables import counted
-from synth.datasets.splits import SplitBy, find_leaks, read_splits, split, write_splits
-
-WRITES = "file"
-EXAMPLES = (
-    "synth split data=runs/data by=person train=0.8 validation=0.1 test=0.1 out=runs/splits.json",
-    "synth split data=runs/data by=rig check=runs/splits.json",
-)
+from synth.datasets.splits import SplitBy, as_table, find_leaks, list_takes, read_splits, split, write_splits
+from synth.motion.readers.takes import LIST, find_subject_leaks
 
 
 @dataclass(frozen=True)
 class SplitCommand:
-    """Divide the clips of a data set so that no person, motion or rig is in two splits, or check an existing
-    division."""
+    """Divide the clips of a data set so that no person, motion or rig is in two splits, or takes of recorded motion so
+    that no subject is in two sets; or check an existing division.
+
+    Takes are listed with their subjects and lengths. Those that cannot be read are listed with the reason, and are not
+    in any set.
+    """
 
     data: str = "???"
-    """Folder of a data set."""
+    """Folder of a data set; or a folder of takes; or a list of takes (TSV) to check."""
     by: SplitBy = SplitBy.person
-    """Property that two splits must not share."""
+    """Property that two splits of clips must not share."""
     train: float = 0.8
-    """Share of the clips."""
+    """Share of the clips, or of the seconds of the takes. With all three 0, takes are only listed."""
     validation: float = 0.1
-    """Share of the clips; 0 for no such split."""
+    """Share; 0 for no such split."""
     test: float = 0.1
-    """Share of the clips; 0 for no such split."""
+    """Share; 0 for no such split."""
     seed: int = 0
-    """Seed of the order in which clips are drawn."""
+    """Seed of the order in which clips or subjects are drawn."""
     check: str | None = None
     """JSON file of splits to check, instead of making new ones. Exits with status 1 if there are leaks."""
     out: str | None = None
-    """JSON file to write: the splits, by default `splits.json` in the data set; for a check the leaks, by default
-    `leaks.json` there."""
+    """File to write: the splits, by default `splits.json` in the data set; for a check the leaks, by default
+    `leaks.json` there; the list of takes, by default `takes.tsv` in their folder."""
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Shares by name of the split."""
+        return {"train": self.train, "validation": self.validation, "test": self.test}
+
+
+def _has_clips(data: Path) -> bool:
+    return any((data / name).exists() for name in (MANIFEST, "clip.json"))
 
 
 def default_out(config: SplitCommand) -> Path:
-    return Path(config.data) / ("leaks.json" if config.check else "splits.json")
+    data = Path(config.data)
+    if config.check is not None or _has_clips(data):
+        return data / ("leaks.json" if config.check else "splits.json")
+    return data / "takes.tsv" if data.is_dir() else data.with_name(f"{data.stem}_checked.tsv")
 
 
 def run(config: SplitCommand, out: Path) -> None:
+    """Divide or check, and write the result.
+
+    Raises:
+        ValueError: there are leaks, the shares do not add up to 1, or there is too little to divide.
+        FileNotFoundError: there is neither a clip nor a take.
+    """
     data = Path(config.data)
+    if not data.exists():
+        raise FileNotFoundError(f"data={data}: expected a data set, a folder of takes, or a list of takes (TSV)")
     if config.check is not None:
         _check(config, data, out)
-        return
-    shares = {name: getattr(config, name) for name in ("train", "validation", "test")}
-    splits = split(data, shares, config.by, seed=config.seed)
-    write_splits(out, splits, config.by, config.seed)
-    total = sum(map(len, splits.values()))
-    for name, clips in splits.items():
-        print(f"{out}: {name}: {counted(len(clips), 'clip')}, {len(clips) / total:.0%}")
+    elif _has_clips(data):
+        splits = split(data, config.shares, config.by, seed=config.seed)
+        write_splits(out, splits, config.by, config.seed)
+        total = sum(map(len, splits.values()))
+        for name, clips in splits.items():
+            print(f"{out}: {name}: {counted(len(clips), 'clip')}, {len(clips) / total:.0%}")
+    else:
+        _list_takes(config, data, out)
 
 
 def _check(config: SplitCommand, data: Path, out: Path) -> None:
-    """Write the leaks, and raise ValueError if there are any."""
+    """Write the leaks of splits of clips, and raise ValueError if there are any."""
     path = Path(config.check)
     splits = read_splits(path, [folder.name for folder in clip_folders(data)])
-    leaks = find_leaks(data, splits, [config.by])
-    text = [str(leak) for leak in leaks]
+    text = [str(leak) for leak in find_leaks(data, splits, [config.by])]
     write_atomic(out, json.dumps({"leaks": text}, indent=1))
-    if leaks:
-        raise ValueError(f"{path}: {len(leaks)} leaks; {text[0]}; all are in {out}")
+    if text:
+        raise ValueError(f"{path}: {len(text)} leaks; {text[0]}; all are in {out}")
     print(f"{path}: no {config.by.name} is in two splits")
+
+
+def _list_takes(config: SplitCommand, path: Path, out: Path) -> None:
+    """Write the list of takes, and raise ValueError if a subject is in two sets."""
+    is_list = path.suffix.lower() == LIST and path.is_file()
+    takes = list_takes(path, {} if is_list else config.shares, seed=config.seed)
+    write_atomic(out, as_table(takes, out.parent))
+    readable = [take for take in takes if take.readable]
+    for take in takes:
+        if not take.readable:
+            print(take.notes)
+    for name in sorted({take.listed.set for take in readable}):
+        part = [take for take in readable if take.listed.set == name]
+        people = len({take.listed.subject for take in part})
+        minutes = sum(take.seconds for take in part) / 60
+        print(f"{out}: set {name}: {len(part)} takes of {people} subjects, {minutes:.1f} minutes")
+    print(f"{out}: {len(readable)} takes, {len(takes) - len(readable)} left out")
+    leaks = find_subject_leaks(take.listed for take in takes)
+    if leaks:
+        raise ValueError(f"{path}: {len(leaks)} leaks; {leaks[0]}")

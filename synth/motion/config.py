@@ -66,7 +66,7 @@ class MotionConfig:
     own."""
     path: str | None = None
     """For recorded motion: a file; a folder with files of the format at any depth; or a list of takes, `<name>.tsv`, as
-    `synth takes` writes it. Takes of folders and lists that cannot be read are left out with a warning."""
+    `synth split` writes it. Takes of folders and lists that cannot be read are left out with a warning."""
     sets: list[str] = field(default_factory=list)
     """Sets of a list of takes that are used, such as [train]; all if empty."""
     fps: float | None = None

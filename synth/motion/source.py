@@ -82,7 +82,7 @@ def draw_takes(
                 raise ValueError(
                     f"{config.path}: none of {len(choices)} takes can be read; the last: {error}"
                 ) from None
-            warnings.warn(f"left out: {error}; `synth takes path={config.path}` lists all", stacklevel=2)
+            warnings.warn(f"left out: {error}; `synth split data={config.path}` lists all", stacklevel=2)
 
 
 def takes(config: MotionConfig) -> list[Path]:

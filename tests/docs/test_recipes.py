@@ -79,8 +79,8 @@ def test_a_completion_method(recipe, small_clip):
 
 def test_an_interaction(recipe):
     recipe("add_interaction")
-    options = ("scene.seconds=1", "interaction.kind=recipe_add_interaction:face_off")
-    clip = next(synth.generate(*options, scene="studio", clips=1, seed=1))
+    interaction = synth.InteractionConfig(kind="recipe_add_interaction:face_off")
+    clip = next(synth.generate(clips=1, seconds=1, interaction=interaction, scene="studio", seed=1))
     assert clip.truth.xyz.shape[1] == 2
 
 
@@ -89,7 +89,8 @@ def test_a_detector_error(recipe, tmp_path: Path):
     (tmp_path / "keeps_views.py").write_text(
         "VIEWS = []\n\ndef keep(view, *, rng):\n    VIEWS.append(view)\n    return view\n"
     )
-    next(synth.generate("scene.seconds=1", "detector.custom=[keeps_views:keep]", clips=1))
+    detector = synth.preset("detector", "shelf_openpose", custom=["keeps_views:keep"])
+    next(synth.generate(clips=1, seconds=1, detector=detector))
     for view in importlib.import_module("keeps_views").VIEWS:
         np.testing.assert_array_equal(module.Blackouts().apply(view).score, view.score)
         band = module.Blackouts(share=0.5).apply(view).xy[..., 1]
@@ -131,7 +132,7 @@ def test_a_skeleton(tmp_path: Path):
 
 @pytest.fixture(scope="module")
 def small_clip():
-    return next(synth.generate("scene.seconds=1", clips=1, seed=2)).select(views=[0, 1, 3])
+    return next(synth.generate(seconds=1, clips=1, seed=2)).select(views=[0, 1, 3])
 
 
 @pytest.mark.slow

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dmae.evaluation.stress.matrix import prepare
-from tests.endurance.kills import LINES, kill_often
+from tests.endurance.kills import LINES, kill_often, prepare
 from tests.endurance.memory import peak_memory
 from tests.support.commands import command_line
 

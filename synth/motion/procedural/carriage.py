@@ -1,7 +1,8 @@
 """The posture of each person, and balance: the centre of mass stays over the feet that bear the weight.
 
 Sizes and frequencies are chosen so that angles, speeds and accelerations are as close as possible to the takes of the
-CMU Graphics Lab Motion Capture Database (free for research and commercial use), as measured by `synth compare-motion`.
+CMU Graphics Lab Motion Capture Database (free for research and commercial use), as
+`synth compare by=motion` measures them.
 No recorded motion is played.
 """
 

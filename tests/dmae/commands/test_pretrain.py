@@ -35,7 +35,7 @@ def test_every_step_is_a_command_line_that_its_program_takes(mocap, monkeypatch,
     for program, command, *words in steps:
         compose(programs[program].commands[command], words)
     done = [command for _, command, *_ in steps]
-    takes = ["takes"] if options.get("motion") == "mocap" else []
+    takes = ["split"] if options.get("motion") == "mocap" else []
     captures = ["capture", "capture"]
     assert done == [*takes, "generate", "generate", "generate", *captures, "train", "evaluate", "evaluate", "card"]
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from dmae.data.clip import Clip, Detections2D, Poses3D
 from dmae.data.skeleton import BODY25
 from dmae.data.store import save_clip, write_manifest
-from synth.commands import compare_motion as command
-from synth.commands.compare_motion import CompareMotionCommand
+from synth.commands import compare as command
+from synth.commands.compare import CompareBy, CompareCommand
 from synth.datasets.motion_comparison import ReadingConfig, Sample, Track, clip_tracks, compare, measure, take_tracks
 from synth.motion.config import ProceduralConfig
 from synth.motion.kinematics import QUANTITIES
@@ -123,7 +123,9 @@ def test_a_take_in_several_formats_counts_once(tmp_path):
 
 def test_page_figure_and_numbers_are_written(tmp_path, capsys):
     clips = write_clips(tmp_path / "set", walk(0), walk(1), walk(2)[:9])
-    command.run(CompareMotionCommand(real=str(bending(tmp_path / "real")[0]), sim=str(clips)), tmp_path / "out")
+    command.run(
+        CompareCommand(by=CompareBy.motion, real=str(bending(tmp_path / "real")[0]), sim=str(clips)), tmp_path / "out"
+    )
     printed = capsys.readouterr().out
     assert "distances are more than 2 times those of halves" in printed
     assert "left out: 000002, person 0, of 0.36 s" in printed
@@ -143,7 +145,8 @@ def test_captured_clips_serve_as_recordings(tmp_path, capsys):
     fields = {"truth": Poses3D(BODY25, np.zeros((75, 1, 25, 3))), "poses": Poses3D(BODY25, seen[:, None])}
     captured = write_clips(tmp_path / "captured", seen, **fields)
     command.run(
-        CompareMotionCommand(real=str(captured), sim=str(write_clips(tmp_path / "set", walk(0)))), tmp_path / "out"
+        CompareCommand(by=CompareBy.motion, real=str(captured), sim=str(write_clips(tmp_path / "set", walk(0)))),
+        tmp_path / "out",
     )
     found = {each["quantity"]: each for each in json.loads((tmp_path / "out/motion.json").read_text())["differences"]}
     assert "ankle flexion" not in found
@@ -188,19 +191,19 @@ def test_bad_input_is_refused(tmp_path, kind, said):
     good = {"real": bending(tmp_path / "real")[0].parent, "sim": write_clips(tmp_path / "set", walk(0))}
     given = {key: value if key == "takes" else str(value) for key, value in (good | damaged(kind, tmp_path)).items()}
     with pytest.raises((ValueError, FileNotFoundError), match=said):
-        command.run(CompareMotionCommand(**given), tmp_path / "out")
+        command.run(CompareCommand(by=CompareBy.motion, **given), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_the_command_as_it_is_typed(tmp_path):
     bending(tmp_path / "real")
     write_clips(tmp_path / "set", walk(0))
-    done = synth(tmp_path, "compare-motion", "real=real", "sim=set", "takes=[take]", "longest=2", "out=page")
+    done = synth(tmp_path, "compare", "by=motion", "real=real", "sim=set", "takes=[take]", "longest=2", "out=page")
     assert done.returncode == 0, done.stderr
     assert "page/motion.html" in done.stdout
     assert "longest: 2" in (tmp_path / "page/config.yaml").read_text()
     with pytest.raises(ValueError, match=r"longest=0.1: expected 0.4 s or more"):
-        CompareMotionCommand(longest=0.1)
+        CompareCommand(longest=0.1)
 
 
 def test_recorded_walks_resemble_each_other_and_not_balancing(data_folder):

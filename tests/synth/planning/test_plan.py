@@ -192,10 +192,17 @@ SMALL = (
 )
 
 
+SMALL_PLAN = {
+    "arena": "studio", "cameras": [2, 3], "persons": [1, 1], "seconds": 0.4, "mount": synth.MountConfig(places=12),
+    "search": synth.SearchConfig(clips=1, frames=2, check_clips=2),
+}  # fmt: skip
+"""The same in Python."""
+
+
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
     out = tmp_path_factory.mktemp("plan") / "plan"
-    return synth.plan(*SMALL[3:], arena="studio", cameras=[2, 3], persons=[1, 1], out=out), out
+    return synth.plan(**SMALL_PLAN, out=out), out
 
 
 def test_a_plan_has_figures_and_what_each_camera_is_worth(planned):
@@ -215,7 +222,8 @@ def test_what_is_written_is_read_back_by_captures_and_rigs(planned, tmp_path):
     rig = read_calibration(out / "cameras_3.toml")
     np.testing.assert_allclose(rig.projections, plan[3].rig.projections, atol=1e-6)
     given = ["clips=1", "scene.seconds=0.2", "scene.persons=[1,1]", "scene=studio"]
-    clip = next(synth.generate(f"rig.path={out}/cameras_3.toml", *given[1:3], clips=1, scene="studio", rig="ring"))
+    cameras = synth.RigConfig(path=f"{out}/cameras_3.toml")
+    clip = next(synth.generate(clips=1, seconds=0.2, persons=[1, 1], scene="studio", rig=cameras))
     assert len(clip.rig) == 3
     done = run(tmp_path, "generate", f"--config-dir={out}", "rig=planned_3", *given, "out=clips")
     assert done.returncode == 0, done.stderr
@@ -231,7 +239,7 @@ def test_what_is_written_is_read_back_by_captures_and_rigs(planned, tmp_path):
 
 def test_the_same_seed_gives_the_same_plan(planned):
     plan, _ = planned
-    again = synth.plan(*SMALL[3:], arena="studio", cameras=[2, 3], persons=[1, 1])
+    again = synth.plan(**SMALL_PLAN)
     np.testing.assert_array_equal(again[3].rig.cam_from_world, plan[3].rig.cam_from_world)
     assert again[3].figures == plan[3].figures
 

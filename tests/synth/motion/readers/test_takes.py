@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dmae.files.contents import read_unpacked
-from synth.commands.takes import TakesCommand, run
+from synth.commands.split import SplitCommand, run
 from synth.motion.config import MotionConfig
 from synth.motion.readers.takes import find_subject_leaks, find_takes, read_take_list
 from synth.motion.source import load_motion, read_take
@@ -59,7 +59,7 @@ def test_what_is_no_compressed_file_is_refused(tmp_path, ending):
 
 def test_takes_that_cannot_be_read_are_left_out_with_a_warning(folder):
     config = MotionConfig(kind="bvh", path=str(folder))
-    with pytest.warns(UserWarning, match=r"left out: .*07_01.bvh, line 1.*synth takes path="):
+    with pytest.warns(UserWarning, match=r"left out: .*07_01.bvh, line 1.*synth split data="):
         names = {
             load_motion(config, seconds=0.3, fps=25, rng=np.random.default_rng(seed)).name[:5] for seed in range(30)
         }
@@ -81,7 +81,7 @@ def test_takes_that_cannot_be_read_are_left_out_with_a_warning(folder):
 
 def test_sets_of_a_list_share_no_subject_and_can_be_drawn_from(folder, capsys):
     out = folder / "takes.tsv"
-    run(TakesCommand(path=str(folder), train=0.5, validation=0.5), out)
+    run(SplitCommand(data=str(folder), train=0.5, validation=0.5, test=0), out)
     assert "07_01.bvh, line 1" in capsys.readouterr().out
     lines = read_take_list(out)
     sets = {line.path.name[:5]: line.set for line in lines}
@@ -94,7 +94,7 @@ def test_sets_of_a_list_share_no_subject_and_can_be_drawn_from(folder, capsys):
     out.write_text(out.read_text().replace("61_01.bvh\t60+61\ttrain", "61_01.bvh\t61\tvalidation"))
     out.write_text(out.read_text().replace("60_01.bvh\t60+61\tvalidation", "60_01.bvh\t60\ttrain"))
     with pytest.raises(ValueError, match=r"1 leaks; subject 60\+61 in train: 60_01.bvh; validation: 61_01.bvh"):
-        run(TakesCommand(path=str(out)), folder / "checked.tsv")
+        run(SplitCommand(data=str(out)), folder / "checked.tsv")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,828 @@
+"""What can I do? The verbs of `synth`: typed functions of configurations, presets, folders and clips."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, replace
+from difflib import get_close_matches
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dmae.cli import compose
+from dmae.data.clip import Clip
+from dmae.data.rng import Stream, generator
+from dmae.data.store import clip_folders, load_clip
+from dmae.files.contents import check_vacant, whole_folder
+from dmae.files.structured import read_json
+from dmae.parallel import in_parallel, running_on
+from dmae.public.arguments import checked
+from synth.cli import SYNTH
+from synth.errors import FailedSimulation
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from synth.datasets.clip import GenerateConfig
+    from synth.datasets.forecast import Forecast
+    from synth.datasets.motion_comparison import Difference
+    from synth.datasets.render import RenderConfig
+    from synth.datasets.splits import Take
+    from synth.datasets.verify import Problem
+    from synth.detector.comparison import Limits, Row
+    from synth.detector.config import DetectorConfig
+    from synth.detector.fitting import Fit
+    from synth.interactions import InteractionConfig
+    from synth.labels.physical_labels import PhysicalLabels
+    from synth.motion.source import MotionConfig
+    from synth.physics.body_state import BodyState
+    from synth.planning.config import PlanConfig
+    from synth.planning.plan import CameraPlan
+    from synth.recognition.realism import Rate
+    from synth.rigs.rig import RigConfig
+    from synth.scene.config import SceneConfig
+
+_GROUPS = ("scene", "rig", "motion", "interaction", "detector")
+"""Options that presets set."""
+
+
+def preset(group: str, name: str, **changes: object) -> Any:
+    """Return a group of options as a preset sets it, with some of them changed.
+
+        synth.generate(rig=synth.preset("rig", "studio5", size=[640, 480]))
+
+    Args:
+        group: `scene`, `rig`, `motion`, `interaction` or `detector`.
+        name: Name of the preset, as on the command line.
+        changes: Fields of the configuration that differ.
+
+    Raises:
+        ValueError: there is no such preset; the message has the nearest name.
+
+    Examples:
+        >>> office = synth.preset("scene", "office", seconds=4)
+        >>> office.arena, office.seconds
+        ('office', 4)
+    """
+    if group not in _GROUPS:
+        raise ValueError(f"group={group!r}: expected one of {', '.join(_GROUPS)}")
+    return replace(getattr(compose(SYNTH.commands["generate"], [f"{group}={name}"]), group), **changes)
+
+
+def _configured(command: str, config: Any, given: dict[str, Any]) -> Any:
+    """Return a configuration, by default that of a command, with changes. Presets are given by their names."""
+    given = {name: value for name, value in given.items() if value is not None}
+    presets = {name: given.pop(name) for name in _GROUPS if isinstance(given.get(name), str)}
+    expected = SYNTH.commands[command].configuration
+    if config is None:
+        config = compose(SYNTH.commands[command], [f"{name}={value}" for name, value in presets.items()])
+    elif not isinstance(config, expected):
+        raise TypeError(f"{command}: config: expected a synth.{expected.__name__}, found {config!r:.80}")
+    else:
+        given |= {name: preset(name, value) for name, value in presets.items()}
+    names = [field.name for field in fields(config)]
+    of_scene = {name: given.pop(name) for name in ("seconds", "persons") if name in given and name not in names}
+    for name in given.keys() - set(names):
+        near = get_close_matches(name, names, 1)
+        raise TypeError(f"{command}: no option {name}{f'; did you mean {near[0]}?' if near else ''}")
+    for name, value in given.items():
+        choices = type(getattr(config, name))
+        if isinstance(value, str) and issubclass(choices, Enum):
+            if value not in choices.__members__:
+                raise ValueError(f"{name}={value!r}: expected one of {', '.join(choices.__members__)}")
+            given[name] = choices[value]
+    config = replace(config, **given)
+    return replace(config, scene=replace(config.scene, **of_scene)) if of_scene else config
+
+
+def generate(
+    config: GenerateConfig | None = None,
+    *,
+    clips: int | None = None,
+    seed: int | None = None,
+    seconds: float | None = None,
+    persons: Sequence[int] | None = None,
+    scene: SceneConfig | str | None = None,
+    rig: RigConfig | str | None = None,
+    motion: MotionConfig | str | None = None,
+    interaction: InteractionConfig | str | None = None,
+    detector: DetectorConfig | str | None = None,
+    workers: int | None = None,
+    out: str | Path | None = None,
+    **options: object,
+) -> Iterator[Clip]:
+    """Simulate clips with exact truth, one after the other.
+
+        for clip in synth.generate(clips=8, scene="office", seconds=4, seed=7): ...
+        for clip in synth.generate(persons=[4, 4], rig=RigConfig(ring=RingConfig(views=8)), out="runs/ring"): ...
+        for clip in synth.generate(GenerateConfig(scene=SceneConfig(seconds=4), clips=8)): ...
+
+    Args:
+        config: All options; by default those of `synth generate`. The other arguments change it.
+        clips: Number of clips.
+        seed: Seed of the data set. Clip k depends only on `seed` and k. 0 is a valid seed.
+        seconds: Length of each clip, s.
+        persons: Least and greatest number of people.
+        scene: Room, props, people: a configuration, or the name of a preset, by default `office`.
+        rig: Cameras: a configuration, or the name of a preset, by default `shelf`.
+        motion: How people move: a configuration, or the name of a preset, by default `procedural`.
+        interaction: What people do together: a configuration, or the name of a preset, by default `none`.
+        detector: Errors of the 2D detector: a configuration, or the name of a preset, by default `shelf_openpose`.
+        workers: Processes; -1 for one per core.
+        out: Folder of a data set. It is made or completed as by `synth generate`, and the clips are read from it. By
+            default the clips are made in memory and have no images.
+        options: Other fields of `GenerateConfig`, as `images=["rgb"]`, `quality="draft"`, `occlusion`.
+
+    Yields:
+        Clips of F frames, V views and P persons: `truth`, detections, visibility and occluders. A clip that fails with
+        every seed is left out, with a warning that gives the reason.
+
+    Raises:
+        ValueError: an option cannot be met, or `out` holds a data set of another configuration.
+        FailedSimulation: no clip could be made.
+
+    Examples:
+        >>> clips = list(synth.generate(clips=2, seconds=1, seed=7))
+        >>> [len(clip) for clip in clips]
+        [25, 25]
+        >>> again = next(synth.generate(clips=1, seconds=1, seed=7))
+        >>> np.array_equal(clips[0].truth.xyz, again.truth.xyz)
+        True
+    """
+    from synth.datasets.clip import check
+    from synth.datasets.generate import generate as generate_data_set
+
+    config = _configured("generate", config, {
+        "clips": clips, "seed": seed, "seconds": seconds, "persons": persons, "scene": scene, "rig": rig,
+        "motion": motion, "interaction": interaction, "detector": detector, "workers": workers, **options,
+    })  # fmt: skip
+    if out is not None:
+        generate_data_set(replace(config, out=str(out)))
+        return (load_clip(folder) for folder in clip_folders(Path(out)))
+    if config.image_options.kinds:
+        raise ValueError(f"images={list(config.image_options.kinds)}: images are written to a folder; give out=...")
+    check(config)
+    return _in_memory(config)
+
+
+def _in_memory(config: GenerateConfig) -> Iterator[Clip]:
+    with running_on(config.backend):
+        made = in_parallel(_clip_or_failure, ((config, index) for index in config.numbers), config.workers)
+    failed = 0
+    for index, result in zip(config.numbers, made, strict=True):
+        if isinstance(result, Clip):
+            yield result
+            continue
+        failed += 1
+        if failed == len(config.numbers):
+            raise result
+        warnings.warn(f"clip {index:06d} failed and is left out: {result}", stacklevel=2)
+
+
+def _clip_or_failure(config: GenerateConfig, index: int) -> Clip | FailedSimulation:
+    from synth.datasets.clip import generate_clip
+
+    try:
+        return generate_clip(config, index)
+    except FailedSimulation as failure:
+        return failure
+
+
+def forecast(config: GenerateConfig | None = None, *, out: str | Path = "runs/data", **options: object) -> Forecast:
+    """Forecast the time and the disk space of `generate` from a few short clips, which are deleted afterwards.
+
+    Args:
+        config: All options; by default those of `synth generate`.
+        out: Folder of the data set. Existing clips in it are not counted.
+        options: Arguments of `generate`, as `clips=100`, `images=["rgb", "ids"]`.
+
+    Returns:
+        The numbers of `clips`, `frames` and `pictures` to be made, the time in `seconds` and the size in `megabytes`.
+
+    Raises:
+        ValueError: an option cannot be met.
+
+    Examples:
+        >>> found = synth.forecast(clips=2, seconds=1, persons=[1, 1])
+        >>> found.clips, found.frames
+        (2, 50)
+    """
+    from synth.datasets.forecast import forecast as forecast_data_set
+
+    return forecast_data_set(replace(_configured("generate", config, options), out=str(out)))
+
+
+def render(
+    data: str | Path,
+    config: RenderConfig | None = None,
+    *,
+    out: str | Path,
+    images: Sequence[str] | None = None,
+    quality: str | None = None,
+    rgb: str | None = None,
+    rig: RigConfig | str | None = None,
+    workers: int | None = None,
+) -> Iterator[Clip]:
+    """Render clips again: as other images, at another quality, or with other cameras. Nothing is simulated.
+
+        for clip in synth.render("runs/data", images=["rgb", "flow"], quality="high", out="runs/high"): ...
+        for clip in synth.render("runs/data", rig=RigConfig(ring=RingConfig(views=8)), out="runs/ring"): ...
+
+    Args:
+        data: Data set that `generate` made, or one clip of it.
+        config: All options; by default those of `synth render`. The other arguments change it.
+        out: Folder of the data set that is made or completed.
+        images: Kinds of images, or `all`.
+        quality: `draft`, `standard` or `high`.
+        rgb: Files of colour images: `h264`, `png` or `jpeg`.
+        rig: Other cameras: a configuration, or the name of a preset. Visibility and detections are then made for these
+            cameras as well.
+        workers: Processes; -1 for one per core.
+
+    Yields:
+        Clips with images, and with all labels.
+
+    Raises:
+        FileNotFoundError: there is no clip, or it contains no body state.
+        ValueError: an option cannot be met, or `out` contains something else.
+
+    Examples:
+        >>> ring = synth.RigConfig(ring=synth.RingConfig(views=2, focal=90, size=[96, 72]))
+        >>> for clip in synth.generate(clips=1, seconds=0.1, persons=[1, 1], rig=ring, out="walks"): pass
+        >>> clip = next(synth.render("walks", quality="draft", images=["rgb", "flow"], out="seen"))
+        >>> clip.images.kinds
+        ('rgb', 'flow')
+        >>> clip.images.at("flow", "ring0", 0).shape
+        (72, 96, 2)
+    """
+    from synth.datasets.render import RenderConfig
+    from synth.datasets.render import render as render_data_set
+
+    given = {"images": images, "quality": quality, "rgb": rgb, "rig": rig, "workers": workers}
+    config = _configured("render", config or RenderConfig(), given | {"data": str(data), "out": str(out)})
+    render_data_set(config)
+    return (load_clip(folder) for folder in clip_folders(Path(out)))
+
+
+def label(data: str | Path, labels: Sequence[str] = ("contacts", "forces", "surface"), *, workers: int = 1) -> int:
+    """Add labels from physics to existing clips, in place. Nothing is simulated again.
+
+    Args:
+        data: Data set that `generate` made, or one clip of it.
+        labels: `contacts` (the touching parts, their places and forces), `forces` (ground reaction of each foot,
+            residual at the pelvis), `surface` (256 named points on each person, and their visibility in each camera).
+            Existing labels of a clip are kept.
+        workers: Processes; -1 for one per core.
+
+    Returns:
+        The number of clips that lacked any of these labels.
+
+    Raises:
+        FileNotFoundError: there is no clip, or it contains no body state.
+        ValueError: a label is unknown, a clip is damaged, or its frames are too far apart.
+
+    Examples:
+        >>> for clip in synth.generate(clips=1, seconds=1, persons=[1, 1], out="walks"): pass
+        >>> synth.label("walks", ["forces"])
+        1
+        >>> forces = synth.physical_labels("walks/000000").forces
+        >>> forces.ground_reaction.shape
+        (25, 1, 2, 3)
+        >>> synth.verify("walks")
+        []
+    """
+    from synth.datasets.physical_labels import add_labels
+
+    return add_labels(Path(data), labels, workers=workers)
+
+
+def physical_labels(clip: str | Path) -> PhysicalLabels:
+    """Read the labels that `label` added to a clip: `contacts`, `forces`, `surface`. Missing ones are None.
+
+    Args:
+        clip: Folder of the clip.
+
+    Raises:
+        FileNotFoundError: the clip has no such labels.
+        ValueError: the file is malformed.
+
+    Examples:
+        >>> for clip in synth.generate(clips=1, seconds=0.2, persons=[1, 1], out="walks"): pass
+        >>> synth.label("walks", ["surface"])
+        1
+        >>> points = synth.physical_labels("walks/000000").surface
+        >>> points.names[0], points.xyz.shape
+        ('pelvis.1.front', (5, 1, 256, 3))
+    """
+    from synth.labels.physical_labels import load_physical_labels
+
+    return load_physical_labels(Path(clip))
+
+
+def body_state(clip: str | Path) -> BodyState:
+    """Read the state of the bodies of a simulated clip: pose, shape, forces, contacts, actions.
+
+    Args:
+        clip: Folder of the clip.
+
+    Raises:
+        FileNotFoundError: the clip has no body state, because it was not simulated or comes from an older version.
+        ValueError: the file is malformed.
+
+    Examples:
+        >>> for clip in synth.generate(clips=1, seconds=0.2, persons=[1, 1], out="walks"): pass
+        >>> state = synth.body_state("walks/000000")
+        >>> state.rotations.shape, len(state.action_names) > 0
+        ((5, 1, 16, 4), True)
+    """
+    from synth.physics.body_state import load_state
+
+    return load_state(Path(clip))
+
+
+def verify(path: str | Path, *, fast: bool = False) -> list[Problem]:
+    """Check that the clips of a data set, or one clip, are complete and correct.
+
+    Args:
+        path: Folder of a clip, or of a data set with its manifest.
+        fast: Compare only the sizes of files, and the contents of JSON files with their checksums.
+
+    Returns:
+        The problems: clip, check, and description of each; an empty list if there are none.
+
+    Raises:
+        FileNotFoundError: there is neither a clip nor a data set.
+
+    Examples:
+        >>> for clip in synth.generate(seconds=1, clips=2, seed=7, out="walks"): pass
+        >>> synth.verify("walks")
+        []
+    """
+    from synth.datasets.verify import verify as verify_data_set
+
+    return verify_data_set(Path(path), fast=fast).problems
+
+
+def split(
+    path: str | Path,
+    by: str = "person",
+    *,
+    train: float = 0.8,
+    validation: float = 0.1,
+    test: float = 0.1,
+    seed: int = 0,
+    out: str | Path | None = None,
+) -> dict[str, list[str]]:
+    """Divide the clips of a data set so that no person, motion or rig is in two splits.
+
+    Args:
+        path: The data set.
+        by: `person`, `motion`, `subject` or `rig`.
+        train: Share of the clips.
+        validation: Share of the clips; 0 for no such split.
+        test: Share of the clips; 0 for no such split.
+        seed: Seed of the order in which clips are drawn.
+        out: JSON file to write, an input of `export`; by default none is written.
+
+    Returns:
+        The names of the clips of each split, by its name.
+
+    Raises:
+        ValueError: the shares do not add up to 1, or clips share too much for this number of splits.
+
+    Examples:
+        >>> for clip in synth.generate(seconds=1, clips=2, seed=7, out="walks"): pass
+        >>> parts = synth.split("walks", train=0.5, validation=0.5, test=0, out="splits.json")
+        >>> [len(names) for names in parts.values()]
+        [1, 1]
+    """
+    from synth.datasets import splits
+
+    kind = splits.SplitBy[by] if by in splits.SplitBy.__members__ else None
+    if kind is None:
+        raise ValueError(f"by={by!r}: expected one of {', '.join(splits.SplitBy.__members__)}")
+    shares = {"train": train, "validation": validation, "test": test}
+    made = splits.split(Path(path), shares, kind, seed=seed)
+    if out is not None:
+        splits.write_splits(Path(out), made, kind, seed)
+    return made
+
+
+def takes(
+    path: str | Path, *, train: float = 0.0, validation: float = 0.0, test: float = 0.0, seed: int = 0
+) -> list[Take]:
+    """List takes of recorded motion, and divide them so that no subject is in two sets.
+
+    Args:
+        path: A folder of takes, or a list (TSV) of takes. Subjects and sets of a list are kept.
+        train: Share of the total duration. If all three shares are 0, no sets are made.
+        validation: Share of the total duration.
+        test: Share of the total duration.
+        seed: Seed of the order in which subjects are drawn.
+
+    Returns:
+        The takes: `listed` (file, subject, set), `seconds`, `fps`, `readable`, and `notes`, which give the reason if a
+        take cannot be read.
+
+    Raises:
+        FileNotFoundError: there is no take.
+        ValueError: the shares do not add up to 1, or there are fewer subjects than sets.
+
+    Examples:
+        >>> from synth.motion.readers.npz import write_npz
+        >>> from synth.motion.source import MotionConfig, load_motion
+        >>> write_npz(Path("2_1.npz"), load_motion(MotionConfig(), seconds=2, fps=30, rng=np.random.default_rng(0)))
+        >>> [(take.listed.subject, take.seconds) for take in synth.takes("2_1.npz")]
+        [('2', 2.0)]
+    """
+    from synth.datasets.splits import list_takes
+
+    shares = {"train": train, "validation": validation, "test": test}
+    return list_takes(Path(path), shares, seed=seed)
+
+
+def stats(path: str | Path, out: str | Path, *, extra_data: Sequence[str | Path] = (), workers: int = 1) -> dict:
+    """Describe a data set: occlusion by joint and cause, contacts, people, distances, angles, motion.
+
+    Args:
+        path: The data set, or a clip.
+        out: Folder of the page, `README.md`, its figure, and the numbers of both.
+        extra_data: More data sets that the same page describes.
+        workers: Processes; -1 for one per core.
+
+    Returns:
+        The numbers, as in `statistics.json`.
+
+    Raises:
+        FileNotFoundError: there is neither a clip nor a data set.
+
+    Examples:
+        >>> for clip in synth.generate(seconds=1, clips=2, seed=7, out="walks"): pass
+        >>> synth.stats("walks", "card")["counts"]["frames"]
+        50
+    """
+    from synth.datasets.statistics import NUMBERS, describe
+
+    describe([Path(each) for each in (path, *extra_data)], Path(out), workers=workers)
+    return read_json(Path(out) / NUMBERS)
+
+
+def export(
+    path: str | Path,
+    out: str | Path,
+    format: str = "coco",
+    *,
+    splits: str | Path | None = None,
+    skeleton: str | None = None,
+    every: int = 1,
+    pictures: str = "jpg",
+    workers: int = 1,
+    damaged: bool = False,
+) -> dict:
+    """Write a data set in the layout of another program: images and annotations.
+
+    Args:
+        path: The data set, or a clip.
+        out: Folder to write, whole or not at all; it must be empty or not exist.
+        format: `coco`, `yolo`, `webdataset`, `huggingface`, `panoptic` or `npz`. All but the last two need images.
+        splits: File that `split` wrote; by default all clips are in the split `train`.
+        skeleton: Skeleton of the joints; by default coco17, for panoptic always panoptic19.
+        every: Number of frames from one image to the next; 2 for every other frame.
+        pictures: `jpg` or `png`.
+        workers: Processes; -1 for one per core.
+        damaged: Whether to export even if files are missing or have changed.
+
+    Returns:
+        A description of the export, as in `export.json`.
+
+    Raises:
+        ValueError: `out` is not empty, clips lack images or truth, or files are damaged.
+
+    Examples:
+        >>> for clip in synth.generate(seconds=1, clips=1, seed=7, out="walks"): pass
+        >>> synth.export("walks", "panoptic", "panoptic")["skeleton"]
+        'panoptic19'
+    """
+    from synth.datasets.exporters.export import export as export_data_set
+    from synth.datasets.exporters.selection import PictureFormat
+
+    options = {"skeleton": skeleton, "every": every, "workers": workers, "damaged": damaged}
+    if pictures not in PictureFormat.__members__:
+        raise ValueError(f"pictures={pictures!r}: expected one of {', '.join(PictureFormat.__members__)}")
+    chosen = None if splits is None else Path(splits)
+    return export_data_set(Path(path), Path(out), format, splits=chosen, pictures=PictureFormat[pictures], **options)
+
+
+@checked
+def contact_sheet(clip: Clip, out: str | Path, *, frames: int = 4, width: int = 480) -> None:
+    """Draw a clip in its room as a PNG: some frames, all views, each true joint in the colour of its occluder.
+
+    Args:
+        clip: The clip. If it has poses, these are drawn, as by `dmae.show`.
+        out: The PNG file.
+        frames: Number of frames, evenly spread over the clip, one row each.
+        width: Width of a view, px.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
+        >>> synth.contact_sheet(clip, "sheet.png", frames=1, width=320)
+        >>> Path("sheet.png").stat().st_size > 10_000
+        True
+    """
+    from dmae.viewing.overlay import LayersConfig, chosen_layers
+    from dmae.viewing.sheet import write_sheet
+
+    write_sheet(clip, Path(out), chosen_layers(clip, LayersConfig()), rows=frames, width=width, rooms=_rooms(clip))
+
+
+@checked
+def show(clip: Clip, out: str | Path, **options: object) -> list[Path]:
+    """Draw a clip in its room: a contact sheet, a video, a recording for Rerun.
+
+    Args:
+        clip: Any clip. A clip that was not simulated is drawn without a room.
+        out: Folder of the files.
+        options: Options of `dmae.show`: `frames`, `views`, `width`, `layers`, `video`, `rerun`.
+
+    Returns:
+        The files: `sheet.png`, `clip.mp4`, `clip.rrd`.
+
+    Raises:
+        ValueError: there is no such camera, or Rerun is not installed.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7))
+        >>> files = synth.show(clip, "pictures", frames=1, width=240, views=["0", "2"])
+        >>> [file.name for file in files]
+        ['sheet.png', 'clip.mp4']
+    """
+    from dmae.viewing.show import of_views, show_clip
+
+    clip = of_views(clip, options.pop("views", ()))
+    return show_clip(clip, Path(out), rooms=_rooms(clip), **options)
+
+
+def _rooms(clip: Clip) -> list[np.ndarray] | None:
+    from dmae.viewing.sheet import has_images
+    from synth.viewing.rooms import draw_rooms
+
+    return draw_rooms(clip) if not has_images(clip) and "spec" in clip.provenance else None
+
+
+@checked
+def compare(real: Clip, sim: Iterable[Clip], *, limits: Limits | None = None, workers: int = 1) -> list[Row]:
+    """Compare the detections of a recording with those of its simulation.
+
+    Args:
+        real: The recording, with three cameras or more.
+        sim: Simulated clips, with the same skeleton.
+        limits: Greatest differences allowed; by default those of `synth compare`.
+        workers: Processes; -1 for one per core.
+
+    Returns:
+        One row per statistic: `what`, the values `real` and `sim`, their `distance`, and `exceeded`, which is True if
+        the distance is above the limit.
+
+    Raises:
+        ValueError: no person can be measured in the recording or in the simulation, or their skeletons differ.
+
+    Examples:
+        >>> one, other = synth.generate(seconds=1, clips=2, seed=7)
+        >>> rows = synth.compare(one, [other])
+        >>> [row.distance for row in synth.compare(one, [one]) if row.exceeded]
+        []
+    """
+    from synth.detector import comparison
+    from synth.detector.statistics import measure, measure_all
+
+    clips = list(sim)
+    return comparison.compare(measure(real), measure_all(clips, len(clips), workers), limits or comparison.Limits())
+
+
+@checked
+def compare_motion(
+    real: str | Path | Iterable[Clip], sim: Iterable[Clip], *, takes: Sequence[str] = ("*",), longest: float = 10.0
+) -> list[Difference]:
+    """Compare recorded with generated motion.
+
+    Args:
+        real: A take (BVH, ASF/AMC, AMASS-style npz, C3D) or a folder of takes; or clips, of which the captured poses
+            are used, or the truth if nothing was captured.
+        sim: Simulated clips; their truth is used.
+        takes: Only takes with a file name (without suffix) that matches one of these; `*` and `?` are wildcards.
+        longest: Longest part of a take, or of a person of a clip, that is used, s.
+
+    Returns:
+        One difference per quantity, such as a speed or an angle: quantiles of both, and the Wasserstein and
+        Kolmogorov-Smirnov distances, with those between halves of the recordings for comparison.
+
+    Raises:
+        FileNotFoundError: there are no takes.
+        ValueError: there are no people to measure, or frame rates differ.
+
+    Examples:
+        >>> one, other = synth.generate(seconds=1, clips=2, seed=7)
+        >>> differences = synth.compare_motion([one], [other])
+        >>> bool(max(each.ks for each in differences) <= 1)
+        True
+    """
+    from synth.datasets import motion_comparison as motions
+
+    simulated = motions.tracks_of(((clip.id, clip) for clip in sim), captured=False)
+    if isinstance(real, str | Path):
+        recorded, _ = motions.take_tracks(Path(real), simulated[0].fps, takes)
+    else:
+        recorded = motions.tracks_of(((clip.id, clip) for clip in real), captured=True)
+    motions.same_rate(recorded, simulated, "the recordings", "the simulated clips")
+    samples = (motions.measure(tracks, longest) for tracks in (recorded, simulated))
+    return motions.compare(*samples, rng=generator(0, 0, Stream.VALIDATION))
+
+
+@checked
+def fit_detector(
+    recording: Clip,
+    clips: Sequence[Clip],
+    *,
+    start: DetectorConfig | None = None,
+    truth: str = "others",
+    rounds: int = 8,
+    seed: int = 0,
+    workers: int = 1,
+) -> Fit:
+    """Fit the simulated detector to a recording.
+
+    Args:
+        recording: The recording with the detections to imitate.
+        clips: Simulated clips of a scene similar to the recording's, seen by its cameras.
+        start: Start of the fit; options that the recording does not determine keep its values.
+        truth: Reference for the detections of the recording: `others`, the other views, or `annotated`, its truth.
+        rounds: Number of simulations.
+        seed: Seed of the detector.
+        workers: Processes; -1 for one per core.
+
+    Returns:
+        `config`, the detector; `undetermined`, the options that the recording does not determine, with reasons;
+        `statistics` of the clips with its detections. `synth.detector.fitting.preset_yaml` returns it as a preset.
+
+    Raises:
+        ValueError: the recording cannot be measured, or the clips have no visibility or another skeleton.
+
+    Examples:
+        >>> recording, *clips = synth.generate(seconds=1, clips=2, seed=7)
+        >>> fit = synth.fit_detector(recording, clips, rounds=1)
+        >>> sorted(vars(fit))
+        ['config', 'statistics', 'undetermined']
+    """
+    from synth.detector.config import DetectorConfig
+    from synth.detector.fitting import fit
+    from synth.detector.statistics import ErrorReference, measure
+
+    statistics = measure(recording, ErrorReference(truth))
+    return fit(statistics, clips, start or DetectorConfig(), rounds=rounds, seed=seed, workers=workers)
+
+
+def realism(
+    path: str | Path,
+    *,
+    extra_data: Sequence[str | Path] = (),
+    detector: str = "blazepose",
+    every: int = 1,
+    workers: int = 1,
+) -> list[Rate]:
+    """Run a detector on rendered images of fully visible people, and measure its detection rate and joint errors.
+
+    A person is used if at least 80 % of the joints are visible, or hidden only by the person's own body.
+
+    Args:
+        path: Data set with colour images, or a clip.
+        extra_data: More data sets for the same table.
+        detector: `blazepose`, or `package.module:function`.
+        every: Number of frames from one examined image of a camera to the next.
+        workers: Processes; -1 for one per core.
+
+    Returns:
+        Rows: first all people, then groups by room, clothing, direction, posture, distance, size, contrast and joint.
+        Each row has the number of `people`, the share that is `found`, and `near`, the share of their visible joints
+        with an error within 5 % of the height of the body.
+
+    Raises:
+        FileNotFoundError: there are no clips.
+        ValueError: a clip has no truth, no labels or no colour images.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=0.2, clips=1, seed=7, out="walks"))
+        >>> seen = next(synth.render("walks", quality="draft", images=["rgb"], out="seen"))
+        >>> rows = synth.realism("seen", every=5)
+        >>> rows[0].heading, rows[0].people > 0
+        ('all', True)
+    """
+    from dmae.detection.registry import PoseDetectorConfig
+    from synth.recognition.realism import judge, rates
+
+    folders = [Path(each) for each in (path, *extra_data)]
+    return rates(judge(folders, PoseDetectorConfig(name=detector), every, workers))
+
+
+def detector_errors(
+    path: str | Path,
+    *,
+    extra_data: Sequence[str | Path] = (),
+    simulated: Sequence[str] = ("shelf_openpose", "hrnet_like"),
+    seed: int = 0,
+    workers: int = 1,
+) -> dict[str, dict]:
+    """Measure the errors of a detector and of simulated detectors against the truth, by the occluder of a joint.
+
+    Args:
+        path: Data set or clip with truth and detections, as written by `dmae detect clip=...`.
+        extra_data: More data sets for the same table.
+        simulated: Presets of the simulated detector that are run on the same clips: names, or YAML files.
+        seed: Seed of the simulated detectors.
+        workers: Processes; -1 for one per core.
+
+    Returns:
+        Results by name of the detector, first the detector of the clips: rows of `joints` by occluder, depth margin,
+        size, crowding, direction and kind; rows of `people`; and the numbers of `pictures`, `ghosts` and `duplicates`.
+
+    Raises:
+        FileNotFoundError: there are no clips.
+        ValueError: a clip has no truth or labels, the clips come from several detectors, or there is no such preset.
+
+    Examples:
+        >>> clip = next(synth.generate(seconds=1, clips=1, seed=7, out="walks"))
+        >>> found = synth.detector_errors("walks", simulated=["clean"])
+        >>> row = found["clean"]["joints"][0]
+        >>> row["group"], row["missed"]
+        ('visible', 0.0)
+    """
+    from synth.detector.fitting import load_preset
+    from synth.recognition.detector_errors import study
+
+    presets = {Path(name).stem: load_preset(name) for name in simulated}
+    return study([Path(each) for each in (path, *extra_data)], presets, seed, workers)
+
+
+def plan(
+    config: PlanConfig | None = None,
+    *,
+    arena: str | Path | None = None,
+    cameras: Sequence[int] | None = None,
+    persons: Sequence[int] | None = None,
+    seconds: float | None = None,
+    detector: DetectorConfig | str | None = None,
+    seed: int | None = None,
+    workers: int | None = None,
+    out: str | Path | None = None,
+    **options: object,
+) -> CameraPlan:
+    """Plan where to mount cameras in a room, and measure the capture of simulated people for each number of cameras.
+
+        mount = MountConfig(ceiling=False)
+        plan = synth.plan(arena="room.xml", cameras=[4, 8], persons=[1, 4], mount=mount, out="runs/plan")
+        clips = synth.generate(rig=RigConfig(path="runs/plan/cameras_4.toml"))
+
+    Args:
+        config: All options; by default those of `synth plan`. The other arguments change it.
+        arena: Room of `scenes/`, or path of an MJCF file; by default the room of `scene`, which is `office`.
+        cameras: Least and greatest number of cameras; by default 4 and 6.
+        persons: Least and greatest number of people; by default the numbers of `scene`.
+        seconds: Length of the simulated clips, s.
+        detector: Errors of the 2D detector: a configuration, or the name of a preset, by default `shelf_openpose`.
+        seed: Seed of people and detector; 0 is a valid seed.
+        workers: Processes; -1 for one per core.
+        out: Folder of the page, the rigs and the lists to print, which must not exist or be empty; by default nothing
+            is written.
+        options: Other fields of `PlanConfig`: `mount`, `lens`, `search`, `scene`, `motion`, `interaction`, `rig`.
+
+    Returns:
+        `rigs`, one for each number of cameras. `plan[4]` is the one with four cameras, with its `rig`, its `figures`
+        (PCP, error, joints not measured, identities confused, each with an interval), `worth` (the gain from each
+        camera), and `floor` (the coverage of the floor).
+
+    Raises:
+        ValueError: the room has no walls to mount cameras on, heights are outside the room, there are fewer places than
+            cameras, or `out` is not empty.
+        FailedSimulation: people could not be simulated in the room.
+
+    Examples:
+        >>> search = synth.SearchConfig(clips=1, frames=2, check_clips=2)
+        >>> small = {"mount": synth.MountConfig(places=12), "search": search, "seconds": 0.4}
+        >>> found = synth.plan(arena="studio", cameras=[2, 3], persons=[1, 1], **small)
+        >>> len(found[3].rig), len(found[3].worth), sorted(found[3].figures)
+        (3, 3, ['error', 'idf1', 'missing', 'pcp', 'switches'])
+    """
+    from synth.planning.page import PAGE, write_files, write_page
+    from synth.planning.plan import make_plan
+
+    given = {"arena": None if arena is None else str(arena), "cameras": cameras, "persons": persons}
+    given |= {"seconds": seconds, "detector": detector, "seed": seed, "workers": workers}
+    config = _configured("plan", config, given | options)
+    if out is None:
+        return make_plan(config)
+    check_vacant(Path(out), "the plan")
+    made = make_plan(config)
+    with whole_folder(Path(out)) as partial:
+        write_files(made, partial)
+        write_page(made, partial / PAGE)
+    return made
