@@ -57,10 +57,6 @@ def fit_confidence(clips: Iterable[Clip]) -> dict[str, dict]:
         x, y = x[~np.isnan(y)], y[~np.isnan(y)]
         share = round(float(y.mean()), 4)
         fitted[group] = {"weights": np.round(_logistic(x, y), 4).tolist(), "number": len(y), "near": share}
-            "weights": np.round(_logistic(x, y), 4).tolist(),
-            "number": len(y),
-            "near": round(float(y.mean()), 4),
-        }
     return fitted
 
 
