@@ -83,6 +83,12 @@ class Calibration:
         changed = replace(rig, K=K, dist=dist, cam_from_world=pose)
         return Calibration(changed, self.offset + step[:, OFFSET], self.drift + step[:, DRIFT])
 
+    def with_step(self, view: int, step: np.ndarray) -> Calibration:
+        """Return the calibration with one camera changed by a step (Q,)."""
+        steps = np.zeros((len(self.rig), Q))
+        steps[view] = step
+        return self.changed(steps)
+
     def difference(self, other: Calibration) -> np.ndarray:
         """Return the step (V, Q) from this calibration to another one."""
         a, b = self.rig, other.rig

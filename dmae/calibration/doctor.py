@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmae.calibration.adjustment_problem import Calibration, ImageTracks, Q
+from dmae.calibration.adjustment_problem import Calibration, ImageTracks
 from dmae.calibration.epipolar import (
     CHECKED_FRAMES,
     Hypothesis,
@@ -225,9 +225,7 @@ def _confirmed(correction: Correction, hypothesis: Hypothesis, found: Examinatio
     if not tried:
         return True
     best = max(tried, key=lambda each: each.gain)
-    step = np.zeros((len(hypothesis.rig), Q))
-    step[best.view] = best.step
-    posed = replace(hypothesis, rig=Calibration.of(hypothesis.rig).changed(step).rig)
+    posed = replace(hypothesis, rig=Calibration.of(hypothesis.rig).with_step(best.view, best.step).rig)
     scaled, other = _agreements(hypothesis, pairs, correction.hypothesis, posed)
     return scaled > other + _SAME
 

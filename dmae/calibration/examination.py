@@ -145,20 +145,17 @@ def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None
         return None
     views = len(calibration.rig)
     base = adjust(observations, calibration)
+    xyz = _start(observations, base)
     gains, late = (
-        [base.cost.sum() - _fit(observations, calibration, base, view, kind).cost.sum() for view in range(views)]
+        [base.cost.sum() - _fit(observations, calibration, xyz, view, kind).cost.sum() for view in range(views)]
         for kind in (Kind.displaced, Kind.late)
     )
     likely = sorted(range(views), key=lambda view: -max(gains[view], late[view]))[:_EXAMINED]
     tried = [_tried(observations, calibration, base, blocks, view, kind) for view in likely for kind in Kind]
     best = max(tried, key=lambda each: each.gain)
-    corrected = adjust(
-        observations,
-        calibration.changed(_only(best, views)),
-        _everything(views),
-        iterations=0,
-        xyz=_refit(observations, calibration.changed(_only(best, views)), base).xyz,
-    )
+    without = calibration.with_step(best.view, best.step)
+    everything = Freedom.of(views, rotation=True, centre=True, focal=True, k1=True, offset=True)
+    corrected = adjust(observations, without, everything, iterations=0, xyz=_refit(observations, without, xyz).xyz)
     reference = {kind: _reference(corrected, kind, best.view, len(observations)) for kind in Kind}
     least = {kind: _least_gain(tried, kind, best.view, reference[kind]) for kind in Kind}
     limits = {kind: _limits(corrected, kind, least[kind]) for kind in Kind}
@@ -167,58 +164,39 @@ def examine(tracks: ImageTracks, calibration: Calibration) -> Examination | None
     return Examination(named, suspects, tuple(tried), base, limits, reference)
 
 
-def _everything(views: int) -> Freedom:
-    return Freedom.of(views, rotation=True, centre=True, focal=True, k1=True, offset=True)
-
-
-def _only(difference: CameraDifference, views: int) -> np.ndarray:
-    step = np.zeros((views, Q))
-    step[difference.view] = difference.step
-    return step
-
-
-def _freedom(views: int, view: int, kind: Kind) -> Freedom:
-    free = np.zeros((views, Q), bool)
-    free[view, list(PARAMETERS[kind])] = True
-    return Freedom(free, np.full((views, Q), np.inf))
-
-
-def _fit(
-    observations: Observations, calibration: Calibration, base: Adjusted, view: int, kind: Kind, iterations: int = 10
-) -> Adjusted:
-    freedom = _freedom(len(calibration.rig), view, kind)
-    xyz = _start(observations, base)
+def _fit(observations: Observations, calibration: Calibration, xyz: np.ndarray, view: int, kind: Kind) -> Adjusted:
+    """Fit a difference of one camera, from bodies (M, J, 3)."""
     if kind == Kind.late:
         calibration = _nearest_offset(observations, calibration, view, xyz)
-    return adjust(observations, calibration, freedom, iterations=iterations, xyz=xyz, tolerance=1e-4)
+    free = np.zeros((len(calibration.rig), Q), bool)
+    free[view, list(PARAMETERS[kind])] = True
+    freedom = Freedom(free, np.full(free.shape, np.inf))
+    return adjust(observations, calibration, freedom, iterations=10, xyz=xyz, tolerance=1e-4)
 
 
 def _nearest_offset(observations: Observations, calibration: Calibration, view: int, xyz: np.ndarray) -> Calibration:
     """Return the calibration with the offset of a view at which its detections are nearest to the bodies."""
-    step = np.zeros((len(calibration.rig), Q))
-    tried = []
-    for frames in _OFFSETS:
-        step[view, OFFSET] = frames / observations.tracks.fps
-        tried.append(calibration.changed(step))
+    late, fps = np.arange(Q) == OFFSET, observations.tracks.fps
+    tried = [calibration.with_step(view, late * (frames / fps)) for frames in _OFFSETS]
     costs = [adjust(observations, each, iterations=0, xyz=xyz).cost.sum() for each in tried]
     return tried[int(np.argmin(costs))]
 
 
-def _refit(observations: Observations, calibration: Calibration, base: Adjusted) -> Adjusted:
-    return adjust(observations, calibration, iterations=10, xyz=_start(observations, base), tolerance=1e-4)
+def _refit(observations: Observations, calibration: Calibration, xyz: np.ndarray) -> Adjusted:
+    """Fit the bodies to cameras that stay, from bodies (M, J, 3)."""
+    return adjust(observations, calibration, iterations=10, xyz=xyz, tolerance=1e-4)
 
 
 def _tried(
     observations: Observations, calibration: Calibration, base: Adjusted, block: np.ndarray, view: int, kind: Kind
 ) -> CameraDifference:
     """Fit a difference on every other block and measure its gain on the rest; then exchange the two halves."""
-    cost, steps = np.zeros(len(observations)), []
+    cost, steps, xyz = np.zeros(len(observations)), [], _start(observations, base)
     for half in (0, 1):
         train, test = np.flatnonzero(block % 2 == half), np.flatnonzero(block % 2 != half)
-        fitted = _fit(observations.at(train), calibration, _part(base, train), view, kind)
-        found = _refit(observations.at(test), fitted.calibration, _part(base, test))
-        cost[test] = found.cost
-        steps.append(calibration.difference(fitted.calibration)[view])
+        fitted = _fit(observations.at(train), calibration, xyz[train], view, kind).calibration
+        cost[test] = _refit(observations.at(test), fitted, xyz[test]).cost
+        steps.append(calibration.difference(fitted)[view])
     by_block = (np.array([each[block == k].mean() for k in range(block.max() + 1)]) for each in (cost, base.cost))
     return CameraDifference(view, kind, np.mean(steps, 0), float((base.cost - cost).mean()), *by_block)
 
@@ -230,10 +208,6 @@ def _blocks(observations: Observations) -> np.ndarray:
     count = int(np.clip(duration / _BLOCK_S, 1, _MOST_BLOCKS))
     block = np.minimum((seconds / max(duration, 1e-9) * count).astype(int), count - 1)
     return np.unique(block, return_inverse=True)[1]
-
-
-def _part(base: Adjusted, bodies: np.ndarray) -> Adjusted:
-    return replace(base, xyz=base.xyz[bodies])
 
 
 def _linear(state: Adjusted, view: int, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
@@ -274,9 +248,8 @@ def _measured_limits(observations: Observations, state: Adjusted, expected: np.n
     """
     limits, xyz = np.full(len(expected), np.inf), _start(observations, state)
     for view in np.flatnonzero(np.isfinite(expected)):
-        step = np.zeros((len(expected), Q))
-        step[view, OFFSET] = expected[view]
-        late = (state.calibration.changed(sign * step) for sign in (-1, 1))
+        step = np.where(np.arange(Q) == OFFSET, expected[view], 0)
+        late = (state.calibration.with_step(view, sign * step) for sign in (-1, 1))
         costs = [adjust(observations, each, iterations=5, xyz=xyz, tolerance=1e-4).cost for each in late]
         more = float((np.mean(costs, 0) - state.cost).mean())
         if more > 0:
@@ -396,16 +369,12 @@ def named_camera(
     best, name = kinds[0], hypothesis.rig.names[kinds[0].view]
     fault = _FAULTS[best.kind] if len(kinds) == 1 else Fault.differs
     # The axes of the world, including its vertical, do not change.
-    step = np.zeros((len(hypothesis.rig), Q))
-    step[best.view] = best.step
     frames = int(np.rint(best.step[OFFSET] * hypothesis.fps))
-    corrected = Calibration.of(hypothesis.rig).changed(step)
+    corrected = Calibration.of(hypothesis.rig).with_step(best.view, best.step)
     before, after = (_residual(tracks, each, best.view) for each in (Calibration.of(hypothesis.rig), corrected))
     undone = replace(hypothesis, rig=corrected.rig)
     if frames:
-        delay = np.zeros(len(step), int)
-        delay[best.view] = -frames
-        undone = undone.delayed(delay)
+        undone = undone.delayed(np.where(np.arange(len(hypothesis.rig)) == best.view, -frames, 0))
     amounts = " or ".join(_amount(each, hypothesis.fps) for each in kinds)
     evidence = (
         f"{amounts}; undone, the reprojection error of camera {name} is {after:.1f} px instead of {before:.1f} px"

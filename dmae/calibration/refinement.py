@@ -164,10 +164,8 @@ def _differing(clip: Clip) -> tuple[Calibration, list[int], str | None]:
         if found is None or not found.kinds or found.kinds[0].view in views:
             break
         best = found.kinds[0]
-        step = np.zeros((len(clip.rig), Q))
-        step[best.view] = best.step
-        step[:, OFFSET] = 0
-        calibration, views = calibration.changed(step), [*views, best.view]
+        moved = np.where(np.arange(Q) == OFFSET, 0, best.step)
+        calibration, views = calibration.with_step(best.view, moved), [*views, best.view]
     return calibration, sorted(views), None if views else _why_none(clip.rig, found)
 
 

@@ -105,13 +105,9 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
         (G, V) detections of the groups of two or more, by view, or `NONE`.
     """
     view, views = candidates.view, len(candidates.centers)
-    partners = np.full((len(view), views, _PARTNERS), NONE, np.int32)
-    affinities = np.zeros(partners.shape, np.float32)
-    detections = (view, candidates.centers, candidates.rays, candidates.weights, candidates.colours)
     weight = 0 if np.isnan(candidates.colours).all() else config.colour_weight
-    lengths = np.array([config.ray_distance_m, _COLOUR_DIFFERENCE, weight], np.float32)
-    least = np.float32(config.min_affinity)
-    find_partners(*detections, *lengths, least, partners, affinities)
+    compared = _comparison(candidates, config, weight)
+    partners, affinities = _partners(view, views, compared, config.min_affinity)
     first, second, found = _pairs(view, partners, affinities)
     if not len(first):
         return np.empty((0, views), int)
@@ -119,17 +115,14 @@ def find_groups(candidates: Candidates, config: AssociationConfig) -> np.ndarray
     first, second = first[proposed], second[proposed]
     order = np.argsort(-supports(first, second, found[proposed], view, partners, affinities), kind="stable")
     members = np.full((len(view), views), NONE)
-    join(first[order], second[order], *detections, *lengths, least, members)
+    join(first[order], second[order], *compared, np.float32(config.min_affinity), members)
     return members[(members != NONE).sum(1) > 1]
 
 
 def highest_affinity(candidates: Candidates, config: AssociationConfig) -> float:
     """Return the highest affinity by rays of two detections of different views; 0 where there are none."""
-    partners = np.full((len(candidates.view), len(candidates.centers), 1), NONE, np.int32)
-    affinities = np.zeros(partners.shape, np.float32)
-    lengths = np.array([config.ray_distance_m, 1, 0], np.float32)
-    c = candidates
-    find_partners(c.view, c.centers, c.rays, c.weights, c.colours, *lengths, np.float32(0), partners, affinities)
+    compared = _comparison(candidates, config, colour_weight=0)
+    _, affinities = _partners(candidates.view, len(candidates.centers), compared, 0, most=1)
     return float(affinities.max(initial=0))
 
 
@@ -140,13 +133,25 @@ def count_pairs(candidates: Candidates, config: AssociationConfig) -> tuple[int,
     """
     view, known = candidates.view, (candidates.weights > 0).astype(np.float32)
     shared = (known @ known.T > 0) & (view[:, None] < view)
-    partners = np.full((len(view), len(candidates.centers), _PARTNERS), NONE, np.int32)
+    compared = _comparison(candidates, config, colour_weight=0)
+    found = _partners(view, len(candidates.centers), compared, config.min_affinity)
+    return int(shared.sum()), len(_pairs(view, *found)[0])
+
+
+def _comparison(candidates: Candidates, config: AssociationConfig, colour_weight: float) -> tuple:
+    """Return the first arguments of `find_partners`, and of `affinity` after the two detections."""
+    c, lengths = candidates, np.array([config.ray_distance_m, _COLOUR_DIFFERENCE, colour_weight], np.float32)
+    return c.view, c.centers, c.rays, c.weights, c.colours, *lengths
+
+
+def _partners(
+    view: np.ndarray, views: int, compared: tuple, least: float, most: int = _PARTNERS
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the `most` best partners (n, V, most) of each detection in each other view, and their affinities."""
+    partners = np.full((len(view), views, most), NONE, np.int32)
     affinities = np.zeros(partners.shape, np.float32)
-    lengths = np.array([config.ray_distance_m, 1, 0], np.float32)
-    c = candidates
-    least = np.float32(config.min_affinity)
-    find_partners(c.view, c.centers, c.rays, c.weights, c.colours, *lengths, least, partners, affinities)
-    return int(shared.sum()), len(_pairs(view, partners, affinities)[0])
+    find_partners(*compared, np.float32(least), partners, affinities)
+    return partners, affinities
 
 
 def _pairs(view: np.ndarray, partners: np.ndarray, affinities: np.ndarray) -> tuple[np.ndarray, ...]:

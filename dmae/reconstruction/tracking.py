@@ -208,10 +208,13 @@ class Tracker:
         self._fewest = _fewest(len(skeleton))
         self._birth_joints = config.tracking.births(len(skeleton))
 
-    def step(self, evidence: Evidence, frame: int, colours: Callable[[int], np.ndarray] | None = None) -> TrackedFrame:
-        """Track people into the next frame, which has index `frame` in the evidence."""
+    def step(self, evidence: Evidence, frame: int, colours: Callable[[], np.ndarray] | None = None) -> TrackedFrame:
+        """Track people into the next frame, which has index `frame` in the evidence.
+
+        Args:
+            colours: Returns the colours (V, D, 3) of the detections of this frame; None without images.
+        """
         config, bones = self._config, self._bones
-        colours_here = None if colours is None else partial(colours, frame)
         state = self._state.predicted(self._dt)
         assigned, owner = _propagate(evidence, frame, state, self._sides, self._mirror)
         wrong = find_exchanged(evidence, slice(frame, frame + 1), assigned[None], state.xyz[None], self._sides)
@@ -222,7 +225,7 @@ class Tracker:
         plausible = _plausible(xyz, assigned, bones, self._longest, self._fewest, config.th_v)
         xyz[~plausible] = np.nan
         free = (owner == NONE) | ~np.append(plausible, False)[owner]
-        groups = _match(evidence, frame, free, colours_here, self._compared)
+        groups = _match(evidence, frame, free, colours, self._compared)
         if len(groups):
             points = evidence.triangulate(frame, groups, _ITERATIONS)
             plausible = _plausible(points.xyz, groups, bones, self._longest, self._birth_joints, config.th_v)
@@ -262,14 +265,9 @@ def _tracked(clip: Clip, config: CaptureConfig) -> Iterator[list[TrackedFrame]]:
     for part in in_steps(evidence_blocks(clip)):
         evidence = Evidence.of(clip, config.th_p, config, part)
         yield [
-            tracker.step(evidence, frame - part.start, colours and partial(_colours, colours, part.start))
+            tracker.step(evidence, frame - part.start, colours and partial(colours, frame))
             for frame in islice(numbers, part.stop - part.start)
         ]
-
-
-def _colours(colours: TorsoColours, start: int, frame: int) -> np.ndarray:
-    """Return the colours of a frame, with its index counted from `start`."""
-    return colours(start + frame)
 
 
 def _compared_joints(skeleton: Skeleton, joints: ComparedJoints) -> list[int]:
