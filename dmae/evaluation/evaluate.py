@@ -211,15 +211,16 @@ def evaluate(config: EvaluateConfig) -> dict:
     with running_on(config.backend):
         done = in_parallel(_score_clip, tasks, config.workers)
         for found in done if len(clips) == 1 else progress(done, "evaluating", len(clips)):
-            scored[found.id] = found.facts
-            for group, entry in found.entries:
+            name, facts, skeleton, entries = found
+            scored[name] = facts
+            for group, entry in entries:
                 runs.setdefault(group, []).append(entry)
-    results = [{"method": name, "views": views, **summary(entries)} for (name, views), entries in runs.items()]
-    recording = found.id if clips.total == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
+    results = [{"method": method, "views": views, **summary(each)} for (method, views), each in runs.items()]
+    recording = name if clips.total == 1 else f"{len(clips)} clips of {Path(config.data.path).name}"
     poses = f"poses of {Path(config.poses).name}" if config.poses else Input(config.input).value.replace("_", " ")
     return {
         "recording": recording,
-        "skeleton": found.skeleton,
+        "skeleton": skeleton,
         "poses": poses,
         "options": scored_options(config),
         "clips": scored,
@@ -227,18 +228,11 @@ def evaluate(config: EvaluateConfig) -> dict:
     }
 
 
-@dataclass(frozen=True)
-class _Scored:
-    """The scores of a clip by method and number of views, facts about it, and the skeleton of the comparison."""
+def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> tuple[str, dict, str, list]:
+    """Return the id of the single clip in `clips`, facts about it, the skeleton of the comparison, and scores.
 
-    id: str
-    facts: dict
-    skeleton: str
-    entries: list[tuple[tuple[str, int], dict]]
-
-
-def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> _Scored:
-    """Return the scores of the single clip in `clips`."""
+    Scores are a list of pairs: method and number of views, and the scores of one run.
+    """
     entries, facts = [], None
     methods = _loaded(tuple(config.methods), config.weights, config.poses)
     for trial, filled in filled_trials(clips, config, methods, shown=shown):
@@ -250,7 +244,7 @@ def _score_clip(config: EvaluateConfig, clips: Sequence[Clip], shown: bool) -> _
                 poses, trial.given, trial.truth, trial.actors, trial.matches, fps=trial.clip.fps, compared=compared
             )
             entries.append(((name, len(trial.cameras)), entry))
-    return _Scored(trial.clip.id, facts, trial.truth.skeleton.name, entries)
+    return (trial.clip.id, facts, trial.truth.skeleton.name, entries)
 
 
 def forecast(config: EvaluateConfig) -> str:

@@ -35,19 +35,15 @@ def published_rows(number: int) -> list[dict]:
     Raises:
         ValueError: a row has other keys than it may have, or lacks one.
     """
-    text = files(__package__).joinpath("published.toml").read_text(encoding="utf-8")
-    rows = tomllib.loads(text)["row"]
-    for row in rows:
+    found, text = [], files(__package__).joinpath("published.toml").read_text(encoding="utf-8")
+    for row in tomllib.loads(text)["row"]:
         if unfit := (set(row) - _OPTIONAL) ^ _REQUIRED:
             raise ValueError(f"published.toml, {row.get('name')!r}: unknown or missing {sorted(unfit)}")
-    return [_with_note(row) for row in rows if row["table"] == number]
-
-
-def _with_note(row: dict) -> dict:
-    notes = [row.get("note", ""), _SECOND_HAND if row.get("second_hand") else ""]
-    return {key: row[key] for key in ("name", "data", "protocol", "source", "values")} | {
-        "note": "; ".join(filter(None, notes))
-    }
+        if row["table"] == number:
+            notes = [row.get("note", ""), _SECOND_HAND if row.get("second_hand") else ""]
+            kept = {key: row[key] for key in ("name", "data", "protocol", "source", "values")}
+            found.append(kept | {"note": "; ".join(filter(None, notes))})
+    return found
 
 
 def limb_table(trial: Trial, correct: np.ndarray, counted: np.ndarray, known: np.ndarray) -> pd.DataFrame:
@@ -231,7 +227,7 @@ def terminal_table(table: dict) -> Table:
         table: What `dmae.evaluation.paper_tables.learned.make_table` returned, or its JSON.
     """
     header, rows = _grid(table)
-    return Table(_caption(table), header, rows)
+    return Table(f"{table['title']}. {_scored(table)}", header, rows)
 
 
 def markdown(table: dict) -> str:
@@ -265,10 +261,6 @@ class _Notes:
         return "\n".join(f"{number}. {text}" for number, text in enumerate(self.texts, 1))
 
 
-def _caption(table: dict) -> str:
-    return f"{table['title']}. {_scored(table)}"
-
-
 def _scored(table: dict) -> str:
     frames = ", ".join(f"{name} {count}" for name, count in table["frames"].items())
     return f"Measured on {table['recording']}, protocol {table['protocol']}" + (
@@ -286,13 +278,13 @@ def _grid(table: dict, notes: _Notes | None = None) -> tuple[list[str], list[lis
     for row in table["rows"]:
         name = row["name"] + (notes.mark(row["source"], row["note"]) if notes else "")
         unknown = "-" if row["origin"] == Origin.published else Origin.missing
-        cells = [_rendering_cell(row["cells"][column["key"]], unknown) for column in columns]
+        cells = [_cell_text(row["cells"][column["key"]], unknown) for column in columns]
         differences = [_difference(row["differences"].get(column["key"])) for column in leading]
         rows.append([name, row["origin"], row["protocol"], *cells, *differences])
     return header, rows
 
 
-def _rendering_cell(cell: dict, unknown: str) -> str:
+def _cell_text(cell: dict, unknown: str) -> str:
     if cell["value"] is None:
         return unknown
     return f"{cell['value']:.1f}" + ("" if cell["low"] is None else f" [{cell['low']:.1f}, {cell['high']:.1f}]")
